@@ -1,0 +1,145 @@
+"""The data between stages: boxes, pictures, CoC maps and object layers.
+
+Conventions (`DESIGN.md`): pixel centres at +0.5, row 0 on top, light scene-linear and premultiplied,
+`coc_px` a signed diameter in pixels of the plate's frame, positive nearer than the focal plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A rectangle of whole pixels, [x0, x1) by [y0, y1); it may reach beyond the frame [px]."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def width(self) -> int:
+        """Columns, 0 where the box is empty [px]."""
+        return max(0, self.x1 - self.x0)
+
+    @property
+    def height(self) -> int:
+        """Rows, 0 where the box is empty [px]."""
+        return max(0, self.y1 - self.y0)
+
+    @property
+    def empty(self) -> bool:
+        """Whether it holds no pixel."""
+        return self.x1 <= self.x0 or self.y1 <= self.y0
+
+    def grown(self, margin: int) -> Box:
+        """The box with `margin` more pixels on every side [px]."""
+        return Box(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
+
+    def intersection(self, other: Box) -> Box:
+        """The pixels in both boxes."""
+        return Box(
+            max(self.x0, other.x0),
+            max(self.y0, other.y0),
+            min(self.x1, other.x1),
+            min(self.y1, other.y1),
+        )
+
+    def slices_in(self, outer: Box) -> tuple[slice, slice]:
+        """Row and column slices that pick this box out of an array that covers `outer`."""
+        return (
+            slice(self.y0 - outer.y0, self.y1 - outer.y0),
+            slice(self.x0 - outer.x0, self.x1 - outer.x0),
+        )
+
+
+class Picture(Protocol):
+    """One picture of the plate in its own samples, seen upright (display orientation)."""
+
+    @property
+    def width(self) -> int:
+        """Columns as displayed [px]."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Rows as displayed [px]."""
+        ...
+
+    def srgb(self) -> Float32:
+        """The whole picture, display-coded sRGB in [0, 1], (H, W, 3), for estimators."""
+        ...
+
+    def linear(self, box: Box) -> Float32:
+        """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
+        ...
+
+    def over(self, box: Box, rgba: Float32) -> None:
+        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame.
+
+        Samples on which the layer has neither alpha nor colour keep their exact values.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CocMap:
+    """Unsigned CoC of the plate and how far it may be off.
+
+    Attributes:
+        coc_px: CoC diameter (H, W), >= 0, without sign [px of the frame].
+        sigma_px: expected absolute error of it (H, W), > 0 [px of the frame].
+    """
+
+    coc_px: Float32
+    sigma_px: Float32
+
+    def __post_init__(self) -> None:
+        if self.coc_px.ndim != 2 or self.coc_px.shape != self.sigma_px.shape:
+            raise ValueError(f"{self.coc_px.shape = } and {self.sigma_px.shape = } must be (H, W)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectLayer:
+    """The sharp rendered object on a box of the frame.
+
+    Attributes:
+        box: where the arrays lie in the frame; may reach beyond it.
+        rgba: premultiplied scene-linear colour and alpha (h, w, 4), float32; colour may exceed 1.
+        depth: camera-space depth along the optical axis (h, w), +inf where nothing is [scene unit].
+    """
+
+    box: Box
+    rgba: Float32
+    depth: Float32
+
+    def __post_init__(self) -> None:
+        hw = (self.box.height, self.box.width)
+        if self.rgba.shape != (*hw, 4) or self.depth.shape != hw:
+            raise ValueError(f"{self.rgba.shape = }, {self.depth.shape = }, box {hw}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlurredLayer:
+    """The object as the lens sees it.
+
+    Attributes:
+        box: where the array lies in the frame; inside it.
+        rgba: premultiplied scene-linear colour and alpha (h, w, 4), float32.
+    """
+
+    box: Box
+    rgba: Float32
+
+    def __post_init__(self) -> None:
+        if self.rgba.shape != (self.box.height, self.box.width, 4):
+            raise ValueError(f"{self.rgba.shape = } does not fit {self.box}")

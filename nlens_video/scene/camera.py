@@ -1,0 +1,95 @@
+"""The virtual camera: pose and intrinsics on the frame's pixel grid.
+
+The only place where glTF's axes (Y up, camera looks along -Z) meet the picture's (row 0 on top).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.frames import Float64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """A pinhole camera at one moment.
+
+    Attributes:
+        world_from_camera: pose (4, 4), rigid (no scale), glTF axes [scene unit].
+        fx: focal length along columns [px].
+        fy: focal length along rows [px].
+        cx: principal point, column, pixel centres at +0.5 [px].
+        cy: principal point, row [px].
+        width: columns of the frame [px].
+        height: rows of the frame [px].
+    """
+
+    world_from_camera: Float64
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    @classmethod
+    def from_yfov(
+        cls, world_from_camera: Float64, yfov: float, width: int, height: int, pixel_aspect: float = 1.0
+    ) -> Camera:
+        """A camera with a vertical field of view, as glTF stores it.
+
+        Args:
+            world_from_camera: pose (4, 4).
+            yfov: vertical field of view [rad].
+            width: columns [px].
+            height: rows [px].
+            pixel_aspect: width of a pixel by its height (sample aspect ratio) [1].
+        """
+        fy = 0.5 * height / math.tan(0.5 * yfov)
+        return cls(
+            world_from_camera=world_from_camera, fx=fy / pixel_aspect, fy=fy,
+            cx=0.5 * width, cy=0.5 * height, width=width, height=height,
+        )
+
+    @property
+    def camera_from_world(self) -> Float64:
+        """Inverse of the pose (4, 4)."""
+        return np.asarray(np.linalg.inv(self.world_from_camera))
+
+    def to_camera(self, world: Float64) -> Float64:
+        """World points (N, 3) in camera space, x right, y up, looking along -z [scene unit]."""
+        matrix = self.camera_from_world
+        return np.asarray(world @ matrix[:3, :3].T + matrix[:3, 3])
+
+    def pixels(self, camera_points: Float64) -> Float64:
+        """Pixel positions (N, 2), column then row, of camera-space points with z < 0 (N, 3)."""
+        depth = -camera_points[:, 2]
+        return np.stack(
+            [
+                self.cx + self.fx * camera_points[:, 0] / depth,
+                self.cy - self.fy * camera_points[:, 1] / depth,
+            ],
+            axis=1,
+        )
+
+    def plane_disparity(self, ground_y: float) -> Float64:
+        """Disparity of the horizontal plane y = ground_y at every pixel centre (H, W).
+
+        Disparity of a plane is affine in the pixel position; it is <= 0 at and above the horizon.
+
+        Args:
+            ground_y: height of the plane in the world [scene unit].
+
+        Returns:
+            1 / camera-space depth [1 / scene unit]; all zero where the camera lies in the plane.
+        """
+        up = self.world_from_camera[1, :3]
+        below = ground_y - self.world_from_camera[1, 3]
+        if below == 0.0:
+            return np.zeros((self.height, self.width))
+        columns = (np.arange(self.width) + 0.5 - self.cx) / self.fx
+        rows = -(np.arange(self.height) + 0.5 - self.cy) / self.fy
+        return np.asarray((up[0] * columns[None, :] + up[1] * rows[:, None] - up[2]) / below)
