@@ -129,6 +129,29 @@ class ObjectLayer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DefocusedLayer:
+    """A sharp layer and the CoC that the lens gives each of its pixels.
+
+    Attributes:
+        layer: the sharp object.
+        coc_px: signed CoC diameter (h, w), finite wherever the layer has alpha [px of the frame].
+    """
+
+    layer: ObjectLayer
+    coc_px: Float32
+
+    def __post_init__(self) -> None:
+        if self.coc_px.shape != self.layer.depth.shape:
+            raise ValueError(f"{self.coc_px.shape = } does not fit {self.layer.depth.shape = }")
+
+    @property
+    def largest_coc_px(self) -> float:
+        """Largest CoC diameter of a pixel that has alpha, 0 for an empty layer [px]."""
+        covered = self.layer.rgba[..., 3] > 0
+        return float(np.abs(self.coc_px[covered]).max()) if covered.any() else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BlurredLayer:
     """The object as the lens sees it.
 

@@ -1,0 +1,1 @@
+"""The frame graph: nodes, how a pipeline file wires them, and how a stream runs through them."""

@@ -1,0 +1,144 @@
+"""Lanes: a stream passes through steps that overlap, one thread each, a few items between them.
+
+The one place with threads. Order is kept, at most `depth` finished items wait before each lane, a
+fault in any lane surfaces at the consumer, and closing the stream ends every thread.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from queue import Empty, Full, Queue
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Lane(Generic[T]):
+    """One step of the stream.
+
+    Attributes:
+        name: of its thread.
+        opened: gives a context manager that is entered and left on the lane's own thread (an OpenGL
+            context must stay there) and yields the function that every item passes through.
+    """
+
+    name: str
+    opened: Callable[[], AbstractContextManager[Callable[[T], T]]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    error: BaseException
+
+
+class _End:
+    """Marks the end of the stream."""
+
+
+_Message = object
+
+
+class _Stopped(Exception):  # noqa: N818 - a signal between our own threads, never an error
+    """The consumer has closed the stream."""
+
+
+class _Link:
+    """A bounded queue that gives up when the stream is closed."""
+
+    def __init__(self, depth: int, stop: threading.Event) -> None:
+        self._queue: Queue[_Message] = Queue(maxsize=depth)
+        self._stop = stop
+
+    def put(self, message: _Message) -> None:
+        while not self._stop.is_set():
+            try:
+                return self._queue.put(message, timeout=_POLL_S)
+            except Full:
+                continue
+        raise _Stopped
+
+    def get(self) -> _Message:
+        while not self._stop.is_set():
+            try:
+                return self._queue.get(timeout=_POLL_S)
+            except Empty:
+                continue
+        raise _Stopped
+
+
+def run_lanes(source: Iterable[T], lanes: Sequence[Lane[T]], depth: int = 2) -> Generator[T]:
+    """Pull `source` on a thread of its own and pass every item through the lanes, in order.
+
+    Args:
+        source: the items; iterated and, when a generator, closed on the first thread.
+        lanes: the steps.
+        depth: items that may wait before each lane [1].
+
+    Yields:
+        The items, as the last lane returns them.
+
+    Raises:
+        Whatever the source or a lane raised, after the items before it.
+    """
+    stop = threading.Event()
+    links = [_Link(depth, stop) for _ in range(len(lanes) + 1)]
+    threads = [threading.Thread(target=_feed, args=(source, links[0]), name="decode", daemon=True)]
+    for lane, inlet, outlet in zip(lanes, links[:-1], links[1:], strict=True):
+        threads.append(
+            threading.Thread(target=_work, args=(lane, inlet, outlet), name=lane.name, daemon=True)
+        )
+    for thread in threads:
+        thread.start()
+    try:
+        while True:
+            message = links[-1].get()
+            if isinstance(message, _Fault):
+                raise message.error
+            if isinstance(message, _End):
+                return
+            yield message  # type: ignore[misc]  # what is neither fault nor end is an item
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+def _feed(source: Iterable[T], outlet: _Link) -> None:
+    with ExitStack() as stack:
+        if isinstance(source, Generator):
+            stack.callback(source.close)
+        try:
+            for item in source:
+                outlet.put(item)
+            outlet.put(_End())
+        except _Stopped:
+            return
+        except BaseException as error:  # noqa: BLE001 - handed on, raised at the consumer
+            _hand_on(outlet, error)
+
+
+def _work(lane: Lane[T], inlet: _Link, outlet: _Link) -> None:
+    try:
+        with lane.opened() as step:
+            while True:
+                message = inlet.get()
+                if isinstance(message, _Fault | _End):
+                    outlet.put(message)
+                    return
+                outlet.put(step(message))  # type: ignore[arg-type]
+    except _Stopped:
+        return
+    except BaseException as error:  # noqa: BLE001 - handed on, raised at the consumer
+        _hand_on(outlet, error)
+
+
+def _hand_on(outlet: _Link, error: BaseException) -> None:
+    try:
+        outlet.put(_Fault(error))
+    except _Stopped:
+        return
