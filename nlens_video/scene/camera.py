@@ -37,7 +37,12 @@ class Camera:
 
     @classmethod
     def from_yfov(
-        cls, world_from_camera: Float64, yfov: float, width: int, height: int, pixel_aspect: float = 1.0
+        cls,
+        world_from_camera: Float64,
+        yfov: float,
+        width: int,
+        height: int,
+        pixel_aspect: float = 1.0,
     ) -> Camera:
         """A camera with a vertical field of view, as glTF stores it.
 
@@ -50,8 +55,13 @@ class Camera:
         """
         fy = 0.5 * height / math.tan(0.5 * yfov)
         return cls(
-            world_from_camera=world_from_camera, fx=fy / pixel_aspect, fy=fy,
-            cx=0.5 * width, cy=0.5 * height, width=width, height=height,
+            world_from_camera=world_from_camera,
+            fx=fy / pixel_aspect,
+            fy=fy,
+            cx=0.5 * width,
+            cy=0.5 * height,
+            width=width,
+            height=height,
         )
 
     @property

@@ -1,0 +1,144 @@
+"""Deformation: a geometry's world-space vertices at one moment (morph, then skin or node)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from nlens_video.errors import SceneError
+from nlens_video.frames import Float32, Float64
+from nlens_video.scene.accessors import AccessorReader
+from nlens_video.scene.document import Document
+from nlens_video.scene.mesh import Geometry, face_normals, unit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """Joints that carry a mesh.
+
+    Attributes:
+        joints: their nodes (J,).
+        inverse_bind: matrices (J, 4, 4) from the mesh's space to each joint's at rest.
+    """
+
+    joints: tuple[int, ...]
+    inverse_bind: Float64
+
+    def matrices(self, world: Float64) -> Float64:
+        """Matrices (J, 4, 4) from the mesh's rest space to the world."""
+        return np.asarray(world[list(self.joints)] @ self.inverse_bind)
+
+
+def read_skins(document: Document, accessors: AccessorReader) -> tuple[Skin, ...]:
+    """All skins of the file.
+
+    Raises:
+        SceneError: a skin without joints, or with too few inverse bind matrices.
+    """
+    nodes = len(document.root.children("nodes"))
+    skins = []
+    for item in document.root.children("skins"):
+        joints = item.integers("joints", nodes)
+        if not joints:
+            raise SceneError(f"{item.place} has no joints; export the file again")
+        index = item.reference("inverseBindMatrices", accessors.count)
+        if index is None:
+            inverse = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
+        else:
+            flat = accessors.floats(index, 16).astype(np.float64)
+            inverse = np.swapaxes(flat.reshape(-1, 4, 4), 1, 2)
+        if len(inverse) < len(joints):
+            raise SceneError(
+                f"{item.place} has {len(joints)} joints and {len(inverse)} inverse bind matrices; "
+                "export the file again"
+            )
+        skins.append(Skin(joints, inverse[: len(joints)]))
+    return tuple(skins)
+
+
+@dataclass(slots=True)
+class Instance:
+    """A geometry where a node places it.
+
+    Attributes:
+        geometry: what is placed.
+        node: index of the node.
+        skin: joints that carry it instead of the node, or None.
+        weights: morph weights without animation.
+    """
+
+    geometry: Geometry
+    node: int
+    skin: Skin | None
+    weights: tuple[float, ...]
+    _influence: csr_matrix | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        joints, weights = self.geometry.joints, self.geometry.weights
+        if self.skin is None or joints is None or weights is None:
+            self.skin = None
+            return
+        count = len(self.skin.joints)
+        if int(joints[weights > 0.0].max(initial=0)) >= count or int(joints.min()) < 0:
+            raise SceneError(
+                f"mesh '{self.geometry.name}' points beyond its skin's {count} joints; "
+                "export the file again"
+            )
+        rows = np.repeat(np.arange(len(joints)), joints.shape[1])
+        # Joints of no weight may point anywhere.
+        columns = np.where(weights > 0.0, joints, 0).ravel()
+        self._influence = csr_matrix((weights.ravel(), (rows, columns)), (len(joints), count))
+
+    def place(self, world: Float64, weights: Float64 | None) -> tuple[Float32, Float32, bool]:
+        """World positions and unit normals (V, 3), and whether the placement mirrors.
+
+        Args:
+            world: world matrices of all nodes (N, 4, 4).
+            weights: animated morph weights (T,), or None for those of the file.
+        """
+        positions, normals = self._morphed(np.array(self.weights) if weights is None else weights)
+        if self.skin is not None and self._influence is not None:
+            matrices = self.skin.matrices(world)[:, :3, :].reshape(-1, 12).astype(np.float32)
+            blended = (self._influence @ matrices).reshape(-1, 3, 4)
+            placed = np.einsum("vij,vj->vi", blended[:, :, :3], positions) + blended[:, :, 3]
+            turned = np.einsum("vij,vj->vi", blended[:, :, :3], normals)
+            mirrored = False
+        else:
+            matrix = world[self.node]
+            linear = matrix[:3, :3]
+            placed = positions @ linear.T.astype(np.float32) + matrix[:3, 3].astype(np.float32)
+            turned = normals @ _cofactor(linear).T.astype(np.float32)
+            mirrored = bool(np.linalg.det(linear) < 0.0)
+        if self.geometry.flat and (self.skin is not None or self.geometry.targets is not None):
+            turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
+            return placed, -turned if mirrored else turned, mirrored
+        return placed, unit(turned), mirrored
+
+    def _morphed(self, weights: Float64) -> tuple[Float32, Float32]:
+        geometry = self.geometry
+        active = np.flatnonzero(weights)
+        positions, normals = geometry.positions, geometry.normals
+        if not len(active):
+            return positions, normals
+        amounts = weights[active].astype(np.float32)
+        if geometry.targets is not None:
+            positions = positions + np.tensordot(amounts, geometry.targets[active], axes=1)
+        if geometry.target_normals is not None:
+            normals = normals + np.tensordot(amounts, geometry.target_normals[active], axes=1)
+        return positions, normals
+
+
+def _cofactor(linear: Float64) -> Float64:
+    """What turns normals (3, 3): the inverse transpose, up to scale, also of a singular matrix.
+
+    Scaled to unit size so that it neither overflows nor vanishes in float32; a mirroring matrix
+    keeps its sign, so that normals still point out of the surface.
+    """
+    size = float(np.abs(linear).max())
+    a, b, c = linear / size if size > 0.0 else np.eye(3)
+    cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    sign = -1.0 if float(np.dot(a, cofactor[0])) < 0.0 else 1.0
+    largest = float(np.abs(cofactor).max())
+    return np.asarray(cofactor * (sign / largest) if largest > 0.0 else np.eye(3))

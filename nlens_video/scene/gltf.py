@@ -1,0 +1,186 @@
+"""The scene: a glTF file that can be asked for its camera and its triangles at any time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from nlens_video.errors import SceneError
+from nlens_video.frames import Float64
+from nlens_video.scene.accessors import AccessorReader
+from nlens_video.scene.animation import Animation, read_animation
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.deform import Instance, Skin, read_skins
+from nlens_video.scene.document import Document, read_document
+from nlens_video.scene.lights import Light, pose_light, read_lights
+from nlens_video.scene.materials import read_materials
+from nlens_video.scene.mesh import Mesh, read_meshes
+from nlens_video.scene.nodes import Hierarchy, read_hierarchy
+from nlens_video.scene.perspective import Perspective, read_cameras, rigid
+from nlens_video.scene.posed import PosedMesh, PosedScene
+
+# A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
+MAX_VERTICES = 20_000_000
+
+
+@dataclass(slots=True)
+class Scene:
+    """A loaded scene. It holds all of the file; posing it allocates only the posed vertices.
+
+    Attributes:
+        path: where it came from.
+    """
+
+    path: Path
+    _hierarchy: Hierarchy
+    _animation: Animation
+    _instances: tuple[Instance, ...]
+    _cameras: tuple[Perspective, ...]
+    _lights: tuple[tuple[int, Light], ...]
+    _warnings: list[str] = field(default_factory=list)
+
+    @classmethod
+    def load(cls, path: Path) -> Scene:
+        """Read a `.glb` or `.gltf` file.
+
+        Raises:
+            SceneError: not readable, damaged, without a triangle, or in need of an extension that
+                is not supported.
+        """
+        try:
+            return cls._assemble(path, read_document(path))
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from error
+
+    @classmethod
+    def _assemble(cls, path: Path, document: Document) -> Scene:
+        accessors = AccessorReader(document)
+        hierarchy = read_hierarchy(document)
+        meshes = read_meshes(document, accessors, read_materials(document))
+        instances = _instances(document, hierarchy, meshes, read_skins(document, accessors))
+        morphs = {i.node: len(i.weights) for i in instances}
+        return cls(
+            path,
+            hierarchy,
+            read_animation(document, accessors, hierarchy, morphs),
+            instances,
+            read_cameras(document, hierarchy.visible),
+            tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
+            document.warnings,
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last key of the animation, 0 where nothing moves [s]."""
+        return self._animation.duration_s
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the file has that is not drawn or does not fit, one line each."""
+        return tuple(self._warnings)
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """Names of the perspective cameras, in the file's order."""
+        return tuple(camera.name for camera in self._cameras)
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether the file has a perspective camera."""
+        return bool(self._cameras)
+
+    @property
+    def has_lights(self) -> bool:
+        """Whether the file has punctual lights."""
+        return bool(self._lights)
+
+    def pose(self, time_s: float) -> PosedScene:
+        """Triangles and lights at a time [s]; before the first and after the last key they rest."""
+        world = self._world(time_s)
+        weights = self._animation.weights(time_s)
+        meshes = []
+        for instance in self._instances:
+            placed = instance.place(world, weights.get(instance.node))
+            meshes.append(PosedMesh(instance.geometry, *placed))
+        lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
+        return PosedScene(time_s, tuple(meshes), lights)
+
+    def camera(
+        self,
+        time_s: float,
+        width: int,
+        height: int,
+        name: str | None = None,
+        pixel_aspect: float = 1.0,
+    ) -> Camera:
+        """The virtual camera at a time, on a frame of a size.
+
+        The vertical field of view is the file's; a camera made for another aspect ratio is
+        reported in `warnings`.
+
+        Args:
+            time_s: time [s].
+            width: columns of the frame [px].
+            height: rows of the frame [px].
+            name: which camera; the first by default.
+            pixel_aspect: width of a pixel by its height [1].
+
+        Raises:
+            SceneError: the file has no such camera, or its node has no extent.
+        """
+        chosen = self._camera(name)
+        aspect = width * pixel_aspect / height
+        if chosen.aspect_ratio is not None and abs(chosen.aspect_ratio / aspect - 1.0) > 0.01:
+            line = (
+                f"camera '{chosen.name}' was made for an aspect ratio of "
+                f"{chosen.aspect_ratio:.4g}, the frame has {aspect:.4g}; its vertical field of view is kept"
+            )
+            if line not in self._warnings:
+                self._warnings.append(line)
+        try:
+            pose = rigid(self._world(time_s)[chosen.node])
+        except SceneError as error:
+            raise SceneError(f"{self.path}: camera '{chosen.name}': {error}") from error
+        return Camera.from_yfov(pose, chosen.yfov, width, height, pixel_aspect)
+
+    def _camera(self, name: str | None) -> Perspective:
+        if not self._cameras:
+            raise SceneError(f"{self.path}: no perspective camera; add one or place with --at X,Y")
+        if name is None:
+            return self._cameras[0]
+        for camera in self._cameras:
+            if name in (camera.name, camera.node_name):
+                return camera
+        known = ", ".join(self.camera_names)
+        raise SceneError(f"{self.path}: no camera is named '{name}'; expected one of {known}")
+
+    def _world(self, time_s: float) -> Float64:
+        return self._hierarchy.world(self._animation.apply(self._hierarchy.rest, time_s))
+
+
+def _instances(
+    document: Document, hierarchy: Hierarchy, meshes: tuple[Mesh, ...], skins: tuple[Skin, ...]
+) -> tuple[Instance, ...]:
+    found: list[Instance] = []
+    for index, node in enumerate(document.root.children("nodes")):
+        number = node.reference("mesh", len(meshes))
+        skin = node.reference("skin", len(skins))
+        if number is None or index not in hierarchy.visible:
+            continue
+        mesh = meshes[number]
+        weights = node.numbers("weights") or mesh.weights
+        for geometry in mesh.geometries:
+            targets = 0 if geometry.targets is None else len(geometry.targets)
+            rest = (*weights, *np.zeros(targets))[:targets]
+            carrier = None if skin is None else skins[skin]
+            found.append(Instance(geometry, index, carrier, tuple(map(float, rest))))
+    vertices = sum(len(instance.geometry.positions) for instance in found)
+    if not found:
+        raise SceneError("no triangles in its scene; expected an object to draw")
+    if vertices > MAX_VERTICES:
+        raise SceneError(
+            f"{vertices} vertices after instancing, at most {MAX_VERTICES}; simplify it"
+        )
+    return tuple(found)

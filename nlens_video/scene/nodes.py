@@ -1,0 +1,165 @@
+"""The node hierarchy: local transforms to world matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.errors import SceneError
+from nlens_video.frames import Bool, Float64
+from nlens_video.scene.document import Document
+from nlens_video.scene.fields import Fields
+
+Indices = npt.NDArray[np.intp]
+_EYE = tuple(float(v) for v in np.eye(4).ravel())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LocalPose:
+    """Local transforms of all nodes at one moment.
+
+    Attributes:
+        translation: (N, 3) [scene unit].
+        rotation: unit quaternions (N, 4), x y z w.
+        scale: (N, 3).
+    """
+
+    translation: Float64
+    rotation: Float64
+    scale: Float64
+
+    def copy(self) -> LocalPose:
+        """A pose to be changed."""
+        return LocalPose(
+            translation=self.translation.copy(),
+            rotation=self.rotation.copy(),
+            scale=self.scale.copy(),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hierarchy:
+    """The forest of nodes.
+
+    Attributes:
+        rest: local transforms without animation.
+        matrices: local matrices (N, 4, 4) of nodes that have one.
+        has_matrix: which nodes have one (N,).
+        levels: pairs (nodes, their parents) from the roots' children downwards.
+        visible: nodes of the default scene.
+    """
+
+    rest: LocalPose
+    matrices: Float64
+    has_matrix: Bool
+    levels: tuple[tuple[Indices, Indices], ...]
+    visible: frozenset[int]
+
+    def world(self, pose: LocalPose) -> Float64:
+        """World matrices (N, 4, 4) of all nodes."""
+        world = compose(pose)
+        world[self.has_matrix] = self.matrices[self.has_matrix]
+        for nodes, parents in self.levels:
+            world[nodes] = world[parents] @ world[nodes]
+        return world
+
+
+def compose(pose: LocalPose) -> Float64:
+    """Matrices (N, 4, 4) of translation * rotation * scale."""
+    x, y, z, w = pose.rotation.T
+    matrix = np.zeros((len(pose.translation), 4, 4))
+    matrix[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    matrix[:, 0, 1] = 2.0 * (x * y - z * w)
+    matrix[:, 0, 2] = 2.0 * (x * z + y * w)
+    matrix[:, 1, 0] = 2.0 * (x * y + z * w)
+    matrix[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    matrix[:, 1, 2] = 2.0 * (y * z - x * w)
+    matrix[:, 2, 0] = 2.0 * (x * z - y * w)
+    matrix[:, 2, 1] = 2.0 * (y * z + x * w)
+    matrix[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    matrix[:, :3, :3] *= pose.scale[:, None, :]
+    matrix[:, :3, 3] = pose.translation
+    matrix[:, 3, 3] = 1.0
+    return matrix
+
+
+def normalized(quaternions: Float64) -> Float64:
+    """Unit quaternions (N, 4); the identity where one has no length."""
+    length = np.sqrt(np.einsum("ij,ij->i", quaternions, quaternions))[:, None]
+    identity = np.array([0.0, 0.0, 0.0, 1.0])
+    return np.where(length > 0.0, quaternions / np.where(length > 0.0, length, 1.0), identity)
+
+
+def read_hierarchy(document: Document) -> Hierarchy:
+    """All nodes of the file.
+
+    Raises:
+        SceneError: a node has two parents, lies in a cycle, or holds wrong numbers.
+    """
+    nodes = document.root.children("nodes")
+    parents = _parents(nodes)
+    levels = _levels(parents)
+    rest = LocalPose(
+        translation=_rows(nodes, "translation", (0.0, 0.0, 0.0)),
+        rotation=normalized(_rows(nodes, "rotation", (0.0, 0.0, 0.0, 1.0))),
+        scale=_rows(nodes, "scale", (1.0, 1.0, 1.0)),
+    )
+    matrices = np.swapaxes(_rows(nodes, "matrix", _EYE).reshape(-1, 4, 4), 1, 2)
+    return Hierarchy(
+        rest=rest,
+        matrices=matrices,
+        has_matrix=np.array(["matrix" in node for node in nodes], dtype=bool),
+        levels=levels,
+        visible=_visible(document, parents),
+    )
+
+
+def _rows(nodes: tuple[Fields, ...], key: str, default: tuple[float, ...]) -> Float64:
+    rows = [node.vector(key, len(default), default) for node in nodes]
+    return np.array(rows, dtype=np.float64).reshape(len(nodes), len(default))
+
+
+def _parents(nodes: tuple[Fields, ...]) -> list[int]:
+    parents = [-1] * len(nodes)
+    for index, node in enumerate(nodes):
+        for child in node.integers("children", len(nodes)):
+            if parents[child] != -1 or child == index:
+                raise SceneError(f"nodes[{child}] has two parents or is its own; export again")
+            parents[child] = index
+    return parents
+
+
+def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
+    children: list[list[int]] = [[] for _ in parents]
+    for child, parent in enumerate(parents):
+        if parent >= 0:
+            children[parent].append(child)
+    current = [index for index, parent in enumerate(parents) if parent < 0]
+    seen = len(current)
+    levels = []
+    while current := [child for index in current for child in children[index]]:
+        seen += len(current)
+        nodes = np.array(current, dtype=np.intp)
+        levels.append((nodes, np.array([parents[i] for i in current], dtype=np.intp)))
+    if seen != len(parents):
+        raise SceneError("nodes form a cycle; expected a tree; export the file again")
+    return tuple(levels)
+
+
+def _visible(document: Document, parents: list[int]) -> frozenset[int]:
+    scenes = document.root.children("scenes")
+    if not scenes:
+        return frozenset(range(len(parents)))
+    chosen = document.root.integer("scene", below=len(scenes), default=0)
+    roots = set(scenes[chosen].integers("nodes", len(parents)))
+    visible: set[int] = set()
+    for index in range(len(parents)):
+        path, node = [], index
+        while node >= 0 and node not in visible and node not in roots:
+            path.append(node)
+            node = parents[node]
+        if node >= 0:
+            visible.update(path, [node])
+    return frozenset(visible)
