@@ -1,0 +1,64 @@
+# make demo    install everything and composite the samples: samples/out.mp4 and samples/report/
+# make test    install everything and run all tests
+# make lint    format check, lint, types
+# make bench   time of each node of the demo, and its ratio to plain decode + encode
+
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip --disable-pip-version-check -q
+SOURCES := $(wildcard pyproject.toml constraints.txt nlens_video/__init__.py)
+
+# Debian and Ubuntu packages: headless OpenGL, and venv where Python comes without it.
+define SYSTEM
+missing=""; \
+ldconfig -p 2>/dev/null | grep -q 'libEGL\.so\.1' || missing="$$missing libegl1"; \
+ldconfig -p 2>/dev/null | grep -q 'libGL\.so\.1' || missing="$$missing libgl1"; \
+$(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
+if [ -n "$$missing" ]; then \
+  if ! command -v apt-get >/dev/null; then echo "Missing here: headless OpenGL (EGL and GL libraries of Mesa) or Python's venv. Install what your system calls:$$missing" >&2; exit 1; fi; \
+  if [ "$$(id -u)" = 0 ]; then sudo=""; elif sudo -n true 2>/dev/null; then sudo="sudo"; else echo "Missing here, and no right to install it. Ask for: apt-get install$$missing" >&2; exit 1; fi; \
+  echo "Installing$$missing"; \
+  $$sudo apt-get update -qq && $$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
+fi
+endef
+
+.PHONY: demo test lint bench install system clean
+
+system:
+	@$(SYSTEM)
+
+$(BIN)/python: | system
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, $(PYTHON) is $$($(PYTHON) -V). Give another: make PYTHON=python3.12 …" >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: $(SOURCES) | $(BIN)/python
+	@echo "Installing into $(VENV)"
+	@$(PIP) install -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.installed-test: $(VENV)/.installed
+	@echo "Installing what the tests need"
+	@$(PIP) install -c constraints.txt -e '.[train,test]'
+	@touch $@
+
+install: system $(VENV)/.installed
+
+demo: install
+	$(BIN)/nlens-video samples/in.mp4 samples/anim.glb samples/out.mp4 --report samples/report
+	@echo "Look at samples/out.mp4 and samples/report/index.html"
+
+lint: system $(VENV)/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint
+	REQUIRE_GL=1 REQUIRE_TORCH=1 $(BIN)/python -m pytest
+
+bench: install
+	$(BIN)/python benchmarks/bench_demo.py
+	$(BIN)/python benchmarks/bench_scatter.py
+
+clean:
+	rm -rf $(VENV) build dist samples/out.mp4 samples/report

@@ -1,0 +1,208 @@
+"""Where the object's layers come from: rendered from the GLB, or read from EXR files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from nlens_video.errors import InputError
+from nlens_video.frames import Box, Float64, ObjectLayer
+from nlens_video.lens import LensFit
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf import Scene
+
+_MARGIN_LIMIT = 0.5  # of the frame's width: the most that is rendered beyond the frame
+_NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """How the frame's pixels see the scene.
+
+    Attributes:
+        width: columns [px].
+        height: rows [px].
+        pixel_aspect: width of a pixel by its height [1].
+        camera: name of the camera in the file, None for the first perspective one.
+    """
+
+    width: int
+    height: int
+    pixel_aspect: float = 1.0
+    camera: str | None = None
+
+    @property
+    def box(self) -> Box:
+        """The whole frame."""
+        return Box(0, 0, self.width, self.height)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placement:
+    """The object at one moment, known to be near the frame.
+
+    Attributes:
+        time_s: moment of the animation [s].
+        camera: that moment's camera.
+        box: the object's bounds on the frame's pixel grid; may reach beyond the frame.
+        nearest: least depth of the object in front of the camera [scene unit].
+        farthest: greatest depth [scene unit].
+        layer: the picture of it, where it was read rather than rendered.
+    """
+
+    time_s: float
+    camera: Camera
+    box: Box
+    nearest: float
+    farthest: float
+    layer: ObjectLayer | None = None
+
+
+class ObjectSource(Protocol):
+    """Gives the object's place, geometry and picture on each frame."""
+
+    def locate(self, index: int, time_s: float) -> Placement | None:
+        """Where the object is on a frame; None when it is out of view."""
+        ...
+
+    def triangles(self, time_s: float) -> Float64:
+        """World-space triangles (T, 3, 3) at a moment [scene unit]."""
+        ...
+
+    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+        """The sharp layer, as far beyond the frame as its blur reaches back into it."""
+        ...
+
+
+class Renderer(Protocol):
+    """Draws a scene; see `backends`."""
+
+    def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
+        """The layer on the object's box, at most `margin` pixels beyond the frame; None if empty."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedObject:
+    """The object of a GLB, drawn by a renderer."""
+
+    scene: Scene
+    renderer: Renderer
+    view: View
+
+    def locate(self, index: int, time_s: float) -> Placement | None:
+        """Bounds on the screen; None when they miss the frame and all that can blur into it."""
+        camera = _camera(self.scene, self.view, time_s)
+        bounds = _bounds(self.scene.pose(time_s).points(), camera)
+        if bounds is None:
+            return None
+        box, nearest, farthest = bounds
+        surroundings = self.view.box.grown(math.ceil(_MARGIN_LIMIT * self.view.width))
+        if box.intersection(surroundings).empty:
+            return None
+        return Placement(
+            time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest
+        )
+
+    def triangles(self, time_s: float) -> Float64:
+        """World-space triangles (T, 3, 3) at a moment [scene unit]."""
+        return self.scene.pose(time_s).triangles()
+
+    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+        """Render with a margin for what the lens spreads into the frame from outside."""
+        margin = 0
+        if fit is not None:
+            ends = np.array([1 / placement.nearest, 1 / placement.farthest], np.float32)
+            reach = 0.5 * float(np.abs(fit.coc_px(ends)).max())
+            margin = math.ceil(min(reach, _MARGIN_LIMIT * self.view.width)) + 1
+        return self.renderer.render(placement.time_s, placement.camera, margin)
+
+
+@dataclass(frozen=True, slots=True)
+class LayeredObject:
+    """Pre-rendered layers; the GLB still gives camera, ground and footprint."""
+
+    scene: Scene
+    layers: LayerReader
+    view: View
+
+    def locate(self, index: int, time_s: float) -> Placement | None:
+        """Read the frame's layer, cut to what it covers."""
+        layer = covered_part(self.layers.read(index))
+        if layer is None:
+            return None
+        depth = layer.depth[np.isfinite(layer.depth)]
+        if not depth.size:
+            raise InputError(
+                f"layer of frame {index}: alpha without depth anywhere; expected camera-space depth "
+                "in channel Z"
+            )
+        return Placement(
+            time_s=time_s,
+            camera=_camera(self.scene, self.view, time_s),
+            box=layer.box,
+            nearest=float(depth.min()),
+            farthest=float(depth.max()),
+            layer=layer,
+        )
+
+    def triangles(self, time_s: float) -> Float64:
+        """World-space triangles (T, 3, 3) at a moment [scene unit]."""
+        return self.scene.pose(time_s).triangles()
+
+    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+        """The layer that was read."""
+        return placement.layer
+
+
+class LayerReader(Protocol):
+    """Reads pre-rendered layers; see `video.exr`."""
+
+    def read(self, index: int) -> ObjectLayer:
+        """The layer of a frame, on the whole frame or part of it."""
+        ...
+
+
+def covered_part(layer: ObjectLayer) -> ObjectLayer | None:
+    """The layer cut to the pixels that have alpha or colour; None when there are none."""
+    covered = (layer.rgba != 0).any(axis=2)
+    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
+    if not rows.size:
+        return None
+    y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    return ObjectLayer(
+        box=Box(layer.box.x0 + x0, layer.box.y0 + y0, layer.box.x0 + x1, layer.box.y0 + y1),
+        rgba=layer.rgba[y0:y1, x0:x1],
+        depth=layer.depth[y0:y1, x0:x1],
+    )
+
+
+def _camera(scene: Scene, view: View, time_s: float) -> Camera:
+    return scene.camera(
+        time_s, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
+    )
+
+
+def _bounds(points: Float64, camera: Camera) -> tuple[Box, float, float] | None:
+    """Screen bounds and depth range of the points in front of the camera; None if there are none.
+
+    A body that reaches behind the camera may cover any pixel: its bounds are the whole frame.
+    """
+    if not len(points):
+        return None
+    seen = camera.to_camera(points)
+    depth = -seen[:, 2]
+    farthest = float(depth.max())
+    if not farthest > 0:
+        return None
+    nearest = max(float(depth.min()), _NEAREST * farthest)
+    if depth.min() < nearest:
+        return Box(0, 0, camera.width, camera.height), nearest, farthest
+    pixels = camera.pixels(seen)
+    limit = 1e6  # far off is far off: keeps whole numbers small
+    low = np.floor(np.clip(pixels.min(axis=0), -limit, limit)).astype(int)
+    high = np.ceil(np.clip(pixels.max(axis=0), -limit, limit)).astype(int)
+    return Box(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1), nearest, farthest

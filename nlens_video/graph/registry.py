@@ -1,0 +1,174 @@
+"""The stages that a pipeline file can name, and how each is made from the run's tools."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from nlens_video.errors import UsageError
+from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
+from nlens_video.graph.objects import ObjectSource, Placement
+from nlens_video.lens import LensFit
+from nlens_video.stages.composite import composite
+from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
+from nlens_video.stages.p_projection import GroundProjection, project_to_ground
+from nlens_video.stages.r_regression import FitLens, Regression, constant_fit
+
+if TYPE_CHECKING:
+    from nlens_video.graph.stream import StreamFrame
+
+Options = dict[str, object]
+
+
+@dataclass(slots=True, kw_only=True)
+class ShotRecord:
+    """What the shot's fit was made from, kept for reports; one shot's worth.
+
+    Attributes:
+        plate_coc: the plate's CoC, once estimated.
+        ground: footprint and plane, once projected.
+        regression: the fit and its samples, once fitted.
+        note: what a person should know about the fit, empty if nothing.
+    """
+
+    plate_coc: CocMap | None = None
+    ground: GroundProjection | None = None
+    regression: Regression | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tools:
+    """What stages are made from.
+
+    Attributes:
+        objects: the object's place, geometry and picture.
+        estimate_coc: loads F; called only by a pipeline that needs it.
+        ground_y: height of the ground plane, None for the object's lowest point at time 0.
+        fallback_constant: whether a constant CoC may stand in for a fit that fails.
+        pixel_aspect: width of a pixel by its height [1].
+        record: where the shot's intermediate results are kept.
+    """
+
+    objects: ObjectSource
+    estimate_coc: Callable[[], Callable[[Picture], CocMap]]
+    ground_y: float | None
+    fallback_constant: bool
+    pixel_aspect: float
+    record: ShotRecord
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A stage ready to run, and what runs it, in words."""
+
+    run: Callable[..., object]
+    backend: str
+
+
+def make_stage(stage: str, options: Options, tools: Tools) -> Made:
+    """Make a stage by its registry name.
+
+    Raises:
+        UsageError: no such stage, or an option it does not have.
+    """
+    maker = _MAKERS.get(stage)
+    if maker is None:
+        raise UsageError(f"no stage {stage!r}; there are {', '.join(_MAKERS)}")
+    try:
+        return maker(tools, **options)
+    except TypeError as error:
+        raise UsageError(f"stage {stage!r}: wrong options {sorted(options)} ({error})") from error
+
+
+def _locate(tools: Tools) -> Made:
+    def run(frame: StreamFrame) -> Placement | None:
+        return tools.objects.locate(frame.index, frame.time_s)
+
+    return Made(run, "camera and depth bounds of the GLB")
+
+
+def _estimate_coc(tools: Tools) -> Made:
+    estimate = tools.estimate_coc()
+
+    def run(picture: Picture, placement: Placement) -> CocMap:
+        tools.record.plate_coc = estimate(picture)
+        return tools.record.plate_coc
+
+    return Made(run, "F: CoC network, onnxruntime on the CPU")
+
+
+def _project(tools: Tools) -> Made:
+    def run(placement: Placement) -> GroundProjection:
+        ground_y = tools.ground_y
+        if ground_y is None:
+            ground_y = float(tools.objects.triangles(0.0)[:, :, 1].min())
+        triangles = tools.objects.triangles(placement.time_s)
+        tools.record.ground = project_to_ground(triangles, placement.camera, ground_y)
+        return tools.record.ground
+
+    return Made(run, "P: footprint cast down on the ground plane")
+
+
+def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 1.0) -> Made:
+    fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
+
+    def run(coc: CocMap, ground: GroundProjection, frame: StreamFrame) -> LensFit:
+        from nlens_video.errors import LensFitError
+
+        try:
+            tools.record.regression = fit(coc, ground, frame.index)
+        except LensFitError as error:
+            if not tools.fallback_constant:
+                raise
+            tools.record.note = f"constant CoC instead of a fit: {error}"
+            return constant_fit(coc, ground, frame.index)
+        if not ground.mask.any():
+            tools.record.note = "no footprint in view: fitted on the ground plane as a whole"
+        return tools.record.regression.fit
+
+    return Made(run, "R: robust V-fit over the ground plane")
+
+
+def _render(tools: Tools) -> Made:
+    def run(placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+        return tools.objects.render(placement, fit)
+
+    return Made(run, type(tools.objects).__name__)
+
+
+def _object_coc(tools: Tools) -> Made:
+    return Made(object_coc, "slope * disparity + intercept")
+
+
+def _sharp(tools: Tools) -> Made:
+    return Made(crop_to_frame, "the layer as it is")
+
+
+def _scatter(tools: Tools) -> Made:
+    from nlens_video.kernels.scatter import blur_reach, scatter
+
+    stage = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect)
+
+    def run(defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
+        return stage(defocused, frame_box)
+
+    return Made(run, "L: layered exact-coverage scatter, numba")
+
+
+def _composite(tools: Tools) -> Made:
+    return Made(composite, "premultiplied over, scene-linear")
+
+
+_MAKERS: dict[str, Callable[..., Made]] = {
+    "locate": _locate,
+    "estimate-coc": _estimate_coc,
+    "project": _project,
+    "fit": _fit,
+    "render": _render,
+    "object-coc": _object_coc,
+    "sharp": _sharp,
+    "scatter": _scatter,
+    "composite": _composite,
+}

@@ -1,0 +1,124 @@
+"""What travels through the lanes, and the lanes themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from nlens_video.frames import Box, Picture
+from nlens_video.graph.build import Graph
+from nlens_video.graph.lanes import Lane
+from nlens_video.graph.node import Node, Values
+from nlens_video.graph.profiler import Profiler
+from nlens_video.lens import LensFit
+
+
+class StreamFrame(Protocol):
+    """A frame of a source, as the graph needs it; see `video.source`."""
+
+    @property
+    def index(self) -> int:
+        """Position in the stream."""
+        ...
+
+    @property
+    def time_s(self) -> float:
+        """Moment of the animation [s]."""
+        ...
+
+    @property
+    def picture(self) -> Picture:
+        """The plate; composited in place."""
+        ...
+
+
+@dataclass(slots=True)
+class FrameState:
+    """One frame on its way, with the values its nodes have written.
+
+    Attributes:
+        frame: as the source gave it.
+        values: port to value.
+        carried_fit: whether the lens was fitted on this frame.
+    """
+
+    frame: StreamFrame
+    values: Values = field(default_factory=dict)
+    carried_fit: bool = False
+
+
+class FrameSteps:
+    """Runs a graph's nodes frame by frame and keeps what a shot has found out.
+
+    Args:
+        graph: the nodes.
+        profiler: times them.
+        fit: the lens, when it is known beforehand, in the pixels of this stream.
+    """
+
+    def __init__(self, graph: Graph, profiler: Profiler, fit: LensFit | None = None) -> None:
+        self.graph = graph
+        self.profiler = profiler
+        self._shot: Values = {} if fit is None else {"fit": fit}
+
+    @property
+    def fit(self) -> LensFit | None:
+        """The lens, once found or given."""
+        fit = self._shot.get("fit")
+        return fit if isinstance(fit, LensFit) else None
+
+    @fit.setter
+    def fit(self, fit: LensFit) -> None:
+        self._shot["fit"] = fit
+
+    def enter(self, frame: StreamFrame) -> FrameState:
+        """Start a frame: the ports that are given."""
+        picture = frame.picture
+        box = Box(0, 0, picture.width, picture.height)
+        return FrameState(frame, {"frame": frame, "picture": picture, "frame_box": box})
+
+    def run(self, state: FrameState, nodes: tuple[Node, ...]) -> FrameState:
+        """Run some nodes on one frame."""
+        for node in nodes:
+            if node.cadence == "shot":
+                self._run_once(state, node)
+            elif node.called_for(state.values):
+                with self.profiler.timed(state.frame.index, node.name):
+                    state.values[node.output] = node.run(*node.arguments(state.values))
+        return state
+
+    def _run_once(self, state: FrameState, node: Node) -> None:
+        if self.fit is None and node.called_for(state.values):
+            with self.profiler.timed(state.frame.index, node.name):
+                value = node.run(*node.arguments(state.values))
+            state.values[node.output] = value
+            if isinstance(value, LensFit):
+                self.fit = value
+                state.carried_fit = True
+        elif node.output in self._shot:
+            state.values[node.output] = self._shot[node.output]
+
+    def lanes(
+        self, render_context: Callable[[], AbstractContextManager[None]]
+    ) -> list[Lane[object]]:
+        """The graph's lanes for `run_lanes`; items that are no `FrameState` pass through.
+
+        Args:
+            render_context: entered on the render lane's thread, where OpenGL lives.
+        """
+
+        def lane(nodes: tuple[Node, ...]) -> Callable[[object], object]:
+            return lambda item: self.run(item, nodes) if isinstance(item, FrameState) else item
+
+        @contextmanager
+        def render() -> Iterator[Callable[[object], object]]:
+            with render_context():
+                yield lane(self.graph.lane("render"))
+
+        @contextmanager
+        def lens() -> Iterator[Callable[[object], object]]:
+            yield lane(self.graph.lane("lens"))
+
+        return [Lane("render", render), Lane("lens", lens)]

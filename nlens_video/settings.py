@@ -1,0 +1,100 @@
+"""What one run was asked for: the only thing that the command line hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Device = Literal["auto", "cpu", "cuda"]
+Fallback = Literal["none", "constant"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceSettings:
+    """The plate.
+
+    Attributes:
+        spec: file, image sequence pattern, device, URL, or `-` for standard input.
+        input_format: FFmpeg's name of the format, None to detect it.
+        input_size: (width, height) of raw video [px].
+        input_rate: frames per second of raw video, stills and sequences [1/s].
+        frames: first index and the one past the last, None for an open end.
+    """
+
+    spec: str
+    input_format: str | None = None
+    input_size: tuple[int, int] | None = None
+    input_rate: str | None = None
+    frames: tuple[int, int | None] = (0, None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectSettings:
+    """The object and how the frame sees it.
+
+    Attributes:
+        glb: the animated object.
+        camera: name of its camera, None for the first perspective one.
+        layers: pattern of pre-rendered EXR layers, None to render the GLB.
+        ground_y: height of the ground plane in the GLB's world, None to find it [scene unit].
+    """
+
+    glb: Path
+    camera: str | None = None
+    layers: str | None = None
+    ground_y: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputSettings:
+    """The result and its encoding; None keeps what the source has.
+
+    Attributes:
+        spec: file, image sequence pattern, or `-` for standard output.
+        codec: FFmpeg's name of the encoder.
+        crf: quality of encoders that have such a number.
+        pix_fmt: FFmpeg's name of the pixel format.
+        keep_partial: whether an interrupted run leaves a playable part under its temporary name.
+    """
+
+    spec: str
+    codec: str | None = None
+    crf: float | None = None
+    pix_fmt: str | None = None
+    keep_partial: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """One run of `nlens-video render`.
+
+    Attributes:
+        source: the plate.
+        scene: the object.
+        output: the result; None for runs that write no picture (`fit`, `--plan`).
+        preset: shipped pipeline's name or path of a pipeline file.
+        effects: `auto`, `none`, or names separated by commas.
+        budget_ms: what a frame may cost [ms].
+        device: where networks and kernels run.
+        fit: a lens fit to use instead of finding one.
+        save_fit: where to keep the fit.
+        fallback: what stands in for a fit that fails.
+        report: folder of the HTML report.
+        aov: folder of the EXR layers of each frame.
+        timings: file of the timing rows.
+    """
+
+    source: SourceSettings
+    scene: ObjectSettings
+    output: OutputSettings | None
+    preset: str = "standard"
+    effects: str = "auto"
+    budget_ms: float = 180.0
+    device: Device = "auto"
+    fit: Path | None = None
+    save_fit: Path | None = None
+    fallback: Fallback = "none"
+    report: Path | None = None
+    aov: Path | None = None
+    timings: Path | None = None
