@@ -123,7 +123,7 @@ def _add_common(parser: _Parser) -> None:
     parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the animated object (glTF 2.0)")
     look = parser.add_argument_group("the object")
     look.add_argument("--camera", metavar="NAME", help="the GLB's camera (default: its first)")
-    look.add_argument("--layers", metavar="P.exr", help="pre-rendered RGBA + Z layers, one or %%04d")
+    look.add_argument("--layers", metavar="P.exr", help="pre-rendered RGBA + Z layers, or %%04d")
     look.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
     lens = parser.add_argument_group("the lens")
     lens.add_argument("--preset", default="standard", metavar="NAME", help="pipeline, or own .toml")
@@ -135,7 +135,9 @@ def _add_common(parser: _Parser) -> None:
     raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")
     raw.add_argument("--input-size", metavar="WxH", type=_size, help="of raw video")
     raw.add_argument("--input-rate", metavar="FPS", help="of raw video, stills, sequences")
-    raw.add_argument("--range", metavar="A:B", type=_frames, default=(0, None), help="frames A to B-1")
+    raw.add_argument(
+        "--range", metavar="A:B", type=_frames, default=(0, None), help="frames A to B-1"
+    )
     shown = parser.add_argument_group("what is shown")
     shown.add_argument("--report", metavar="DIR", type=Path, help="a self-contained HTML report")
     shown.add_argument("--no-progress", action="store_true")
@@ -146,7 +148,7 @@ def _render_parser() -> _Parser:
     _add_common(parser)
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
     run = parser.add_argument_group("the run")
-    run.add_argument("--effects", default="auto", metavar="E", help="auto, none, or a list: defocus")
+    run.add_argument("--effects", default="auto", metavar="E", help="auto, none, or: defocus")
     run.add_argument("--budget-ms", metavar="MS", type=_positive, default=180.0)
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")

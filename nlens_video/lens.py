@@ -92,26 +92,36 @@ class LensFit:
         try:
             raw = json.loads(text)
         except ValueError as error:
-            raise LensFitError(f"{source}: not JSON ({error}); expected a saved lens fit") from error
+            raise LensFitError(
+                f"{source}: not JSON ({error}); expected a saved lens fit"
+            ) from error
         if not isinstance(raw, dict) or raw.get("model", MODEL) != MODEL:
-            raise LensFitError(f"{source}: expected an object with \"model\": \"{MODEL}\"")
+            raise LensFitError(f'{source}: expected an object with "model": "{MODEL}"')
         known: dict[str, object] = {}
         for name, kind in (
-            ("slope", float), ("intercept", float), ("slope_stderr", float),
-            ("intercept_stderr", float), ("rmse_px", float), ("inlier_fraction", float),
-            ("sign_margin", float), ("n", int), ("width", int), ("height", int), ("frame", int),
+            ("slope", float),
+            ("intercept", float),
+            ("slope_stderr", float),
+            ("intercept_stderr", float),
+            ("rmse_px", float),
+            ("inlier_fraction", float),
+            ("sign_margin", float),
+            ("n", int),
+            ("width", int),
+            ("height", int),
+            ("frame", int),
         ):
             if name not in raw:
                 if name in ("slope", "intercept", "width", "height"):
-                    raise LensFitError(f"{source}: \"{name}\" is missing; it must be a number")
+                    raise LensFitError(f'{source}: "{name}" is missing; it must be a number')
                 continue
             value = raw[name]
             if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise LensFitError(f"{source}: \"{name}\" is {value!r}, expected a number")
+                raise LensFitError(f'{source}: "{name}" is {value!r}, expected a number')
             known[name] = kind(value)
         sign = raw.get("sign", "resolved")
         if sign not in get_args(Sign):
-            raise LensFitError(f"{source}: \"sign\" is {sign!r}, expected one of {get_args(Sign)}")
+            raise LensFitError(f'{source}: "sign" is {sign!r}, expected one of {get_args(Sign)}')
         return cls(**known, sign=sign, method=str(raw.get("method", "given")))  # type: ignore[arg-type]
 
     @classmethod

@@ -64,5 +64,8 @@ def build(
                 )
             )  # fmt: skip
     return Graph(
-        pipeline=pipeline.name, summary=pipeline.summary, nodes=tuple(nodes), left_out=tuple(left_out)
+        pipeline=pipeline.name,
+        summary=pipeline.summary,
+        nodes=tuple(nodes),
+        left_out=tuple(left_out),
     )

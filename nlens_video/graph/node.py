@@ -34,9 +34,7 @@ Values = dict[str, object]
 
 def _out_of_focus(values: Mapping[str, object]) -> bool:
     defocused = values.get("defocused")
-    return isinstance(defocused, DefocusedLayer) and (
-        defocused.largest_coc_px >= NEGLIGIBLE_COC_PX
-    )
+    return isinstance(defocused, DefocusedLayer) and (defocused.largest_coc_px >= NEGLIGIBLE_COC_PX)
 
 
 def _in_frame(values: Mapping[str, object]) -> bool:

@@ -81,7 +81,7 @@ class Renderer(Protocol):
     """Draws a scene; see `backends`."""
 
     def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
-        """The layer on the object's box, at most `margin` pixels beyond the frame; None if empty."""
+        """The layer on the object's box, at most `margin` px beyond the frame; None if empty."""
         ...
 
 
@@ -103,9 +103,7 @@ class RenderedObject:
         surroundings = self.view.box.grown(math.ceil(_MARGIN_LIMIT * self.view.width))
         if box.intersection(surroundings).empty:
             return None
-        return Placement(
-            time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest
-        )
+        return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
 
     def triangles(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) at a moment [scene unit]."""
@@ -137,8 +135,8 @@ class LayeredObject:
         depth = layer.depth[np.isfinite(layer.depth)]
         if not depth.size:
             raise InputError(
-                f"layer of frame {index}: alpha without depth anywhere; expected camera-space depth "
-                "in channel Z"
+                f"layer of frame {index}: alpha without depth anywhere; expected camera-space "
+                "depth in channel Z"
             )
         return Placement(
             time_s=time_s,

@@ -61,7 +61,9 @@ def load_pipeline(preset: str) -> PipelineFile:
         path = Path(preset)
         if path.suffix != ".toml":
             known = ", ".join(shipped)
-            raise UsageError(f"preset {preset!r} is not one of {known}, nor a pipeline file (*.toml)")
+            raise UsageError(
+                f"preset {preset!r} is not one of {known}, nor a pipeline file (*.toml)"
+            )
     try:
         raw = tomllib.loads(path.read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -79,27 +81,7 @@ def _node(entry: object, path: Path) -> NodeSpec:
     if not isinstance(entry, dict):
         raise UsageError(f"{path}: a [[node]] is not a table")
     where = f"{path}: node {entry.get('name', '?')!r}"
-    if unknown := set(entry) - _KEYS:
-        raise UsageError(f"{where}: unknown key {sorted(unknown)[0]!r}; known: {sorted(_KEYS)}")
-    for key in ("name", "stage", "output"):
-        if not isinstance(entry.get(key), str):
-            raise UsageError(f"{where}: {key!r} must be a word")
-    inputs = entry.get("inputs", [])
-    if not isinstance(inputs, list) or not all(isinstance(port, str) for port in inputs):
-        raise UsageError(f"{where}: 'inputs' must be a list of port names")
-    for port in [port.rstrip("?") for port in inputs] + [entry["output"]]:
-        if port not in PORTS:
-            raise UsageError(f"{where}: no port {port!r}; there are {', '.join(PORTS)}")
-    for key, allowed in (
-        ("cadence", CADENCES),
-        ("lane", LANES),
-        ("when", (None, *CONDITIONS)),
-    ):
-        if entry.get(key) not in allowed:
-            raise UsageError(f"{where}: {key!r} is {entry.get(key)!r}, allowed: {allowed}")
-    options = entry.get("options", {})
-    if not isinstance(options, dict):
-        raise UsageError(f"{where}: 'options' must be a table")
+    inputs, options = _checked(entry, where)
     return NodeSpec(
         name=entry["name"],
         stage=entry["stage"],
@@ -114,6 +96,32 @@ def _node(entry: object, path: Path) -> NodeSpec:
     )
 
 
+def _checked(entry: dict[str, object], where: str) -> tuple[list[str], dict[str, object]]:
+    """Inputs and options of a node's table, once every key is known to make sense."""
+    if unknown := set(entry) - _KEYS:
+        raise UsageError(f"{where}: unknown key {sorted(unknown)[0]!r}; known: {sorted(_KEYS)}")
+    for key in ("name", "stage", "output"):
+        if not isinstance(entry.get(key), str):
+            raise UsageError(f"{where}: {key!r} must be a word")
+    inputs = entry.get("inputs", [])
+    if not isinstance(inputs, list) or not all(isinstance(port, str) for port in inputs):
+        raise UsageError(f"{where}: 'inputs' must be a list of port names")
+    for port in [*(port.rstrip("?") for port in inputs), entry["output"]]:
+        if port not in PORTS:
+            raise UsageError(f"{where}: no port {port!r}; there are {', '.join(PORTS)}")
+    for key, allowed in (
+        ("cadence", CADENCES),
+        ("lane", LANES),
+        ("when", (None, *CONDITIONS)),
+    ):
+        if entry.get(key) not in allowed:
+            raise UsageError(f"{where}: {key!r} is {entry.get(key)!r}, allowed: {allowed}")
+    options = entry.get("options", {})
+    if not isinstance(options, dict):
+        raise UsageError(f"{where}: 'options' must be a table")
+    return inputs, options
+
+
 def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
     """Each port is written before it is read, and lanes only go forward."""
     written = set(GIVEN)
@@ -125,7 +133,9 @@ def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
         names.add(node.name)
         for port in (*node.inputs, *node.optional):
             if port not in written:
-                raise UsageError(f"{path}: node {node.name!r} reads {port!r}, which none above writes")
+                raise UsageError(
+                    f"{path}: node {node.name!r} reads {port!r}, which none above writes"
+                )
         written.add(node.output)
         if LANES.index(node.lane) < lane:
             raise UsageError(f"{path}: node {node.name!r} goes back to lane {node.lane!r}")

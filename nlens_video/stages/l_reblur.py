@@ -41,7 +41,9 @@ def object_coc(layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
     return DefocusedLayer(layer=layer, coc_px=coc)
 
 
-def _nearest(known: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(
+    known: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
+) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of the nearest known pixel, for every pixel (H, W) each."""
     _, labels = cv2.distanceTransformWithLabels(
         (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL

@@ -87,8 +87,10 @@ def _cut(corners: Float64, near: float) -> Float64:
     return np.array(kept)
 
 
-def _draw(mask: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], pixels: Float64, camera: Camera) -> None:
-    """Fill a convex polygon (N, 2), pixel centres at +0.5."""
+def _draw(
+    mask: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], pixels: Float64, camera: Camera
+) -> None:
+    """Fill a convex polygon (N, 2), centres at +0.5, pixels its outline touches included."""
     reach = _REACH_FRAMES * max(camera.width, camera.height)
     clipped = np.clip(pixels - 0.5, -reach, reach)
     points = np.round(clipped * (1 << _SUBPIXEL_BITS)).astype(np.int32)

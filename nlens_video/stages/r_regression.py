@@ -1,4 +1,4 @@
-"""R: the linear lens model from the plate's CoC and the ground plane's disparity (paper, section 4.2).
+"""R: the linear lens model from the plate's CoC and the ground's disparity (paper, section 4.2).
 
 The paper turns the estimated, unsigned CoC into a signed one by a rule and fits a least-squares
 line. Here the V itself is fitted: coc = |slope * (disparity - focus)|, slope > 0, focus >= 0
@@ -122,14 +122,23 @@ def constant_fit(coc: CocMap, ground: GroundProjection | None, frame: int = 0) -
         ground: where to look first; the whole plate when its footprint is empty.
         frame: index of that frame, kept in the fit.
     """
-    use = ground.mask if ground is not None and ground.mask.any() else np.ones_like(coc.coc_px, bool)
+    use = (
+        ground.mask if ground is not None and ground.mask.any() else np.ones_like(coc.coc_px, bool)
+    )
     values, sigma = coc.coc_px[use], coc.sigma_px[use]
     confident = values[sigma <= np.quantile(sigma, 0.5)]
     height, width = coc.coc_px.shape
     return LensFit(
-        slope=0.0, intercept=-float(np.median(confident)), rmse_px=float(np.median(sigma)),
-        n=int(confident.size), inlier_fraction=0.5, width=width, height=height, frame=frame,
-        sign="assumed", method="constant CoC: no usable fit, the plate's confident median",
+        slope=0.0,
+        intercept=-float(np.median(confident)),
+        rmse_px=float(np.median(sigma)),
+        n=int(confident.size),
+        inlier_fraction=0.5,
+        width=width,
+        height=height,
+        frame=frame,
+        sign="assumed",
+        method="constant CoC: no usable fit, the plate's confident median",
     )
 
 
@@ -148,9 +157,9 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
     use &= disparity > 0
     if use.sum() < MIN_SAMPLES:
         raise LensFitError(
-            f"only {int(use.sum())} samples of the ground plane y = {ground.ground_y:g} are in view, "
-            f"{MIN_SAMPLES} are needed; check --ground-y and the camera, or give --fit FILE.json or "
-            "--fallback constant"
+            f"only {int(use.sum())} samples of the ground plane y = {ground.ground_y:g} are in "
+            f"view, {MIN_SAMPLES} are needed; check --ground-y and the camera, or give "
+            "--fit FILE.json or --fallback constant"
         )
     patches = (rows // (step * _CLUSTER_SAMPLES)) * 100_000 + columns // (step * _CLUSTER_SAMPLES)
     return FitSamples(
@@ -165,8 +174,12 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
 
 def _replace_weight(samples: FitSamples, weight: Float64) -> FitSamples:
     return FitSamples(
-        disparity=samples.disparity, coc_px=samples.coc_px, sigma_px=samples.sigma_px,
-        anchor=samples.anchor, weight=weight, cluster=samples.cluster,
+        disparity=samples.disparity,
+        coc_px=samples.coc_px,
+        sigma_px=samples.sigma_px,
+        anchor=samples.anchor,
+        weight=weight,
+        cluster=samples.cluster,
     )
 
 
@@ -192,12 +205,12 @@ class _Problem:
         if len(self.share) <= _SCAN_SAMPLES:
             return self
         edges = np.cumsum(self.share)
-        picked = np.searchsorted(edges, (np.arange(_SCAN_SAMPLES) + 0.5) / _SCAN_SAMPLES * edges[-1])
+        picked = np.searchsorted(
+            edges, (np.arange(_SCAN_SAMPLES) + 0.5) / _SCAN_SAMPLES * edges[-1]
+        )
         picked = np.minimum(picked, len(edges) - 1)
         even = np.full(_SCAN_SAMPLES, 1.0 / _SCAN_SAMPLES)
-        return _Problem(
-            self.disparity[picked], self.coc_px[picked], self.error_px[picked], even
-        )
+        return _Problem(self.disparity[picked], self.coc_px[picked], self.error_px[picked], even)
 
     def squared(self, slope: float, focus: float) -> Float64:
         """Squared residuals in expected errors (N,)."""
@@ -297,13 +310,19 @@ def _weighted_median(values: Float64, weights: Float64) -> float:
 
 
 def _covariance(problem: _Problem, samples: FitSamples, slope: float, focus: float) -> Float64:
-    """Cluster-robust covariance (2, 2) of slope and intercept."""
+    """Cluster-robust (sandwich) covariance (2, 2) of slope and intercept."""
+    squared = problem.squared(slope, focus)
     weight = problem.kept(slope, focus) * problem.share / problem.error_px**2
+    # a redescending loss is flatter than its weights say: its true curvature goes in the middle
+    curvature = weight * (1 - 4 * squared / (squared + CUTOFF**2))
     sign = np.where(problem.disparity >= focus, 1.0, -1.0)
     design = np.stack([sign * problem.disparity, sign], axis=1)
     residual = slope * np.abs(problem.disparity - focus) - problem.coc_px
     scale = np.array([problem.disparity.max(), 1.0])
-    bread = np.linalg.pinv((design / scale).T @ ((design / scale) * weight[:, None]))
+    hessian = (design / scale).T @ ((design / scale) * curvature[:, None])
+    if np.linalg.eigvalsh(hessian)[0] <= 0:
+        hessian = (design / scale).T @ ((design / scale) * weight[:, None])
+    bread = np.linalg.pinv(hessian)
     _, cluster = np.unique(samples.cluster, return_inverse=True)
     scores = np.zeros((cluster.max() + 1, 2))
     np.add.at(scores, cluster, (design / scale) * (weight * residual)[:, None])
@@ -320,7 +339,8 @@ def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
     expected = float(np.median(samples.sigma_px[use]))
     if fit.inlier_fraction < 0.1 or error > max(3.0, 0.5 * blur) or fit.slope <= 0:
         raise LensFitError(
-            f"the ground under the object does not tell the blur (CoC {blur:.1f} px, standard error "
-            f"{error:.1f} px, {fit.inlier_fraction:.0%} of {fit.n} samples agree, expected error "
-            f"{expected:.1f} px); give --fit FILE.json, another --ground-y, or --fallback constant"
+            f"the ground under the object does not tell the blur (CoC {blur:.1f} px, standard "
+            f"error {error:.1f} px, {fit.inlier_fraction:.0%} of {fit.n} samples agree, expected "
+            f"error {expected:.1f} px); give --fit FILE.json, another --ground-y, or "
+            "--fallback constant"
         )

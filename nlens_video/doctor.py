@@ -1,0 +1,124 @@
+"""`nlens-video doctor`: what works on this machine, and what to install for the rest."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from nlens_video import __version__
+from nlens_video.errors import NlensError
+
+_LIBRARIES = (
+    "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "numba", "pyrender2",
+    "PyOpenGL", "trimesh", "OpenEXR", "torch",
+)  # fmt: skip
+_OPTIONAL = {"torch"}
+_ENCODERS = ("libx264", "libx265", "libvpx-vp9", "libsvtav1", "ffv1", "prores_ks", "png", "aac")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One thing that was tried.
+
+    Attributes:
+        what: the part.
+        works: whether it does; None where it is optional and absent.
+        detail: version or route; what to do where it does not work.
+    """
+
+    what: str
+    works: bool | None
+    detail: str
+
+
+def examine(*, as_json: bool) -> int:
+    """Try everything, print the findings; exit code 0 when the main job can run, else 1."""
+    findings = [_program(), *map(_library, _LIBRARIES)]
+    for what, attempt in (
+        ("OpenGL", _opengl),
+        ("encoders", _encoders),
+        ("CoC network", _coc_network),
+        ("scatter kernel", _kernel),
+        ("pipelines", _pipelines),
+    ):
+        findings.append(_tried(what, attempt))
+    if as_json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))  # noqa: T201
+    else:
+        _show(findings)
+    return 1 if any(finding.works is False for finding in findings) else 0
+
+
+def _tried(what: str, attempt: Callable[[], str]) -> Finding:
+    try:
+        return Finding(what=what, works=True, detail=attempt())
+    except (NlensError, OSError, ImportError, RuntimeError) as error:
+        return Finding(what=what, works=False, detail=" ".join(str(error).split()))
+
+
+def _program() -> Finding:
+    where = f"Python {sys.version.split()[0]} on {platform.system()} {platform.machine()}"
+    return Finding(what="nlens-video", works=True, detail=f"{__version__}, {where}")
+
+
+def _library(name: str) -> Finding:
+    try:
+        return Finding(what=name, works=True, detail=importlib.metadata.version(name))
+    except importlib.metadata.PackageNotFoundError:
+        if name in _OPTIONAL:
+            return Finding(what=name, works=None, detail="not installed; needed for training only")
+        return Finding(what=name, works=False, detail=f"not installed; pip install {name}")
+
+
+def _opengl() -> str:
+    from nlens_video.backends.render_pyrender import describe_opengl
+
+    return describe_opengl()
+
+
+def _encoders() -> str:
+    import av
+
+    there = [name for name in _ENCODERS if name in av.codecs_available]
+    if "libx264" not in there:
+        raise RuntimeError("FFmpeg has no libx264: install PyAV's wheel (pip install av)")
+    return ", ".join(there)
+
+
+def _coc_network() -> str:
+    from nlens_video.model_store import find_model
+
+    model = find_model("coc")
+    return f"{model.path.name}, sha256 {model.sha256[:12]} verified"
+
+
+def _kernel() -> str:
+    import numpy as np
+
+    from nlens_video.kernels.scatter import scatter
+
+    out = scatter(np.ones((9, 9, 4), np.float32), np.full((9, 9), 3.0, np.float32))
+    if not np.allclose(out, 1.0):
+        raise RuntimeError("the compiled kernel gives wrong numbers; clear numba's cache")
+    return "compiled"
+
+
+def _pipelines() -> str:
+    from nlens_video.graph.pipeline_file import load_pipeline, shipped_pipelines
+
+    return ", ".join(load_pipeline(name).name for name in shipped_pipelines())
+
+
+def _show(findings: list[Finding]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    marks = {True: "[green]ok[/]", False: "[red]missing[/]", None: "[yellow]optional[/]"}
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for finding in findings:
+        table.add_row(finding.what, marks[finding.works], finding.detail)
+    Console().print(table)

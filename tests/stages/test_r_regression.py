@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nlens_video.errors import LensFitError
+from nlens_video.frames import CocMap
+from nlens_video.stages.p_projection import GroundProjection
+from nlens_video.stages.r_regression import FitLens, constant_fit
+
+HEIGHT, WIDTH = 128, 240
+
+
+def ground(footprint=(slice(70, 90), slice(90, 150)), near=1.0, far=0.0):
+    """A plane whose disparity falls from the lower border to the horizon at row 20."""
+    rows = (np.arange(HEIGHT) - 20) / (HEIGHT - 20)
+    disparity = np.repeat((far + (near - far) * rows)[:, None], WIDTH, axis=1)
+    mask = np.zeros((HEIGHT, WIDTH), bool)
+    if footprint is not None:
+        mask[footprint] = True
+    return GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+
+
+def plate(plane, slope, focus, sigma=0.5):
+    coc = np.abs(slope * (plane.disparity - focus)).astype(np.float32)
+    return CocMap(coc_px=coc, sigma_px=np.full_like(coc, sigma))
+
+
+@settings(max_examples=60, deadline=None)
+@given(slope=st.floats(6.0, 80.0), focus=st.floats(0.02, 1.5))
+def test_noise_free_lens_is_found_again(slope, focus):
+    plane = ground()
+    fit = FitLens()(plate(plane, slope, focus), plane).fit
+    assert fit.slope == pytest.approx(slope, rel=2e-2)
+    there = plane.disparity[plane.mask]
+    assert np.abs(fit.coc_px(there) - slope * (there - focus)).max() < 0.1
+
+
+@pytest.mark.parametrize(("focus", "sign"), [(0.1, 1), (1.2, -1)])
+def test_sign_is_resolved_from_the_trend_of_the_blur(focus, sign):
+    plane = ground()
+    fit = FitLens()(plate(plane, 30.0, focus), plane).fit
+    middle = float(np.median(plane.disparity[plane.mask]))
+    assert np.sign(fit.slope * middle + fit.intercept) == sign
+    assert fit.sign == "resolved" and fit.sign_margin > 0.5
+
+
+def test_sign_is_called_ambiguous_when_the_blur_shows_no_trend():
+    plane = ground(near=1.0, far=0.995)
+    plane = GroundProjection(
+        mask=plane.mask, disparity=np.maximum(plane.disparity, 0.99), ground_y=0
+    )
+    rng = np.random.default_rng(3)
+    coc = (8.0 + rng.normal(0, 0.4, (HEIGHT, WIDTH))).astype(np.float32)
+    fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5)), plane).fit
+    assert fit.sign == "ambiguous"
+    assert abs(fit.slope + fit.intercept) == pytest.approx(8.0, abs=0.5)
+
+
+def test_things_that_stand_on_the_plane_do_not_bend_the_fit():
+    plane = ground()
+    true = plate(plane, 40.0, 0.5)
+    coc = true.coc_px.copy()
+    coc[30:75, 20:110] = 3.0  # a wall of one depth: a third of the plane
+    coc[60:110, 180:] = 17.0
+    fit = FitLens()(CocMap(coc_px=coc, sigma_px=true.sigma_px), plane).fit
+    there = plane.disparity[plane.mask]
+    assert np.abs(fit.coc_px(there) - 40.0 * (there - 0.5)).max() < 0.6
+
+
+def test_anchor_decides_between_two_levels():
+    plane = ground(footprint=(slice(85, 120), slice(60, 180)))
+    upper, lower = plate(plane, 40.0, 0.5), plate(plane, 24.0, 0.9)
+    coc = lower.coc_px.copy()
+    coc[80:] = upper.coc_px[80:]  # the object stands on the nearer, upper level
+    fit = FitLens()(CocMap(coc_px=coc, sigma_px=upper.sigma_px), plane).fit
+    there = plane.disparity[plane.mask]
+    assert np.abs(fit.coc_px(there) - 40.0 * (there - 0.5)).max() < 1.0
+
+
+def test_unsure_samples_carry_little_weight():
+    plane = ground()
+    true = plate(plane, 30.0, 0.4)
+    coc, sigma = true.coc_px.copy(), true.sigma_px.copy()
+    coc[:, ::2] *= 0.4  # a smooth table read as sharp, and known to be unsure
+    sigma[:, ::2] = 12.0
+    fit = FitLens()(CocMap(coc_px=coc, sigma_px=sigma), plane).fit
+    assert fit.slope == pytest.approx(30.0, rel=0.03)
+
+
+def test_standard_errors_cover_the_truth():
+    plane = ground()
+    inside = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        true = plate(plane, 30.0, 1.3)
+        noise = rng.normal(0, 0.8, true.coc_px.shape).astype(np.float32)
+        coc = np.abs(true.coc_px + noise)
+        fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.8)), plane).fit
+        inside += abs(fit.slope - 30.0) < fit.slope_stderr
+    assert 20 <= inside <= 35  # 68 % of 40 is 27
+
+
+def test_footprint_alone_is_the_papers_way():
+    plane = ground()
+    fit = FitLens(whole_plane=False)(plate(plane, 30.0, 0.9), plane).fit
+    assert fit.method.endswith("the footprint")
+    there = plane.disparity[plane.mask]
+    assert np.abs(fit.coc_px(there) - 30.0 * (there - 0.9)).max() < 0.2
+
+
+def test_fit_on_a_plane_without_footprint_says_so():
+    plane = ground(footprint=None)
+    assert "without a footprint" in FitLens()(plate(plane, 30.0, 0.5), plane).fit.method
+
+
+def test_plane_out_of_view_is_an_error_that_says_what_to_do():
+    plane = ground()
+    gone = GroundProjection(
+        mask=np.zeros_like(plane.mask), disparity=-np.ones_like(plane.disparity), ground_y=0.0
+    )
+    with pytest.raises(LensFitError, match="--ground-y"):
+        FitLens()(plate(plane, 30.0, 0.5), gone)
+
+
+def test_estimate_that_knows_nothing_is_an_error():
+    plane = ground()
+    rng = np.random.default_rng(0)
+    coc = np.abs(rng.normal(0, 30, (HEIGHT, WIDTH))).astype(np.float32)
+    with pytest.raises(LensFitError, match="does not tell the blur"):
+        FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.3)), plane)
+
+
+def test_nan_estimates_are_left_out():
+    plane = ground()
+    true = plate(plane, 30.0, 0.4)
+    coc = true.coc_px.copy()
+    coc[::2] = np.nan
+    fit = FitLens()(CocMap(coc_px=coc, sigma_px=true.sigma_px), plane).fit
+    assert fit.slope == pytest.approx(30.0, rel=0.02)
+
+
+def test_constant_fit_takes_the_confident_median_of_the_footprint():
+    plane = ground()
+    coc = np.full((HEIGHT, WIDTH), 30.0, np.float32)
+    coc[plane.mask] = 7.0
+    fit = constant_fit(CocMap(coc_px=coc, sigma_px=np.ones_like(coc)), plane)
+    assert (fit.slope, fit.intercept, fit.sign) == (0.0, -7.0, "assumed")
