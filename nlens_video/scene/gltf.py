@@ -92,9 +92,9 @@ class Scene:
         return bool(self._cameras)
 
     @property
-    def has_lights(self) -> bool:
-        """Whether the file has punctual lights."""
-        return bool(self._lights)
+    def light_count(self) -> int:
+        """Punctual lights of the scene."""
+        return len(self._lights)
 
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a time [s]; before the first and after the last key they rest."""
@@ -135,7 +135,8 @@ class Scene:
         if chosen.aspect_ratio is not None and abs(chosen.aspect_ratio / aspect - 1.0) > 0.01:
             line = (
                 f"camera '{chosen.name}' was made for an aspect ratio of "
-                f"{chosen.aspect_ratio:.4g}, the frame has {aspect:.4g}; its vertical field of view is kept"
+                f"{chosen.aspect_ratio:.4g}, the frame has {aspect:.4g}; "
+                "its vertical field of view is kept"
             )
             if line not in self._warnings:
                 self._warnings.append(line)

@@ -1,0 +1,1 @@
+"""Heavy libraries, one file each."""

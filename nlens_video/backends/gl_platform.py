@@ -1,0 +1,50 @@
+"""The OpenGL context without a screen (EGL), and why there is none.
+
+Imported before pyrender and PyOpenGL, which read these variables once, on import.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+os.environ.setdefault("PYGLET_HEADLESS", "1")
+
+from OpenGL import EGL  # noqa: E402
+from OpenGL.error import Error as GlError  # noqa: E402
+from pyrender.platforms import egl  # noqa: E402
+
+
+class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]
+    """pyrender's EGL platform, which several renderers of one process can use side by side."""
+
+    _egl_display: object
+    _egl_context: object
+
+    def make_uncurrent(self) -> None:
+        """Release the context from this thread."""
+        EGL.eglMakeCurrent(
+            self._egl_display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT
+        )
+
+    def delete_context(self) -> None:
+        """Destroy the context, not the display: all renderers of a process share that."""
+        if self._egl_context is not None:
+            self.make_uncurrent()
+            EGL.eglDestroyContext(self._egl_display, self._egl_context)
+            self._egl_context = None
+
+
+def open_platform() -> HeadlessPlatform:
+    """A new context, current on this thread; `EGL_DEVICE_ID` picks the device.
+
+    Raises:
+        RuntimeError: there is no EGL device that can render with OpenGL 4.1.
+    """
+    try:
+        device = egl.get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0")))
+        platform = HeadlessPlatform(1, 1, device=device)
+        platform.init_context()
+    except (AssertionError, AttributeError, GlError, IndexError, ValueError) as error:
+        raise RuntimeError(f"{type(error).__name__}: {error}") from error
+    return platform

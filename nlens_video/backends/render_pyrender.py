@@ -1,0 +1,182 @@
+"""P's renderer: the object through pyrender, without a screen, in scene-linear light.
+
+OpenGL is loaded when the first picture is asked for, so that a machine without it gets one clear
+line, and only if something must be rendered.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlens_video.errors import NlensError
+from nlens_video.frames import Box, Float32, Float64, ObjectLayer
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf import Scene
+from nlens_video.scene.posed import PosedScene
+
+if TYPE_CHECKING:
+    from nlens_video.backends.gl_platform import HeadlessPlatform
+    from nlens_video.backends.gl_renderer import LinearRenderer
+
+# Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
+# tell 1e-4 of the far depth any more.
+_NEAR_SHARE = 1e-3
+
+
+class PyrenderObjectRenderer:
+    """Renders a scene's object on the box of the frame that it covers.
+
+    The OpenGL context belongs to the thread that renders first; call `close` there.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._platform: HeadlessPlatform | None = None
+        self._renderer: LinearRenderer | None = None
+        self._posed: PosedScene | None = None
+        self._thread = 0
+        self._closed = False
+
+    def __enter__(self) -> PyrenderObjectRenderer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def light_note(self) -> str:
+        """What lights the object, in words."""
+        from nlens_video.backends.gl_lighting import light_note
+
+        return light_note(self._scene.light_count)
+
+    def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
+        """The object at a time, sharp.
+
+        `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
+        of the lens' aperture.
+
+        Args:
+            time_s: time of the animation [s].
+            camera: where from, on which frame.
+            margin: how far beyond the frame the object is still rendered [px].
+
+        Returns:
+            The layer on the box of the object's bounds on the screen, one pixel larger, inside the
+            frame grown by `margin`; None where the object is out of view.
+
+        Raises:
+            NlensError: OpenGL cannot start, or another thread owns the context.
+        """
+        if self._posed is None or self._posed.time_s != time_s:
+            self._posed = self._scene.pose(time_s)
+        return self._render_posed(self._posed, camera, margin)
+
+    def _render_posed(self, posed: PosedScene, camera: Camera, margin: int) -> ObjectLayer | None:
+        seen = _project(posed.vertices(), camera, margin)
+        if seen is None:
+            return None
+        box, near, far = seen
+        rgba, depth = self._draw(posed, camera, box, near, far)
+        return ObjectLayer(box=box, rgba=rgba, depth=depth)
+
+    def _draw(
+        self, posed: PosedScene, camera: Camera, box: Box, near: float, far: float
+    ) -> tuple[Float32, Float32]:
+        renderer = self._open(posed)
+        from nlens_video.backends.gl_lighting import Lighting
+        from nlens_video.backends.gl_renderer import View
+
+        view = View(
+            camera_from_world=camera.camera_from_world,
+            eye=camera.world_from_camera[:3, 3],
+            clip_from_camera=_projection(camera, box, near, far),
+            near=near,
+            far=far,
+            width=box.width,
+            height=box.height,
+        )
+        return renderer.draw(posed, view, Lighting.of(posed.lights))
+
+    def _open(self, posed: PosedScene) -> LinearRenderer:
+        if self._closed:
+            raise NlensError("the renderer is closed; make a new one")
+        if self._renderer is None or self._platform is None:
+            self._thread = threading.get_ident()
+            self._platform, self._renderer = _start(posed)
+        elif self._thread != threading.get_ident():
+            raise NlensError("the renderer belongs to the thread that rendered first; use it there")
+        self._platform.make_current()
+        return self._renderer
+
+    def close(self) -> None:
+        """Free the GPU objects and the context; may be called again."""
+        self._closed = True
+        renderer, platform = self._renderer, self._platform
+        self._renderer = self._platform = self._posed = None
+        if renderer is not None and platform is not None:
+            platform.make_current()
+            renderer.delete()
+            platform.delete_context()
+
+
+def _start(posed: PosedScene) -> tuple[HeadlessPlatform, LinearRenderer]:
+    try:
+        from nlens_video.backends.gl_platform import open_platform
+        from nlens_video.backends.gl_renderer import LinearRenderer
+
+        platform = open_platform()
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        # PyOpenGL and pyglet report a missing library as an attribute of None.
+        raise NlensError(
+            f"OpenGL cannot start without a screen ({error}); "
+            "install it: apt-get install libegl1 libgl1"
+        ) from error
+    return platform, LinearRenderer(posed)
+
+
+def _project(vertices: Float32, camera: Camera, margin: int) -> tuple[Box, float, float] | None:
+    """The box that the vertices (V, 3) cover, with near and far depth; None if out of view."""
+    local = camera.to_camera(vertices.astype(np.float64))
+    depth = -local[:, 2]
+    far = float(depth.max()) * (1.0 + 1e-4)
+    if not far > 0.0:
+        return None
+    lowest = float(depth.min()) * (1.0 - 1e-4)
+    near = max(lowest, _NEAR_SHARE * far)
+    limit = Box(0, 0, camera.width, camera.height).grown(margin)
+    box = limit
+    if lowest >= near:  # else a triangle may cross the near plane and cover anything
+        low, high = camera.pixels(local).min(axis=0), camera.pixels(local).max(axis=0)
+        box = _outward(low, high, limit)
+    return None if box.empty else (box, near, far)
+
+
+def _outward(low: Float64, high: Float64, limit: Box) -> Box:
+    """Whole pixels around a range of positions (2,), one more on each side, inside `limit`."""
+    x0, y0 = (math.floor(max(v, -1e9)) - 1 for v in np.minimum(low, 1e9))
+    x1, y1 = (math.ceil(min(v, 1e9)) + 1 for v in np.maximum(high, -1e9))
+    return Box(x0, y0, x1, y1).intersection(limit)
+
+
+def _projection(camera: Camera, box: Box, near: float, far: float) -> Float64:
+    """Clip space of a box of the frame (4, 4); row 0 of the box lies at clip y = -1."""
+    matrix = np.zeros((4, 4))
+    matrix[0, 0] = 2.0 * camera.fx / box.width
+    matrix[0, 2] = 1.0 - 2.0 * (camera.cx - box.x0) / box.width
+    matrix[1, 1] = -2.0 * camera.fy / box.height
+    matrix[1, 2] = 1.0 - 2.0 * (camera.cy - box.y0) / box.height
+    matrix[2, 2] = -(far + near) / (far - near)
+    matrix[2, 3] = -2.0 * far * near / (far - near)
+    matrix[3, 2] = -1.0
+    return matrix
