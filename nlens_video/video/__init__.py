@@ -1,0 +1,1 @@
+"""Video in and out through FFmpeg (PyAV), stills, sequences, pipes and OpenEXR layers."""

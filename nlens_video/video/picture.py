@@ -1,0 +1,121 @@
+"""Pictures that composite on their own samples: FFmpeg's frames and NumPy arrays."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import av
+import numpy as np
+
+from nlens_video.color import ColorTags
+from nlens_video.frames import Box, Float32
+from nlens_video.kernels import blend
+from nlens_video.kernels.blend_samples import Plane, Samples
+from nlens_video.video.formats import unpacked
+from nlens_video.video.samples import array_samples, frame_samples, frame_tags
+
+SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
+"""Tags of an array that carries none: display-coded sRGB."""
+
+
+class _Blended:
+    """The half of a `Picture` that only needs samples."""
+
+    def _samples(self) -> Samples:
+        raise NotImplementedError
+
+    @property
+    def width(self) -> int:
+        """Columns as displayed [px]."""
+        return int(self._samples().planes[0].shape[1])
+
+    @property
+    def height(self) -> int:
+        """Rows as displayed [px]."""
+        return int(self._samples().planes[0].shape[0])
+
+    def srgb(self) -> Float32:
+        """The whole picture, display-coded sRGB in [0, 1], (H, W, 3)."""
+        samples = self._samples()
+        height, width = samples.planes[0].shape
+        return blend.srgb(samples, Box(0, 0, width, height))
+
+    def linear(self, box: Box) -> Float32:
+        """Scene-linear BT.709 RGB (h, w, 3) of a box that lies inside the frame."""
+        samples = self._samples()
+        _check(samples, box)
+        return blend.linear(samples, box)
+
+
+class AvPicture(_Blended):
+    """One of FFmpeg's frames, seen upright.
+
+    The frame is unpacked into a working format where it is in none; `frame` is then that copy. It
+    is made writable only when something is composited on it.
+
+    Args:
+        frame: the frame; composited in place.
+        tags: what the samples mean; default: what the frame's own tags say.
+        rotation: counter-clockwise turn that makes it upright, a multiple of 90 [deg]; default:
+            the frame's display matrix.
+
+    Raises:
+        InputError: the pixel format is one that nothing is known about.
+    """
+
+    def __init__(
+        self, frame: av.VideoFrame, tags: ColorTags | None = None, *, rotation: int | None = None
+    ) -> None:
+        self.frame = unpacked(frame)
+        self.tags = frame_tags(self.frame) if tags is None else tags
+        self.rotation = frame.rotation if rotation is None else rotation
+
+    def _samples(self) -> Samples:
+        return frame_samples(self.frame, self.tags, round(self.rotation / 90))
+
+    def over(self, box: Box, rgba: Float32) -> None:
+        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
+        # The decoder predicts later frames from this buffer: without a copy they would be damaged.
+        self.frame.make_writable()
+        samples = self._samples()
+        _check(samples, box, rgba)
+        blend.over(samples, box, rgba)
+
+
+class ArrayPicture(_Blended):
+    """A NumPy picture, as OpenCV and image loops hold it; composited in place.
+
+    Args:
+        array: (H, W), (H, W, 3) or (H, W, 4) of uint8, uint16 or float32; alpha is straight.
+        order: order of the channels.
+        tags: transfer function and primaries; default: display-coded sRGB.
+
+    Raises:
+        InputError: a shape or a type that no picture has.
+    """
+
+    def __init__(
+        self, array: Plane, order: Literal["bgr", "rgb"] = "bgr", tags: ColorTags = SRGB
+    ) -> None:
+        self.array = array
+        self.tags = tags
+        self._views = array_samples(array, order, tags)
+
+    def _samples(self) -> Samples:
+        return self._views
+
+    def over(self, box: Box, rgba: Float32) -> None:
+        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
+        _check(self._views, box, rgba)
+        blend.over(self._views, box, rgba)
+
+
+def _check(samples: Samples, box: Box, rgba: Float32 | None = None) -> None:
+    """The kernels do not look where they write, so this does."""
+    height, width = samples.planes[0].shape
+    if box.intersection(Box(0, 0, width, height)) != box and not box.empty:
+        raise ValueError(f"{box} does not lie inside the frame of {width}x{height}")
+    if rgba is not None and rgba.shape != (box.height, box.width, 4):
+        raise ValueError(f"{rgba.shape = } does not fit {box}")
+    if rgba is not None and not np.isfinite(rgba).all():
+        raise ValueError("the layer holds values that are not finite")

@@ -1,0 +1,117 @@
+"""Upright views of a frame's or an array's samples; nothing is copied or converted here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import av
+import numpy as np
+
+from nlens_video.color import ColorTags
+from nlens_video.errors import InputError
+from nlens_video.kernels.blend_samples import Axis, Coding, Plane, Samples
+from nlens_video.video.formats import PixelLayout, layout
+
+
+def frame_tags(frame: av.VideoFrame, *, transfer: int = 0) -> ColorTags:
+    """What a frame's own tags say, and what has to be assumed.
+
+    Args:
+        frame: in a working format.
+        transfer: FFmpeg's number of the transfer function to take where the frame names none.
+    """
+    kind = _layout(frame)
+    named = frame.color_trc not in (0, 2)
+    return ColorTags.resolve(
+        kind.family, (frame.width, frame.height), matrix=frame.colorspace,
+        transfer=frame.color_trc if named else transfer, primaries=frame.color_primaries,
+        range_=2 if kind.full_range else frame.color_range,
+    )  # fmt: skip
+
+
+def frame_samples(frame: av.VideoFrame, tags: ColorTags, turns: int) -> Samples:
+    """Views of a frame in a working format, turned `turns` quarter turns counter-clockwise."""
+    kind = _layout(frame)
+    views = [_view(frame, kind, plane, place) for plane, place in kind.components]
+    # FFmpeg's 4:2:0 and 4:2:2 have chroma on the left luma column, JPEG's in the middle.
+    left = kind.step_x == 2 and not tags.full_range
+    across = _axis(kind.step_x, left=left)
+    return upright(views, kind, tags, (across, _axis(kind.step_y, left=False)), turns)
+
+
+def array_samples(array: Plane, order: str, tags: ColorTags) -> Samples:
+    """Views of an array (H, W), (H, W, 3) or (H, W, 4) whose channels lie in `order`.
+
+    Raises:
+        InputError: a shape or a type that no picture has.
+    """
+    bits = {"uint8": 8, "uint16": 16, "float32": 0}.get(array.dtype.name)
+    channels = array.shape[2] if array.ndim == 3 else 1
+    if bits is None or array.ndim not in (2, 3) or channels not in (1, 3, 4) or not array.size:
+        raise InputError(
+            f"a picture of shape {array.shape}, {array.dtype}; expected (H, W), (H, W, 3) or "
+            "(H, W, 4) of uint8, uint16 or float32"
+        )
+    places = {"rgb": (0, 1, 2), "bgr": (2, 1, 0)}[order]
+    views = [array[..., place] for place in (*places, 3)[:channels]] if channels > 1 else [
+        array.reshape(array.shape[:2])
+    ]  # fmt: skip
+    kind = PixelLayout(
+        family="rgb" if channels > 1 else "gray", bits=bits, components=((0, 0),) * channels,
+        alpha=channels == 4,
+    )  # fmt: skip
+    return upright(views, kind, tags, (Axis(), Axis()), 0)
+
+
+def upright(
+    views: list[Plane], kind: PixelLayout, tags: ColorTags, axes: tuple[Axis, Axis], turns: int
+) -> Samples:
+    """Samples as displayed, from views as stored and their subsampling across and down."""
+    alpha = views.pop() if kind.alpha else None
+    height, width = views[0].shape
+    if len(views) == 1:  # greyscale: chroma that nothing reads, of the shape the kernels expect
+        views += [np.zeros_like(views[0]), np.zeros_like(views[0])]
+    for _ in range(turns % 4):
+        axes = axes[1], _mirrored(axes[0], width)
+        height, width = width, height
+    family = "gray" if len(kind.components) - kind.alpha == 1 else "yuv"
+    if tags.matrix == "gbr" and family == "yuv":
+        family = "rgb"
+    turned = [np.rot90(view, turns) for view in views]
+    return Samples(
+        (turned[0], turned[1], turned[2]),
+        None if alpha is None else np.rot90(alpha, turns),
+        *axes,
+        Coding(family, tags, kind.bits),
+    )
+
+
+def _layout(frame: av.VideoFrame) -> PixelLayout:
+    kind = layout(frame.format.name)
+    if kind is None:
+        raise ValueError(f"{frame.format.name} is not a working format")
+    return kind
+
+
+def _view(frame: av.VideoFrame, kind: PixelLayout, plane: int, place: int) -> Plane:
+    source = frame.planes[plane]
+    flat: Plane = np.frombuffer(memoryview(source), np.dtype(kind.dtype))
+    rows = flat.reshape(source.height, source.line_size // flat.itemsize)
+    view: Plane = rows[:, place : source.width * kind.channels : kind.channels]
+    return view
+
+
+def _axis(step: int, *, left: bool) -> Axis:
+    if left:
+        return Axis(2, 0, -1, (0.25, 0.5, 0.25))
+    return Axis(step, 0, 0, (1.0 / step,) * step)
+
+
+def _mirrored(axis: Axis, length: int) -> Axis:
+    """The same subsampling seen from the other end of `length` pixels."""
+    return replace(
+        axis,
+        phase=-length % axis.step,
+        first=axis.step - axis.first - len(axis.weights),
+        weights=axis.weights[::-1],
+    )
