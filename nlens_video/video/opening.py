@@ -1,0 +1,133 @@
+"""Opening FFmpeg's inputs, with one clear line when that fails."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import av.container
+import av.video.stream
+
+from nlens_video.errors import InputError, UsageError
+from nlens_video.video.info import Kind
+from nlens_video.video.numbered import Numbered
+
+DEFAULT_RATE = "24"
+"""Frames per second of an image sequence that nothing is said about."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputHints:
+    """What the user says about an input that does not say it itself.
+
+    Attributes:
+        format: FFmpeg's name of a container or device, or of a pixel format: then raw video.
+        size: `WIDTHxHEIGHT`.
+        rate: frames per second, `25` or `30000/1001`.
+    """
+
+    format: str | None = None
+    size: str | None = None
+    rate: str | None = None
+
+
+def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputContainer, Kind]:
+    """Open whatever `spec` names.
+
+    Raises:
+        InputError: it cannot be opened or is no media.
+        UsageError: raw video without a size.
+    """
+    file: object = spec
+    kind: Kind = "video"
+    format_, options = _format(hints)
+    if spec == "-":
+        file, kind = sys.stdin.buffer, "stream"
+    elif "://" in spec or spec.startswith("/dev/"):
+        kind = "stream"
+        if spec.startswith("/dev/video"):
+            format_ = format_ or "v4l2"
+    elif Numbered.matches(spec):
+        first = Numbered(spec).first()
+        format_, kind = "image2", "sequence"
+        options = {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
+    elif format_ is None or format_ == "rawvideo":
+        _check_file(spec)
+    else:
+        kind = "stream"
+    try:
+        container = av.open(file, "r", format=format_, options=options)
+    except (av.FFmpegError, OSError, ValueError) as error:
+        raise InputError(_explain(spec, error)) from error
+    if kind == "video" and _is_still(container):
+        kind = "still"
+    return container, kind
+
+
+def video_stream(container: av.container.InputContainer, spec: str) -> av.video.stream.VideoStream:
+    """The stream to work on.
+
+    Raises:
+        InputError: there is none.
+    """
+    stream = container.streams.best("video")
+    if not isinstance(stream, av.video.stream.VideoStream) or (
+        stream.disposition & av.stream.Disposition.attached_pic
+    ):
+        kinds = ", ".join(sorted({one.type for one in container.streams})) or "nothing"
+        raise InputError(f"{spec}: has no video stream (found: {kinds}); give a video or a picture")
+    return stream
+
+
+def _format(hints: InputHints) -> tuple[str | None, dict[str, str]]:
+    """FFmpeg's input format and its options."""
+    options: dict[str, str] = {}
+    if hints.size is not None:
+        options["video_size"] = hints.size
+    if hints.rate is not None:
+        options["framerate"] = hints.rate
+    name = hints.format
+    if name is None or name in av.formats_available and name != "rawvideo":
+        return name, options if name is not None else {}
+    if name != "rawvideo":
+        try:
+            av.VideoFormat(name)
+        except ValueError as error:
+            raise UsageError(
+                f"--input-format {name} is neither a container, a device nor a pixel format; "
+                "for raw video give a pixel format such as yuv420p or bgr24"
+            ) from error
+        options["pixel_format"] = name
+    if hints.size is None:
+        raise UsageError("raw video does not say its size; give --input-size WIDTHxHEIGHT")
+    return "rawvideo", options
+
+
+def _check_file(spec: str) -> None:
+    path = Path(spec)
+    if not path.exists():
+        raise InputError(f"{spec}: no such file; give a video, a picture or a %04d sequence")
+    if not path.is_file() and not path.is_fifo():
+        raise InputError(f"{spec}: is no file; give a video, a picture or a %04d sequence")
+    if path.is_file() and path.stat().st_size == 0:
+        raise InputError(f"{spec}: is empty; give a video or a picture")
+
+
+def _is_still(container: av.container.InputContainer) -> bool:
+    return container.format.name == "image2" or container.format.name.endswith("_pipe")
+
+
+def _explain(spec: str, error: Exception) -> str:
+    if spec == "-":
+        return (
+            "standard input: no stream that can be read from a pipe; pipe NUT, Matroska or "
+            "yuv4mpeg, or an MP4 made with -movflags +faststart; raw video needs --input-format "
+            "and --input-size"
+        )
+    reason = getattr(error, "strerror", None) or str(error)
+    return (
+        f"{spec}: cannot be opened ({reason}); expected a video, a picture, a %04d sequence "
+        "or a stream that FFmpeg reads"
+    )
