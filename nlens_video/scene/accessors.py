@@ -44,7 +44,7 @@ class AccessorReader:
     _spent: int = 0
 
     def __post_init__(self) -> None:
-        self._items = self.document.root.children("accessors")
+        self._items = self.document.items("accessors")
 
     @property
     def count(self) -> int:
@@ -110,7 +110,7 @@ class AccessorReader:
         count, width = item.integer("count"), self.width(index)
         if count == 0:
             raise item.wrong("count", "an integer of 1 or more")
-        view = item.reference("bufferView", len(self.document.root.children("bufferViews")))
+        view = item.reference("bufferView", len(self.document.items("bufferViews")))
         if view is None:
             self._spend(count * width * dtype.itemsize, item)
             values: Array = np.zeros((count, width), dtype)
@@ -131,7 +131,7 @@ class AccessorReader:
         self, item: Fields, view: int, dtype: np.dtype[np.generic], shape: tuple[int, int]
     ) -> Array:
         data = self.document.buffer_view(view)
-        declared = self.document.root.children("bufferViews")[view]
+        declared = self.document.items("bufferViews")[view]
         size = shape[1] * dtype.itemsize
         stride = declared.integer("byteStride", default=size) or size
         offset = item.integer("byteOffset", default=0)
@@ -152,7 +152,7 @@ class AccessorReader:
         if count == 0:
             return values
         where, what = sparse.child("indices"), sparse.child("values")
-        views = len(self.document.root.children("bufferViews"))
+        views = len(self.document.items("bufferViews"))
         dtype = self._dtype(where)
         if dtype.kind != "u":
             raise where.wrong("componentType", "5121, 5123 or 5125")
@@ -167,13 +167,9 @@ class AccessorReader:
 
     def _spend(self, size: int, item: Fields) -> None:
         self._spent += size
-        held = sum(len(self.document.buffer(i)) for i in range(self._buffers))
+        held = self.document.held_bytes
         if self._spent > _FREE_BYTES + _GROWTH * held:
             raise SceneError(
                 f"{item.place} would grow {held} bytes of data to {self._spent} in memory "
                 f"(more than {_FREE_BYTES >> 20} MiB beyond {_GROWTH} times); not loaded"
             )
-
-    @property
-    def _buffers(self) -> int:
-        return len(self.document.root.children("buffers"))

@@ -175,7 +175,7 @@ def read_animation(
     """
     reader = _TrackReader(document, accessors, hierarchy, morphs)
     tracks: dict[tuple[int, str], Track] = {}
-    for clip in document.root.children("animations"):
+    for clip in document.items("animations"):
         found = reader.clip(clip)
         if any(key in tracks for key in found):
             name = clip.text("name") or clip.place

@@ -12,6 +12,7 @@ from nlens_video.frames import Float32, Float64
 from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
 from nlens_video.scene.mesh import Geometry, face_normals, unit
+from nlens_video.scene.posed import PosedMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,9 +38,9 @@ def read_skins(document: Document, accessors: AccessorReader) -> tuple[Skin, ...
     Raises:
         SceneError: a skin without joints, or with too few inverse bind matrices.
     """
-    nodes = len(document.root.children("nodes"))
+    nodes = len(document.items("nodes"))
     skins = []
-    for item in document.root.children("skins"):
+    for item in document.items("skins"):
         joints = item.integers("joints", nodes)
         if not joints:
             raise SceneError(f"{item.place} has no joints; export the file again")
@@ -74,6 +75,7 @@ class Instance:
     skin: Skin | None
     weights: tuple[float, ...]
     _influence: csr_matrix | None = field(init=False, default=None)
+    _last: tuple[bytes, PosedMesh] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         joints, weights = self.geometry.joints, self.geometry.weights
@@ -91,30 +93,39 @@ class Instance:
         columns = np.where(weights > 0.0, joints, 0).ravel()
         self._influence = csr_matrix((weights.ravel(), (rows, columns)), (len(joints), count))
 
-    def place(self, world: Float64, weights: Float64 | None) -> tuple[Float32, Float32, bool]:
-        """World positions and unit normals (V, 3), and whether the placement mirrors.
+    def place(self, world: Float64, weights: Float64 | None) -> PosedMesh:
+        """The geometry in the world; the very same object while nothing moves.
 
         Args:
             world: world matrices of all nodes (N, 4, 4).
             weights: animated morph weights (T,), or None for those of the file.
         """
-        positions, normals = self._morphed(np.array(self.weights) if weights is None else weights)
-        if self.skin is not None and self._influence is not None:
-            matrices = self.skin.matrices(world)[:, :3, :].reshape(-1, 12).astype(np.float32)
-            blended = (self._influence @ matrices).reshape(-1, 3, 4)
-            placed = np.einsum("vij,vj->vi", blended[:, :, :3], positions) + blended[:, :, 3]
-            turned = np.einsum("vij,vj->vi", blended[:, :, :3], normals)
-            mirrored = False
-        else:
-            matrix = world[self.node]
-            linear = matrix[:3, :3]
-            placed = positions @ linear.T.astype(np.float32) + matrix[:3, 3].astype(np.float32)
+        amounts = np.array(self.weights) if weights is None else weights
+        carriers = world[self.node] if self.skin is None else self.skin.matrices(world)
+        key = carriers.tobytes() + amounts.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self._deformed(carriers, amounts))
+        return self._last[1]
+
+    def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
+        positions, normals = self._morphed(amounts)
+        if self._influence is None:
+            linear = carriers[:3, :3]
+            placed = positions @ linear.T.astype(np.float32) + carriers[:3, 3].astype(np.float32)
             turned = normals @ _cofactor(linear).T.astype(np.float32)
             mirrored = bool(np.linalg.det(linear) < 0.0)
-        if self.geometry.flat and (self.skin is not None or self.geometry.targets is not None):
+        else:
+            matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
+            blended = np.ascontiguousarray((self._influence @ matrices).T).reshape(3, 4, -1)
+            placed = _multiply(blended, positions) + blended[:, 3].T
+            turned = _multiply(blended, normals)
+            mirrored = False
+        if self.geometry.flat and (self._influence is not None or len(amounts)):
             turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
-            return placed, -turned if mirrored else turned, mirrored
-        return placed, unit(turned), mirrored
+            turned = -turned if mirrored else turned
+        else:
+            turned = unit(turned)
+        return PosedMesh(self.geometry, placed, turned, mirrored)
 
     def _morphed(self, weights: Float64) -> tuple[Float32, Float32]:
         geometry = self.geometry
@@ -128,6 +139,15 @@ class Instance:
         if geometry.target_normals is not None:
             normals = normals + np.tensordot(amounts, geometry.target_normals[active], axes=1)
         return positions, normals
+
+
+def _multiply(blended: Float32, vectors: Float32) -> Float32:
+    """Each vertex's own matrix, columns 0 to 2 of (3, 4, V), on its vector (V, 3)."""
+    x, y, z = vectors.T
+    result = np.empty((len(vectors), 3), np.float32)
+    for row, matrix in enumerate(blended):
+        result[:, row] = matrix[0] * x + matrix[1] * y + matrix[2] * z
+    return result
 
 
 def _cofactor(linear: Float64) -> Float64:

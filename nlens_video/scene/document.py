@@ -56,6 +56,13 @@ class Document:
     binary: bytes | None
     warnings: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _items: dict[str, tuple[Fields, ...]] = field(default_factory=dict)
+
+    def items(self, key: str) -> tuple[Fields, ...]:
+        """A top-level list of the file, such as `nodes`; empty where it is absent."""
+        if key not in self._items:
+            self._items[key] = self.root.children(key)
+        return self._items[key]
 
     def warn(self, line: str) -> None:
         """Keep a line for the user, once."""
@@ -72,8 +79,13 @@ class Document:
             self._buffers[index] = self._load_buffer(index)
         return self._buffers[index]
 
+    @property
+    def held_bytes(self) -> int:
+        """Bytes of the buffers that have been read."""
+        return sum(map(len, self._buffers.values()))
+
     def _load_buffer(self, index: int) -> bytes:
-        declared = self.root.children("buffers")[index]
+        declared = self.items("buffers")[index]
         length = declared.integer("byteLength")
         if "uri" in declared:
             data = self.fetch(declared.text("uri"), declared.place)
@@ -93,8 +105,8 @@ class Document:
         Raises:
             SceneError: it reaches beyond its buffer.
         """
-        view = self.root.children("bufferViews")[index]
-        data = self.buffer(view.integer("buffer", below=len(self.root.children("buffers"))))
+        view = self.items("bufferViews")[index]
+        data = self.buffer(view.integer("buffer", below=len(self.items("buffers"))))
         offset, length = view.integer("byteOffset", default=0), view.integer("byteLength")
         if offset + length > len(data):
             raise SceneError(

@@ -76,13 +76,10 @@ class Fields:
 
     def integers(self, key: str, below: int) -> tuple[int, ...]:
         """A list of indices below `below`; empty where it is absent."""
-        value = self.data.get(key, [])
-        if not isinstance(value, list):
-            raise self.wrong(key, "a list of indices")
-        for item in value:
-            if isinstance(item, bool) or not isinstance(item, int) or not 0 <= item < below:
-                raise self.wrong(key, f"a list of indices below {below}")
-        return tuple(value)
+        indices = self.numbers(key)
+        if not all(0 <= index < below and index.is_integer() for index in indices):
+            raise self.wrong(key, f"a list of indices below {below}")
+        return tuple(int(index) for index in indices)
 
     def numbers(self, key: str) -> tuple[float, ...]:
         """A list of finite numbers of any length; empty where it is absent."""

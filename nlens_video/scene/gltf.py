@@ -19,7 +19,7 @@ from nlens_video.scene.materials import read_materials
 from nlens_video.scene.mesh import Mesh, read_meshes
 from nlens_video.scene.nodes import Hierarchy, read_hierarchy
 from nlens_video.scene.perspective import Perspective, read_cameras, rigid
-from nlens_video.scene.posed import PosedMesh, PosedScene
+from nlens_video.scene.posed import PosedScene
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 20_000_000
@@ -100,12 +100,9 @@ class Scene:
         """Triangles and lights at a time [s]; before the first and after the last key they rest."""
         world = self._world(time_s)
         weights = self._animation.weights(time_s)
-        meshes = []
-        for instance in self._instances:
-            placed = instance.place(world, weights.get(instance.node))
-            meshes.append(PosedMesh(instance.geometry, *placed))
+        meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
-        return PosedScene(time_s, tuple(meshes), lights)
+        return PosedScene(time_s, meshes, lights)
 
     def camera(
         self,
@@ -165,7 +162,7 @@ def _instances(
     document: Document, hierarchy: Hierarchy, meshes: tuple[Mesh, ...], skins: tuple[Skin, ...]
 ) -> tuple[Instance, ...]:
     found: list[Instance] = []
-    for index, node in enumerate(document.root.children("nodes")):
+    for index, node in enumerate(document.items("nodes")):
         number = node.reference("mesh", len(meshes))
         skin = node.reference("skin", len(skins))
         if number is None or index not in hierarchy.visible:

@@ -54,7 +54,7 @@ class ImageReader:
     @property
     def count(self) -> int:
         """Textures in the file."""
-        return len(self.document.root.children("textures"))
+        return len(self.document.items("textures"))
 
     def texture(self, index: int, *, srgb: bool) -> Image | None:
         """A texture, or None (with a warning) where its format has no fallback picture.
@@ -64,23 +64,22 @@ class ImageReader:
         """
         key = (index, srgb)
         if key not in self._textures:
-            image = self._read(self.document.root.children("textures")[index], srgb=srgb)
+            image = self._read(self.document.items("textures")[index], srgb=srgb)
             if image is None:
                 return None
             self._textures[key] = image
         return self._textures[key]
 
     def _read(self, texture: Fields, *, srgb: bool) -> Image | None:
-        root = self.document.root
         webp = texture.extension("EXT_texture_webp")
         owner = webp if webp is not None and "source" in webp else texture
-        source = owner.reference("source", len(root.children("images")))
+        source = owner.reference("source", len(self.document.items("images")))
         if source is None:
             self.document.warn(f"{texture.place} has no PNG, JPEG or WebP picture; drawn without")
             return None
         if source not in self._pixels:
-            self._pixels[source] = self._decode(root.children("images")[source])
-        samplers = root.children("samplers")
+            self._pixels[source] = self._decode(self.document.items("images")[source])
+        samplers = self.document.items("samplers")
         chosen = texture.reference("sampler", len(samplers))
         sampler = samplers[chosen] if chosen is not None else Fields({}, texture.place)
         return Image(
@@ -95,7 +94,7 @@ class ImageReader:
         )
 
     def _decode(self, image: Fields) -> npt.NDArray[np.uint8]:
-        views = len(self.document.root.children("bufferViews"))
+        views = len(self.document.items("bufferViews"))
         if "uri" in image:
             data = self.document.fetch(image.text("uri"), image.place)
         else:

@@ -63,7 +63,7 @@ def read_lights(document: Document) -> tuple[tuple[int, Light], ...]:
     declared = extension.children("lights") if extension else ()
     lights = tuple(_read_light(item) for item in declared)
     carried = []
-    for index, node in enumerate(document.root.children("nodes")):
+    for index, node in enumerate(document.items("nodes")):
         reference = node.extension("KHR_lights_punctual")
         if reference is not None:
             carried.append((index, lights[reference.integer("light", below=len(lights))]))

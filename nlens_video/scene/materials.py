@@ -75,7 +75,7 @@ def read_materials(document: Document) -> tuple[Material, ...]:
         SceneError: a factor of the wrong kind, or an image that cannot be decoded.
     """
     images = ImageReader(document)
-    declared = document.root.children("materials")
+    declared = document.items("materials")
     return (*(_read_material(document, images, item) for item in declared), Material())
 
 

@@ -68,19 +68,22 @@ class Mesh:
 def face_normals(positions: Float32, faces: Int32) -> Float32:
     """Unit normals (F, 3) of triangles; +Y where a triangle has no area."""
     a, b, c = (positions[faces[:, corner]] for corner in range(3))
-    return unit(np.cross(b - a, c - a))
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    return unit(np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1))
 
 
 def unit(vectors: Float32) -> Float32:
     """Vectors (N, 3) scaled to length 1; +Y where they have none."""
-    # By the largest component first: a cross product of micrometres underflows when squared.
-    largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
-    scaled = vectors / np.where(largest > 0.0, largest, 1.0).astype(np.float32)
-    length = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, None]
-    up = np.array([0.0, 1.0, 0.0], dtype=np.float32)
-    return np.where(length > 0.0, scaled / np.where(length > 0.0, length, 1.0), up).astype(
-        np.float32, copy=False
-    )
+    # In float64: the cross product of micrometres would underflow when squared.
+    x, y, z = vectors.T.astype(np.float64)
+    length = np.sqrt(x * x + y * y + z * z)
+    none = length == 0.0
+    scale = 1.0 / np.where(none, 1.0, length)
+    result = np.empty((len(vectors), 3), np.float32)
+    for column, values in enumerate((x, y, z)):
+        np.multiply(values, scale, out=result[:, column], casting="same_kind")
+    result[none] = (0.0, 1.0, 0.0)
+    return result
 
 
 def read_meshes(
@@ -92,7 +95,7 @@ def read_meshes(
         SceneError: attributes missing, of the wrong kind or length, or indices out of range.
     """
     reader = _PrimitiveReader(document, accessors, materials)
-    return tuple(reader.mesh(item) for item in document.root.children("meshes"))
+    return tuple(reader.mesh(item) for item in document.items("meshes"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,7 @@ def read_hierarchy(document: Document) -> Hierarchy:
     Raises:
         SceneError: a node has two parents, lies in a cycle, or holds wrong numbers.
     """
-    nodes = document.root.children("nodes")
+    nodes = document.items("nodes")
     parents = _parents(nodes)
     levels = _levels(parents)
     rest = LocalPose(
@@ -149,7 +149,7 @@ def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
 
 
 def _visible(document: Document, parents: list[int]) -> frozenset[int]:
-    scenes = document.root.children("scenes")
+    scenes = document.items("scenes")
     if not scenes:
         return frozenset(range(len(parents)))
     chosen = document.root.integer("scene", below=len(scenes), default=0)

@@ -37,9 +37,9 @@ def read_cameras(document: Document, visible: frozenset[int]) -> tuple[Perspecti
     Raises:
         SceneError: a field of view that no camera can have.
     """
-    declared = document.root.children("cameras")
+    declared = document.items("cameras")
     cameras = []
-    for index, node in enumerate(document.root.children("nodes")):
+    for index, node in enumerate(document.items("nodes")):
         number = node.reference("camera", len(declared))
         if number is None or index not in visible:
             continue
