@@ -1,3 +1,18 @@
 """Put a rendered, animated object into real footage as if the same lens had filmed it."""
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from nlens_video.compositor import Compositor
+
 __version__ = "0.1.0"
+__all__ = ["Compositor", "__version__"]
+
+
+def __getattr__(name: str) -> object:
+    """Load the compositor, and with it the heavy libraries, when it is first asked for."""
+    if name == "Compositor":
+        from nlens_video.compositor import Compositor
+
+        return Compositor
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

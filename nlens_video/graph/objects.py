@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from nlens_video.errors import InputError
-from nlens_video.frames import Box, Float64, ObjectLayer
+from nlens_video.frames import Box, Float32, Float64, ObjectLayer
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
@@ -96,7 +96,7 @@ class RenderedObject:
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
         camera = _camera(self.scene, self.view, time_s)
-        bounds = _bounds(self.scene.pose(time_s).points(), camera)
+        bounds = _bounds(self.scene.pose(time_s).vertices(), camera)
         if bounds is None:
             return None
         box, nearest, farthest = bounds
@@ -107,7 +107,7 @@ class RenderedObject:
 
     def triangles(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) at a moment [scene unit]."""
-        return self.scene.pose(time_s).triangles()
+        return _triangles(self.scene, time_s)
 
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         """Render with a margin for what the lens spreads into the frame from outside."""
@@ -149,7 +149,7 @@ class LayeredObject:
 
     def triangles(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) at a moment [scene unit]."""
-        return self.scene.pose(time_s).triangles()
+        return _triangles(self.scene, time_s)
 
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         """The layer that was read."""
@@ -184,14 +184,19 @@ def _camera(scene: Scene, view: View, time_s: float) -> Camera:
     )
 
 
-def _bounds(points: Float64, camera: Camera) -> tuple[Box, float, float] | None:
+def _triangles(scene: Scene, time_s: float) -> Float64:
+    vertices, faces = scene.pose(time_s).triangles()
+    return vertices.astype(np.float64)[faces]
+
+
+def _bounds(points: Float32, camera: Camera) -> tuple[Box, float, float] | None:
     """Screen bounds and depth range of the points in front of the camera; None if there are none.
 
     A body that reaches behind the camera may cover any pixel: its bounds are the whole frame.
     """
     if not len(points):
         return None
-    seen = camera.to_camera(points)
+    seen = camera.to_camera(points.astype(np.float64))
     depth = -seen[:, 2]
     farthest = float(depth.max())
     if not farthest > 0:

@@ -85,6 +85,13 @@ class Summary:
         return self.frames / self.wall_s if self.wall_s > 0 else 0.0
 
 
+@dataclass(slots=True)
+class Clock:
+    """A time that was taken [ms]."""
+
+    elapsed_ms: float = 0.0
+
+
 class Profiler:
     """Times nodes; the lanes' threads write to it side by side.
 
@@ -115,6 +122,14 @@ class Profiler:
             yield
         finally:
             self.add(index, node, 1e3 * (time.perf_counter() - start))
+
+    @contextmanager
+    def clock(self) -> Iterator[Clock]:
+        """Time a body before it is known which frame it belongs to."""
+        clock = Clock()
+        start = time.perf_counter()
+        yield clock
+        clock.elapsed_ms = 1e3 * (time.perf_counter() - start)
 
     def add(self, index: int, node: str, elapsed_ms: float) -> None:
         """Add a time measured elsewhere [ms]."""

@@ -101,7 +101,7 @@ class FrameSteps:
             state.values[node.output] = self._shot[node.output]
 
     def lanes(
-        self, render_context: Callable[[], AbstractContextManager[None]]
+        self, render_context: Callable[[], AbstractContextManager[object]]
     ) -> list[Lane[object]]:
         """The graph's lanes for `run_lanes`; items that are no `FrameState` pass through.
 

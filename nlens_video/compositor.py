@@ -1,0 +1,189 @@
+"""The plug-in for OpenCV, PyAV and numpy loops: frames in, composited frames out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import numpy.typing as npt
+
+from nlens_video.errors import UsageError
+from nlens_video.graph.assemble import Assembly, Lens, assemble
+from nlens_video.graph.objects import View
+from nlens_video.graph.profiler import Profiler, Summary
+from nlens_video.lens import LensFit
+from nlens_video.settings import Fallback, ObjectSettings
+
+if TYPE_CHECKING:
+    import av
+
+    from nlens_video.frames import Picture
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class _LoopFrame:
+    """A frame of somebody's own loop."""
+
+    index: int
+    time_s: float
+    picture: Picture
+
+
+class Compositor:
+    """Puts an animated object into frames, one at a time.
+
+    The lens is fitted on the first frame with the object in view and kept. All work happens on one
+    thread of the compositor's own (OpenGL lives there), so it can be called from any thread;
+    frames are processed in the order of the calls.
+
+    Args:
+        glb: the animated object, with a perspective camera.
+        preset: shipped pipeline's name or path of a pipeline file.
+        fps: frames per second, for frames that come without a time [1/s].
+        effects: `auto`, `none`, or names separated by commas.
+        fit: the lens, when it is known beforehand.
+        ground_y: height of the ground plane, None for the object's lowest point [scene unit].
+        camera: name of the GLB's camera, None for its first.
+        fallback: `constant` lets a constant CoC stand in for a fit that fails.
+        budget_ms: what a frame may cost [ms].
+
+    Raises:
+        UsageError: an argument makes no sense.
+        SceneError: the GLB cannot be used; raised at the first frame.
+    """
+
+    def __init__(
+        self,
+        glb: str | Path,
+        *,
+        preset: str = "standard",
+        fps: float = 30.0,
+        effects: str = "auto",
+        fit: LensFit | None = None,
+        ground_y: float | None = None,
+        camera: str | None = None,
+        fallback: Fallback = "none",
+        budget_ms: float = 180.0,
+    ) -> None:
+        if not fps > 0:
+            raise UsageError(f"{fps = } must be above 0")
+        self._objects = ObjectSettings(glb=Path(glb), camera=camera, ground_y=ground_y)
+        self._lens = Lens(preset=preset, effects=effects, fit=fit, fallback=fallback)
+        self._fps = fps
+        self._profiler = Profiler(budget_ms)
+        self._assembly: Assembly | None = None
+        self._size: tuple[int, int] | None = None
+        self._count = 0
+        self._stack = ExitStack()
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-compositor")
+
+    def process(self, frame: npt.NDArray[Any], time: float | None = None) -> npt.NDArray[Any]:
+        """Composite one frame.
+
+        Args:
+            frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
+                uint16, or float32 in [0, 1]; left as it is.
+            time: moment of the animation [s]; default: frames so far / fps.
+
+        Returns:
+            A new array of the same shape, type and channel order.
+
+        Raises:
+            InputError: a shape or type that no picture has.
+            SceneError: the GLB cannot be used.
+            LensFitError: no usable lens fit.
+        """
+        from nlens_video.video.picture import ArrayPicture
+
+        result = frame.copy()
+        self._call(lambda: self._composite(ArrayPicture(result), time))
+        return result
+
+    def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
+        """Composite one of PyAV's frames; format, pts and colour tags stay as they are.
+
+        The animation's moment is the frame's own time, where it has one.
+
+        Raises:
+            As `process`.
+        """
+        from nlens_video.video.picture import AvPicture
+
+        picture = AvPicture(frame)
+        self._call(lambda: self._composite(picture, frame.time))
+        return picture.frame
+
+    def stream(self, frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any]]:
+        """Composite frames as they come; a generator that holds one frame at a time."""
+        for frame in frames:
+            yield self.process(frame)
+
+    @property
+    def fit(self) -> LensFit | None:
+        """The lens, once found or given."""
+        return self._assembly.steps.fit if self._assembly is not None else self._lens.fit
+
+    @property
+    def plan(self) -> tuple[str, ...]:
+        """What runs on each frame and why, a line each; empty before the first frame."""
+        if self._assembly is None:
+            return ()
+        from nlens_video.graph.plan import describe
+
+        return tuple(describe(self._assembly))
+
+    @property
+    def timings(self) -> Summary:
+        """The frames so far in a few numbers."""
+        return self._profiler.summary()
+
+    def close(self) -> None:
+        """Free OpenGL, networks and the thread; harmless when repeated."""
+        if self._assembly is not None:
+            self._worker.submit(self._stack.close).result()
+            self._assembly = None
+        self._worker.shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _call(self, work: Callable[[], R]) -> R:
+        return self._worker.submit(work).result()
+
+    def _composite(self, picture: Picture, time: float | None) -> None:
+        assembly = self._assembled(picture)
+        steps = assembly.steps
+        moment = self._count / self._fps if time is None else time
+        state = steps.enter(_LoopFrame(self._count, moment, picture))
+        steps.run(state, assembly.graph.nodes)
+        self._profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
+        self._count += 1
+
+    def _assembled(self, picture: Picture) -> Assembly:
+        size = (picture.width, picture.height)
+        if self._assembly is None:
+            view = View(width=size[0], height=size[1], camera=self._objects.camera)
+            self._assembly = assemble(self._objects, self._lens, view, self._profiler)
+            self._stack.enter_context(self._assembly.render_context())
+            self._size = size
+        if size != self._size:
+            raise UsageError(
+                f"a frame of {size[0]}x{size[1]} after frames of {self._size}: one compositor "
+                "takes one size; make another for other frames"
+            )
+        return self._assembly

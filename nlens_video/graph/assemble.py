@@ -1,0 +1,144 @@
+"""From settings to a graph that is ready to take frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+
+from nlens_video.effects.planner import Decision, decide
+from nlens_video.errors import UsageError
+from nlens_video.frames import CocMap, Picture
+from nlens_video.graph.build import Graph, build
+from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.registry import ShotRecord, Tools
+from nlens_video.graph.stream import FrameSteps
+from nlens_video.lens import LensFit
+from nlens_video.scene.gltf import Scene
+from nlens_video.settings import Device, Fallback, ObjectSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lens:
+    """How the lens is found and simulated.
+
+    Attributes:
+        preset: shipped pipeline's name or path of a pipeline file.
+        effects: `auto`, `none`, or names separated by commas.
+        fit: the lens, when it is known beforehand.
+        fallback: what stands in for a fit that fails.
+        device: where networks and kernels run.
+    """
+
+    preset: str = "standard"
+    effects: str = "auto"
+    fit: LensFit | None = None
+    fallback: Fallback = "none"
+    device: Device = "auto"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assembly:
+    """Everything that a stream of frames is run with.
+
+    Attributes:
+        scene: the GLB.
+        graph: the nodes.
+        steps: runs them.
+        decisions: which effects, and why.
+        record: what the fit was made from.
+        render_context: holds what the render lane's thread must open and close.
+        notes: what a person should know before the run.
+    """
+
+    scene: Scene
+    graph: Graph
+    steps: FrameSteps
+    decisions: tuple[Decision, ...]
+    record: ShotRecord
+    render_context: Callable[[], AbstractContextManager[object]]
+    notes: Callable[[], tuple[str, ...]]
+
+
+def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler) -> Assembly:
+    """Load the scene, choose the backends and build the graph.
+
+    Args:
+        objects: the object.
+        lens: how the lens is found and simulated.
+        view: the frame that sees it.
+        profiler: times the nodes.
+
+    Raises:
+        UsageError: preset, effects, device or pipeline make no sense.
+        SceneError: the GLB cannot be used.
+        InputError: the layers cannot be read.
+        LensFitError: the given fit cannot be used.
+    """
+    if lens.device == "cuda":
+        raise UsageError("--device cuda: this version runs on the CPU only; use auto or cpu")
+    pipeline = load_pipeline(lens.preset)
+    decisions = decide(lens.effects)
+    scene = Scene.load(objects.glb)
+    source, render_context, notes = _object_source(objects, scene, view)
+    record = ShotRecord()
+    tools = Tools(
+        objects=source,
+        estimate_coc=_load_estimator,
+        ground_y=objects.ground_y,
+        fallback_constant=lens.fallback == "constant",
+        pixel_aspect=view.pixel_aspect,
+        record=record,
+    )
+    fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
+    graph = build(pipeline, decisions, tools, fit_given=fit is not None)
+    return Assembly(
+        scene=scene,
+        graph=graph,
+        steps=FrameSteps(graph, profiler, fit),
+        decisions=decisions,
+        record=record,
+        render_context=render_context,
+        notes=lambda: (*scene.warnings, *notes(), *([record.note] if record.note else [])),
+    )
+
+
+def _object_source(
+    objects: ObjectSettings, scene: Scene, view: View
+) -> tuple[
+    ObjectSource,
+    Callable[[], AbstractContextManager[object]],
+    Callable[[], tuple[str, ...]],
+]:
+    scene.camera(0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect)
+    if objects.layers is not None:
+        from nlens_video.video.exr import LayerReader
+
+        layers = LayerReader(objects.layers, (view.width, view.height))
+        return LayeredObject(scene, layers, view), nullcontext, tuple
+    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+
+    renderer = PyrenderObjectRenderer(scene)
+    return (
+        RenderedObject(scene, renderer, view),
+        lambda: renderer,
+        lambda: (renderer.light_note,),
+    )
+
+
+def _load_estimator() -> Callable[[Picture], CocMap]:
+    from nlens_video.backends.coc_onnx import OnnxCocNetwork
+    from nlens_video.model_store import find_model
+    from nlens_video.stages.f_coc import EstimateCoc
+
+    estimator: Callable[[Picture], CocMap] | None = None
+
+    def estimate(picture: Picture) -> CocMap:
+        nonlocal estimator
+        if estimator is None:  # loading takes as long as a few frames: only when it is needed
+            estimator = EstimateCoc(OnnxCocNetwork(find_model("coc").path))
+        return estimator(picture)
+
+    return estimate

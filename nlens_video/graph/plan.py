@@ -1,0 +1,27 @@
+"""The resolved graph in words: what runs, on what, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from nlens_video.graph.assemble import Assembly
+from nlens_video.graph.node import CONDITIONS, Node
+
+
+def describe(assembly: Assembly) -> Iterator[str]:
+    """Lines for a person: pipeline, effects, nodes with backend and condition, warnings."""
+    graph = assembly.graph
+    yield f"pipeline {graph.pipeline}: {graph.summary}"
+    for decision in assembly.decisions:
+        yield f"effect {decision.effect}: {'yes' if decision.wanted else 'no'}, {decision.reason}"
+    for node in graph.nodes:
+        yield f"node {node.name} [{_when(node)}; lane {node.lane}] {node.backend}"
+    for name, reason in graph.left_out:
+        yield f"left out {name}: {reason}"
+    for note in assembly.notes():
+        yield f"note: {note}"
+
+
+def _when(node: Node) -> str:
+    cadence = "once a shot" if node.cadence == "shot" else "each frame"
+    return cadence if node.when is None else f"{cadence} when {CONDITIONS[node.when][1]}"

@@ -1,0 +1,180 @@
+"""Those who look on while a run goes by: timing rows, EXR layers, the report."""
+
+from __future__ import annotations
+
+import json
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Protocol, Self
+
+import numpy as np
+
+from nlens_video.errors import OutputError
+from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.graph.assemble import Assembly
+from nlens_video.graph.profiler import FrameTiming, Profiler, Summary
+from nlens_video.graph.stream import FrameState
+from nlens_video.settings import OutputSettings, Settings
+from nlens_video.video.atomic import check_folder, replacing
+from nlens_video.video.exr import write_layers
+from nlens_video.video.info import SourceInfo
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """What is known when a run begins."""
+
+    info: SourceInfo
+    assembly: Assembly
+    profiler: Profiler
+
+
+class Observer(AbstractContextManager["Observer"], Protocol):
+    """Looks on; changes nothing."""
+
+    def entering(self, state: FrameState) -> None:
+        """A frame comes in, not yet touched (on the decoding thread)."""
+        ...
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """A frame was written."""
+        ...
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """The last frame was written."""
+        ...
+
+
+def observers(
+    settings: Settings, started: Started, output: OutputSettings | None
+) -> list[Observer]:
+    """Those that the settings ask for.
+
+    Raises:
+        OutputError: a folder or file cannot be made.
+    """
+    watching: list[Observer] = []
+    if settings.timings is not None:
+        watching.append(TimingRows(settings.timings, settings, started))
+    if settings.aov is not None:
+        watching.append(AovLayers(settings.aov, started))
+    if settings.report is not None and output is not None:
+        from nlens_video.report.collect import Report
+
+        watching.append(Report(settings.report, started, output.spec))
+    return watching
+
+
+class _Watching:
+    """What most observers leave as it is."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        return None
+
+    def entering(self, state: FrameState) -> None:
+        """Nothing to do."""
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """Nothing to do."""
+
+
+class TimingRows(_Watching):
+    """`--timings`: one row per frame, written as it comes, so that memory stays the same."""
+
+    def __init__(self, path: Path, settings: Settings, started: Started) -> None:
+        check_folder(path)
+        self._path = path
+        self._stack = ExitStack()
+        self._stream: IO[str] | None = None
+        self._head = {
+            "budget_ms": settings.budget_ms,
+            "preset": started.assembly.graph.pipeline,
+            "device": "cpu",
+        }
+        self._rows = 0
+
+    def __enter__(self) -> Self:
+        partial = self._stack.enter_context(replacing(self._path))
+        self._stream = self._stack.enter_context(partial.open("w"))
+        head = json.dumps(self._head, indent=1)
+        self._stream.write(head.rstrip("}\n") + ',\n "frames": [')
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Write the row."""
+        assert self._stream is not None
+        row = {
+            "index": timing.index,
+            "pts": timing.pts,
+            "nodes": {name: round(ms, 3) for name, ms in timing.nodes.items()},
+            "total_ms": round(timing.total_ms, 3),
+        }
+        self._stream.write(("," if self._rows else "") + "\n  " + json.dumps(row))
+        self._rows += 1
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """Close the list."""
+        assert self._stream is not None
+        tail = json.dumps({**asdict(summary), "fps": summary.fps})
+        self._stream.write(f'\n ],\n "summary": {tail}\n}}\n')
+
+
+class AovLayers(_Watching):
+    """`--aov`: what the nodes made of each frame, as multi-channel OpenEXR."""
+
+    def __init__(self, folder: Path, started: Started) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(
+                f"{folder}: cannot be made ({error}); give a writable folder"
+            ) from error
+        self._folder = folder
+        self._frame = Box(0, 0, started.info.width, started.info.height)
+        self._record = started.assembly.record
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Write the layers of one frame, those of the fit on the frame that carried it."""
+        channels: dict[str, Float32] = {}
+        if state.carried_fit and self._record.plate_coc and self._record.ground:
+            channels["plate.coc_px"] = self._record.plate_coc.coc_px
+            channels["plate.sigma_px"] = self._record.plate_coc.sigma_px
+            channels["projection.mask"] = self._record.ground.mask.astype(np.float32)
+        layer, defocused = state.values.get("layer"), state.values.get("defocused")
+        if isinstance(layer, ObjectLayer):
+            for at, name in enumerate("RGBA"):
+                channels[f"object.{name}"] = self._on_frame(layer.box, layer.rgba[..., at], 0.0)
+            channels["object.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
+        if isinstance(defocused, DefocusedLayer):
+            channels["object.coc_px"] = self._on_frame(defocused.layer.box, defocused.coc_px, 0.0)
+        blurred = state.values.get("blurred")
+        if isinstance(blurred, BlurredLayer):
+            for at, name in enumerate("RGBA"):
+                channels[name] = self._on_frame(blurred.box, blurred.rgba[..., at], 0.0)
+        if channels:
+            write_layers(self._folder / f"{timing.index:06d}.exr", channels)
+
+    def _on_frame(self, box: Box, values: Float32, empty: float) -> Float32:
+        whole = np.full((self._frame.height, self._frame.width), empty, np.float32)
+        inside = box.intersection(self._frame)
+        if not inside.empty:
+            whole[inside.slices_in(self._frame)] = values[inside.slices_in(box)]
+        return whole

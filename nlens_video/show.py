@@ -1,0 +1,127 @@
+"""What a person sees: progress, plan, fit and summary; or the same as JSON for a script."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from nlens_video.lens import LensFit
+    from nlens_video.run import FitOutcome, Outcome
+
+OnProgress = Callable[[int, int | None], None]
+
+
+class Voice:
+    """Speaks on standard error, and on standard output where that is not taken by the video.
+
+    Args:
+        quiet: errors only.
+        as_json: results as JSON on standard output.
+        progress: whether a progress bar may be shown.
+        stdout_taken: whether the video goes to standard output.
+    """
+
+    def __init__(self, *, quiet: bool, as_json: bool, progress: bool, stdout_taken: bool) -> None:
+        self._quiet = quiet
+        self._json = as_json
+        self._console = Console(stderr=True, highlight=False)
+        self._progress = progress and not quiet and self._console.is_terminal
+        self._results = sys.stderr if stdout_taken else sys.stdout
+
+    @contextmanager
+    def progress_bar(self) -> Iterator[OnProgress]:
+        """A function to call with (frames done, frames in all or None)."""
+        if not self._progress:
+            yield lambda done, total: None
+            return
+        columns = (
+            TextColumn("compositing"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TextColumn("{task.completed} frames, {task.fields[fps]:.1f} fps"),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=self._console, transient=True) as bar:
+            task = bar.add_task("compositing", total=None, fps=0.0)
+
+            def on_progress(done: int, total: int | None) -> None:
+                elapsed = bar.tasks[0].elapsed or 0.0
+                fps = done / elapsed if elapsed > 0 else 0.0
+                bar.update(task, completed=done, total=total, fps=fps)
+
+            yield on_progress
+
+    def plan(self, lines: Sequence[str]) -> None:
+        """Show the resolved graph."""
+        if self._json:
+            self._emit({"plan": list(lines)})
+        else:
+            for line in lines:
+                print(line, file=self._results)
+
+    def fit(self, outcome: FitOutcome) -> None:
+        """Show a fit that was saved."""
+        if self._json:
+            self._emit({"fit": asdict(outcome.fit), "saved": str(outcome.path)})
+        elif not self._quiet:
+            self._console.print(f"lens   {fit_line(outcome.fit)}")
+            self._notes(outcome.notes)
+            self._console.print(f"saved  {outcome.path}")
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Show how a run went."""
+        if self._json:
+            self._emit(outcome.as_json())
+        elif not self._quiet:
+            self._summary(outcome)
+
+    def _summary(self, outcome: Outcome) -> None:
+        timing = outcome.timing
+        table = Table(box=None, show_header=False, pad_edge=False)
+        table.add_column(style="bold")
+        table.add_column()
+        table.add_row(
+            "wrote", f"{outcome.output}: {timing.frames} frames, {outcome.composited} with"
+        )
+        table.add_row("lens", fit_line(outcome.fit) if outcome.fit else "no object in view, no fit")
+        for decision in outcome.decisions:
+            state = "on" if decision.wanted else "off"
+            table.add_row("effect", f"{decision.effect} {state}: {decision.reason}")
+        nodes = "  ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
+        table.add_row("ms", f"{nodes}")
+        table.add_row(
+            "frame",
+            f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms, first "
+            f"{timing.first_frame_ms:.0f} ms; {timing.within_budget:.0%} within "
+            f"{timing.budget_ms:g} ms; {timing.fps:.1f} fps",
+        )
+        self._console.print(table)
+        self._notes(outcome.notes)
+
+    def _notes(self, notes: Sequence[str]) -> None:
+        for note in notes:
+            self._console.print(f"note   {note}", markup=False)
+
+    def _emit(self, value: object) -> None:
+        print(json.dumps(value, indent=2), file=self._results)
+
+
+def fit_line(fit: LensFit) -> str:
+    """The lens in one line."""
+    if fit.slope == 0:
+        return f"constant CoC of {abs(fit.intercept):.1f} px ({fit.sign}); {fit.method}"
+    return (
+        f"coc_px = {fit.slope:.4g} ± {fit.slope_stderr:.2g} · disparity "
+        f"{fit.intercept:+.4g} ± {fit.intercept_stderr:.2g}, in focus at depth "
+        f"{1 / fit.focus_disparity if fit.focus_disparity > 0 else float('inf'):.4g}; "
+        f"residual {fit.rmse_px:.2f} px, sign {fit.sign} (margin {fit.sign_margin:.2f})"
+    )

@@ -1,0 +1,98 @@
+import itertools
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from nlens_video.graph.lanes import Lane, run_lanes
+
+
+def step(function):
+    @contextmanager
+    def opened():
+        yield function
+
+    return opened
+
+
+def lane_threads():
+    return [t for t in threading.enumerate() if t.name in {"decode", "a", "b"}]
+
+
+def test_items_pass_all_lanes_in_order():
+    lanes = [Lane("a", step(lambda x: x + 1)), Lane("b", step(lambda x: x * 10))]
+    assert list(run_lanes(range(50), lanes)) == [(x + 1) * 10 for x in range(50)]
+    assert not lane_threads()
+
+
+def test_endless_source_is_read_only_a_few_items_ahead_and_all_threads_end():
+    made = []
+    closed = []
+
+    def endless():
+        try:
+            for number in itertools.count():
+                made.append(number)
+                yield number
+        finally:
+            closed.append(True)
+
+    stream = run_lanes(endless(), [Lane("a", step(lambda x: x)), Lane("b", step(lambda x: x))])
+    assert [next(stream) for _ in range(3)] == [0, 1, 2]
+    time.sleep(0.3)
+    # three queues of two, one item in the hands of each thread, three taken
+    assert len(made) <= 3 + 3 * 2 + 3
+    stream.close()
+    assert not lane_threads()
+    assert closed
+
+
+def test_lane_opens_works_and_closes_on_one_thread_of_its_own():
+    seen = []
+
+    @contextmanager
+    def opened():
+        seen.append(threading.current_thread())
+        yield lambda x: (seen.append(threading.current_thread()), x)[1]
+        seen.append(threading.current_thread())
+
+    list(run_lanes([1, 2], [Lane("a", opened)]))
+    assert len(set(seen)) == 1 and seen[0].name == "a" and len(seen) == 4
+
+
+@pytest.mark.parametrize("where", ["source", "lane", "opening"])
+def test_fault_surfaces_after_the_items_before_it(where):
+    def source():
+        yield 1
+        if where == "source":
+            raise OSError("broken")
+        yield 2
+
+    def work(item):
+        if where == "lane" and item == 2:
+            raise OSError("broken")
+        return item
+
+    @contextmanager
+    def opened():
+        if where == "opening":
+            raise OSError("broken")
+        yield work
+
+    got = []
+    with pytest.raises(OSError, match="broken"):
+        for item in run_lanes(source(), [Lane("a", opened), Lane("b", step(lambda x: x))]):
+            got.append(item)
+    assert got == ([] if where == "opening" else [1])
+    assert not lane_threads()
+
+
+def test_lanes_overlap():
+    def slow(item):
+        time.sleep(0.02)
+        return item
+
+    start = time.perf_counter()
+    list(run_lanes(range(20), [Lane("a", step(slow)), Lane("b", step(slow))]))
+    assert time.perf_counter() - start < 20 * 0.04  # one after the other would take 0.8 s
