@@ -46,7 +46,7 @@ def read_exr(path: Path) -> ExrImage:
         raise InputError(f"{path}: no such file; expected an OpenEXR file")
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            header: dict[str, Any] = file.header()
+            header: dict[str, Any] = dict(file.header())  # emptied on closing
             pixels = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, OSError) as error:
         raise InputError(f"{path}: cannot be read as OpenEXR ({_first_line(error)})") from error

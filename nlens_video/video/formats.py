@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import av
+from av.video.reformatter import Interpolation
 
-from nlens_video.color import Family
+from nlens_video.color import FULL_RANGE, MATRICES, ColorTags, Family
 from nlens_video.errors import InputError
 
 
@@ -49,6 +50,13 @@ _GBR = re.compile(r"gbr(a?)p(?:(f?)(\d+)le)?")
 _GRAY = re.compile(r"(gray|ya)(?:(f?)(\d+)(?:le)?)?")
 _PACKED = re.compile(
     r"(?:rgb|bgr)(?:24|48le|f32le)|(?:rgb|bgr)a(?:64le|f32le)?|(?:rgb|bgr)0|[a0](?:rgb|bgr)"
+)
+
+_SWS = (
+    Interpolation.BICUBIC
+    | Interpolation.ACCURATE_RND
+    | Interpolation.FULL_CHR_H_INT
+    | Interpolation.FULL_CHR_H_INP
 )
 
 WORKING_FORMATS = {
@@ -151,21 +159,40 @@ def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
     return frame if target == frame.format.name else converted(frame, target)
 
 
-def converted(frame: av.VideoFrame, target: str) -> av.VideoFrame:
-    """The frame in another pixel format, with its time, tags and range kept.
+def converted(
+    frame: av.VideoFrame, target: str, tags: ColorTags | None = None
+) -> av.VideoFrame:  # fmt: skip
+    """The frame in another pixel format, with its time kept.
 
-    The conversion is told that matrix and range are the same on both sides, so that swscale only
-    moves and rescales samples, except from YUV to RGB and back.
+    Between two YUV formats or two RGB formats samples are moved and rescaled, matrix and range
+    stay. From YUV to RGB goes by `tags`; from RGB to YUV by BT.709, limited range unless the name
+    of the format says otherwise, and the result is tagged so.
+
+    Args:
+        frame: any.
+        target: FFmpeg's name of a pixel format.
+        tags: what the frame's samples mean; needed from YUV to RGB.
     """
+    was, becomes = av.VideoFormat(frame.format.name).is_rgb, av.VideoFormat(target).is_rgb
     matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
     span = frame.color_range or 1
+    if tags is not None and not was and tags.matrix != "gbr":
+        matrix = next(number for number, name in MATRICES.items() if name == tags.matrix)
+        span = FULL_RANGE if tags.full_range else 1
+    to_yuv = was and not becomes
     result = frame.reformat(
-        format=target, src_colorspace=matrix, dst_colorspace=matrix, src_color_range=span,
-        dst_color_range=span, interpolation="BICUBIC",
+        format=target, src_colorspace=matrix, dst_colorspace=1 if to_yuv else matrix,
+        src_color_range=span,
+        dst_color_range=FULL_RANGE if target.startswith("yuvj") else 1 if to_yuv else span,
+        interpolation=_SWS,
     )  # fmt: skip
-    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
-        setattr(result, name, getattr(frame, name))
-    result.pts = frame.pts
+    result.color_primaries, result.color_trc = frame.color_primaries, frame.color_trc
+    result.colorspace = 1 if to_yuv else 0 if becomes else frame.colorspace
+    if to_yuv or becomes:
+        result.color_range = FULL_RANGE if becomes or target.startswith("yuvj") else 1
+    else:
+        result.color_range = frame.color_range
+    result.pts, result.duration = frame.pts, frame.duration
     if frame.time_base is not None:
         result.time_base = frame.time_base
     return result

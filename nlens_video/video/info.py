@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import av
 import av.container
-import av.stream
+from av.stream import Stream
 
 from nlens_video.color import ColorTags
 from nlens_video.frames import Picture
@@ -25,6 +25,23 @@ class FrameTags:
     color_range: int = 0
     color_primaries: int = 2
     color_trc: int = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CopiedStream:
+    """A stream that travels along undecoded.
+
+    Attributes:
+        index: in the source.
+        type: `audio`, `subtitle` or `data`.
+        codec: FFmpeg's name, empty where FFmpeg knows none.
+        stream: FFmpeg's own; not to be touched once the source is closed.
+    """
+
+    index: int
+    type: str
+    codec: str
+    stream: Stream = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +87,7 @@ class SourceInfo:
     codec: str
     bit_rate: int | None = None
     interlaced: bool = False
-    copied: tuple[av.stream.Stream, ...] = ()
+    copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
     chapters: tuple[av.container.Chapter, ...] = ()
     notes: tuple[str, ...] = ()

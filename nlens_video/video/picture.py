@@ -98,6 +98,7 @@ class ArrayPicture(_Blended):
         self, array: Plane, order: Literal["bgr", "rgb"] = "bgr", tags: ColorTags = SRGB
     ) -> None:
         self.array = array
+        self.order = order
         self.tags = tags
         self._views = array_samples(array, order, tags)
 

@@ -15,7 +15,7 @@ from av.stream import Stream
 
 from nlens_video.errors import InputError
 from nlens_video.video.exr_source import ExrSource
-from nlens_video.video.info import FrameTags, Kind, Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import CopiedStream, FrameTags, Kind, Packet, SourceFrame, SourceInfo
 from nlens_video.video.opening import InputHints, open_container, video_stream
 from nlens_video.video.picture import AvPicture
 from nlens_video.video.samples import frame_tags
@@ -203,7 +203,7 @@ class AvSource:
             ),
             sample_aspect_ratio=stream.sample_aspect_ratio or None,
             codec=stream.codec.name, bit_rate=stream.bit_rate or None,
-            interlaced=first.interlaced_frame, copied=self._copied,
+            interlaced=first.interlaced_frame, copied=tuple(map(_described, self._copied)),
             metadata=dict(container.metadata), chapters=tuple(container.chapters()),
             notes=_left_out(container, stream, self._copied),
         )  # fmt: skip
@@ -232,6 +232,12 @@ class _Clock:
     def seconds(self, pts: int) -> float:
         """Since the first frame [s]."""
         return float((pts - (self._first or 0)) * self.time_base)
+
+
+def _described(stream: Stream) -> CopiedStream:
+    context = stream.codec_context
+    name = "" if context is None else context.name
+    return CopiedStream(index=stream.index, type=stream.type, codec=name, stream=stream)
 
 
 def _copied(container: av.container.InputContainer) -> tuple[Stream, ...]:

@@ -1,0 +1,87 @@
+"""Where results go: `open_sink` for anything that FFmpeg writes, stills, sequences and OpenEXR."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from nlens_video.errors import OutputError
+from nlens_video.video.atomic import check_folder
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.numbered import Numbered
+from nlens_video.video.still_sink import EXTENSIONS, StillSink
+from nlens_video.video.video_sink import VideoSink
+
+
+class Sink(Protocol):
+    """Takes frames in order. A context manager: left without `commit`, it leaves nothing behind.
+
+    Attributes:
+        notes: what differs from the source, and why; for the plan and the log.
+        kept: the partial file that an aborted run has left, where that was asked for.
+    """
+
+    notes: tuple[str, ...]
+    kept: Path | None
+
+    def write(self, frame: SourceFrame) -> None:
+        """Encode one frame."""
+        ...
+
+    def write_packet(self, packet: Packet) -> None:
+        """Carry over a packet of one of the source's other streams, from any thread."""
+        ...
+
+    def commit(self) -> None:
+        """Finish the result and give it its name."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...  # fmt: skip
+
+
+def open_sink(
+    spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
+    pix_fmt: str | None = None, keep_partial: bool = False,
+) -> Sink:  # fmt: skip
+    """Open a result; nothing of that name exists before `commit`.
+
+    Args:
+        spec: video file by its extension, picture, `%04d` sequence, or `-` for standard output.
+        info: the source whose timing, tags and other streams are carried over.
+        codec: encoder or codec family; default: the source's family.
+        crf: quality; default: visually lossless.
+        pix_fmt: pixel format; default: the source's.
+        keep_partial: whether an aborted run leaves a playable file.
+
+    Raises:
+        OutputError: it cannot be written there, or nothing writes that extension.
+        UsageError: codec, quality or pixel format do not exist or do not go together.
+    """
+    if spec != "-" and "://" not in spec:
+        path = Path(spec)
+        check_folder(path)
+        if _same_file(info.name, spec):
+            raise OutputError(f"{spec}: is the input as well; give the result another name")
+        if path.suffix.lower() in EXTENSIONS:
+            if info.kind not in ("still",) and not Numbered.matches(spec):
+                raise OutputError(
+                    f"{spec}: is one picture, the plate is a {info.kind}; "
+                    "give a video or a sequence such as out_%04d.png"
+                )
+            return StillSink(spec, info, pix_fmt=pix_fmt, keep_partial=keep_partial)
+    return VideoSink(
+        spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt, keep_partial=keep_partial
+    )  # fmt: skip
+
+
+def _same_file(first: str, second: str) -> bool:
+    if first == second:
+        return True
+    paths = Path(first), Path(second)
+    return all(path.exists() for path in paths) and paths[0].samefile(paths[1])

@@ -1,0 +1,241 @@
+"""Encoding into a container: exact timing, tags and the source's other streams carried over."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import av
+import av.container
+from av.codec.context import Flags
+from av.stream import Stream
+from av.video.stream import VideoStream
+
+from nlens_video.color import FULL_RANGE
+from nlens_video.errors import InputError, OutputError
+from nlens_video.video.atomic import partial_name, publish
+from nlens_video.video.audio import AudioEncoder
+from nlens_video.video.encoding import Encoding, choose_encoding
+from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
+from nlens_video.video.rendered import picture_frame
+
+_SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
+
+
+class BrokenPipe(OutputError):
+    """Whoever reads standard output has gone; end quietly."""
+
+
+class VideoSink:
+    """A video file, or a NUT stream of raw frames on standard output.
+
+    Attributes:
+        encoding: encoder, pixel format, options.
+        notes: what differs from the source, and why.
+        kept: the partial file that an aborted run has left, where that was asked for.
+    """
+
+    def __init__(
+        self, spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
+        pix_fmt: str | None = None, keep_partial: bool = False,
+    ) -> None:  # fmt: skip
+        self.kept: Path | None = None
+        self._info = info
+        self._spec = spec
+        self._path = None if spec == "-" or "://" in spec else Path(spec)
+        self._partial = partial_name(self._path) if self._path else None
+        self._keep = keep_partial and self._path is not None
+        self._lock = threading.Lock()
+        self._open = True
+        self._container = self._open_container()
+        try:
+            if self._path is None and codec is None:
+                codec = "rawvideo"
+            self.encoding = choose_encoding(
+                info, self._container.supported_codecs, self._container.format.name,
+                codec=codec, crf=crf, pix_fmt=pix_fmt,
+            )  # fmt: skip
+            self._stream = self._add_video(self.encoding)
+            notes = self._add_copied()
+        except BaseException:
+            self._discard()
+            raise
+        self.notes = (*self.encoding.reasons, *notes)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        if not self._open:
+            return
+        if self._keep and self._path is not None and self._partial is not None:
+            with contextlib.suppress(OutputError):
+                self._finish()
+                self.kept = self._path.with_name(f"{self._path.stem}.partial{self._path.suffix}")
+                publish(self._partial, self.kept)
+        self._discard()
+
+    def write(self, frame: SourceFrame) -> None:
+        """Encode one frame at its own time.
+
+        Raises:
+            OutputError: the disk is full, the encoder refuses.
+        """
+        encoded = picture_frame(frame.picture, self.encoding.pixel_format)
+        encoded.pts, encoded.time_base = frame.pts, frame.time_base
+        encoded.duration = frame.duration
+        encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
+        with self._lock, self._writing():
+            self._container.mux(self._stream.encode(encoded))
+
+    def write_packet(self, packet: Packet) -> None:
+        """Carry over a packet of another stream; one that was dropped, or after the end: nothing.
+
+        Raises:
+            OutputError: the disk is full, or the container refuses it.
+        """
+        with self._lock, self._writing():
+            target = self._targets.get(packet.stream.index) if self._open else None
+            if isinstance(target, AudioEncoder):
+                self._container.mux(target.encode(packet))
+            elif target is not None:
+                packet.stream = target
+                self._container.mux(packet)
+
+    def commit(self) -> None:
+        """Finish the file and give it its name.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        self._finish()
+        if self._path is not None and self._partial is not None:
+            publish(self._partial, self._path)
+
+    def _finish(self) -> None:
+        with self._lock, self._writing():
+            self._container.mux(self._stream.encode(None))
+            for target in self._targets.values():
+                if isinstance(target, AudioEncoder):
+                    self._container.mux(target.encode(None))
+            self._open = False
+            self._container.close()
+
+    def _discard(self) -> None:
+        with self._lock:
+            if self._open:
+                self._open = False
+                with contextlib.suppress(av.FFmpegError, OSError, ValueError):
+                    self._container.close()
+        if self._partial is not None:
+            with contextlib.suppress(OSError):
+                self._partial.unlink(missing_ok=True)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenPipeError as error:
+            raise BrokenPipe(f"{self._spec}: nobody reads it any more") from error
+        except (av.FFmpegError, OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise OutputError(
+                f"{self._spec}: cannot be written ({reason}); check the disk, --codec and --pix-fmt"
+            ) from error
+
+    def _open_container(self) -> av.container.OutputContainer:
+        if self._spec == "-":
+            return av.open(sys.stdout.buffer, "w", format="nut")
+        options = {}
+        if self._keep and self._path is not None and self._path.suffix in (".mp4", ".mov", ".m4v"):
+            options["movflags"] = "hybrid_fragmented"
+        target = str(self._partial or self._spec)
+        try:
+            return av.open(target, "w", container_options=options)
+        except ValueError as error:
+            raise OutputError(
+                f"{self._spec}: nothing writes this extension; try .mp4, .mov, .mkv, .webm, .png"
+            ) from error
+        except (av.FFmpegError, OSError) as error:
+            raise OutputError(f"{self._spec}: cannot be written ({error.strerror})") from error
+
+    def _add_video(self, encoding: Encoding) -> VideoStream:
+        info = self._info
+        rate = info.average_rate or Fraction(25)
+        stream = self._container.add_stream(encoding.codec, rate, dict(encoding.options))
+        if not isinstance(stream, VideoStream):
+            raise InputError(f"{encoding.codec} is no video encoder")
+        context = stream.codec_context
+        stream.width, stream.height = info.stored_size
+        stream.pix_fmt = encoding.pixel_format
+        stream.time_base = context.time_base = info.time_base
+        context.flags |= Flags.frame_duration
+        context.thread_type = "AUTO"
+        if info.sample_aspect_ratio:
+            context.sample_aspect_ratio = info.sample_aspect_ratio
+        if info.rotation:
+            stream.set_display_rotation(info.rotation)
+        self._set_colour(stream)
+        return stream
+
+    def _set_colour(self, stream: VideoStream) -> None:
+        """The source's own tags; where RGB becomes YUV, those that `converted` writes."""
+        tags, context = self._info.frame_tags, stream.codec_context
+        was = self._info.tags.matrix == "gbr"
+        becomes = av.VideoFormat(self.encoding.pixel_format).is_rgb
+        context.color_primaries, context.color_trc = tags.color_primaries, tags.color_trc
+        context.colorspace, context.color_range = tags.colorspace, tags.color_range
+        if was and not becomes and "gray" not in self.encoding.pixel_format:
+            full = self.encoding.pixel_format.startswith("yuvj")
+            context.colorspace, context.color_range = 1, FULL_RANGE if full else 1
+            context.color_primaries, context.color_trc = 1, 13
+        elif becomes:
+            context.colorspace, context.color_range = 0, FULL_RANGE
+
+    def _add_copied(self) -> list[str]:
+        """Streams that travel along, and what becomes of those that cannot."""
+        self._targets: dict[int, Stream | AudioEncoder] = {}
+        notes = []
+        name = self._container.format.name
+        for stream in self._info.copied:
+            label = f"stream {stream.index} ({stream.type})"
+            if _holds(self._container, stream):
+                target = self._container.add_stream_from_template(stream.stream)
+                target.metadata.update(stream.stream.metadata)
+                self._targets[stream.index] = target
+            elif stream.type == "audio" and self._container.default_audio_codec != "none":
+                encoder = AudioEncoder(self._container, stream.stream)
+                self._targets[stream.index] = encoder
+                notes.append(f"{label} becomes {encoder.codec}: {name} does not hold its codec")
+            else:
+                notes.append(f"{label} is left out: {name} does not hold it")
+        for key, value in self._info.metadata.items():
+            if key not in _SKIPPED_METADATA:
+                self._container.metadata[key] = value
+        if self._info.chapters:
+            self._container.set_chapters(list(self._info.chapters))
+        return notes
+
+
+def _holds(container: av.container.OutputContainer, stream: CopiedStream) -> bool:
+    """Whether a container takes a stream as it is: only writing a header tells for certain."""
+    if stream.codec and stream.codec not in container.supported_codecs:
+        return False
+    try:
+        with av.open(io.BytesIO(), "w", format=container.format.name) as trial:
+            trial.add_stream_from_template(stream.stream)
+            trial.start_encoding()
+    except (av.FFmpegError, ValueError, OSError):
+        return False
+    return True
