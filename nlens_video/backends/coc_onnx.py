@@ -1,0 +1,89 @@
+"""The CoC network on ONNX Runtime, CPU; the only file that imports it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import onnxruntime
+
+from nlens_video.errors import NlensError
+from nlens_video.frames import CocMap, Float32
+
+THREADS = 2
+INPUT, OUTPUTS = "rgb", ("coc_px", "sigma_px")
+
+
+class OnnxCocNetwork:
+    """A `CocNetwork` from an ONNX file; one session, freed by `close` or at the end of `with`.
+
+    The same picture gives the same bits on the same machine for any number of calls. Not for use
+    from several threads at once.
+
+    Args:
+        path: the ONNX file; input `rgb` (1, H, W, 3), outputs `coc_px`, `sigma_px` (1, h, w).
+        threads: threads that one estimate runs on.
+
+    Raises:
+        NlensError: the file is no ONNX model, or one with other inputs and outputs.
+    """
+
+    def __init__(self, path: Path, threads: int = THREADS) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        options.use_deterministic_compute = True
+        # spinning threads would take the cores from decoding and rendering between two estimates
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 3
+        try:
+            session = onnxruntime.InferenceSession(
+                str(path), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # noqa: BLE001  (the runtime's errors share no public base)
+            cause = str(error).splitlines()[0]
+            raise NlensError(
+                f"{path}: ONNX Runtime cannot load this network ({cause}); install the package anew"
+            ) from error
+        names = [node.name for node in (*session.get_inputs(), *session.get_outputs())]
+        if names != [INPUT, *OUTPUTS]:
+            raise NlensError(
+                f"{path}: inputs and outputs {names}, expected {[INPUT, *OUTPUTS]}; "
+                "export it with models/coc/export.py"
+            )
+        self._session: onnxruntime.InferenceSession | None = session
+
+    @property
+    def stride(self) -> int:
+        """Height and width of the input must be multiples of this [px]."""
+        return 32
+
+    def __call__(self, rgb: Float32) -> CocMap:
+        """Estimate one picture (H, W, 3), display-coded; maps at a quarter of its size.
+
+        Raises:
+            ValueError: sides that are no multiples of `stride`, or a closed network.
+        """
+        if self._session is None:
+            raise ValueError("the network is closed")
+        if rgb.shape[0] % self.stride or rgb.shape[1] % self.stride:
+            raise ValueError(f"{rgb.shape = } must be multiples of {self.stride}")
+        batch = np.ascontiguousarray(rgb, dtype=np.float32)[None]
+        coc, sigma = self._session.run(list(OUTPUTS), {INPUT: batch})
+        return CocMap(coc_px=coc[0], sigma_px=sigma[0])
+
+    def close(self) -> None:
+        """Free the session and its memory; a second call does nothing."""
+        self._session = None
+
+    def __enter__(self) -> OnnxCocNetwork:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

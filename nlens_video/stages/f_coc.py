@@ -1,0 +1,81 @@
+"""F: the plate's circle of confusion from one picture (paper, section 4.1).
+
+The network knows CoC from 0 to 64 px on pictures up to about 960 px wide. A larger frame is reduced
+(area average) until its longer side is `WORKING_SIDE_PX`, and the diameters are scaled back; a
+smaller one is read as it is, since enlarging would only blur it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from nlens_video.frames import CocMap, Float32, Picture
+from nlens_video.stages.protocols import CocNetwork
+
+WORKING_SIDE_PX = 960
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateCoc:
+    """F as a stage. Keeps nothing between pictures.
+
+    Attributes:
+        network: reads the blur off a picture.
+    """
+
+    network: CocNetwork
+
+    def __call__(self, picture: Picture) -> CocMap:
+        """Unsigned CoC and its expected error of a whole picture, at its full size."""
+        return estimate_coc(self.network, picture.srgb())
+
+
+def estimate_coc(network: CocNetwork, rgb: Float32) -> CocMap:
+    """Unsigned CoC and its expected error of a picture of any size.
+
+    Args:
+        network: reads the blur off a picture.
+        rgb: display-coded sRGB in [0, 1] (H, W, 3).
+
+    Returns:
+        Maps (H, W) [px of this picture].
+
+    Raises:
+        ValueError: not a picture (H, W, 3) with at least one pixel.
+    """
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.size == 0:
+        raise ValueError(f"{rgb.shape = } must be (H, W, 3) with at least one pixel")
+    height, width = rgb.shape[:2]
+    working = _reduced(np.asarray(rgb, dtype=np.float32))
+    below, right = (-n % network.stride for n in working.shape[:2])
+    # a mirrored border continues the texture at its own sharpness; a repeated one would smear it
+    padded = np.pad(working, ((0, below), (0, right), (0, 0)), mode="symmetric")
+    coarse = network(padded)
+    scale = width / working.shape[1]
+    coc, sigma = (
+        np.float32(scale) * _enlarged(values, padded, working, (width, height))
+        for values in (coarse.coc_px, coarse.sigma_px)
+    )
+    return CocMap(coc_px=coc, sigma_px=sigma)
+
+
+def _reduced(rgb: Float32) -> Float32:
+    """The picture with its longer side at most `WORKING_SIDE_PX`."""
+    height, width = rgb.shape[:2]
+    ratio = WORKING_SIDE_PX / max(height, width)
+    if ratio >= 1:
+        return rgb
+    size = (max(1, round(width * ratio)), max(1, round(height * ratio)))
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _enlarged(values: Float32, padded: Float32, working: Float32, size: tuple[int, int]) -> Float32:
+    """A map over the padded picture, brought to its size, without the padding, at (W, H) `size`."""
+    full = cv2.resize(values, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    kept = full[: working.shape[0], : working.shape[1]]
+    if kept.shape != size[::-1]:
+        kept = cv2.resize(kept, size, interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(kept, dtype=np.float32).reshape(size[::-1])

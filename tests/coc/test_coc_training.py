@@ -1,0 +1,147 @@
+import cv2
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.needs_torch
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    """A folder of photographs: sharp noise, a few sizes."""
+    from models.coc.textures import Photos, noise
+
+    folder = tmp_path_factory.mktemp("photos")
+    (folder / "sharp").mkdir()
+    rng = np.random.default_rng(5)
+    for index in range(6):
+        field = noise(rng, 900, 0.7)
+        code = np.uint8(np.clip(128 + 40 * field, 0, 255))
+        cv2.imwrite(str(folder / "sharp" / f"{index}.png"), np.repeat(code[..., None], 3, -1))
+    return Photos.load(folder, held_out=False)
+
+
+@pytest.fixture(scope="module")
+def reservoir(photos, tmp_path_factory):
+    from models.coc.data import Reservoir, draw_scene
+
+    store = Reservoir(tmp_path_factory.mktemp("data") / "reservoir", capacity=3)
+    for seed in range(4):  # one more than it holds: the oldest is replaced
+        store.append(*draw_scene(np.random.default_rng(seed), photos))
+    return store
+
+
+@pytest.mark.parametrize("diameter", [1.0, 2.5, 6.0, 13.0, 30.0])
+def test_a_scattered_point_has_the_energy_and_the_spread_of_its_disc(diameter):
+    from models.coc.optics import polygon_aperture, round_aperture, scatter
+
+    point = np.zeros((51, 51, 1), np.float32)
+    point[25, 25] = 1
+    axis = np.arange(51) - 25.0
+    for aperture in (round_aperture(), polygon_aperture(8, 0.2)):
+        spread = scatter(point, np.full((51, 51), diameter, np.float32), aperture)[..., 0]
+        assert spread.sum() == pytest.approx(1, abs=1e-4)
+        for profile in (spread.sum(0), spread.sum(1)):
+            assert (profile * axis).sum() == pytest.approx(0, abs=0.02 + 0.003 * diameter)
+            assert (profile * axis**2).sum() == pytest.approx(diameter**2 / 16, rel=0.09, abs=0.012)
+
+
+def test_a_scattered_picture_matches_a_supersampled_disc():
+    from models.coc.optics import round_aperture, scatter
+
+    diameter, fine = 9.0, 16
+    axis = (np.arange(21 * fine) + 0.5) / fine - 10.5
+    disc = np.float64(axis[:, None] ** 2 + axis**2 <= diameter**2 / 4)
+    disc = disc.reshape(21, fine, 21, fine).mean((1, 3))
+    texture = np.random.default_rng(0).random((64, 64), dtype=np.float32)
+    truth = cv2.filter2D(texture.astype(np.float64), -1, disc / disc.sum())[12:-12, 12:-12]
+    coc = np.full((64, 64), diameter, np.float32)
+    found = scatter(texture[..., None], coc, round_aperture())[12:-12, 12:-12, 0]
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.05 * truth.std()
+
+
+def test_a_seed_names_a_scene(photos):
+    from models.coc.data import SIZE, draw_scene
+
+    for seed in (1, 2):
+        (first, coc), (second, again) = (
+            draw_scene(np.random.default_rng([seed, 7]), photos) for _ in range(2)
+        )
+        np.testing.assert_array_equal(first, second)
+        np.testing.assert_array_equal(coc, again)
+        assert first.shape == (SIZE, SIZE, 3) and first.dtype == np.uint8
+        assert coc.shape == (SIZE, SIZE) and coc.min() >= 0 and coc.max() <= 64
+
+
+def test_blurred_photographs_do_not_count_as_sharp(photos):
+    from models.coc.textures import sharp_tiles
+
+    picture = photos.pictures[0]
+    assert (sharp_tiles(picture) == 1).mean() > 0.9
+    assert (sharp_tiles(cv2.GaussianBlur(picture, (0, 0), 1.5)) == 1).mean() < 0.1
+
+
+def test_the_reservoir_is_a_ring(reservoir):
+    from models.coc.data import SIZE
+
+    assert reservoir.drawn == 4
+    assert reservoir.pictures.shape == (3, SIZE, SIZE, 3)
+    assert (np.asarray(reservoir.pictures).std((1, 2, 3)) > 0).all()
+
+
+def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
+    import torch
+
+    from models.coc.train import Recipe, Run, validate
+
+    recipe = Recipe(minutes=1, crop=64, pixels=2 * 64 * 64)
+    run = Run(recipe)
+    before = run.network.stem.weight.detach().clone()
+    losses = [run.advance(reservoir) for _ in range(2)]
+    assert np.isfinite(losses).all()
+    assert not torch.equal(before, run.network.stem.weight)
+    run.save(tmp_path / "checkpoint.pt")
+    again = Run(recipe)
+    again.load(tmp_path / "checkpoint.pt")
+    assert again.step == 2 and again.trained_s == run.trained_s
+    likelihood, held_out = validate(again.average, reservoir)
+    assert np.isfinite(likelihood) and held_out.rmse_px > 0
+    assert likelihood == validate(run.average, reservoir)[0]
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning")
+def test_the_exported_network_answers_as_the_trained_one_at_any_size(tmp_path):
+    import torch
+
+    from models.coc.export import export
+    from models.coc.network import CocNet, coc_and_sigma
+    from nlens_video.backends.coc_onnx import OnnxCocNetwork
+
+    torch.manual_seed(0)
+    network = CocNet().eval()
+    torch.nn.init.normal_(network.answer.weight, std=0.3)
+    export(network, tmp_path / "coc.onnx")
+    exported = OnnxCocNetwork(tmp_path / "coc.onnx")
+    for shape in [(32, 32), (64, 160), (160, 96)]:
+        rgb = np.random.default_rng(0).random((*shape, 3), dtype=np.float32)
+        with torch.inference_mode():
+            batch = torch.from_numpy(rgb).permute(2, 0, 1)[None]
+            coc, sigma = (part[0].numpy() for part in coc_and_sigma(network(batch)))
+        found = exported(rgb)
+        assert found.coc_px.shape == (shape[0] // 4, shape[1] // 4)
+        np.testing.assert_allclose(found.coc_px, coc, atol=0.02)
+        np.testing.assert_allclose(found.sigma_px, sigma, atol=0.02)
+
+
+def test_a_network_with_other_outputs_is_refused(tmp_path):
+    import onnx
+    from onnx import TensorProto, helper
+
+    from nlens_video.backends.coc_onnx import OnnxCocNetwork
+    from nlens_video.errors import NlensError
+
+    value = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1]) for n in ("a", "b")]
+    graph = helper.make_graph([helper.make_node("Abs", ["a"], ["b"])], "g", value[:1], value[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    onnx.save(model, tmp_path / "other.onnx")
+    with pytest.raises(NlensError, match=r"expected \['rgb', 'coc_px', 'sigma_px'\]"):
+        OnnxCocNetwork(tmp_path / "other.onnx")
