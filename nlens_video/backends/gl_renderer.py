@@ -175,8 +175,9 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]
         self._target.bind_resolved()
         GL.glDisable(GL.GL_DEPTH_TEST)
         GL.glDisable(GL.GL_CULL_FACE)
-        location = GL.glGetUniformLocation(program._program_id, "clip_range")
-        GL.glUniform2f(location, view.near, view.far)
+        number = program._program_id
+        GL.glUniform2f(GL.glGetUniformLocation(number, "clip_range"), view.near, view.far)
+        GL.glUniform2i(GL.glGetUniformLocation(number, "size"), view.width, view.height)
         GL.glBindVertexArray(self._empty)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
         program._unbind()

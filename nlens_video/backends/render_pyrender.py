@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlens_video.errors import NlensError
+from nlens_video.errors import NlensError, SceneError
 from nlens_video.frames import Box, Float32, Float64, ObjectLayer
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
@@ -77,6 +77,7 @@ class PyrenderObjectRenderer:
 
         Raises:
             NlensError: OpenGL cannot start, or another thread owns the context.
+            SceneError: the animation scales the object beyond all numbers.
         """
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
@@ -150,6 +151,8 @@ def _project(vertices: Float32, camera: Camera, margin: int) -> tuple[Box, float
     local = camera.to_camera(vertices.astype(np.float64))
     depth = -local[:, 2]
     far = float(depth.max()) * (1.0 + 1e-4)
+    if not math.isfinite(far):
+        raise SceneError("the object has no finite size at this time; check its scale")
     if not far > 0.0:
         return None
     lowest = float(depth.min()) * (1.0 - 1e-4)

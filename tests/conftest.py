@@ -1,0 +1,59 @@
+"""Markers for what not every machine has: a skip says so loudly, REQUIRE_* makes it an error."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).parents[2] / "shared"
+
+
+@functools.cache
+def _why_no_gl() -> str:
+    from nlens_video.backends.gl_platform import open_platform
+
+    try:
+        open_platform().delete_context()
+    except RuntimeError as error:
+        return f"OpenGL cannot start ({error}); apt-get install libegl1 libgl1"
+    return ""
+
+
+@functools.cache
+def _why_no_torch() -> str:
+    found = importlib.util.find_spec("torch") is not None
+    return "" if found else "torch is not installed; pip install nlens-video[train]"
+
+
+@functools.cache
+def _why_no_truth() -> str:
+    found = (SHARED / "data").is_dir()
+    return "" if found else f"no ground truth at {SHARED / 'data'}"
+
+
+_NEEDS = {
+    "needs_gl": ("REQUIRE_GL", _why_no_gl),
+    "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
+    "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),
+}
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    for marker, (variable, why) in _NEEDS.items():
+        if item.get_closest_marker(marker) is None:
+            continue
+        reason = why()
+        if reason and os.environ.get(variable) == "1":
+            pytest.fail(f"{variable}=1, but {reason}", pytrace=False)
+        if reason:
+            pytest.skip(reason)
+
+
+@pytest.fixture
+def shared() -> Path:
+    """The folder of the ground truth; use it with the marker needs_truth."""
+    return SHARED

@@ -1,0 +1,130 @@
+"""Skins and morph targets against values computed one vertex at a time."""
+
+import numpy as np
+import pytest
+from scene.glb_builder import QUAD, GlbBuilder
+
+from nlens_video.errors import SceneError
+from nlens_video.scene import Scene
+
+NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
+
+
+def load(builder, tmp_path):
+    return Scene.load(builder.write(tmp_path / "scene.glb"))
+
+
+def random_matrix(rng):
+    matrix = np.eye(4)
+    matrix[:3] += rng.normal(0, 0.3, (3, 4))
+    return matrix
+
+
+@pytest.mark.parametrize("sets", [1, 2])
+def test_a_skin_blends_joint_matrices_and_ignores_the_nodes_own_transform(tmp_path, sets):
+    rng = np.random.default_rng(3)
+    builder = GlbBuilder()
+    joints = rng.integers(0, 5, (4, 4 * sets)).astype(np.uint8)
+    weights = rng.random((4, 4 * sets)).astype(np.float32)
+    weights /= weights.sum(axis=1, keepdims=True)
+    attributes = {f"JOINTS_{k}": joints[:, 4 * k : 4 * k + 4] for k in range(sets)}
+    attributes |= {f"WEIGHTS_{k}": weights[:, 4 * k : 4 * k + 4] for k in range(sets)}
+    mesh = builder.mesh(NORMAL=NORMALS, **attributes)
+    poses = [random_matrix(rng) for _ in range(5)]
+    bones = [builder.node(matrix=list(pose.T.ravel())) for pose in poses]
+    inverse = np.stack([random_matrix(rng) for _ in range(5)])
+    builder.node(mesh=mesh, skin=builder.skin(bones, inverse), translation=[100, 200, 300])
+    expected = []
+    for vertex, chosen, amounts in zip(QUAD, joints, weights, strict=True):
+        point = np.append(vertex, 1.0)
+        expected.append(
+            sum(w * (poses[j] @ inverse[j] @ point) for j, w in zip(chosen, amounts, strict=True))
+        )
+    posed = load(builder, tmp_path).pose(0.0).meshes[0]
+    np.testing.assert_allclose(posed.positions, np.array(expected)[:, :3], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(posed.normals, axis=1), 1.0, atol=1e-6)
+
+
+def test_a_joint_beyond_the_skin_is_refused(tmp_path):
+    builder = GlbBuilder()
+    joints = np.full((4, 4), 3, np.uint8)
+    weights = np.full((4, 4), 0.25, np.float32)
+    mesh = builder.mesh(JOINTS_0=joints, WEIGHTS_0=weights)
+    bone = builder.node()
+    builder.node(mesh=mesh, skin=builder.skin([bone], [np.eye(4)]))
+    with pytest.raises(SceneError, match="1 joints"):
+        load(builder, tmp_path)
+
+
+def test_morph_targets_add_displacements_of_positions_and_normals(tmp_path):
+    rng = np.random.default_rng(5)
+    up, side = rng.normal(size=(2, 4, 3))
+    tilt = np.tile([[1.0, 0.0, 0.0]], (4, 1))
+    builder = GlbBuilder()
+    mesh = builder.mesh(
+        NORMAL=NORMALS,
+        targets=[{"POSITION": up, "NORMAL": tilt}, {"POSITION": side, "NORMAL": 0 * tilt}],
+        weights=[0.5, 0.0],
+    )
+    node = builder.node(mesh=mesh)
+    builder.animation((node, "weights", [1, 2], [[0.0, 1.0], [1.0, 3.0]], "LINEAR"))
+    posed = load(builder, tmp_path).pose(1.5).meshes[0]
+    np.testing.assert_allclose(posed.positions, QUAD + 0.5 * up + 2.0 * side, atol=1e-5)
+    normal = np.array([0.5, 0, 1]) / np.sqrt(1.25)
+    np.testing.assert_allclose(posed.normals, np.tile(normal, (4, 1)), atol=1e-6)
+
+
+def test_rest_weights_hold_without_animation_and_a_nodes_own_come_first(tmp_path):
+    builder = GlbBuilder()
+    mesh = builder.mesh(targets=[{"POSITION": np.ones((4, 3))}], weights=[0.25])
+    builder.node(mesh=mesh)
+    builder.node(mesh=mesh, weights=[2.0])
+    posed = load(builder, tmp_path).pose(0.0)
+    assert [mesh.positions[0][2] for mesh in posed.meshes] == [0.25, 2.0]
+
+
+def test_a_mesh_without_normals_gets_those_of_its_faces_at_every_time(tmp_path):
+    builder = GlbBuilder()
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    lifted = {"POSITION": [[0, 0, 0], [0, 0, 0], [0, 0, 1]]}
+    node = builder.node(mesh=builder.mesh(corners, [[0, 1, 2]], targets=[lifted]))
+    builder.animation((node, "weights", [0, 1], [[0.0], [1.0]], "LINEAR"))
+    scene = load(builder, tmp_path)
+    np.testing.assert_allclose(scene.pose(0.0).meshes[0].normals[0], [0, 0, 1], atol=1e-6)
+    tilted = np.array([0, -1, 1]) / np.sqrt(2)
+    np.testing.assert_allclose(scene.pose(1.0).meshes[0].normals[2], tilted, atol=1e-6)
+
+
+def test_normals_stay_perpendicular_under_uneven_scale_and_out_of_a_mirrored_mesh(tmp_path):
+    builder = GlbBuilder()
+    slope = np.array([[0, 0, 0], [1, 0, -1], [0, 1, 0]], np.float32)
+    normal = np.array([[1, 0, 1]] * 3, np.float32) / np.sqrt(2)
+    faces = np.array([[0, 1, 2]], np.uint16)
+    builder.node(mesh=builder.mesh(slope, faces, NORMAL=normal), scale=[3, 1, 1])
+    builder.node(mesh=builder.mesh(slope, faces, NORMAL=normal), scale=[-1, 1, 1])
+    stretched, mirrored = load(builder, tmp_path).pose(0.0).meshes
+    np.testing.assert_allclose(stretched.normals[0], np.array([1, 0, 3]) / np.sqrt(10), atol=1e-6)
+    np.testing.assert_allclose(mirrored.normals[0], np.array([-1, 0, 1]) / np.sqrt(2), atol=1e-6)
+    assert (stretched.mirrored, mirrored.mirrored) == (False, True)
+
+
+def test_what_does_not_move_is_the_same_object_at_all_times(tmp_path):
+    builder = GlbBuilder()
+    still, moving = builder.node(mesh=builder.mesh()), builder.node(mesh=builder.mesh())
+    values = [[0, 0, 0], [1, 0, 0]]
+    builder.animation((moving, "translation", [0, 1], values, "LINEAR"))
+    assert still == 0
+    scene = load(builder, tmp_path)
+    a, b = scene.pose(0.25), scene.pose(0.5)
+    assert a.meshes[0] is b.meshes[0]
+    assert a.meshes[1] is not b.meshes[1]
+    assert a.meshes[1].geometry is b.meshes[1].geometry
+
+
+def test_tiny_and_huge_scales_keep_shape_and_normals(tmp_path):
+    for scale in (1e-6, 1e6):
+        builder = GlbBuilder()
+        builder.node(mesh=builder.mesh(NORMAL=NORMALS), scale=[scale] * 3)
+        posed = load(builder, tmp_path).pose(0.0)
+        np.testing.assert_allclose(posed.bounds(), scale * np.array([[-1, -1, 0], [1, 1, 0]]))
+        np.testing.assert_allclose(posed.meshes[0].normals, NORMALS, atol=1e-6)

@@ -1,0 +1,279 @@
+"""The scene as a whole: cameras, lights, triangles, materials, and files that cannot be used."""
+
+import base64
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene.glb_builder import QUAD, GlbBuilder
+
+from nlens_video.errors import SceneError
+from nlens_video.scene import Scene
+
+
+def load(builder, tmp_path):
+    return Scene.load(builder.write(tmp_path / "scene.glb"))
+
+
+def minimal():
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh())
+    return builder
+
+
+def as_gltf(builder, folder, uri):
+    document = {**builder.document, "buffers": [{"byteLength": len(builder.binary), "uri": uri}]}
+    path = folder / "scene.gltf"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_the_camera_has_the_files_pose_and_vertical_field_of_view(tmp_path):
+    builder = minimal()
+    builder.node(camera=builder.camera(math.pi / 2), translation=[1, 2, 3], scale=[5, 5, 5])
+    camera = load(builder, tmp_path).camera(0.0, 200, 100)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == pytest.approx((50, 50, 100, 50))
+    expected = np.eye(4)
+    expected[:3, 3] = [1, 2, 3]
+    np.testing.assert_allclose(camera.world_from_camera, expected, atol=1e-9)
+
+
+def test_cameras_are_chosen_by_name_and_an_unknown_name_lists_them(tmp_path):
+    builder = minimal()
+    builder.node(camera=builder.camera(0.5, name="wide"))
+    builder.node(camera=builder.camera(0.5), name="close", translation=[0, 0, 9])
+    scene = load(builder, tmp_path)
+    assert scene.camera_names == ("wide", "close")
+    assert scene.camera(0.0, 10, 10).world_from_camera[2, 3] == 0.0
+    assert scene.camera(0.0, 10, 10, "close").world_from_camera[2, 3] == 9.0
+    with pytest.raises(SceneError, match="no camera is named 'x'; expected one of wide, close"):
+        scene.camera(0.0, 10, 10, "x")
+
+
+def test_a_camera_moves_with_its_node(tmp_path):
+    builder = minimal()
+    node = builder.node(camera=builder.camera())
+    builder.animation((node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]], "LINEAR"))
+    assert load(builder, tmp_path).camera(1.0, 10, 10).world_from_camera[0, 3] == 2.0
+
+
+@pytest.mark.parametrize(("aspect", "warned"), [(2.0, False), (1.99, False), (1.9, True)])
+def test_a_camera_made_for_another_aspect_ratio_is_reported_once(tmp_path, aspect, warned):
+    builder = minimal()
+    builder.node(camera=builder.camera(aspect=aspect))
+    scene = load(builder, tmp_path)
+    for time_s in (0.0, 1.0):
+        scene.camera(time_s, 200, 100)
+    assert sum("aspect ratio" in line for line in scene.warnings) == int(warned)
+
+
+def test_a_scene_without_a_camera_says_what_to_do(tmp_path):
+    scene = load(minimal(), tmp_path)
+    assert not scene.has_camera
+    with pytest.raises(SceneError, match="--at"):
+        scene.camera(0.0, 10, 10)
+
+
+def test_lights_shine_along_minus_z_of_their_nodes(tmp_path):
+    builder = minimal()
+    half = math.sqrt(0.5)
+    builder.light(
+        "spot",
+        node={"rotation": [-half, 0, 0, half], "translation": [1, 2, 3]},
+        intensity=7,
+        range=4,
+        spot={"outerConeAngle": 0.5},
+    )
+    (posed,) = load(builder, tmp_path).pose(0.0).lights
+    np.testing.assert_allclose(posed.direction, [0, -1, 0], atol=1e-9)
+    np.testing.assert_allclose(posed.position, [1, 2, 3])
+    assert (posed.light.intensity, posed.light.range, posed.light.outer_cone) == (7, 4, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("mode", "indices", "expected"),
+    [
+        (4, [0, 1, 2, 0, 2, 3, 1], [[0, 1, 2], [0, 2, 3]]),
+        (5, [0, 1, 3, 2], [[0, 1, 3], [1, 2, 3]]),
+        (5, [0, 1, 1, 2, 3, 0], [[1, 2, 3], [2, 0, 3]]),
+        (6, [0, 1, 2, 3], [[1, 2, 0], [2, 3, 0]]),
+    ],
+)
+def test_strips_and_fans_become_triangles_of_the_same_winding(tmp_path, mode, indices, expected):
+    builder = GlbBuilder()
+    normals = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
+    builder.node(mesh=builder.mesh(faces=indices, mode=mode, NORMAL=normals))
+    found = load(builder, tmp_path).pose(0.0).meshes[0].faces
+    assert [sorted_cycle(f) for f in found.tolist()] == [sorted_cycle(f) for f in expected]
+
+
+def sorted_cycle(face):
+    start = face.index(min(face))
+    return face[start:] + face[:start]
+
+
+def test_points_are_left_out_with_a_word(tmp_path):
+    builder = minimal()
+    builder.node(mesh=builder.mesh(mode=0))
+    scene = load(builder, tmp_path)
+    assert len(scene.pose(0.0).meshes) == 1
+    assert any("points are not drawn" in line for line in scene.warnings)
+
+
+def test_instances_share_their_geometry_and_triangles_index_all_of_them(tmp_path):
+    builder = GlbBuilder()
+    mesh = builder.mesh(NORMAL=np.tile(np.array([[0, 0, 1]], np.float32), (4, 1)))
+    builder.node(mesh=mesh)
+    builder.node(mesh=mesh, translation=[5, 0, 0])
+    posed = load(builder, tmp_path).pose(0.0)
+    assert posed.meshes[0].geometry is posed.meshes[1].geometry
+    vertices, faces = posed.triangles()
+    np.testing.assert_array_equal(vertices[faces[2]], QUAD[[0, 1, 2]] + [5, 0, 0])
+    np.testing.assert_array_equal(posed.bounds(), [[-1, -1, 0], [6, 1, 0]])
+
+
+def test_nodes_outside_the_default_scene_are_not_drawn(tmp_path):
+    builder = minimal()
+    builder.node(root=False, mesh=builder.mesh(), translation=[50, 0, 0])
+    assert len(load(builder, tmp_path).pose(0.0).meshes) == 1
+
+
+def test_quantised_positions_are_plain_numbers(tmp_path):
+    builder = GlbBuilder()
+    builder.document["extensionsRequired"] = ["KHR_mesh_quantization"]
+    positions = (QUAD * 100).astype(np.int16)
+    builder.node(mesh=builder.mesh(positions), scale=[0.01, 0.01, 0.01])
+    np.testing.assert_allclose(load(builder, tmp_path).pose(0.0).bounds()[1], [1, 1, 0], atol=1e-6)
+
+
+def test_material_extensions_are_read(tmp_path):
+    builder = GlbBuilder()
+    texture = builder.texture(np.zeros((2, 2, 3), np.uint8))
+    transform = {"offset": [0.1, 0.2], "scale": [2, 3], "rotation": math.pi / 2, "texCoord": 1}
+    info = {"index": texture, "extensions": {"KHR_texture_transform": transform}}
+    material = {
+        "pbrMetallicRoughness": {"baseColorTexture": info},
+        "emissiveFactor": [1, 0.5, 0],
+        "extensions": {
+            "KHR_materials_emissive_strength": {"emissiveStrength": 4},
+            "KHR_materials_unlit": {},
+            "KHR_materials_ior": {"ior": 1.0},
+        },
+    }
+    builder.node(mesh=builder.mesh(material=builder.add("materials", material)))
+    read = load(builder, tmp_path).pose(0.0).meshes[0].geometry.material
+    assert (read.emissive, read.unlit, read.f0) == ((4, 2, 0), True, (0, 0, 0))
+    rows = np.array(read.base_color_texture.transform)
+    # Scaled by (2, 3), turned by 90 degrees: u' = 3 v + 0.1, v' = -2 u + 0.2.
+    np.testing.assert_allclose(rows, [[0, 3, 0.1], [-2, 0, 0.2]], atol=1e-9)
+    assert read.base_color_texture.uv_set == 1
+
+
+def test_a_gltf_reads_data_uris_and_files_in_its_folder(tmp_path):
+    builder = minimal()
+    encoded = base64.b64encode(builder.binary).decode()
+    inline = as_gltf(builder, tmp_path, f"data:application/octet-stream;base64,{encoded}")
+    assert len(Scene.load(inline).pose(0.0).meshes) == 1
+    (tmp_path / "a b.bin").write_bytes(builder.binary)
+    assert len(Scene.load(as_gltf(builder, tmp_path, "a%20b.bin")).pose(0.0).meshes) == 1
+
+
+@pytest.mark.parametrize("uri", ["../x.bin", "sub/../../x.bin", "/etc/hostname", "file:///x.bin"])
+def test_a_gltf_cannot_reach_beyond_its_folder(tmp_path, uri):
+    folder = tmp_path / "folder"
+    (folder / "sub").mkdir(parents=True)
+    (tmp_path / "x.bin").write_bytes(bytes(1000))
+    with pytest.raises(SceneError, match=r"leaves the scene's folder|file beside the scene"):
+        Scene.load(as_gltf(minimal(), folder, uri))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco.*gltf-transform cp"),
+        ({"extensionsRequired": ["KHR_texture_basisu"]}, "KHR_texture_basisu.*ktxdecompress"),
+        ({"extensionsRequired": ["X_unknown"]}, "X_unknown.*export"),
+        ({"asset": {"version": "1.0"}}, "glTF 1.0, expected 2.0"),
+        ({"asset": {}}, "asset.version is missing"),
+        ({"nodes": [{"mesh": 4}]}, r"nodes\[0\].mesh is 4, expected an index below 1"),
+        ({"nodes": [{"mesh": 0, "translation": [0, 0]}]}, "expected 3 numbers"),
+        ({"nodes": [{"mesh": 0, "scale": [1, 1, 1e999]}]}, "Infinity is no JSON number"),
+        ({"nodes": [{"mesh": 0, "scale": [1, 1, 10**400]}]}, "3 finite numbers"),
+        ({"nodes": [{"mesh": 0, "children": [0]}]}, "parents or is its own"),
+        ({"nodes": [{"children": [1]}, {"children": [0], "mesh": 0}]}, "cycle"),
+        ({"nodes": [{}]}, "no triangles"),
+        ({"nodes": "x"}, "list of objects"),
+        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}}]}]}, "3 components"),
+        ({"scene": 3}, "index below 1"),
+    ],
+)
+def test_a_scene_that_cannot_be_used_is_one_line_that_names_file_and_fault(
+    tmp_path, change, message
+):
+    builder = minimal()
+    builder.document.update(change)
+    with pytest.raises(SceneError, match=message) as raised:
+        load(builder, tmp_path)
+    assert str(raised.value).startswith(str(tmp_path / "scene.glb"))
+    assert "\n" not in str(raised.value)
+
+
+def test_an_index_beyond_the_vertices_is_refused(tmp_path):
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh(faces=[0, 1, 4]))
+    with pytest.raises(SceneError, match="vertex 4 of 4"):
+        load(builder, tmp_path)
+
+
+def test_a_mesh_placed_thousands_of_times_is_refused_before_it_is_posed(tmp_path):
+    builder = GlbBuilder()
+    mesh = builder.mesh(np.zeros((20_000, 3), np.float32))
+    for _ in range(1001):
+        builder.node(mesh=mesh)
+    builder.document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0
+    with pytest.raises(SceneError, match="vertices after instancing"):
+        load(builder, tmp_path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(SceneError, match=r"none\.glb: cannot be read"):
+        Scene.load(tmp_path / "none.glb")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data())
+def test_no_damage_to_a_file_does_more_than_raise_a_scene_error(tmp_path_factory, data):
+    builder = GlbBuilder()
+    texture = builder.texture(np.full((2, 2, 3), 200, np.uint8))
+    material = builder.add("materials", {"normalTexture": {"index": texture}})
+    node = builder.node(mesh=builder.mesh(material=material))
+    builder.animation((node, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR"))
+    damaged = bytearray(builder.bytes())
+    for _ in range(data.draw(st.integers(1, 6))):
+        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
+    del damaged[data.draw(st.integers(len(damaged) // 2, len(damaged))) :]
+    path = tmp_path_factory.mktemp("damaged") / "scene.glb"
+    path.write_bytes(damaged)
+    try:
+        scene = Scene.load(path)
+    except SceneError as error:
+        assert "\n" not in str(error)
+    else:
+        assert scene.pose(0.5).vertices().shape[1] == 3
+
+
+@pytest.mark.needs_truth
+def test_every_published_broken_file_loads_or_gives_one_line(shared):
+    paths = [p for p in (shared / "data/assets").rglob("*") if p.suffix in (".glb", ".gltf")]
+    assert len(paths) > 400
+    loaded = 0
+    for path in paths:
+        try:
+            Scene.load(path).pose(0.3)
+            loaded += 1
+        except SceneError as error:
+            assert "\n" not in str(error)
+    assert loaded >= 68
