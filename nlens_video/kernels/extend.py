@@ -6,13 +6,21 @@ the weights that arrive at a pixel be renormalised, and alpha stays 1 inside how
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
+from numba import njit
 
 from nlens_video.frames import Bool, Box, Float32
-from nlens_video.kernels.disc import MAX_COC_PX, reach
+from nlens_video.kernels.disc import MAX_COC_PX, fitted_radius, reach
+
+Index = npt.NDArray[np.intp]
+
+SKEW_FADE_PX = 1.5
+"""CoC at which the skew of a disc is half in force [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,12 +33,15 @@ class SourceLayer:
         target: the pixels that the object can reach, inside both `box` and the caller's array.
         rgba: premultiplied colour and alpha (h, w, 4), 0 where the object is not.
         radius_px: radius in columns of each pixel's disc (h, w), -1 where a pixel takes no part.
+        skew: how the light of a disc grows along columns and rows (h, w, 2), see `coc_skew`
+            [1 / px].
     """
 
     box: Box
     target: Box
     rgba: Float32
     radius_px: Float32
+    skew: Float32
 
 
 def blur_reach(coc_px: Float32, alpha: Float32, pixel_aspect: float = 1.0) -> int:
@@ -42,19 +53,17 @@ def blur_reach(coc_px: Float32, alpha: Float32, pixel_aspect: float = 1.0) -> in
         pixel_aspect: width of a pixel by its height, > 0 [1].
     """
     largest = float(np.max(np.abs(coc_px), where=alpha > 0.0, initial=0.0))
-    return reach(0.5 * min(largest, MAX_COC_PX) * max(1.0, pixel_aspect))
+    return reach(fitted_radius(0.5 * min(largest, MAX_COC_PX) * max(1.0, pixel_aspect)))
 
 
-def extend_coc(coc_px: Float32, covered: Bool) -> tuple[Float32, Float32]:
-    """Give every pixel the CoC of the nearest covered one.
+def nearest_covered(covered: Bool) -> tuple[Index, Float32]:
+    """Find each pixel's nearest covered one.
 
     Args:
-        coc_px: signed CoC diameter (h, w), read only where `covered` [px].
         covered: where the object is (h, w), at least one pixel.
 
     Returns:
-        The CoC everywhere (h, w) [px], and the distance to the nearest covered pixel (h, w), to
-        about 2 % [px].
+        Its place in the flattened array (h, w), and the distance to it (h, w), to about 2 % [px].
     """
     distance, labels = cv2.distanceTransformWithLabels(
         np.where(covered, np.uint8(0), np.uint8(1)),
@@ -62,9 +71,57 @@ def extend_coc(coc_px: Float32, covered: Bool) -> tuple[Float32, Float32]:
         cv2.DIST_MASK_5,
         labelType=cv2.DIST_LABEL_PIXEL,
     )
-    by_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
-    by_label[labels[covered]] = coc_px[covered]
-    return by_label[labels], np.asarray(distance, dtype=np.float32)
+    place_of_label = np.zeros(int(labels.max()) + 1, dtype=np.intp)
+    place_of_label[labels[covered]] = np.flatnonzero(covered)
+    return place_of_label[labels], np.asarray(distance, dtype=np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _step(before: np.float32, here: np.float32, after: np.float32) -> np.float32 | float:
+    """The smaller of the steps to both neighbours, 0 where they disagree; NaN: no neighbour."""
+    rise, fall = after - here, here - before
+    if math.isnan(rise):
+        return 0.0 if math.isnan(fall) else fall
+    if math.isnan(fall):
+        return rise
+    if rise * fall <= 0.0:
+        return 0.0
+    return rise if abs(rise) < abs(fall) else fall
+
+
+@njit(cache=True, nogil=True)
+def coc_skew(coc_px: Float32) -> Float32:
+    """How unevenly the lens fills each pixel's disc, because the CoC is not the same beside it.
+
+    From the point u of the aperture, |u| <= 1, the pixel at p appears at p + coc / 2 * u, enlarged
+    by the determinant of that map, 1 + u . grad(coc) / 2. So the point d = coc / 2 * u of the disc
+    gets 1 + skew . d times its even share, skew = grad(coc) / coc. The gradient is limited: no step
+    at a depth edge counts as slope, and none is steeper than 1 px a pixel.
+
+    Args:
+        coc_px: signed CoC diameter (h, w), NaN where the object is not [px].
+
+    Returns:
+        Skew along columns and rows (h, w, 2), fading out below `SKEW_FADE_PX`, where pixels are
+        larger than discs; 0 where the object is not [1 / px].
+    """
+    height, width = coc_px.shape
+    skew = np.zeros((height, width, 2), dtype=np.float32)
+    for y in range(height):
+        for x in range(width):
+            here = coc_px[y, x]
+            if math.isnan(here):
+                continue
+            left = coc_px[y, x - 1] if x > 0 else np.float32(np.nan)
+            right = coc_px[y, x + 1] if x + 1 < width else np.float32(np.nan)
+            above = coc_px[y - 1, x] if y > 0 else np.float32(np.nan)
+            below = coc_px[y + 1, x] if y + 1 < height else np.float32(np.nan)
+            along, down = _step(left, here, right), _step(above, here, below)
+            damped = here / (here * here + SKEW_FADE_PX * SKEW_FADE_PX)
+            damped /= max(1.0, math.sqrt(along * along + down * down))
+            skew[y, x, 0] = along * damped
+            skew[y, x, 1] = down * damped
+    return skew
 
 
 def prepare(rgba: Float32, coc_px: Float32, pixel_aspect: float) -> SourceLayer | None:
@@ -95,15 +152,16 @@ def prepare(rgba: Float32, coc_px: Float32, pixel_aspect: float) -> SourceLayer 
     shape = (box.height, box.width)
     mask = np.zeros(shape, dtype=np.bool_)
     mask[within] = covered[source]
-    coc = np.zeros(shape, dtype=np.float32)
-    coc[within] = coc_px[source]
-    coc, distance = extend_coc(coc, mask)
+    coc = np.full(shape, np.nan, dtype=np.float32)
+    coc[within] = np.where(mask[within], coc_px[source], np.float32(np.nan))
     colour = np.zeros((*shape, 4), dtype=np.float32)
     colour[within] = np.where(mask[within][..., None], rgba[source], np.float32(0.0))
-    radius = np.float32(0.5) * np.minimum(np.abs(coc), np.float32(MAX_COC_PX))
+    nearest, distance = nearest_covered(mask)
+    radius = np.float32(0.5) * np.minimum(np.abs(coc.ravel()[nearest]), np.float32(MAX_COC_PX))
     radius[_beyond_covered(mask, within) | (distance > 2 * margin + 1)] = -1.0
+    skew = coc_skew(coc).reshape(-1, 2)[nearest]
     target = _bounds(covered).grown(margin).intersection(whole)
-    return SourceLayer(box=box, target=target, rgba=colour, radius_px=radius)
+    return SourceLayer(box=box, target=target, rgba=colour, radius_px=radius, skew=skew)
 
 
 def _bounds(covered: Bool) -> Box:

@@ -10,14 +10,25 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from nlens_video.frames import Bool, Float32, Float64
-from nlens_video.kernels.disc import FADE_START, FADE_STOP, SPAN_STEPS, STAMP_STEPS, tables
-from nlens_video.kernels.extend import SourceLayer, blur_reach, prepare
+from nlens_video.kernels.disc import (
+    FADE_START,
+    FADE_STOP,
+    SPAN_STEPS,
+    STAMP_STEPS,
+    SURPLUS,
+    DiscTables,
+    fitted_radius,
+    reach,
+    tables,
+)
+from nlens_video.kernels.extend import Index, SourceLayer, blur_reach, prepare
 
 __all__ = ["blur_reach", "scatter"]
 
@@ -32,168 +43,151 @@ class _Source(NamedTuple):
 
     Attributes:
         rgba: premultiplied colour and alpha (h, w, 4).
-        radius: radius of each pixel's disc, -1 where it takes no part (h, w) [px].
+        radius: nominal radius of each pixel's disc, -1 where it takes no part (h, w) [px].
+        skew: how its light grows along columns and rows (h, w, 2) [1 / px].
         rows: rows above and below that the discs of a row reach, -1 where it has none (h,) [px].
         first: first column of a row that takes part (h,).
         last: last column of a row that takes part (h,).
-        stamps: `DiscTables.stamps`.
-        spans: `DiscTables.spans`.
-        pixel_aspect: width of a pixel by its height [1].
     """
 
     rgba: Float32
     radius: Float32
-    rows: np.ndarray[tuple[int], np.dtype[np.int64]]
-    first: np.ndarray[tuple[int], np.dtype[np.int64]]
-    last: np.ndarray[tuple[int], np.dtype[np.int64]]
-    stamps: Float32
-    spans: Float32
-    pixel_aspect: float
-
-
-class _Row(NamedTuple):
-    """One row of the result while it is being made, with columns to spare on both sides.
-
-    Attributes:
-        span: differences along the row of colour and alpha (n, 4).
-        span_back: the same of the virtual background (n,).
-        spot: colour and alpha (n, 4).
-        spot_back: virtual background (n,).
-    """
-
-    span: Float64
-    span_back: Float64
-    spot: Float64
-    spot_back: Float64
+    skew: Float32
+    rows: Index
+    first: Index
+    last: Index
 
 
 @njit(cache=True, nogil=True)
-def _add_span(row: _Row, x: int, half: float, colour: Float32, scale: float) -> None:
-    """Add a span of half width `half` about the middle of pixel x, its ends antialiased."""
-    end = half + 0.5
-    whole = int(end)
-    outer = (end - whole) * scale
-    inner = scale - outer
-    left, right = x - whole, x + whole
-    alpha = colour[3]
-    if alpha > 0.0:
-        for c in range(4):
-            value = float(colour[c])
-            row.span[left, c] += outer * value
-            row.span[left + 1, c] += inner * value
-            row.span[right, c] -= inner * value
-            row.span[right + 1, c] -= outer * value
-    if alpha < 1.0:
-        back = 1.0 - alpha
-        row.span_back[left] += outer * back
-        row.span_back[left + 1] += inner * back
-        row.span_back[right] -= inner * back
-        row.span_back[right + 1] -= outer * back
+def _add(sums: Float64, i: int, weight: float, r: float, g: float, b: float, a: float) -> None:
+    """Add a weighted colour at place i; its last channel is the virtual background's weight."""
+    if a > 0.0:
+        sums[i, 0] += weight * r
+        sums[i, 1] += weight * g
+        sums[i, 2] += weight * b
+        sums[i, 3] += weight * a
+    if a < 1.0:
+        sums[i, 4] += weight * (1.0 - a)
 
 
 @njit(cache=True, nogil=True)
-def _add_pixel(row: _Row, x: int, colour: Float32, weight: float) -> None:
-    if colour[3] > 0.0:
-        for c in range(4):
-            row.spot[x, c] += weight * colour[c]
-    if colour[3] < 1.0:
-        row.spot_back[x] += weight * (1.0 - colour[3])
-
-
-@njit(cache=True, nogil=True)
-def _add_stamp(
-    row: _Row, x: int, dy: int, radius: float, colour: Float32, stamps: Float32, share: float
+def _add_source_row(
+    spans: Float64,
+    spots: Float64,
+    source: _Source,
+    discs: DiscTables,
+    aspect: float,
+    y: int,
+    dy: int,
 ) -> None:
-    """Add row `dy` of a small disc about pixel x, `share` of its light."""
-    at = radius * STAMP_STEPS
-    index = int(at)
-    part = at - index
-    for dx in range(stamps.shape[2]):
-        low = float(stamps[index, dy, dx])
-        weight = share * (low + part * (stamps[index + 1, dy, dx] - low))
-        if weight <= 0.0:
-            break
-        _add_pixel(row, x + dx, colour, weight)
-        if dx > 0:
-            _add_pixel(row, x - dx, colour, weight)
-
-
-@njit(cache=True, nogil=True)
-def _add_source_row(row: _Row, source: _Source, y: int, dy: int, shift: int) -> None:
-    """Add what source row `y` gives to the row of the result `dy` rows off."""
+    """Add what source row `y` gives to the row of the result `dy` rows below it."""
+    rgba, radii, skews, row = source.rgba, source.radius, source.skew, abs(dy)
+    stamp, chord = discs.stamps, discs.spans
+    edge = (spans.shape[0] - radii.shape[1]) // 2
     for x in range(source.first[y], source.last[y] + 1):
-        radius = float(source.radius[y, x])
-        down = radius * source.pixel_aspect
-        if radius < 0.0 or (dy > 0 and down <= dy - 0.5):
+        radius = float(radii[y, x])
+        down = radius * aspect
+        if radius < 0.0 or row >= max(down, 0.75) + 0.5:
             continue
-        colour = source.rgba[y, x]
-        spans = min(1.0, max(0.0, (radius - FADE_START) / (FADE_STOP - FADE_START)))
-        if spans < 1.0:
-            _add_stamp(row, x + shift, dy, radius, colour, source.stamps, 1.0 - spans)
-        if spans > 0.0:
-            at = down * SPAN_STEPS
-            index = int(at)
-            low = float(source.spans[dy, index])
-            half = radius * (low + (at - index) * (source.spans[dy, index + 1] - low))
-            _add_span(row, x + shift, half, colour, spans / (math.pi * radius * down))
+        r, g, b, a = (
+            float(rgba[y, x, 0]),
+            float(rgba[y, x, 1]),
+            float(rgba[y, x, 2]),
+            float(rgba[y, x, 3]),
+        )
+        skew = float(skews[y, x, 0])
+        even = 1.0 + dy * float(skews[y, x, 1])
+        large = min(1.0, max(0.0, (radius - FADE_START) / (FADE_STOP - FADE_START)))
+        at = x + edge
+        if large < 1.0:
+            place = radius * STAMP_STEPS
+            k = int(place)
+            for dx in range(stamp.shape[2]):
+                low = float(stamp[k, row, dx])
+                weight = (1.0 - large) * (low + (place - k) * (stamp[k + 1, row, dx] - low))
+                if weight <= 0.0:
+                    break
+                _add(spots, at + dx, weight * (even + skew * dx), r, g, b, a)
+                if dx > 0:
+                    _add(spots, at - dx, weight * (even - skew * dx), r, g, b, a)
+        if large > 0.0:
+            place = down * SPAN_STEPS
+            k = int(place)
+            low = float(chord[row, k])
+            share = low + (place - k) * (chord[row, k + 1] - low)
+            rx2 = radius * radius - SURPLUS
+            half = math.sqrt(rx2) * share
+            weight = large * even / (math.pi * math.sqrt(rx2 * (down * down - SURPLUS)))
+            shift = skew * half * half / 3.0
+            start = at + 0.5 - half + shift
+            i = int(start)
+            part = weight * (start - i)
+            _add(spans, i, weight - part, r, g, b, a)
+            _add(spans, i + 1, part, r, g, b, a)
+            stop = at + 0.5 + half + shift
+            i = int(stop)
+            part = weight * (stop - i)
+            _add(spans, i, part - weight, r, g, b, a)
+            _add(spans, i + 1, -part, r, g, b, a)
 
 
 @njit(cache=True, nogil=True)
-def _finish(row: _Row, out: Float32, start: int) -> None:
+def _finish(spans: Float64, spots: Float64, out: Float32, start: int) -> None:
     """Run the sums, renormalise and write a row of the result (w, 4), `start` in the buffers."""
-    total = np.zeros(5)
+    r = g = b = a = back = 0.0
     for i in range(start + out.shape[0]):
-        for c in range(4):
-            total[c] += row.span[i, c]
-        total[4] += row.span_back[i]
-        alpha = total[3] + row.spot[i, 3]
+        r += spans[i, 0]
+        g += spans[i, 1]
+        b += spans[i, 2]
+        a += spans[i, 3]
+        back += spans[i, 4]
+        alpha = a + spots[i, 3]
         if i < start or alpha < ALPHA_FLOOR:
             continue
-        weight = alpha + max(0.0, total[4] + row.spot_back[i])
-        for c in range(3):
-            out[i - start, c] = (total[c] + row.spot[i, c]) / weight
+        weight = alpha + max(0.0, back + spots[i, 4])
+        out[i - start, 0] = (r + spots[i, 0]) / weight
+        out[i - start, 1] = (g + spots[i, 1]) / weight
+        out[i - start, 2] = (b + spots[i, 2]) / weight
         out[i - start, 3] = min(1.0, alpha / weight)
 
 
 @njit(cache=True, nogil=True)
 def _scatter_rows(
-    source: _Source, out: Float32, origin: tuple[int, int], band: tuple[int, int]
+    source: _Source,
+    discs: DiscTables,
+    aspect: float,
+    out: Float32,
+    origin: tuple[int, int],
+    band: tuple[int, int],
 ) -> None:
     """Make rows `band[0]` to `band[1]` of the result (h, w, 4), whose corner is `origin`."""
     height, width = source.radius.shape
     reach = source.rows.max()
-    edge = math.ceil(source.radius.max()) + 2
-    size = width + 2 * edge
-    row = _Row(np.empty((size, 4)), np.empty(size), np.empty((size, 4)), np.empty(size))
+    edge = math.ceil(source.radius.max()) + 4
+    spans = np.empty((width + 2 * edge, 5))
+    spots = np.empty((width + 2 * edge, 5))
     for y in range(band[0], band[1]):
-        row.span[:] = 0.0
-        row.span_back[:] = 0.0
-        row.spot[:] = 0.0
-        row.spot_back[:] = 0.0
+        spans[:] = 0.0
+        spots[:] = 0.0
         middle = y + origin[0]
         for from_y in range(max(0, middle - reach), min(height, middle + reach + 1)):
-            dy = abs(from_y - middle)
-            if dy <= source.rows[from_y]:
-                _add_source_row(row, source, from_y, dy, edge)
-        _finish(row, out[y], edge + origin[1])
+            if abs(middle - from_y) <= source.rows[from_y]:
+                _add_source_row(spans, spots, source, discs, aspect, from_y, middle - from_y)
+        _finish(spans, spots, out[y], edge + origin[1])
 
 
 def _source(layer: SourceLayer, pixel_aspect: float) -> _Source:
     """Lay out a layer for the loops."""
     takes_part: Bool = layer.radius_px >= 0.0
-    largest = layer.radius_px.max(axis=1).astype(np.float64)
-    rows = np.maximum(np.ceil(largest * pixel_aspect - 0.5), 0.0)
-    rows[largest < 0.0] = -1.0
-    discs = tables(float(largest.max()), pixel_aspect)
+    largest = layer.radius_px.max(axis=1)
+    rows = [reach(fitted_radius(float(r) * pixel_aspect)) if r >= 0.0 else -1 for r in largest]
     return _Source(
         rgba=layer.rgba,
         radius=layer.radius_px,
-        rows=rows.astype(np.int64),
+        skew=layer.skew,
+        rows=np.array(rows, dtype=np.intp),
         first=takes_part.argmax(axis=1),
         last=takes_part.shape[1] - 1 - takes_part[:, ::-1].argmax(axis=1),
-        stamps=discs.stamps,
-        spans=discs.spans,
-        pixel_aspect=pixel_aspect,
     )
 
 
@@ -227,6 +221,7 @@ def scatter(
     if layer is None:
         return out
     source = _source(layer, pixel_aspect)
+    discs = tables(float(layer.radius_px.max()), pixel_aspect)
     target = layer.target
     view = out[target.y0 : target.y1, target.x0 : target.x1]
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
@@ -235,8 +230,9 @@ def scatter(
     workers = threads if threads is not None else os.cpu_count() or 1
     if workers == 1:
         for band in bands:
-            _scatter_rows(source, view, origin, band)
+            _scatter_rows(source, discs, pixel_aspect, view, origin, band)
         return out
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        list(pool.map(lambda band: _scatter_rows(source, view, origin, band), bands))
+        rows = partial(_scatter_rows, source, discs, pixel_aspect, view, origin)
+        list(pool.map(rows, bands))
     return out

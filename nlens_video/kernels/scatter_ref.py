@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.frames import Float32
-from nlens_video.kernels.disc import coverage
+from nlens_video.kernels.disc import coverage, fitted_radius
 from nlens_video.kernels.extend import prepare
 
 
@@ -20,10 +20,16 @@ def scatter_ref(rgba: Float32, coc_px: Float32, *, pixel_aspect: float = 1.0) ->
     colour = np.zeros((height + 2 * margin, width + 2 * margin, 4))
     weight = np.zeros((height + 2 * margin, width + 2 * margin))
     for y, x in np.argwhere(layer.radius_px >= 0.0):
-        radius = max(float(layer.radius_px[y, x]), 1e-3)
-        disc = coverage(radius, radius * pixel_aspect)
-        top, left = y + margin - disc.shape[0] // 2, x + margin - disc.shape[1] // 2
-        spot = np.s_[top : top + disc.shape[0], left : left + disc.shape[1]]
+        radius = float(layer.radius_px[y, x])
+        disc = coverage(fitted_radius(radius), fitted_radius(radius * pixel_aspect))
+        up, left = disc.shape[0] // 2, disc.shape[1] // 2
+        dy = np.arange(-up, up + 1)[:, None] * layer.skew[y, x, 1]
+        dx = np.arange(-left, left + 1)[None, :] * layer.skew[y, x, 0]
+        disc *= 1.0 + dx + dy
+        spot = (
+            slice(y + margin - up, y + margin + up + 1),
+            slice(x + margin - left, x + margin + left + 1),
+        )
         colour[spot] += disc[..., None] * layer.rgba[y, x]
         weight[spot] += disc
     kept = np.s_[margin : margin + height, margin : margin + width]
