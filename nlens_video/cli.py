@@ -6,7 +6,7 @@ import os
 import sys
 
 from nlens_video.arguments import parse, settings
-from nlens_video.errors import NlensError
+from nlens_video.errors import NlensError, ReaderGone
 
 INTERRUPTED = 130
 
@@ -17,6 +17,10 @@ def main(argv: list[str] | None = None) -> int:
     verbose = "-v" in words or "--verbose" in words
     try:
         return _run(words)
+    except ReaderGone:
+        # Python would complain once more when it flushes standard output at its end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except NlensError as error:
         if verbose:
             raise_traceback(error)
@@ -25,10 +29,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("nlens-video: interrupted, no output written", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        # whoever read our standard output has gone: nothing left to say, and nobody to say it to
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
 
 
 def raise_traceback(error: NlensError) -> None:

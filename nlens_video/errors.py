@@ -41,3 +41,9 @@ class OutputError(NlensError):
     """The result cannot be written."""
 
     exit_code = 6
+
+
+class ReaderGone(OutputError):
+    """Whoever reads our standard output has closed it: an end, not a failure."""
+
+    exit_code = 0

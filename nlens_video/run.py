@@ -215,7 +215,13 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
     rate = f"{float(info.average_rate):.3f} fps" if info.average_rate else "unknown rate"
     yield (
         f"plate {info.name}: {info.kind}, {info.codec} {info.width}x{info.height} "
-        f"{info.pixel_format}, {rate}, {info.tags}"
+        f"{info.pixel_format}, {rate}"
+    )
+    tags = info.tags
+    assumed = f" (assumed: {', '.join(tags.assumed)})" if tags.assumed else ""
+    yield (
+        f"colour: matrix {tags.matrix}, transfer {tags.transfer}, primaries {tags.primaries}, "
+        f"{'full' if tags.full_range else 'limited'} range{assumed}"
     )
     for note in info.notes:
         yield f"note: {note}"

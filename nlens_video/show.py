@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 if TYPE_CHECKING:
     from nlens_video.lens import LensFit
@@ -73,9 +72,9 @@ class Voice:
         if self._json:
             self._emit({"fit": asdict(outcome.fit), "saved": str(outcome.path)})
         elif not self._quiet:
-            self._console.print(f"lens   {fit_line(outcome.fit)}")
+            self._say("lens", fit_line(outcome.fit))
             self._notes(outcome.notes)
-            self._console.print(f"saved  {outcome.path}")
+            self._say("saved", str(outcome.path))
 
     def outcome(self, outcome: Outcome) -> None:
         """Show how a run went."""
@@ -86,30 +85,30 @@ class Voice:
 
     def _summary(self, outcome: Outcome) -> None:
         timing = outcome.timing
-        table = Table(box=None, show_header=False, pad_edge=False)
-        table.add_column(style="bold")
-        table.add_column()
-        table.add_row(
-            "wrote", f"{outcome.output}: {timing.frames} frames, {outcome.composited} with"
-        )
-        table.add_row("lens", fit_line(outcome.fit) if outcome.fit else "no object in view, no fit")
+        where = "standard output" if outcome.output == "-" else outcome.output
+        self._say("wrote", f"{where}, {timing.frames} frames, {outcome.composited} of them changed")
+        self._say("lens", fit_line(outcome.fit) if outcome.fit else "none: no object in view")
         for decision in outcome.decisions:
             state = "on" if decision.wanted else "off"
-            table.add_row("effect", f"{decision.effect} {state}: {decision.reason}")
-        nodes = "  ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
-        table.add_row("ms", f"{nodes}")
-        table.add_row(
+            self._say("effect", f"{decision.effect} {state}: {decision.reason}")
+        nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
+        self._say("ms", f"median of each node: {nodes}")
+        first = f", with the fit {timing.first_frame_ms:.0f} ms" if timing.first_frame_ms else ""
+        self._say(
             "frame",
-            f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms, first "
-            f"{timing.first_frame_ms:.0f} ms; {timing.within_budget:.0%} within "
-            f"{timing.budget_ms:g} ms; {timing.fps:.1f} fps",
+            f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms{first}; "
+            f"{timing.within_budget:.0%} within {timing.budget_ms:g} ms; {timing.fps:.1f} fps",
         )
-        self._console.print(table)
+        if outcome.damaged:
+            self._say("note", f"{outcome.damaged} damaged packets or frames in the source")
         self._notes(outcome.notes)
 
     def _notes(self, notes: Sequence[str]) -> None:
         for note in notes:
-            self._console.print(f"note   {note}", markup=False)
+            self._say("note", note)
+
+    def _say(self, label: str, text: str) -> None:
+        self._console.print(f"{label:7}{text}", markup=False, soft_wrap=True)
 
     def _emit(self, value: object) -> None:
         print(json.dumps(value, indent=2), file=self._results)

@@ -64,6 +64,11 @@ class Placement:
 class ObjectSource(Protocol):
     """Gives the object's place, geometry and picture on each frame."""
 
+    @property
+    def description(self) -> str:
+        """What makes the layers, in words."""
+        ...
+
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Where the object is on a frame; None when it is out of view."""
         ...
@@ -92,6 +97,11 @@ class RenderedObject:
     scene: Scene
     renderer: Renderer
     view: View
+
+    @property
+    def description(self) -> str:
+        """What makes the layers, in words."""
+        return "pyrender, headless OpenGL, the object's box only"
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
@@ -126,6 +136,11 @@ class LayeredObject:
     scene: Scene
     layers: LayerReader
     view: View
+
+    @property
+    def description(self) -> str:
+        """What makes the layers, in words."""
+        return "pre-rendered OpenEXR layers"
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Read the frame's layer, cut to what it covers."""

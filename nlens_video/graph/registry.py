@@ -135,7 +135,7 @@ def _render(tools: Tools) -> Made:
     def run(placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         return tools.objects.render(placement, fit)
 
-    return Made(run, type(tools.objects).__name__)
+    return Made(run, tools.objects.description)
 
 
 def _object_coc(tools: Tools) -> Made:

@@ -81,6 +81,8 @@ class FrameSteps:
 
     def run(self, state: FrameState, nodes: tuple[Node, ...]) -> FrameState:
         """Run some nodes on one frame."""
+        for port, value in self._shot.items():
+            state.values.setdefault(port, value)
         for node in nodes:
             if node.cadence == "shot":
                 self._run_once(state, node)
@@ -97,8 +99,6 @@ class FrameSteps:
             if isinstance(value, LensFit):
                 self.fit = value
                 state.carried_fit = True
-        elif node.output in self._shot:
-            state.values[node.output] = self._shot[node.output]
 
     def lanes(
         self, render_context: Callable[[], AbstractContextManager[object]]

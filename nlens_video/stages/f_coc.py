@@ -16,6 +16,9 @@ from nlens_video.frames import CocMap, Float32, Picture
 from nlens_video.stages.protocols import CocNetwork
 
 WORKING_SIDE_PX = 960
+LARGEST_COC_PX = 64.0  # what the network was trained to see [px of the working size]
+FLAT = 0.6 / 255  # contrast below which a picture holds nothing but its own rounding [sRGB code]
+_FLAT_WINDOW_PX = 33
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,18 @@ def estimate_coc(network: CocNetwork, rgb: Float32) -> CocMap:
         np.float32(scale) * _enlarged(values, padded, working, (width, height))
         for values in (coarse.coc_px, coarse.sigma_px)
     )
+    flat = cv2.resize(_flat(working), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+    sigma[flat] = np.maximum(sigma[flat], np.float32(scale * LARGEST_COC_PX))
     return CocMap(coc_px=coc, sigma_px=sigma)
+
+
+def _flat(rgb: Float32) -> Float32:
+    """1 where a picture has no contrast to read a blur from, such as a clipped sky; else 0."""
+    luma = rgb @ np.array([0.3, 0.6, 0.1], np.float32)
+    window = (_FLAT_WINDOW_PX, _FLAT_WINDOW_PX)
+    mean = cv2.boxFilter(luma, -1, window, borderType=cv2.BORDER_REFLECT)
+    spread = cv2.boxFilter((luma - mean) ** 2, -1, window, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(spread < FLAT**2, dtype=np.float32)
 
 
 def _reduced(rgb: Float32) -> Float32:

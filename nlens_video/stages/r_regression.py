@@ -23,6 +23,7 @@ GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail
 MIN_SAMPLES = 48
 FLOOR_PX = 0.3  # an estimate is never trusted further than this
 RESOLVED_MARGIN = 0.05
+UNSURE_PX = 8.0  # an estimate that expects to be off by more, and by more than itself, says nothing
 _FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
 
@@ -200,7 +201,8 @@ def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
     error = float(np.sqrt(jacobian @ covariance @ jacobian))
     blur = abs(fit.slope * jacobian[0] + fit.intercept)
     expected = float(np.median(samples.sigma_px[use]))
-    if fit.inlier_fraction < 0.1 or error > max(3.0, 0.5 * blur):
+    unsure = expected > max(UNSURE_PX, blur)
+    if unsure or fit.inlier_fraction < 0.1 or error > max(3.0, 0.5 * blur):
         raise LensFitError(
             f"the ground under the object does not tell the blur (CoC {blur:.1f} px, standard "
             f"error {error:.1f} px, {fit.inlier_fraction:.0%} of {fit.n} samples agree, expected "

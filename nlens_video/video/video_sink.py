@@ -20,18 +20,15 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 from nlens_video.color import FULL_RANGE
-from nlens_video.errors import InputError, OutputError
+from nlens_video.errors import InputError, OutputError, ReaderGone
 from nlens_video.video.atomic import partial_name, publish
 from nlens_video.video.audio import AudioEncoder
+from nlens_video.video.encoder_clock import encoder_clock
 from nlens_video.video.encoding import Encoding, choose_encoding
 from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
 from nlens_video.video.rendered import picture_frame
 
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
-
-
-class BrokenPipe(OutputError):
-    """Whoever reads standard output has gone; end quietly."""
 
 
 class VideoSink:
@@ -93,11 +90,10 @@ class VideoSink:
             OutputError: the disk is full, the encoder refuses.
         """
         encoded = picture_frame(frame.picture, self.encoding.pixel_format)
-        encoded.pts, encoded.time_base = frame.pts, frame.time_base
-        encoded.duration = frame.duration
+        self._clock.stamp(encoded, frame)
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
         with self._lock, self._writing():
-            self._container.mux(self._stream.encode(encoded))
+            self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
 
     def write_packet(self, packet: Packet) -> None:
         """Carry over a packet of another stream; one that was dropped, or after the end: nothing.
@@ -125,7 +121,7 @@ class VideoSink:
 
     def _finish(self) -> None:
         with self._lock, self._writing():
-            self._container.mux(self._stream.encode(None))
+            self._container.mux(self._clock.retimed(self._stream.encode(None)))
             for target in self._targets.values():
                 if isinstance(target, AudioEncoder):
                     self._container.mux(target.encode(None))
@@ -147,7 +143,7 @@ class VideoSink:
         try:
             yield
         except BrokenPipeError as error:
-            raise BrokenPipe(f"{self._spec}: nobody reads it any more") from error
+            raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
         except (av.FFmpegError, OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise OutputError(
@@ -157,7 +153,8 @@ class VideoSink:
     def _open_container(self) -> av.container.OutputContainer:
         if self._spec == "-":
             return av.open(sys.stdout.buffer, "w", format="nut")
-        options = {}
+        # Audio that starts before zero must not push the pictures off their own times.
+        options = {"avoid_negative_ts": "disabled"}
         if self._keep and self._path is not None and self._path.suffix in (".mp4", ".mov", ".m4v"):
             options["movflags"] = "hybrid_fragmented"
         target = str(self._partial or self._spec)
@@ -179,7 +176,8 @@ class VideoSink:
         context = stream.codec_context
         stream.width, stream.height = info.stored_size
         stream.pix_fmt = encoding.pixel_format
-        stream.time_base = context.time_base = info.time_base
+        self._clock = encoder_clock(encoding.codec, self._container.format.name, info)
+        stream.time_base = context.time_base = self._clock.time_base
         context.flags |= Flags.frame_duration
         context.thread_type = "AUTO"
         if info.sample_aspect_ratio:
@@ -198,7 +196,7 @@ class VideoSink:
         context.colorspace, context.color_range = tags.colorspace, tags.color_range
         if was and not becomes and "gray" not in self.encoding.pixel_format:
             full = self.encoding.pixel_format.startswith("yuvj")
-            context.colorspace, context.color_range = 1, FULL_RANGE if full else 1
+            context.colorspace, context.color_range = (5, FULL_RANGE) if full else (1, 1)
             context.color_primaries, context.color_trc = 1, 13
         elif becomes:
             context.colorspace, context.color_range = 0, FULL_RANGE

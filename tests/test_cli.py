@@ -1,0 +1,426 @@
+"""The command line as a user or a script calls it: real files, real codecs, a process each."""
+
+import contextlib
+import io
+import json
+import signal
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from types import SimpleNamespace
+
+import av
+import cv2
+import numpy as np
+import pytest
+import shots
+
+from nlens_video.cli import main
+
+pytestmark = pytest.mark.needs_gl
+
+
+def nlens(*words):
+    """The command line in this process: what `main` returns, and what it printed."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(word) for word in words])
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
+
+
+def process(*words, **options):
+    """The command line in a process of its own, as a shell starts it."""
+    command = [sys.executable, "-m", "nlens_video", *map(str, words)]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, **options)
+
+
+def one_line(run, code):
+    """The one line that an error is answered with."""
+    text = run.stderr.strip()
+    assert run.returncode == code, text
+    assert text.startswith("nlens-video: ") and "\n" not in text, text
+    return text
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_video(folder / "in.mp4")
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+def test_video_comes_out_with_every_frame_its_time_and_its_audio(files, tmp_path):
+    run = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4",
+        "--save-fit", tmp_path / "fit.json", "--timings", tmp_path / "t.json", "--json",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    before, after = shots.read_planes(files / "in.mp4"), shots.read_planes(tmp_path / "out.mp4")
+    assert [pts for pts, _ in after] == [pts for pts, _ in before]
+    assert shots.audio_packets(tmp_path / "out.mp4") == shots.audio_packets(files / "in.mp4")
+    summary = json.loads(run.stdout)
+    assert summary["timing"]["frames"] == 12 and summary["composited"] == 12
+    timings = json.loads((tmp_path / "t.json").read_text())
+    assert timings["budget_ms"] == 180 and timings["preset"] == "standard"
+    assert len(timings["frames"]) == 12
+    assert {"decode", "render", "composite", "encode"} <= set(timings["frames"][5]["nodes"])
+    assert "fit" in timings["frames"][0]["nodes"] and "fit" not in timings["frames"][1]["nodes"]
+    fit = json.loads((tmp_path / "fit.json").read_text())
+    assert fit["model"] == "coc_px = slope * disparity + intercept"
+    assert (fit["width"], fit["height"], fit["frame"]) == (shots.WIDTH, shots.HEIGHT, 0)
+
+
+def test_lens_is_found_from_the_plate_alone(files, tmp_path):
+    run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
+    assert run.returncode == 0, run.stderr
+    fit = json.loads((tmp_path / "fit.json").read_text())
+    for depth in (1.5, 1.8, 2.6):
+        true = shots.SLOPE / depth + shots.INTERCEPT
+        assert fit["slope"] / depth + fit["intercept"] == pytest.approx(true, abs=1.5)
+
+
+def test_samples_outside_the_object_are_the_sources_bit_for_bit(files, tmp_path):
+    shots.write_video(tmp_path / "in.mkv", codec="ffv1", pix_fmt="yuv420p", frames=4)
+    run = nlens(
+        tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv",
+        "--fit", files / "fit.json", "--aov", tmp_path / "aov",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    before, after = shots.read_planes(tmp_path / "in.mkv"), shots.read_planes(tmp_path / "out.mkv")
+    assert len(after) == 4
+    for (_, old), (_, new), layer in zip(
+        before, after, sorted((tmp_path / "aov").iterdir()), strict=True
+    ):
+        alpha = read_channel(layer, "A")
+        reached = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        assert 0 < reached.mean() < 0.3
+        assert np.array_equal(old[0][~reached], new[0][~reached])
+        assert (old[0] != new[0])[reached].mean() > 0.5
+        small = cv2.resize(
+            reached.astype(np.uint8), old[1].shape[::-1], interpolation=cv2.INTER_AREA
+        )
+        grown = cv2.dilate(small, np.ones((3, 3), np.uint8)) > 0
+        for plane in (1, 2):
+            assert np.array_equal(old[plane][~grown], new[plane][~grown])
+
+
+def read_channel(path, name):
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return np.array(file.channels()[name].pixels)
+
+
+def test_two_runs_give_the_same_bytes_of_picture(files, tmp_path):
+    for name in ("a.mkv", "b.mkv"):
+        run = nlens(
+            files / "in.mp4", files / "anim.glb", tmp_path / name, "--codec", "ffv1",
+            "--save-fit", tmp_path / f"{name}.json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+    first, second = shots.read_planes(tmp_path / "a.mkv"), shots.read_planes(tmp_path / "b.mkv")
+    assert (tmp_path / "a.mkv.json").read_text() == (tmp_path / "b.mkv.json").read_text()
+    for (_, a), (_, b) in zip(first, second, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_saved_fit_is_used_again_and_gives_the_same_picture(files, tmp_path):
+    plate, glb = files / "plate.png", files / "anim.glb"
+    first = nlens(plate, glb, tmp_path / "a.png", "--save-fit", tmp_path / "fit.json")
+    second = nlens(
+        plate, glb, tmp_path / "b.png", "--fit", tmp_path / "fit.json",
+        "--timings", tmp_path / "t.json",
+    )  # fmt: skip
+    assert first.returncode == second.returncode == 0, first.stderr + second.stderr
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    nodes = json.loads((tmp_path / "t.json").read_text())["frames"][0]["nodes"]
+    assert "estimate-coc" not in nodes and "fit" not in nodes
+
+
+def test_still_in_gives_a_still_out_and_the_object_is_in_it(files, tmp_path):
+    run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png")
+    assert run.returncode == 0, run.stderr
+    before, after = cv2.imread(str(files / "plate.png")), cv2.imread(str(tmp_path / "out.png"))
+    assert before.shape == after.shape
+    changed = np.abs(before.astype(int) - after).max(axis=2) > 10
+    assert 0.005 < changed.mean() < 0.3
+
+
+def test_image_sequence_in_and_out(files, tmp_path):
+    for number in range(7, 10):
+        shots.write_png(tmp_path / f"plate_{number:04d}.png")
+    run = nlens(
+        tmp_path / "plate_%04d.png", files / "anim.glb", tmp_path / "out_%04d.png",
+        "--fit", files / "fit.json", "--input-rate", "25",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert len(list(tmp_path.glob("out_*.png"))) == 3
+
+
+def test_variable_frame_rate_keeps_every_pts(files, tmp_path):
+    pts = [0, 33, 95, 120, 210, 214, 300, 391]
+    shots.write_video(
+        tmp_path / "in.mkv", frames=8, codec="ffv1", audio=False, pts=pts,
+        time_base=Fraction(1, 1000),
+    )  # fmt: skip
+    run = nlens(
+        tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv", "--fit", files / "fit.json"
+    )
+    assert run.returncode == 0, run.stderr
+    assert [at for at, _ in shots.read_planes(tmp_path / "out.mkv")] == pts
+
+
+def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
+    whole = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "whole.mkv", "--codec", "ffv1",
+        "--fit", files / "fit.json",
+    )  # fmt: skip
+    part = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "part.mkv", "--codec", "ffv1",
+        "--fit", files / "fit.json", "--range", "5:9",
+    )  # fmt: skip
+    assert whole.returncode == part.returncode == 0, whole.stderr + part.stderr
+    frames, some = (
+        shots.read_planes(tmp_path / "whole.mkv"),
+        shots.read_planes(tmp_path / "part.mkv"),
+    )
+    assert len(some) == 4 and some[0][0] == 0
+    for (_, a), (_, b) in zip(frames[5:9], some, strict=True):
+        assert np.array_equal(a[0], b[0])
+
+
+def test_object_out_of_view_leaves_the_plate_untouched(files, tmp_path):
+    shots.cube_glb(tmp_path / "away.glb", start=(0.0, 0.0, 30.0))
+    shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=3, audio=False)
+    run = nlens(tmp_path / "in.mkv", tmp_path / "away.glb", tmp_path / "out.mkv", "--json")
+    assert run.returncode == 0, run.stderr
+    outcome = json.loads(run.stdout)
+    assert outcome["fit"] is None and outcome["composited"] == 0
+    before, after = shots.read_planes(tmp_path / "in.mkv"), shots.read_planes(tmp_path / "out.mkv")
+    for (_, a), (_, b) in zip(before, after, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_effects_none_lays_the_sharp_object_over_the_plate(files, tmp_path):
+    run = nlens(
+        files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--effects", "none", "--json"
+    )
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["fit"] is None
+
+
+def test_plan_names_nodes_backends_and_effects_and_writes_nothing(files, tmp_path):
+    run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4", "--plan")
+    assert run.returncode == 0, run.stderr
+    text = run.stdout
+    for word in ("pipeline standard", "effect defocus", "node reblur", "onnxruntime", "bt709"):
+        assert word in text
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("form", ["nut", "yuv4mpegpipe", "rawvideo"])
+def test_webcam_like_source_on_standard_input(files, tmp_path, form):
+    """Frames come at 25 fps through a pipe, as a camera would send them."""
+    rgb = shots.plate()
+    raw = form == "rawvideo"
+    words = ["-", files / "anim.glb", tmp_path / "out.mkv", "--fit", files / "fit.json", "--json"]
+    if raw:
+        size = f"{shots.WIDTH}x{shots.HEIGHT}"
+        words += ["--input-format", "rawvideo", "--input-size", size, "--input-rate", "25"]
+    run = process(*words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    feed(run.stdin, form, rgb, frames=15)
+    run.stdin = None  # closed: nothing for communicate to flush
+    out, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err.decode()
+    assert json.loads(out)["timing"]["frames"] == 15
+    frames = shots.read_planes(tmp_path / "out.mkv")
+    with av.open(str(tmp_path / "out.mkv")) as container:
+        base = container.streams.video[0].time_base
+    seconds = [float((pts - frames[0][0]) * base) for pts, _ in frames]
+    assert seconds == pytest.approx([n / 25 for n in range(15)], abs=1.1e-3)
+
+
+def feed(pipe, form, rgb, frames):
+    start = time.monotonic()
+    yuv = av.VideoFrame.from_ndarray(rgb, "rgb24").reformat(format="yuv420p")
+    if form == "rawvideo":
+        planes = yuv.to_ndarray().tobytes()
+        for number in range(frames):
+            time.sleep(max(0.0, start + number / 25 - time.monotonic()))
+            pipe.write(planes)
+            pipe.flush()
+        pipe.close()
+        return
+    with av.open(pipe, "w", format=form) as container:
+        codec = "rawvideo" if form == "nut" else "wrapped_avframe"
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = rgb.shape[1], rgb.shape[0], "yuv420p"
+        for number in range(frames):
+            time.sleep(max(0.0, start + number / 25 - time.monotonic()))
+            yuv.pts, yuv.time_base = number, Fraction(1, 25)
+            container.mux(stream.encode(yuv))
+        container.mux(stream.encode())
+    pipe.close()
+
+
+def test_stream_on_standard_output_is_read_by_another_process(files, tmp_path):
+    run = process(
+        files / "in.mp4", files / "anim.glb", "-", "--fit", files / "fit.json", "-q",
+        stdout=subprocess.PIPE,
+    )  # fmt: skip
+    out, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err.decode()
+    (tmp_path / "out.nut").write_bytes(out)
+    frames = shots.read_planes(tmp_path / "out.nut")
+    assert len(frames) == 12
+    assert shots.audio_packets(tmp_path / "out.nut") == shots.audio_packets(files / "in.mp4")
+
+
+def test_live_device_of_ffmpeg_is_opened_by_name(files, tmp_path):
+    size = f"{shots.WIDTH}x{shots.HEIGHT}"
+    run = nlens(
+        f"testsrc2=size={size}:rate=25", files / "anim.glb", tmp_path / "out.mkv",
+        "--input-format", "lavfi", "--range", "0:10", "--fit", files / "fit.json", "--json",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["timing"]["frames"] == 10
+
+
+def endless(files, output, **options):
+    """A run on a source without an end."""
+    return process(
+        f"testsrc2=size={shots.WIDTH}x{shots.HEIGHT}:rate=25", files / "anim.glb", output,
+        "--input-format", "lavfi", "--fit", files / "fit.json", **options,
+    )  # fmt: skip
+
+
+def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path):
+    run = endless(files, tmp_path / "out.mp4")
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".*partial*")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(1.0)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130, err.decode()
+    assert err.decode().strip() == "nlens-video: interrupted, no output written"
+    assert not list(tmp_path.iterdir())
+
+
+def test_reader_that_goes_away_ends_the_run_quietly(files):
+    run = endless(files, "-", stdout=subprocess.PIPE)
+    run.stdout.read(100_000)
+    run.stdout.close()
+    assert run.wait(timeout=60) == 0
+    assert run.stderr.read() == b""
+    run.stderr.close()
+
+
+def test_help_answers_without_loading_anything():
+    run = process("--help", stdout=subprocess.PIPE)
+    out, _ = run.communicate(timeout=30)
+    assert run.returncode == 0
+    assert b"IN ANIM.glb OUT" in out
+
+
+class TestExitCodes:
+    def test_2_unknown_option(self, files):
+        assert "--colour" in one_line(nlens("a", "b", "c", "--colour"), 2)
+
+    def test_2_missing_argument(self, files):
+        assert "OUT" in one_line(nlens(files / "in.mp4", files / "anim.glb"), 2)
+
+    @pytest.mark.parametrize(
+        ("words", "expected"),
+        [
+            (["--range", "9:4"], "A:B"),
+            (["--preset", "cinematic"], "standard"),
+            (["--effects", "glitter"], "defocus"),
+            (["--device", "cuda"], "cpu"),
+            (["--budget-ms", "-3"], "positive"),
+        ],
+    )
+    def test_2_value_that_makes_no_sense(self, files, tmp_path, words, expected):
+        run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png", *words)
+        assert expected in one_line(run, 2)
+
+    def test_3_input_that_does_not_exist(self, files, tmp_path):
+        run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "out.mp4")
+        assert "none.mp4" in one_line(run, 3)
+
+    def test_3_input_that_is_no_video(self, files, tmp_path):
+        (tmp_path / "in.mp4").write_text("not a video at all")
+        one_line(nlens(tmp_path / "in.mp4", files / "anim.glb", tmp_path / "out.mp4"), 3)
+
+    def test_4_scene_that_is_no_gltf(self, files, tmp_path):
+        (tmp_path / "bad.glb").write_bytes(b"glTF but not really")
+        run = nlens(files / "plate.png", tmp_path / "bad.glb", tmp_path / "out.png")
+        assert "bad.glb" in one_line(run, 4)
+
+    def test_4_scene_without_a_camera(self, files, tmp_path):
+        shots.cube_glb(tmp_path / "nocam.glb", camera=False)
+        run = nlens(files / "plate.png", tmp_path / "nocam.glb", tmp_path / "out.png")
+        assert "camera" in one_line(run, 4)
+
+    def test_5_plate_that_tells_no_blur(self, files, tmp_path):
+        shots.write_png(
+            tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
+        )
+        run = nlens(tmp_path / "grey.png", files / "anim.glb", tmp_path / "out.png")
+        assert "--fallback constant" in one_line(run, 5)
+        assert not (tmp_path / "out.png").exists()
+
+    def test_5_ground_plane_out_of_view(self, files, tmp_path):
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--ground-y", "50"
+        )
+        assert "--ground-y" in one_line(run, 5)
+
+    def test_5_fit_file_that_is_none(self, files, tmp_path):
+        (tmp_path / "fit.json").write_text('{"slope": "steep"}')
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "out.png",
+            "--fit", tmp_path / "fit.json",
+        )  # fmt: skip
+        assert "slope" in one_line(run, 5)
+
+    def test_0_with_the_fallback_that_stands_in_for_a_fit(self, files, tmp_path):
+        shots.write_png(
+            tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
+        )
+        run = nlens(
+            tmp_path / "grey.png", files / "anim.glb", tmp_path / "out.png",
+            "--fallback", "constant", "--json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        outcome = json.loads(run.stdout)
+        assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
+        assert any("constant CoC" in note for note in outcome["notes"])
+
+    def test_6_folder_that_does_not_exist(self, files, tmp_path):
+        run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "no" / "out.png")
+        one_line(run, 6)
+
+    def test_6_output_that_is_the_input(self, files):
+        run = nlens(files / "plate.png", files / "anim.glb", files / "plate.png")
+        one_line(run, 6)
+
+    def test_verbose_adds_the_traceback(self, files, tmp_path):
+        run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "o.mp4", "-v")
+        assert run.returncode == 3
+        assert "Traceback" in run.stderr
+
+
+def test_failed_run_leaves_nothing_behind(files, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "layers").mkdir()
+    run = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "out" / "o.mp4",
+        "--layers", tmp_path / "layers" / "%04d.exr", "--timings", tmp_path / "out" / "t.json",
+    )  # fmt: skip
+    one_line(run, 3)
+    assert not list((tmp_path / "out").iterdir())
