@@ -1,0 +1,65 @@
+"""The parts of the page about the run: times and plan."""
+
+from __future__ import annotations
+
+from html import escape
+
+from nlens_video.graph.plan import describe
+from nlens_video.report.findings import Findings
+from nlens_video.report.markup import key, missing, section, table
+from nlens_video.report.timing_plot import timing_plot
+
+
+def times_part(findings: Findings) -> str:
+    """What each node cost, frame by frame and as medians."""
+    plot = timing_plot(findings)
+    body = ""
+    if plot is not None:
+        each = "each frame" if findings.bin_width == 1 else f"means of {findings.bin_width} frames"
+        words = f"Time of the nodes, {each}, stacked. Neighbouring frames overlap, so a frame is "
+        words += "written sooner than its sum says."
+        if findings.warm_up is not None:
+            words += (
+                f" Frame {findings.warm_up.index}, on which the lens was measured, is not drawn: "
+                f"it took {findings.warm_up.total_ms:,.0f} ms."
+            )
+        body = (
+            f'<p class="quiet">{words}</p>{key(list(plot.key))}<div class="scroll" tabindex="0" '
+            f'role="region" aria-label="Chart of the times">{plot.svg}</div>'
+        )
+    rows = _node_rows(findings)
+    if rows:
+        head = ("node", "median (ms)", "how often", "runs on")
+        body += table("Median time of each node where it ran", head, rows, number_column=1)
+    return section("times", "Time", body or missing("No frame was timed."))
+
+
+def _node_rows(findings: Findings) -> list[tuple[str, ...]]:
+    """Name, median, cadence and backend of each node that ran, in the order they run."""
+    medians = findings.summary.node_median_ms
+    nodes = findings.assembly.graph.nodes
+    often = {"shot": "once a shot", "frame": "each frame"}
+    known = [
+        ("decode", "each frame", "FFmpeg"),
+        *((node.name, often[node.cadence], node.backend) for node in nodes),
+        ("encode", "each frame", "FFmpeg"),
+    ]
+    return [(name, f"{medians[name]:.1f}", *rest) for name, *rest in known if name in medians]
+
+
+def plan_part(findings: Findings) -> str:
+    """What ran, on what, and why."""
+    lines = [line for line in describe(findings.assembly) if not line.startswith("note: ")]
+    rows = "".join(
+        f"<dt>{escape(head)}</dt><dd>{escape(words)}</dd>" for head, words in map(_parts, lines)
+    )
+    return section("plan", "The plan", f'<dl class="plan">{rows}</dl>')
+
+
+def _parts(line: str) -> tuple[str, str]:
+    """A line of the plan as what it is about and what it says of it."""
+    if line.startswith("node "):
+        head, _, words = line.partition(" [")
+        return head, words.replace("] ", ": ", 1)
+    head, _, words = line.partition(": ")
+    return head, words
