@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import av
 
-from nlens_video.errors import UsageError
+from nlens_video.errors import InputError, UsageError
 from nlens_video.video.formats import PixelLayout, layout, working_format
 from nlens_video.video.info import SourceInfo
 
@@ -37,6 +38,12 @@ _OPTIONS = {
         for name in ("mjpeg", "mpeg4", "mpeg2video", "mpeg1video")
     },
 }
+
+
+_MPEG_RATES = (
+    24, 25, 30, 50, 60, *(Fraction(n * 1000, 1001) for n in (24, 30, 60))
+)  # fmt: skip
+"""Frame rates that an MPEG-1 or MPEG-2 header can name [1/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,6 +123,8 @@ def _encoder(
         return name
     picture = info.kind in ("still", "sequence")
     name = _ENCODERS.get(info.codec, info.codec if info.codec in _SAME and not picture else "")
+    if name.startswith(("mpeg1", "mpeg2")) and info.average_rate not in _MPEG_RATES:
+        name = ""
     if name and name in supported:
         return name
     for fallback in (_FALLBACK, "libvpx-vp9", "mpeg2video", "gif", "rawvideo"):
@@ -129,7 +138,10 @@ def _encoder(
 
 def _formats(codec: str) -> list[str]:
     """Pixel formats that an encoder takes; empty: any."""
-    return [one.name for one in av.Codec(codec, "w").video_formats or ()]
+    names = [one.name for one in av.Codec(codec, "w").video_formats or ()]
+    if codec == "mjpeg":  # limited range is no JPEG
+        return [name for name in names if name.startswith("yuvj")]
+    return [name for name in names if name != "pal8"]  # nothing here makes palettes
 
 
 def _check_format(name: str, codec: str, formats: list[str]) -> None:
@@ -155,7 +167,10 @@ def _nearest(wanted: str, formats: list[str], codec: str) -> str:
 
 def _loss(goal: PixelLayout, name: str) -> tuple[int, int, int, int, int, int]:
     """What a format loses of another: colour, family, alpha, subsampling, bits, then waste."""
-    kind = layout(name) or layout(name.replace("be", "le"))
+    try:
+        kind = layout(working_format(name))
+    except InputError:
+        kind = None
     if kind is None:
         return (9, 0, 0, 0, 0, 0)
     colour = int(goal.family != "gray" and kind.family == "gray")

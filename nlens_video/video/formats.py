@@ -165,8 +165,8 @@ def converted(
     """The frame in another pixel format, with its time kept.
 
     Between two YUV formats or two RGB formats samples are moved and rescaled, matrix and range
-    stay. From YUV to RGB goes by `tags`; from RGB to YUV by BT.709, limited range unless the name
-    of the format says otherwise, and the result is tagged so.
+    stay. From YUV to RGB goes by `tags`; from RGB to YUV by BT.709 in limited range, or for
+    `yuvj` by BT.601 in full range as in JPEG, and the result is tagged so.
 
     Args:
         frame: any.
@@ -180,16 +180,18 @@ def converted(
         matrix = next(number for number, name in MATRICES.items() if name == tags.matrix)
         span = FULL_RANGE if tags.full_range else 1
     to_yuv = was and not becomes
+    jpeg = target.startswith("yuvj")
+    made = (5 if jpeg else 1) if to_yuv else matrix
     result = frame.reformat(
-        format=target, src_colorspace=matrix, dst_colorspace=1 if to_yuv else matrix,
+        format=target, src_colorspace=matrix, dst_colorspace=made,
         src_color_range=span,
-        dst_color_range=FULL_RANGE if target.startswith("yuvj") else 1 if to_yuv else span,
+        dst_color_range=FULL_RANGE if jpeg else 1 if to_yuv else span,
         interpolation=_SWS,
     )  # fmt: skip
     result.color_primaries, result.color_trc = frame.color_primaries, frame.color_trc
-    result.colorspace = 1 if to_yuv else 0 if becomes else frame.colorspace
+    result.colorspace = made if to_yuv else 0 if becomes else frame.colorspace
     if to_yuv or becomes:
-        result.color_range = FULL_RANGE if becomes or target.startswith("yuvj") else 1
+        result.color_range = FULL_RANGE if becomes or jpeg else 1
     else:
         result.color_range = frame.color_range
     result.pts, result.duration = frame.pts, frame.duration

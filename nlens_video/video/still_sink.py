@@ -17,7 +17,7 @@ from nlens_video.errors import OutputError
 from nlens_video.video.atomic import publish
 from nlens_video.video.encoding import choose_encoding
 from nlens_video.video.exr import write_layers
-from nlens_video.video.formats import converted, layout
+from nlens_video.video.formats import converted, layout, working_format
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.numbered import Numbered
 from nlens_video.video.rendered import picture_channels, picture_frame, upright_frame
@@ -116,9 +116,14 @@ class StillSink:
         return self._numbered.path(self._first + index) if self._numbered else self._path
 
     def _encode(self, frame: SourceFrame) -> bytes:
-        pixels = picture_frame(frame.picture, self._format)
-        if self._info.rotation:
-            pixels = self._turned(pixels)
+        jpeg = self._codec == "mjpeg" and self._info.codec != "mjpeg"
+        if jpeg or self._info.rotation:  # JPEG has its own matrix, and turning wants whole pixels
+            pixels = picture_frame(frame.picture, self._whole_format())
+            if self._info.rotation:
+                pixels = upright_frame(pixels, self._info.rotation)
+            pixels = converted(pixels, self._format)
+        else:
+            pixels = picture_frame(frame.picture, self._format)
         context = av.CodecContext.create(self._codec, "w")
         if not isinstance(context, VideoCodecContext):
             raise OutputError(f"{self._codec} is no picture encoder")
@@ -133,13 +138,12 @@ class StillSink:
         packets = [*context.encode(pixels), *context.encode(None)]
         return b"".join(bytes(packet) for packet in packets)
 
-    def _turned(self, pixels: av.VideoFrame) -> av.VideoFrame:
-        """Upright, as pictures have no display matrix; subsampling could not be turned exactly."""
-        kind = layout(pixels.format.name)
-        name = pixels.format.name
-        if kind is not None and kind.step_x * kind.step_y > 1:
-            pixels = converted(pixels, "yuvj444p" if "j" in name else "yuv444p")
-        return converted(upright_frame(pixels, self._info.rotation), self._format)
+    def _whole_format(self) -> str:
+        """A format that holds the encoder's without subsampling."""
+        kind = layout(working_format(self._format))
+        if kind is None or kind.family == "yuv":
+            return "rgb24" if kind is None or kind.bits == 8 else "rgb48le"
+        return working_format(self._format)
 
 
 def _first_number(source: str) -> int:

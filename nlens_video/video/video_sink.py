@@ -153,8 +153,10 @@ class VideoSink:
     def _open_container(self) -> av.container.OutputContainer:
         if self._spec == "-":
             return av.open(sys.stdout.buffer, "w", format="nut")
-        # Audio that starts before zero must not push the pictures off their own times.
-        options = {"avoid_negative_ts": "disabled"}
+        options = {}
+        if self._path is not None and self._path.suffix in (".mkv", ".webm", ".mka"):
+            # Audio that starts before zero must not push the pictures off their own times.
+            options["avoid_negative_ts"] = "disabled"
         if self._keep and self._path is not None and self._path.suffix in (".mp4", ".mov", ".m4v"):
             options["movflags"] = "hybrid_fragmented"
         target = str(self._partial or self._spec)
