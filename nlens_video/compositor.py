@@ -118,7 +118,12 @@ class Compositor:
 
         picture = AvPicture(frame)
         self._call(lambda: self._composite(picture, frame.time))
-        return picture.frame
+        result = picture.frame
+        if result.format.name != frame.format.name:
+            # packed formats are composited in a planar one that holds the same samples
+            result = result.reformat(format=frame.format.name)
+            result.pts, result.time_base = frame.pts, frame.time_base
+        return result
 
     def stream(self, frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any]]:
         """Composite frames as they come; a generator that holds one frame at a time."""

@@ -75,9 +75,19 @@ def _library(name: str) -> Finding:
 
 
 def _opengl() -> str:
-    from nlens_video.backends.render_pyrender import describe_opengl
+    try:
+        from nlens_video.backends.gl_platform import describe, open_platform
 
-    return describe_opengl()
+        platform = open_platform()
+    except (ImportError, AttributeError, RuntimeError) as error:
+        # PyOpenGL reports a missing library as an attribute of None
+        raise RuntimeError(
+            f"no headless OpenGL ({error}); apt-get install libegl1 libgl1"
+        ) from error
+    try:
+        return describe()
+    finally:
+        platform.delete_context()
 
 
 def _encoders() -> str:

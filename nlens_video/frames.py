@@ -151,6 +151,19 @@ class DefocusedLayer:
         covered = self.layer.rgba[..., 3] > 0
         return float(np.abs(self.coc_px[covered]).max()) if covered.any() else 0.0
 
+    @property
+    def largest_step_px(self) -> float:
+        """Largest difference of the CoC between neighbours that both have alpha [px]."""
+        covered = self.layer.rgba[..., 3] > 0
+        steps = [
+            np.abs(np.diff(self.coc_px, axis=axis))[both]
+            for axis, both in (
+                (0, covered[1:] & covered[:-1]),
+                (1, covered[:, 1:] & covered[:, :-1]),
+            )
+        ]
+        return max((float(step.max()) for step in steps if step.size), default=0.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BlurredLayer:

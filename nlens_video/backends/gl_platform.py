@@ -10,7 +10,7 @@ import os
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")
 
-from OpenGL import EGL  # noqa: E402
+from OpenGL import EGL, GL  # noqa: E402
 from OpenGL.error import Error as GlError  # noqa: E402
 from pyrender.platforms import egl  # noqa: E402
 
@@ -48,3 +48,9 @@ def open_platform() -> HeadlessPlatform:
     except (AssertionError, AttributeError, GlError, IndexError, ValueError) as error:
         raise RuntimeError(f"{type(error).__name__}: {error}") from error
     return platform
+
+
+def describe() -> str:
+    """The renderer and version of the current context."""
+    renderer, version = (GL.glGetString(name).decode() for name in (GL.GL_RENDERER, GL.GL_VERSION))
+    return f"EGL, {renderer}, OpenGL {version}"

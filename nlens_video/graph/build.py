@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from nlens_video.effects.planner import Decision
 from nlens_video.graph.node import LaneName, Node
 from nlens_video.graph.pipeline_file import PipelineFile
-from nlens_video.graph.registry import Tools, make_stage
+from nlens_video.graph.registry import Tools, Unavailable, make_stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,11 @@ def build(
         elif fit_given and spec.cadence == "shot":
             left_out.append((spec.name, "the lens fit is given"))
         else:
-            made = make_stage(spec.stage, spec.options, tools)
+            try:
+                made = make_stage(spec.stage, spec.options, tools)
+            except Unavailable as reason:
+                left_out.append((spec.name, str(reason)))
+                continue
             nodes.append(
                 Node(
                     name=spec.name, stage=spec.stage, inputs=spec.inputs, optional=spec.optional,

@@ -27,6 +27,7 @@ PORTS: dict[str, str] = {
     "defocused": "DefocusedLayer",
     "blurred": "BlurredLayer",
 }
+STEP_PX = 2.0  # between neighbours: less than that, parts of the object do not hide others visibly
 GIVEN = ("frame", "picture", "frame_box")
 
 Values = dict[str, object]
@@ -46,8 +47,14 @@ def _in_frame(values: Mapping[str, object]) -> bool:
     )
 
 
+def _depth_steps(values: Mapping[str, object]) -> bool:
+    defocused = values.get("defocused")
+    return isinstance(defocused, DefocusedLayer) and defocused.largest_step_px >= STEP_PX
+
+
 CONDITIONS: dict[str, tuple[Callable[[Mapping[str, object]], bool], str]] = {
     "in-frame": (_in_frame, "the object lies on the frame"),
+    "depth-steps": (_depth_steps, f"the CoC steps by {STEP_PX} px inside the object"),
     "out-of-focus": (_out_of_focus, f"the object's CoC reaches {NEGLIGIBLE_COC_PX} px"),
 }
 

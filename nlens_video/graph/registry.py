@@ -13,6 +13,7 @@ from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
+from nlens_video.stages.protocols import ReblurNetwork
 from nlens_video.stages.r_regression import FitLens, Regression, constant_fit
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class Tools:
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
         record: where the shot's intermediate results are kept.
+        repair: the network that repairs the scatter, None where there is none.
     """
 
     objects: ObjectSource
@@ -57,6 +59,11 @@ class Tools:
     fallback_constant: bool
     pixel_aspect: float
     record: ShotRecord
+    repair: ReblurNetwork | None = None
+
+
+class Unavailable(Exception):  # noqa: N818 - an answer, not a fault: the graph runs without it
+    """A stage that this installation cannot run, and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +79,7 @@ def make_stage(stage: str, options: Options, tools: Tools) -> Made:
 
     Raises:
         UsageError: no such stage, or an option it does not have.
+        Unavailable: nothing here can run it.
     """
     maker = _MAKERS.get(stage)
     if maker is None:
@@ -157,6 +165,12 @@ def _scatter(tools: Tools) -> Made:
     return Made(run, "L: layered exact-coverage scatter, numba")
 
 
+def _repair(tools: Tools) -> Made:
+    if tools.repair is None:
+        raise Unavailable("this version ships no repair network: the scatter's result stands")
+    return Made(tools.repair, "L: network on what the scatter cannot know")
+
+
 def _composite(tools: Tools) -> Made:
     return Made(composite, "premultiplied over, scene-linear")
 
@@ -170,5 +184,6 @@ _MAKERS: dict[str, Callable[..., Made]] = {
     "object-coc": _object_coc,
     "sharp": _sharp,
     "scatter": _scatter,
+    "repair": _repair,
     "composite": _composite,
 }

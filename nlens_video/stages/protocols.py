@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from nlens_video.frames import CocMap, Float32
+from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Float32
 
 
 class CocNetwork(Protocol):
@@ -23,5 +23,21 @@ class CocNetwork(Protocol):
 
         Returns:
             Maps (h, w) that cover the same picture, perhaps coarser; diameters in px of the input.
+        """
+        ...
+
+
+class ReblurNetwork(Protocol):
+    """A network that repairs what scatter cannot know: order inside the object."""
+
+    def __call__(self, defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
+        """Repair one frame.
+
+        Args:
+            defocused: the sharp object and its CoC.
+            blurred: what the scatter made of it.
+
+        Returns:
+            The repaired layer on the box of `blurred`.
         """
         ...

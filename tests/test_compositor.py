@@ -1,0 +1,132 @@
+"""The plug-in for OpenCV, PyAV and numpy loops."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+import shots
+
+from nlens_video import Compositor
+from nlens_video.errors import SceneError, UsageError
+from nlens_video.lens import LensFit
+
+pytestmark = pytest.mark.needs_gl
+FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
+
+
+@pytest.fixture(scope="module")
+def glb(tmp_path_factory):
+    path = tmp_path_factory.mktemp("glb") / "anim.glb"
+    return shots.cube_glb(path, end=(0.3, 0.0, -2.6), seconds=0.5)
+
+
+@pytest.fixture
+def lens(glb):
+    with Compositor(glb, preset="realtime", fit=FIT, fps=25) as compositor:
+        yield compositor
+
+
+def bgr():
+    return np.ascontiguousarray(shots.plate()[..., ::-1])
+
+
+def test_frame_comes_back_in_the_same_form_and_the_given_one_is_left_alone(lens):
+    frame = bgr()
+    result = lens.process(frame)
+    assert (result.shape, result.dtype) == (frame.shape, frame.dtype)
+    assert np.array_equal(frame, bgr())
+    changed = (result != frame).any(axis=2)
+    assert 0.005 < changed.mean() < 0.3
+
+
+def test_channel_order_is_opencvs(lens):
+    result = lens.process(bgr())
+    changed = np.abs(result.astype(int) - bgr()).max(axis=2) > 60
+    blue, _, red = result[changed].astype(float).mean(axis=0)
+    assert red > blue  # the cube is orange
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_other_sample_types_give_the_same_picture(lens, dtype):
+    scale = {np.uint8: 1, np.uint16: 257, np.float32: 1 / 255}[dtype]
+    result = lens.process((bgr() * np.array(scale, dtype)).astype(dtype), time=0.0)
+    plain = lens.process(bgr(), time=0.0)
+    assert result.dtype == dtype
+    assert np.abs(result.astype(np.float64) / scale - plain).max() <= 0.51
+
+
+def test_time_moves_the_object_and_defaults_to_the_frame_count(lens):
+    zeroth, first = lens.process(bgr()), lens.process(bgr())
+    assert not np.array_equal(zeroth, first)
+    assert np.array_equal(lens.process(bgr(), time=1 / 25), first)
+
+
+def test_av_frames_keep_format_time_and_tags(lens):
+    frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(
+        format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
+    )
+    frame.pts, frame.time_base, frame.color_primaries = 7, Fraction(1, 50), 1
+    before = frame.to_ndarray().copy()
+    result = lens.process_av(frame)
+    assert (result.format.name, result.pts, result.time_base) == ("yuv420p", 7, Fraction(1, 50))
+    assert result.color_primaries == 1
+    assert (result.to_ndarray() != before).any()
+
+
+def test_av_frames_of_packed_formats_come_back_in_theirs(lens):
+    frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(format="nv12")
+    frame.pts, frame.time_base = 3, Fraction(1, 25)
+    result = lens.process_av(frame)
+    assert (result.format.name, result.pts, result.time_base) == ("nv12", 3, Fraction(1, 25))
+
+
+def test_stream_holds_one_frame_at_a_time(lens):
+    def endless():
+        while True:
+            yield bgr()
+
+    stream = lens.stream(endless())
+    assert next(stream).shape == next(stream).shape
+    stream.close()
+
+
+def test_fit_plan_and_timings_tell_what_happened(lens):
+    assert lens.plan == ()
+    lens.process(bgr())
+    lens.process(bgr())
+    assert lens.fit == FIT
+    assert any("scatter" in line for line in lens.plan)
+    assert lens.timings.frames == 2 and "render" in lens.timings.node_median_ms
+
+
+def test_it_can_be_called_from_any_thread(lens):
+    with ThreadPoolExecutor(3) as pool:
+        results = list(pool.map(lambda _: lens.process(bgr(), time=0.1), range(6)))
+    assert all(np.array_equal(results[0], result) for result in results)
+
+
+def test_closing_ends_its_thread_and_may_be_repeated(glb):
+    compositor = Compositor(glb, fit=FIT)
+    compositor.process(bgr())
+    compositor.close()
+    compositor.close()
+    assert not [t for t in threading.enumerate() if t.name.startswith("nlens-compositor")]
+
+
+def test_frames_of_another_size_are_refused(lens):
+    lens.process(bgr())
+    with pytest.raises(UsageError, match="one size"):
+        lens.process(bgr()[:-10])
+
+
+def test_unusable_scene_and_wrong_settings_are_named(tmp_path, glb):
+    (tmp_path / "bad.glb").write_bytes(b"no")
+    with Compositor(tmp_path / "bad.glb") as compositor, pytest.raises(SceneError, match="bad.glb"):
+        compositor.process(bgr())
+    with pytest.raises(UsageError, match="fps"):
+        Compositor(glb, fps=0)
+    with Compositor(glb, preset="nope") as compositor, pytest.raises(UsageError, match="standard"):
+        compositor.process(bgr())
