@@ -14,7 +14,7 @@ import numpy as np
 
 from nlens_video.frames import Float32, Float64
 
-MAX_COC_PX = 1024.0
+MAX_COC_PX = 512.0
 """Largest diameter that is told apart; a larger CoC is treated as this one [px]."""
 STAMP_STEPS = 64
 """Table entries per pixel of radius; kernels interpolate linearly between them."""
@@ -66,14 +66,20 @@ class DiscTables(NamedTuple):
     spans: Float32
 
 
-def fitted_radius(radius_px: float) -> float:
-    """The disc whose `coverage` does to a sampled picture what one of `radius_px` does to light.
+def fitted_radii(radius_px: Float64) -> Float64:
+    """The discs whose `coverage` does to a sampled picture what those of `radius_px` do to light.
 
     0.5, the identity, at 0; steadily larger; below the nominal radius by 1 / (7 r) from 2 px on.
     """
-    if radius_px >= _NOMINAL[-1]:
-        return math.sqrt(radius_px * radius_px - SURPLUS)
-    return float(np.interp(radius_px, _NOMINAL, _FITTED))
+    fitted = np.sqrt(np.maximum(radius_px * radius_px - SURPLUS, 0.0))
+    small = radius_px < _NOMINAL[-1]
+    fitted[small] = np.interp(radius_px[small], _NOMINAL, _FITTED)
+    return np.asarray(fitted)
+
+
+def fitted_radius(radius_px: float) -> float:
+    """`fitted_radii` of one disc [px]."""
+    return float(fitted_radii(np.array([radius_px]))[0])
 
 
 def _segment(t: Float64, radius: Float64) -> Float64:
@@ -126,7 +132,7 @@ def reach(half_axis: float) -> int:
 
 def _spans(largest: int) -> Float32:
     rows = largest + 1
-    radii = np.array([fitted_radius(k / SPAN_STEPS) for k in range(largest * SPAN_STEPS + 2)])
+    radii = fitted_radii(np.arange(largest * SPAN_STEPS + 2) / SPAN_STEPS)
     edges = np.concatenate([[0.0], np.arange(rows) + 0.5])
     t = np.minimum(edges[:, None] / radii[None, :], 1.0)
     mean = np.diff(_segment(t, np.ones_like(t)), axis=0) * radii
@@ -158,4 +164,4 @@ def tables(radius_px: float, pixel_aspect: float) -> DiscTables:
         pixel_aspect: width of a pixel by its height, > 0 [1].
     """
     rows = max(16.0, radius_px * pixel_aspect)
-    return _cached_tables(2 ** math.ceil(math.log2(rows + 1.0)), pixel_aspect)
+    return _cached_tables(2 ** math.ceil(math.log2(rows)), pixel_aspect)

@@ -11,21 +11,17 @@ import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from nlens_video.frames import Bool, Float32, Float64
+from nlens_video.frames import Float32, Float64
 from nlens_video.kernels.disc import (
     FADE_START,
     FADE_STOP,
     SPAN_STEPS,
     STAMP_STEPS,
-    SURPLUS,
-    DiscTables,
-    fitted_radius,
-    reach,
+    fitted_radii,
     tables,
 )
 from nlens_video.kernels.extend import Index, SourceLayer, blur_reach, prepare
@@ -38,24 +34,16 @@ ALPHA_FLOOR = 1e-9
 """Coverage below this is rounding left over by the running sum, and means 0 [1]."""
 
 
-class _Source(NamedTuple):
-    """What the loops read (numba knows named tuples, not dataclasses).
-
-    Attributes:
-        rgba: premultiplied colour and alpha (h, w, 4).
-        radius: nominal radius of each pixel's disc, -1 where it takes no part (h, w) [px].
-        skew: how its light grows along columns and rows (h, w, 2) [1 / px].
-        rows: rows above and below that the discs of a row reach, -1 where it has none (h,) [px].
-        first: first column of a row that takes part (h,).
-        last: last column of a row that takes part (h,).
-    """
-
-    rgba: Float32
-    radius: Float32
-    skew: Float32
-    rows: Index
-    first: Index
-    last: Index
+# Plain tuples, though names would read better: numba's cache on disk holds on to named classes, and
+# fails when a later version of this file has none of that name.
+#
+# What spreads: rgba (h, w, 4), premultiplied; radius (h, w), nominal, -1 where a pixel takes no
+# part [px]; half_axis, density (h, w), half width [px] and one over the area of its disc as spans;
+# skew (h, w, 2), how the disc's light grows along columns and rows [1 / px].
+_Pixels = tuple[Float32, Float32, Float32, Float32, Float32]
+# For each row of them (h,): rows above and below that its discs reach, -1 where it has none; the
+# first and the last column that take part [px].
+_Rows = tuple[Index, Index, Index]
 
 
 @njit(cache=True, nogil=True)
@@ -74,17 +62,18 @@ def _add(sums: Float64, i: int, weight: float, r: float, g: float, b: float, a: 
 def _add_source_row(
     spans: Float64,
     spots: Float64,
-    source: _Source,
-    discs: DiscTables,
-    aspect: float,
+    pixels: _Pixels,
+    discs: tuple[Float32, Float32, float],
+    columns: tuple[int, int],
     y: int,
     dy: int,
 ) -> None:
-    """Add what source row `y` gives to the row of the result `dy` rows below it."""
-    rgba, radii, skews, row = source.rgba, source.radius, source.skew, abs(dy)
-    stamp, chord = discs.stamps, discs.spans
+    """Add what row `y` of the pixels gives to the row of the result `dy` rows below it."""
+    rgba, radii, half_axes, densities, skews = pixels
+    stamp, chord, aspect = discs
+    row = abs(dy)
     edge = (spans.shape[0] - radii.shape[1]) // 2
-    for x in range(source.first[y], source.last[y] + 1):
+    for x in range(columns[0], columns[1] + 1):
         radius = float(radii[y, x])
         down = radius * aspect
         if radius < 0.0 or row >= max(down, 0.75) + 0.5:
@@ -115,10 +104,9 @@ def _add_source_row(
             k = int(place)
             low = float(chord[row, k])
             share = low + (place - k) * (chord[row, k + 1] - low)
-            rx2 = radius * radius - SURPLUS
-            half = math.sqrt(rx2) * share
-            weight = large * even / (math.pi * math.sqrt(rx2 * (down * down - SURPLUS)))
-            shift = skew * half * half / 3.0
+            half = half_axes[y, x] * share
+            weight = large * even * densities[y, x]
+            shift = skew * half * half * (1.0 / 3.0)
             start = at + 0.5 - half + shift
             i = int(start)
             part = weight * (start - i)
@@ -153,42 +141,48 @@ def _finish(spans: Float64, spots: Float64, out: Float32, start: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _scatter_rows(
-    source: _Source,
-    discs: DiscTables,
-    aspect: float,
+    pixels: _Pixels,
+    rows: _Rows,
+    discs: tuple[Float32, Float32, float],
     out: Float32,
     origin: tuple[int, int],
     band: tuple[int, int],
 ) -> None:
     """Make rows `band[0]` to `band[1]` of the result (h, w, 4), whose corner is `origin`."""
-    height, width = source.radius.shape
-    reach = source.rows.max()
-    edge = math.ceil(source.radius.max()) + 4
+    radii = pixels[1]
+    height, width = radii.shape
+    reaches, first, last = rows
+    furthest = reaches.max()
+    edge = math.ceil(radii.max()) + 4
     spans = np.empty((width + 2 * edge, 5))
     spots = np.empty((width + 2 * edge, 5))
     for y in range(band[0], band[1]):
         spans[:] = 0.0
         spots[:] = 0.0
-        middle = y + origin[0]
-        for from_y in range(max(0, middle - reach), min(height, middle + reach + 1)):
-            if abs(middle - from_y) <= source.rows[from_y]:
-                _add_source_row(spans, spots, source, discs, aspect, from_y, middle - from_y)
+        here = y + origin[0]
+        for source in range(max(0, here - furthest), min(height, here + furthest + 1)):
+            if abs(here - source) <= reaches[source]:
+                columns = (first[source], last[source])
+                _add_source_row(spans, spots, pixels, discs, columns, source, here - source)
         _finish(spans, spots, out[y], edge + origin[1])
 
 
-def _source(layer: SourceLayer, pixel_aspect: float) -> _Source:
+def _pixels(layer: SourceLayer, pixel_aspect: float) -> _Pixels:
     """Lay out a layer for the loops."""
-    takes_part: Bool = layer.radius_px >= 0.0
-    largest = layer.radius_px.max(axis=1)
-    rows = [reach(fitted_radius(float(r) * pixel_aspect)) if r >= 0.0 else -1 for r in largest]
-    return _Source(
-        rgba=layer.rgba,
-        radius=layer.radius_px,
-        skew=layer.skew,
-        rows=np.array(rows, dtype=np.intp),
-        first=takes_part.argmax(axis=1),
-        last=takes_part.shape[1] - 1 - takes_part[:, ::-1].argmax(axis=1),
-    )
+    radius = np.maximum(layer.radius_px, FADE_START).astype(np.float64)
+    rx, ry = fitted_radii(radius), fitted_radii(radius * pixel_aspect)
+    density = (1.0 / (math.pi * rx * ry)).astype(np.float32)
+    return layer.rgba, layer.radius_px, rx.astype(np.float32), density, layer.skew
+
+
+def _rows(radius_px: Float32, pixel_aspect: float) -> _Rows:
+    """How far each row of pixels reaches, and which of its columns take part."""
+    takes_part = radius_px >= 0.0
+    largest = np.maximum(radius_px.max(axis=1), 0.0).astype(np.float64)
+    reaches = np.maximum(np.ceil(fitted_radii(largest * pixel_aspect) - 0.5), 0.0)
+    reaches[~takes_part.any(axis=1)] = -1.0
+    last = takes_part.shape[1] - 1 - takes_part[:, ::-1].argmax(axis=1)
+    return reaches.astype(np.intp), takes_part.argmax(axis=1), last
 
 
 def scatter(
@@ -196,10 +190,11 @@ def scatter(
 ) -> Float32:
     """Blur an object's layer by its own CoC, as a lens does where the object hides none of itself.
 
-    Each pixel spreads over a disc of its CoC with exact areas as weights; transparent pixels do so
+    Each pixel spreads over a disc of its CoC (`disc.fitted_radii`: areas of a disc fitted to
+    sampled pictures; `extend.coc_skew`: uneven where the CoC has a slope). Transparent pixels do so
     too, with the CoC of the nearest covered pixel, and the sum is renormalised by all weights that
-    arrive. So alpha stays 1 inside and edges are as wide as the disc. A CoC of up to 1 px leaves a
-    pixel as it is; one above `disc.MAX_COC_PX` counts as that.
+    arrive. So alpha stays 1 inside and edges are as wide as the disc. CoC 0 leaves a pixel as it
+    is; one above `disc.MAX_COC_PX` counts as that.
 
     Args:
         rgba: premultiplied scene-linear colour and alpha (h, w, 4). Colour where alpha is 0 is
@@ -207,7 +202,7 @@ def scatter(
         coc_px: signed CoC diameter (h, w), read only where alpha > 0; only its size matters
             [px, columns].
         pixel_aspect: width of a pixel by its height, > 0 [1].
-        threads: how many threads share the rows; default: the processors this process may use.
+        threads: how many threads share the rows; default: one a processor.
             The result does not depend on it.
 
     Returns:
@@ -220,19 +215,25 @@ def scatter(
     out = np.zeros(rgba.shape, dtype=np.float32)
     if layer is None:
         return out
-    source = _source(layer, pixel_aspect)
-    discs = tables(float(layer.radius_px.max()), pixel_aspect)
+    stamps, chords = tables(float(layer.radius_px.max()), pixel_aspect)
     target = layer.target
     view = out[target.y0 : target.y1, target.x0 : target.x1]
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
     tops = range(0, target.height, BAND_ROWS)
     bands = [(top, min(top + BAND_ROWS, target.height)) for top in tops]
     workers = threads if threads is not None else os.cpu_count() or 1
+    scatter_band = partial(
+        _scatter_rows,
+        _pixels(layer, pixel_aspect),
+        _rows(layer.radius_px, pixel_aspect),
+        (stamps, chords, pixel_aspect),
+        view,
+        origin,
+    )
     if workers == 1:
         for band in bands:
-            _scatter_rows(source, discs, pixel_aspect, view, origin, band)
+            scatter_band(band)
         return out
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        rows = partial(_scatter_rows, source, discs, pixel_aspect, view, origin)
-        list(pool.map(rows, bands))
+        list(pool.map(scatter_band, bands))
     return out

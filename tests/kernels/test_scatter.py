@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.kernels.extend import blur_reach
 from nlens_video.kernels.scatter import scatter
@@ -68,3 +69,124 @@ def test_blur_reach_is_where_the_blur_ends():
     assert blur_reach(coc, rgba[..., 3]) == 4
     rows = np.flatnonzero(scatter(rgba, coc)[..., 3].any(axis=1))
     assert (rows[0], rows[-1]) == (12 - 4, 27 + 4)
+
+
+def ramp(shape, start, stop):
+    """A CoC that runs from top to bottom."""
+    return np.repeat(
+        np.linspace(start, stop, shape[0], dtype=np.float32)[:, None], shape[1], axis=1
+    )
+
+
+@pytest.mark.parametrize("aspect", [0.6, 1.0, 1.5])
+@pytest.mark.parametrize("largest", [9.0, 20.0])
+def test_fast_and_reference_agree_on_a_ramp_of_large_discs(largest, aspect):
+    # Spans round the stepped ends of a disc's rows: a share of its rim, smaller the larger it is.
+    rgba = blob(56, 50, margin=16)
+    coc = ramp(rgba.shape[:2], -largest / 3, largest)
+    fast = scatter(rgba, coc, pixel_aspect=aspect)
+    slow = scatter_ref(rgba, coc, pixel_aspect=aspect)
+    np.testing.assert_allclose(fast, slow, atol=0.02)
+    assert np.sqrt(np.mean((fast - slow) ** 2)) < 2e-3
+
+
+def test_the_sign_of_the_coc_does_not_matter():
+    rgba = blob()
+    coc = ramp(rgba.shape[:2], 1.0, 11.0)
+    np.testing.assert_array_equal(scatter(rgba, coc), scatter(rgba, -coc))
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    rgba = blob(61, 47)
+    coc = ramp(rgba.shape[:2], -9.0, 14.0)
+    one = scatter(rgba, coc, threads=1)
+    for threads in (2, 3):
+        np.testing.assert_array_equal(scatter(rgba, coc, threads=threads), one)
+
+
+def test_a_shifted_layer_gives_a_shifted_blur():
+    rgba = blob(60, 60, margin=20)
+    coc = ramp((60, 60), 0.0, 12.0)
+    moved = scatter(np.roll(rgba, (3, 5), (0, 1)), np.roll(coc, (3, 5), (0, 1)))
+    np.testing.assert_allclose(moved, np.roll(scatter(rgba, coc), (3, 5), (0, 1)), atol=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(gain=st.floats(1e-3, 1e4), coc=st.floats(0.0, 12.0))
+def test_it_is_linear_in_light_and_highlights_survive(gain, coc):
+    rgba = blob()
+    plane = np.full(rgba.shape[:2], coc, np.float32)
+    bright = rgba.copy()
+    bright[..., :3] *= np.float32(gain)
+    scaled = scatter(rgba, plane)[..., :3] * np.float32(gain)
+    np.testing.assert_allclose(scatter(bright, plane)[..., :3], scaled, rtol=1e-4, atol=1e-6 * gain)
+
+
+def test_brighter_light_never_darkens_a_pixel():
+    rgba = blob()
+    coc = ramp(rgba.shape[:2], -8.0, 8.0)
+    brighter = rgba.copy()
+    brighter[20, 20, :3] += 5.0
+    assert (scatter(brighter, coc) - scatter(rgba, coc)).min() > -1e-6
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (7, 5)])
+@pytest.mark.parametrize("coc", [0.0, 0.7, 5.0, 60.0])
+def test_a_covered_array_of_any_shape_stays_opaque_and_of_its_colour(shape, coc):
+    out = scatter(np.ones((*shape, 4), np.float32), np.full(shape, coc, np.float32))
+    np.testing.assert_allclose(out, 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("coc", [200.0, 3e3])
+def test_a_huge_coc_gives_a_thin_finite_haze(coc):
+    rgba = blob()
+    out = scatter(rgba, np.full(rgba.shape[:2], coc, np.float32))
+    assert np.isfinite(out).all()
+    assert 0.0 < out[..., 3].max() < 0.05
+
+
+def test_nothing_covered_gives_exactly_nothing_and_reads_no_coc():
+    rgba = np.zeros((5, 6, 4), np.float32)
+    assert not scatter(rgba, np.full((5, 6), np.nan, np.float32)).any()
+
+
+def test_nothing_is_written_out_of_reach():
+    rgba = np.zeros((80, 80, 4), np.float32)
+    rgba[40, 40] = 1.0
+    out = scatter(rgba, np.full((80, 80), 10.0, np.float32))
+    rows, columns = np.nonzero(out.any(axis=2))
+    assert rows.min() >= 35 and rows.max() <= 45 and columns.min() >= 35 and columns.max() <= 45
+
+
+def test_the_blur_never_pops_while_the_coc_grows():
+    rgba = blob(36, 36, margin=14)
+    steps = [scatter(rgba, np.full((36, 36), c, np.float32)) for c in np.arange(0.0, 10.0, 0.02)]
+    change = np.abs(np.diff(np.stack(steps), axis=0)).max(axis=(1, 2, 3))
+    assert change.max() < 0.02
+    bend = np.abs(np.diff(np.stack(steps), 2, axis=0)).max(axis=(1, 2, 3))
+    assert bend.max() < 0.01
+
+
+def test_oblong_pixels_scale_the_disc_along_columns():
+    rgba = np.zeros((41, 41, 4), np.float32)
+    rgba[20, 20] = 1.0
+    out = scatter(rgba, np.full((41, 41), 16.0, np.float32), pixel_aspect=0.5)[..., 3]
+    seen = np.argwhere(out > 0.0)
+    assert np.ptp(seen[:, 1]) == 16
+    assert np.ptp(seen[:, 0]) == 8
+
+
+@pytest.mark.parametrize(
+    ("slab", "least_db"),
+    [
+        (Slab(corners=(30, 30, 130, 100), coc_px=-6.0, slope=(0.2, 0.0)), 49.0),
+        (Slab(corners=(30, 30.3, 130.4, 100), coc_px=-18.0, slope=(0.05, 0.35)), 46.0),
+        (Slab(corners=(30.2, 30, 130, 100.6), coc_px=13.0), 53.0),
+        (Slab(corners=(30.2, 30, 130, 100.6), coc_px=2.0), 42.0),
+    ],
+    ids=["tilted, 0 to 20 px", "tilted through focus", "13 px", "2 px"],
+)
+def test_a_slab_looks_as_through_a_sampled_lens(slab, least_db):
+    # Checks of full contrast, finer than a renderer's filtered textures: the hard case near focus.
+    sharp, coc = pinhole([slab], (130, 160))
+    assert psnr_over_plate(scatter(sharp, coc), lens([slab], (130, 160))) > least_db
