@@ -94,10 +94,7 @@ class AvSource:
             self._decoded = self._decode()
             first = next(self._decoded, None)
             if first is None:
-                raise InputError(
-                    f"{spec}: no frame can be decoded ({self._stream.codec.name}); "
-                    "the file is damaged or not complete"
-                )
+                raise InputError(_undecodable(spec, self._container, self._stream))
             self._first = first
             self.info = self._describe(first, kind)
         except BaseException:
@@ -242,6 +239,20 @@ def _described(stream: Stream) -> CopiedStream:
 
 def _copied(container: av.container.InputContainer) -> tuple[Stream, ...]:
     return tuple(one for one in container.streams if one.type in ("audio", "subtitle", "data"))
+
+
+def _undecodable(
+    spec: str, container: av.container.InputContainer, stream: av.video.stream.VideoStream
+) -> str:
+    if spec == "-" and "mp4" in container.format.name:
+        return (
+            "standard input: an MP4 with its index at the end cannot be read from a pipe; "
+            "make it with -movflags +faststart, or pipe NUT or Matroska"
+        )
+    return (
+        f"{spec}: no frame can be decoded ({stream.codec.name}); "
+        "the file is damaged or not complete"
+    )
 
 
 def _left_out(

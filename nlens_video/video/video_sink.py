@@ -52,6 +52,7 @@ class VideoSink:
         self._keep = keep_partial and self._path is not None
         self._lock = threading.Lock()
         self._open = True
+        self._committed = False
         self._container = self._open_container()
         try:
             if self._path is None and codec is None:
@@ -74,9 +75,9 @@ class VideoSink:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:  # fmt: skip
-        if not self._open:
+        if self._committed:
             return
-        if self._keep and self._path is not None and self._partial is not None:
+        if self._keep and self._open and self._path is not None and self._partial is not None:
             with contextlib.suppress(OutputError):
                 self._finish()
                 self.kept = self._path.with_name(f"{self._path.stem}.partial{self._path.suffix}")
@@ -118,6 +119,7 @@ class VideoSink:
         self._finish()
         if self._path is not None and self._partial is not None:
             publish(self._partial, self._path)
+        self._committed = True
 
     def _finish(self) -> None:
         with self._lock, self._writing():

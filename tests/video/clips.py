@@ -1,0 +1,77 @@
+"""Clips that the tests make for themselves, through real codecs."""
+
+from fractions import Fraction
+
+import av
+import numpy as np
+
+VFR = (0, 1000, 1467, 4000, 4001, 9013, 9500)
+
+
+def noise_frame(width, height, pixel_format, seed=0):
+    """A frame of noise over the codes of its depth."""
+    frame = av.VideoFrame(width, height, pixel_format)
+    rng = np.random.default_rng(seed)
+    digits = "".join(filter(str.isdigit, pixel_format.split("p")[-1]))
+    deep = pixel_format.endswith("le")
+    for plane in frame.planes:
+        size = plane.buffer_size
+        if deep:
+            peak = 1 << (int(digits) if digits in ("10", "12") else 16)
+            plane.update(rng.integers(0, peak, size // 2).astype("<u2").tobytes())
+        else:
+            plane.update(rng.integers(0, 256, size).astype(np.uint8).tobytes())
+    return frame
+
+
+def planes(frame):
+    """The visible bytes of every plane."""
+    result = []
+    for plane, component in zip(frame.planes, frame.format.components, strict=False):
+        rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
+        result.append(rows[:, : component.width * (2 if component.bits > 8 else 1)].copy())
+    return result
+
+
+def write_clip(
+    path, frames, *, codec="ffv1", pts=None, time_base=Fraction(1, 16000), audio=False, rotation=0,
+    options=None, format_=None,
+):  # fmt: skip
+    """Encode frames with given pts; optionally a second of AAC, and a display matrix."""
+    pts = [index * 640 for index in range(len(frames))] if pts is None else pts
+    with av.open(str(path), "w", format=format_) as out:
+        stream = out.add_stream(codec, 25, options or {})
+        stream.width, stream.height = frames[0].width, frames[0].height
+        stream.pix_fmt = frames[0].format.name
+        stream.time_base = stream.codec_context.time_base = time_base
+        for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
+            setattr(stream.codec_context, name, getattr(frames[0], name))
+        if rotation:
+            stream.set_display_rotation(rotation)
+        if audio:
+            sound = out.add_stream("aac", 48000, layout="mono")
+        for frame, moment in zip(frames, pts, strict=True):
+            frame.pts, frame.time_base = moment, time_base
+            out.mux(stream.encode(frame))
+        if audio:
+            for index in range(20):
+                tone = np.sin(np.arange(1024)[None] * 0.05 + index).astype(np.float32)
+                block = av.AudioFrame.from_ndarray(tone, "fltp", "mono")
+                block.sample_rate, block.pts = 48000, index * 1024
+                out.mux(sound.encode(block))
+            out.mux(sound.encode(None))
+        out.mux(stream.encode(None))
+    return path
+
+
+def read_times(path):
+    """Presentation times [s], exact."""
+    with av.open(str(path)) as source:
+        return [frame.pts * frame.time_base for frame in source.decode(video=0)]
+
+
+def read_packets(path, kind="audio"):
+    """The bytes of a stream's packets."""
+    with av.open(str(path)) as source:
+        stream = source.streams.best(kind)
+        return [bytes(packet) for packet in source.demux(stream) if packet.dts is not None]

@@ -1,0 +1,87 @@
+"""OpenEXR layers, plates and AOVs."""
+
+import numpy as np
+import pytest
+
+from nlens_video.errors import InputError, OutputError
+from nlens_video.frames import Box
+from nlens_video.video.exr import LayerReader, read_exr, read_layer, write_layers
+from nlens_video.video.sink import open_sink
+from nlens_video.video.source import open_source
+
+
+def channels(height=6, width=8):
+    rng = np.random.default_rng(0)
+    made = {name: rng.random((height, width), dtype=np.float32) for name in "RGBA"}
+    return {**made, "Z": rng.uniform(1, 9, (height, width)).astype(np.float32)}
+
+
+@pytest.mark.parametrize("box", [None, Box(2, 1, 10, 7), Box(-3, -2, 5, 4)])
+def test_a_layer_lies_where_its_data_window_is(tmp_path, box):
+    made = channels()
+    write_layers(tmp_path / "a.exr", made, box, (32, 24))
+    layer = read_layer(tmp_path / "a.exr", (32, 24))
+    assert layer.box == (box or Box(0, 0, 8, 6))
+    np.testing.assert_array_equal(layer.rgba[..., 1], made["G"])
+    np.testing.assert_array_equal(layer.depth, made["Z"])
+
+
+@pytest.mark.parametrize("nothing", [0.0, np.inf, np.nan, 1e10])
+def test_depth_where_nothing_is_becomes_infinite(tmp_path, nothing):
+    made = channels()
+    made["Z"][2, 3] = nothing
+    write_layers(tmp_path / "a.exr", made)
+    depth = read_layer(tmp_path / "a.exr").depth
+    assert depth[2, 3] == np.inf
+    assert np.isfinite(depth).sum() == depth.size - 1
+
+
+def test_a_missing_channel_is_named(tmp_path):
+    made = channels()
+    del made["Z"]
+    write_layers(tmp_path / "a.exr", made)
+    with pytest.raises(InputError, match="channels Z are missing"):
+        read_layer(tmp_path / "a.exr")
+
+
+def test_a_layer_of_another_size_is_refused(tmp_path):
+    write_layers(tmp_path / "a.exr", channels())
+    with pytest.raises(InputError, match="8x6 pixels, the plate has 9x6"):
+        read_layer(tmp_path / "a.exr", (9, 6))
+
+
+def test_a_sequence_counts_from_its_first_number_and_ends_clearly(tmp_path):
+    for number in (5, 6):
+        made = channels()
+        made["R"][:] = number
+        write_layers(tmp_path / f"l_{number:04d}.exr", made)
+    reader = LayerReader(str(tmp_path / "l_%04d.exr"), (8, 6))
+    assert [reader.read(index).rgba[0, 0, 0] for index in (0, 1)] == [5.0, 6.0]
+    with pytest.raises(InputError, match="the layers end before frame 2"):
+        reader.read(2)
+
+
+def test_one_file_serves_every_frame(tmp_path):
+    write_layers(tmp_path / "l.exr", channels())
+    reader = LayerReader(str(tmp_path / "l.exr"), (8, 6))
+    np.testing.assert_array_equal(reader.read(0).rgba, reader.read(99).rgba)
+
+
+def test_light_far_above_white_goes_through_an_exr_plate_unchanged(tmp_path):
+    made = {name: part * 500.0 for name, part in channels().items() if name in "RGB"}
+    write_layers(tmp_path / "in.exr", made)
+    with open_source(str(tmp_path / "in.exr")) as source:
+        with open_sink(str(tmp_path / "out.exr"), source.info) as sink:
+            for frame in source:
+                frame.picture.over(Box(0, 0, 2, 2), np.ones((2, 2, 4), np.float32))
+                sink.write(frame)
+            sink.commit()
+    out = read_exr(tmp_path / "out.exr").channels
+    for name, part in made.items():
+        np.testing.assert_array_equal(out[name][2:], part[2:])
+        np.testing.assert_allclose(out[name][:2, :2], 1.0, rtol=1e-5)
+
+
+def test_aovs_are_not_written_where_nothing_can_be(tmp_path):
+    with pytest.raises(OutputError, match="does not exist"):
+        write_layers(tmp_path / "no" / "a.exr", channels())

@@ -1,0 +1,204 @@
+"""Compositing on real samples: what is touched, what is not; the fast kernel by its reference."""
+
+import copy
+
+import av
+import numpy as np
+import pytest
+from clips import noise_frame, planes
+
+from nlens_video.color import ColorTags
+from nlens_video.errors import InputError
+from nlens_video.frames import Box
+from nlens_video.kernels import blend, blend_ref
+from nlens_video.video.formats import working_format
+from nlens_video.video.picture import ArrayPicture, AvPicture
+from nlens_video.video.samples import frame_samples, frame_tags
+
+FORMATS = (
+    "yuv420p", "yuvj420p", "yuv422p", "yuv444p", "yuv411p", "yuv440p", "yuv410p", "yuv420p10le",
+    "yuv422p10le", "yuv444p12le", "yuva420p", "gray", "gray10le", "ya8", "gbrp", "gbrap16le",
+    "rgb24", "bgr24", "rgba", "argb", "bgr0", "rgb48le", "rgba64le",
+)  # fmt: skip
+
+
+def layer(height, width, seed=1):
+    """Premultiplied colour and alpha with holes, opaque parts and light brighter than white."""
+    rng = np.random.default_rng(seed)
+    rgba = rng.random((height, width, 4), dtype=np.float32)
+    rgba[rng.random((height, width)) < 0.3, 3] = 1.0
+    rgba[..., :3] *= rgba[..., 3:] * 1.5
+    rgba[rng.random((height, width)) < 0.4] = 0.0
+    return rgba
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "turns"),
+    [(name, 0) for name in FORMATS]
+    + [(name, turns) for name in ("yuv420p", "yuv422p10le", "yuv411p") for turns in (1, 2, 3)],
+)
+def test_the_fast_blend_is_within_a_code_of_the_reference(pixel_format, turns):
+    frame = noise_frame(37, 27, pixel_format)
+    samples = frame_samples(frame, frame_tags(frame), turns)
+    slow = copy.deepcopy(samples)
+    box = Box(3, 2, 24, 21)
+    np.testing.assert_allclose(
+        blend.linear(samples, box), blend_ref.linear(slow, box), rtol=2e-4, atol=2e-5
+    )
+    frame.make_writable()
+    samples = frame_samples(frame, frame_tags(frame), turns)
+    blend.over(samples, box, layer(19, 21))
+    blend_ref.over(slow, box, layer(19, 21))
+    for fast, reference in zip(samples.planes, slow.planes, strict=True):
+        error = np.abs(fast.astype(np.int64) - reference.astype(np.int64))
+        limit = 4 if samples.coding.bits == 16 else 1  # 16-bit codes are finer than the tables
+        assert error.max() <= limit
+        assert error.mean() < 0.01 * limit**2
+
+
+@pytest.mark.parametrize("curve", [16, 18, 8, 13])
+def test_the_fast_blend_follows_every_kind_of_curve(curve):
+    frame = noise_frame(32, 24, "yuv420p10le")
+    frame.color_trc, frame.colorspace, frame.color_primaries = curve, 9, 9
+    samples = frame_samples(frame, frame_tags(frame), 0)
+    slow = copy.deepcopy(samples)
+    box = Box(0, 0, 32, 24)
+    blend.over(samples, box, layer(24, 32))
+    blend_ref.over(slow, box, layer(24, 32))
+    for fast, reference in zip(samples.planes, slow.planes, strict=True):
+        assert np.abs(fast.astype(int) - reference.astype(int)).max() <= 1
+
+
+@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
+@pytest.mark.parametrize("pixel_format", FORMATS)
+def test_samples_under_an_empty_layer_keep_their_bits(pixel_format, rotation):
+    frame = noise_frame(37, 27, pixel_format)
+    before = planes(frame)
+    picture = AvPicture(frame, rotation=rotation)
+    whole = Box(0, 0, picture.width, picture.height)
+    picture.over(whole, np.zeros((whole.height, whole.width, 4), np.float32))
+    for old, new in zip(before, planes(picture.frame), strict=True):
+        np.testing.assert_array_equal(old, new)
+
+
+def test_only_the_chroma_cells_that_the_layer_touches_change():
+    frame = noise_frame(32, 24, "yuv420p")
+    before = planes(frame)
+    AvPicture(frame).over(Box(8, 6, 12, 10), np.full((4, 4, 4), 0.5, np.float32))
+    for (old, new), step in zip(zip(before, planes(frame), strict=True), (1, 2, 2), strict=True):
+        changed = np.argwhere(old != new)
+        assert changed.size
+        assert changed.min(axis=0).tolist() >= [6 // step, 8 // step]
+        assert changed.max(axis=0).tolist() <= [9 // step, 11 // step]
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "gbrp", "rgba", "gray"])
+def test_an_opaque_grey_replaces_the_plate_completely(pixel_format):
+    picture = AvPicture(noise_frame(32, 24, pixel_format))
+    rgba = np.full((24, 32, 4), 0.25, np.float32)
+    rgba[..., 3] = 1.0
+    picture.over(Box(0, 0, 32, 24), rgba)
+    light = picture.linear(Box(0, 0, 32, 24))
+    np.testing.assert_allclose(light, 0.25, atol=0.012)
+
+
+def test_a_rotated_picture_is_composited_where_it_is_seen():
+    frame = av.VideoFrame(32, 24, "gray")
+    for plane in frame.planes:
+        plane.update(bytes(plane.buffer_size))
+    picture = AvPicture(frame, rotation=90)
+    assert (picture.width, picture.height) == (24, 32)
+    picture.over(Box(0, 0, 1, 1), np.ones((1, 1, 4), np.float32))
+    stored = planes(frame)[0]
+    assert np.argwhere(stored).tolist() == [[0, 31]]  # turned left, the right column is on top
+
+
+def test_straight_alpha_of_a_plate_is_kept():
+    array = np.zeros((2, 2, 4), np.uint8)
+    array[..., 3] = 128
+    rgba = np.full((2, 2, 4), 0.5, np.float32)
+    ArrayPicture(array).over(Box(0, 0, 2, 2), rgba)
+    expected = 0.5 + 0.5 * 128 / 255
+    assert np.abs(array[..., 3] / 255 - expected).max() < 0.003
+    light = 0.5 / expected
+    coded = 1.055 * light ** (1 / 2.4) - 0.055
+    assert np.abs(array[..., 0] / 255 - coded).max() < 0.003
+
+
+def test_opencv_order_is_blue_first():
+    array = np.zeros((1, 1, 3), np.uint8)
+    ArrayPicture(array).over(Box(0, 0, 1, 1), np.array([[[1, 0, 0, 1]]], np.float32))
+    assert array.tolist() == [[[0, 0, 255]]]
+
+
+def test_srgb_arrays_come_back_as_they_are():
+    array = np.arange(256, dtype=np.uint8).repeat(3).reshape(16, 16, 3)
+    np.testing.assert_allclose(ArrayPicture(array, "rgb").srgb(), array / 255.0, atol=2e-5)
+
+
+def test_codes_beyond_nominal_white_survive_beside_the_object():
+    frame = av.VideoFrame(16, 16, "yuv420p")
+    frame.planes[0].update(bytes([250]) * frame.planes[0].buffer_size)
+    for plane in frame.planes[1:]:
+        plane.update(bytes([128]) * plane.buffer_size)
+    rgba = np.zeros((16, 16, 4), np.float32)
+    rgba[4:8, 4:8, 3] = 1e-4  # a trace of shadow darkens by less than a code
+    AvPicture(frame).over(Box(0, 0, 16, 16), rgba)
+    assert set(np.unique(planes(frame)[0])) == {250}
+
+
+@pytest.mark.parametrize("packed", ["nv12", "nv16", "nv24", "p010le", "yuyv422", "uyvy422"])
+def test_packed_formats_are_unpacked_without_loss(packed):
+    plain = noise_frame(32, 24, working_format(packed))
+    picture = AvPicture(plain.reformat(format=packed))
+    for old, new in zip(planes(plain), planes(picture.frame), strict=True):
+        np.testing.assert_array_equal(old, new)
+
+
+def test_pixels_outside_the_frame_are_refused():
+    picture = AvPicture(noise_frame(16, 16, "yuv420p"))
+    with pytest.raises(ValueError, match="inside the frame"):
+        picture.over(Box(8, 8, 20, 20), np.zeros((12, 12, 4), np.float32))
+
+
+def test_an_array_that_is_no_picture_is_refused():
+    with pytest.raises(InputError, match="expected"):
+        ArrayPicture(np.zeros((4, 4, 2), np.uint8))
+
+
+def bars(matrix, full, bits):
+    """75 % colour bars in 4:4:4 by the textbook formula, and the RGB they stand for."""
+    kr, kb = (0.2126, 0.0722) if matrix == 1 else (0.299, 0.114)
+    colours = [(r, g, b) for g in (0.75, 0) for r in (0.75, 0) for b in (0.75, 0)]
+    rgb = np.repeat(np.array(colours)[None], 8, axis=0).repeat(4, axis=1)
+    luma = rgb @ [kr, 1 - kr - kb, kb]
+    cb, cr = (rgb[..., 2] - luma) / (2 - 2 * kb), (rgb[..., 0] - luma) / (2 - 2 * kr)
+    unit, peak = 1 << (bits - 8), (1 << bits) - 1
+    y = luma * peak if full else (16 + 219 * luma) * unit
+    chroma = [128 * unit + part * (peak if full else 224 * unit) for part in (cb, cr)]
+    return rgb, np.round(np.stack([y, *chroma])).astype(np.uint16 if bits > 8 else np.uint8)
+
+
+@pytest.mark.parametrize("bits", [8, 10])
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("matrix", [1, 6])
+def test_colour_bars_are_read_within_a_code(matrix, full, bits):
+    rgb, yuv = bars(matrix, full, bits)
+    frame = av.VideoFrame(yuv.shape[2], yuv.shape[1], "yuv444p" if bits == 8 else "yuv444p10le")
+    for plane, codes in zip(frame.planes, yuv, strict=True):
+        padded = np.zeros((plane.height, plane.line_size // codes.itemsize), codes.dtype)
+        padded[:, : plane.width] = codes
+        plane.update(padded.tobytes())
+    frame.colorspace, frame.color_range, frame.color_trc = matrix, 2 if full else 1, 13
+    # Half a code of Y and half a code of Cb or Cr, the most that rounding has taken, come to 1.6.
+    np.testing.assert_allclose(AvPicture(frame).srgb(), rgb, atol=1.6 / ((1 << bits) - 1))
+
+
+def test_a_bt2020_plate_gets_the_object_in_its_own_primaries():
+    tags = ColorTags(matrix="bt2020nc", transfer="smpte2084", primaries="bt2020", full_range=False)
+    picture = AvPicture(noise_frame(16, 16, "yuv444p10le"), tags)
+    rgba = np.zeros((16, 16, 4), np.float32)
+    rgba[..., :] = (0.8, 0.1, 0.1, 1.0)
+    picture.over(Box(0, 0, 16, 16), rgba)
+    light = picture.linear(Box(4, 4, 5, 5))[0, 0]
+    np.testing.assert_allclose(light, [0.8, 0.1, 0.1], atol=0.012)
