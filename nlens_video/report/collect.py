@@ -86,7 +86,8 @@ class Report:
         blurred, defocused = state.values.get("blurred"), state.values.get("defocused")
         composited = isinstance(blurred, BlurredLayer) and not blurred.box.empty
         layer = defocused if isinstance(defocused, DefocusedLayer) else None
-        if plate is not None and (state.carried_fit if self._awaits_fit else composited):
+        due = state.carried_fit if self._awaits_fit else composited
+        if due and plate is not None and self._shown is None:
             self._shown = Shown(
                 index=state.frame.index,
                 time_s=state.frame.time_s,

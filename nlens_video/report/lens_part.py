@@ -19,7 +19,7 @@ def maps_part(findings: Findings) -> str:
     body = missing(reason) if reason else ""
     if figures:
         body += f'<div class="pair">{"".join(figures)}</div>'
-    return section("maps", "Blur, seen", body or missing(NEVER_SEEN))
+    return section("maps", "The blur", body or missing(NEVER_SEEN))
 
 
 def _map_figures(findings: Findings, shown: Shown) -> list[str]:

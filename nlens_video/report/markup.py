@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
 
@@ -9,6 +10,7 @@ from nlens_video.report.pictures import Image, data_uri, jpeg
 
 _MARKS = {
     "fit": '<path d="M0 6h22" class="fit"/>',
+    "slowest": '<path d="M0 6h22" class="slowest"/>',
     "plane w3": '<path d="M6 6h0M16 6h0" class="plane w3"/>',
     "anchor w3": '<path d="M6 6h0M16 6h0" class="anchor w3"/>',
 }
@@ -22,9 +24,14 @@ def section(name: str, title: str, html: str) -> str:
     )
 
 
+def prose(words: str) -> str:
+    """Words with the program's options set off, so that no line breaks inside one."""
+    return re.sub(r"(?<![\w-])--[a-z][a-z-]*", r"<code>\g<0></code>", escape(words))
+
+
 def missing(reason: str) -> str:
     """What stands where a part of the page could not be made."""
-    return f'<p class="missing">{escape(reason)}</p>'
+    return f'<p class="missing">{prose(reason)}</p>'
 
 
 def image(picture: Image, alt: str, quality: int = 90) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from nlens_video import __version__
 from nlens_video.report.findings import Findings, StripFrame
 from nlens_video.report.lens_part import fit_part, maps_part
-from nlens_video.report.markup import count, figure, image, jpeg_image, missing, section
+from nlens_video.report.markup import count, figure, image, jpeg_image, missing, prose, section
 from nlens_video.report.pictures import Image
 from nlens_video.report.run_part import plan_part, times_part
 from nlens_video.report.words import NEVER_SEEN, advice, lens_sentences, no_fit_reason
@@ -62,14 +62,14 @@ def _header(findings: Findings) -> str:
         for name, value, more in facts
     )
     items = "".join(
-        f'<li class="{one.kind}"><strong>{one.kind.capitalize()}</strong>{escape(one.text)}'
-        f"{f'<span>What to do: {escape(one.remedy)}</span>' if one.remedy else ''}</li>"
+        f'<li class="{one.kind}"><strong>{one.kind.capitalize()}</strong>{prose(one.text)}'
+        f"{f'<span>What to do: {prose(one.remedy)}</span>' if one.remedy else ''}</li>"
         for one in advice(findings)
     )
     return (
         '<p class="eyebrow">nlens-video report</p>'
         f"<h1>{escape(_title(findings))}</h1>"
-        f'<p class="lead">{escape(lens_sentences(findings))}</p>'
+        f'<p class="lead">{prose(lens_sentences(findings))}</p>'
         f'<dl class="facts">{rows}</dl>'
         + (f'<ul class="advice" aria-label="What to know">{items}</ul>' if items else "")
     )

@@ -12,7 +12,7 @@ from nlens_video.report.svg import Axes, line, path, text
 
 NODE_COLORS = 7  # classes `node-0` ... of the style sheet; the last one is `node-rest`
 REST = "other nodes"
-_WIDTH, _HEIGHT = 1080.0, 340.0
+_WIDTH, _HEIGHT = 900.0, 320.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,9 +30,9 @@ class TimingPlot:
 
 def timing_plot(findings: Findings) -> TimingPlot | None:
     """The stacked chart; None where no frame but the one that carried the fit was timed."""
-    if not findings.bins:
-        return None
     layers = _layers(findings)
+    if not layers:
+        return None
     tops = np.cumsum([row for _, _, row in layers], axis=0)
     edges = np.array([bin_.first for bin_ in findings.bins] + [_end(findings)], np.float64)
     budget = findings.summary.budget_ms
@@ -43,6 +43,12 @@ def timing_plot(findings: Findings) -> TimingPlot | None:
     for (kind, _, _), above in zip(layers, tops, strict=True):
         parts.append(_steps(axes, edges, np.minimum(below, high), np.minimum(above, high), kind))
         below = above
+    key = [(kind, name) for kind, name, _ in layers]
+    if findings.bin_width > 1:
+        slowest = np.array([bin_.slowest_ms for bin_ in findings.bins])
+        middles = 0.5 * (edges[:-1] + edges[1:])
+        parts.append(path(axes.points(middles, np.minimum(slowest, high)), "slowest"))
+        key.append(("slowest", "slowest frame of each mean"))
     y = float(axes.place_y(np.array(budget)))
     parts.append(line((axes.left, y), (axes.right, y), "budget"))
     parts.append(text((axes.right - 4, y - 6), f"budget {budget:g} ms", "label", "end"))
@@ -51,7 +57,7 @@ def timing_plot(findings: Findings) -> TimingPlot | None:
         f"Median {findings.summary.median_ms:.1f} ms a frame, budget {budget:g} ms.",
         "".join(parts),
     )
-    return TimingPlot(svg=svg, key=tuple((kind, name) for kind, name, _ in layers))
+    return TimingPlot(svg=svg, key=tuple(key))
 
 
 def _layers(findings: Findings) -> list[tuple[str, str, Float64]]:

@@ -1,0 +1,117 @@
+"""Pictures, maps and plots of the report against values worked out by hand."""
+
+import base64
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from nlens_video.frames import Box
+from nlens_video.lens import LensFit
+from nlens_video.report.fit_plot import FitCurve
+from nlens_video.report.maps import COC_MAP, Scale
+from nlens_video.report.pictures import copied, data_uri, jpeg, shown, thumbnail
+from nlens_video.report.svg import Axes, nice_step, ticks
+from nlens_video.stages.r_regression import FitSamples
+from nlens_video.video.picture import ArrayPicture, AvPicture
+
+RAMP = np.linspace(30, 220, 960)[None, :, None] * np.ones((512, 1, 3))
+
+
+def decoded(data):
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+
+def picture(pixel_format="yuv420p", rotation=0, rgb=RAMP):
+    frame = av.VideoFrame.from_ndarray(rgb.astype(np.uint8), "rgb24")
+    frame = frame.reformat(format=pixel_format, dst_colorspace="ITU709", dst_color_range="MPEG")
+    frame.colorspace, frame.color_range = 1, 1
+    return AvPicture(frame, rotation=rotation)
+
+
+def test_a_copy_keeps_the_plate_when_an_object_is_laid_over_the_picture():
+    plate = picture()
+    expected = shown(plate.srgb())
+    before = copied(plate)
+    plate.over(Box(0, 0, 64, 64), np.ones((64, 64, 4), np.float32))
+    np.testing.assert_array_equal(before(), expected)
+    assert np.abs(shown(plate.srgb()).astype(int) - expected).max() > 50
+
+
+def test_a_copy_of_an_array_keeps_the_plate_too():
+    array = np.full((20, 30, 3), 90, np.uint8)
+    before = copied(ArrayPicture(array))
+    array[:] = 0
+    assert (before() == 90).all()
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p", "yuv444p10le", "gbrp", "gray"])
+@pytest.mark.parametrize("rotation", [0, 90])
+def test_a_thumbnail_looks_like_the_whole_picture_made_small(pixel_format, rotation):
+    whole = picture(pixel_format, rotation)
+    expected = shown(whole.srgb(), 320)
+    small = decoded(thumbnail(whole))
+    assert small.shape[1] == 320
+    reference = cv2.resize(expected, small.shape[1::-1], interpolation=cv2.INTER_AREA)
+    assert np.abs(small.astype(float) - reference).mean() < 2.0
+
+
+def test_a_small_picture_is_not_enlarged():
+    small = picture(rgb=RAMP[:40, :64])
+    assert decoded(thumbnail(small)).shape == (40, 64, 3)
+
+
+def test_a_data_uri_holds_the_very_bytes():
+    data = jpeg(np.full((4, 4, 3), 128, np.uint8))
+    head, text = data_uri(data).split(",")
+    assert head == "data:image/jpeg;base64"
+    assert base64.b64decode(text) == data
+
+
+def test_a_scale_has_the_first_colour_at_zero_and_the_last_from_its_top_on():
+    scale = Scale(top_px=8.0, colormap=COC_MAP)
+    colors = scale.colors(np.array([[0.0, 8.0, 80.0]], np.float32))[0].astype(int)
+    np.testing.assert_allclose(colors[0], [68, 1, 84], atol=1)  # viridis begins dark violet
+    np.testing.assert_allclose(colors[1], [253, 231, 37], atol=3)  # and ends yellow
+    np.testing.assert_array_equal(colors[1], colors[2])
+
+
+def test_the_band_is_the_standard_error_of_a_straight_line():
+    """Ordinary least squares: sigma / sqrt(n) at the mean, growing with the distance from it."""
+    disparity = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+    sigma, spread = 2.0, float(((disparity - 0.3) ** 2).sum())
+    fit = LensFit(
+        slope=10.0, intercept=-3.0, width=64, height=36,
+        slope_stderr=sigma / np.sqrt(spread),
+        intercept_stderr=sigma * np.sqrt((disparity**2).mean() / spread),
+    )  # fmt: skip
+    ones = np.ones(5)
+    samples = FitSamples(
+        disparity=disparity, coc_px=ones, sigma_px=sigma * ones, anchor=ones > 1, weight=ones,
+        cluster=np.arange(5),
+    )  # fmt: skip
+    error = FitCurve.of(fit, samples).stderr_px(np.array([0.3, 0.5]))
+    assert error[0] == pytest.approx(sigma / np.sqrt(5))
+    assert error[1] == pytest.approx(sigma * np.sqrt(1 / 5 + 0.2**2 / spread))
+
+
+def test_axes_put_values_where_their_ticks_are():
+    axes = Axes(width=200, height=100, x=(0, 10), y=(-1, 1), margins=(20, 10, 30, 15))
+    np.testing.assert_allclose(axes.place_x(np.array([0, 5, 10])), [20, 95, 170])
+    np.testing.assert_allclose(axes.place_y(np.array([-1, 0, 1])), [85, 47.5, 10])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(0, 10, [0, 2, 4, 6, 8, 10]), (-3, 3, [-3, -2, -1, 0, 1, 2, 3]), (0, 0.26, [0, 0.05])],
+)
+def test_ticks_are_round_and_inside(low, high, expected):
+    found = ticks(low, high)
+    np.testing.assert_allclose(found[: len(expected)], expected, atol=1e-12)
+    assert low <= found[0]
+    assert found[-1] <= high
+
+
+def test_steps_are_one_two_two_and_a_half_or_five():
+    assert [nice_step(v) for v in (0.9, 1.1, 2.1, 3, 6)] == [1, 2, 2.5, 5, 10]

@@ -1,0 +1,376 @@
+"""The report: one page that holds together alone, says what is missing, and stays small."""
+
+import re
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from report.page_reader import read, without_pictures
+from shots import (
+    HEIGHT,
+    INTERCEPT,
+    SLOPE,
+    WIDTH,
+    camera,
+    cube_glb,
+    fit_json,
+    plate,
+    write_video,
+)
+
+from nlens_video.effects.planner import Decision
+from nlens_video.errors import OutputError
+from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer
+from nlens_video.graph.assemble import Lens, assemble
+from nlens_video.graph.objects import View
+from nlens_video.graph.profiler import FrameTiming, Profiler
+from nlens_video.lens import LensFit
+from nlens_video.observers import Started
+from nlens_video.report.collect import PAGE, Report
+from nlens_video.run import render
+from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
+from nlens_video.stages.p_projection import project_to_ground
+from nlens_video.stages.r_regression import FitLens, constant_fit
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.source import open_source
+
+BOX = Box(200, 120, 280, 200)
+TRUE_FIT = LensFit(slope=SLOPE, intercept=INTERCEPT, width=WIDTH, height=HEIGHT)
+
+
+class Bench:
+    """A run whose nodes are played by hand: real source, GLB and graph; no OpenGL, no network."""
+
+    def __init__(self, folder, *, fit=None, effects="auto", glb_name="cube.glb"):
+        folder.mkdir(exist_ok=True)
+        self.folder = folder
+        self.rgb = plate()
+        video = write_video(folder / "plate.mkv", 1, codec="ffv1", audio=False, rgb=self.rgb)
+        glb = cube_glb(folder / glb_name)
+        self.profiler = Profiler(180.0)
+        lens = Lens(fit=fit, effects=effects)
+        view = View(width=WIDTH, height=HEIGHT)
+        self.assembly = assemble(ObjectSettings(glb=glb), lens, view, self.profiler)
+        with open_source(str(video)) as source:
+            self.info = source.info
+        self.record = self.assembly.record
+
+    def report(self, output="out.mp4", name="report"):
+        started = Started(self.info, self.assembly, self.profiler)
+        return Report(self.folder / name, started, output)
+
+    def enter(self, report, index=0, rgb=None):
+        picture = ArrayPicture((self.rgb if rgb is None else rgb).copy(), "rgb")
+        state = self.assembly.steps.enter(
+            SourceFrame(
+                index=index, pts=index, time_base=Fraction(1, 25), time_s=index / 25, duration=1,
+                picture=picture,
+            )
+        )  # fmt: skip
+        report.entering(state)
+        return state
+
+    def measure(self, state):
+        """What F, P and R leave behind, from the lens that made the plate."""
+        footprint = np.array([[[-0.3, 0, -1.4], [0.3, 0, -1.4], [0, 0, -2.0]]])
+        ground = project_to_ground(footprint, camera(), 0.0)
+        coc = np.abs(SLOPE * np.maximum(ground.disparity, 0.12) + INTERCEPT)
+        noise = np.random.default_rng(3).normal(0, 0.4, coc.shape)
+        self.record.plate_coc = CocMap(
+            coc_px=np.maximum(coc + noise, 0).astype(np.float32),
+            sigma_px=np.full(coc.shape, 0.5, np.float32),
+        )
+        self.record.ground = ground
+        self.record.regression = FitLens()(self.record.plate_coc, ground, state.frame.index)
+        self.assembly.steps.fit = self.record.regression.fit
+        state.carried_fit = True
+
+    def composite(self, state, *, sharp=False):
+        hw = (BOX.height, BOX.width)
+        rgba = np.tile(np.array([0.6, 0.1, 0.05, 1.0], np.float32), (*hw, 1))
+        depth = np.tile(np.linspace(1.5, 1.8, BOX.width, dtype=np.float32), (BOX.height, 1))
+        layer = ObjectLayer(box=BOX, rgba=rgba, depth=depth)
+        state.values["layer"] = layer
+        if not sharp:
+            coc = self.assembly.steps.fit.coc_px(1.0 / depth)
+            state.values["defocused"] = DefocusedLayer(layer=layer, coc_px=coc)
+        state.values["blurred"] = BlurredLayer(box=BOX, rgba=rgba)
+        state.frame.picture.over(BOX, rgba)
+
+    def done(self, report, state, **nodes):
+        for name, elapsed_ms in (nodes or {"decode": 3.0, "reblur": 40.0}).items():
+            self.profiler.add(state.frame.index, name, elapsed_ms)
+        timing = self.profiler.close_frame(state.frame.index, 0, warm_up=state.carried_fit)
+        report.frame(state, timing)
+
+    def finish(self, report, notes=()):
+        report.finish(self.profiler.summary(), notes)
+        return (self.folder / "report" / PAGE).read_text(encoding="utf-8")
+
+
+def measured_run(bench, frames=5, notes=()):
+    with bench.report() as report:
+        for index in range(frames):
+            state = bench.enter(report, index)
+            if index == 0:
+                bench.measure(state)
+            bench.composite(state)
+            bench.done(report, state)
+        return bench.finish(report, notes)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    return measured_run(Bench(tmp_path_factory.mktemp("measured")))
+
+
+def test_the_page_is_well_formed_and_has_every_part(measured):
+    page = read(measured)
+    titles = [attributes["id"] for attributes in page.all("h2")]
+    assert titles == [f"{name}-title" for name in
+                      ("compare", "strip", "maps", "fit", "times", "plan")]  # fmt: skip
+    assert len(page.all("h1")) == 1
+    assert page.all("html")[0]["lang"] == "en"
+    assert "missing" not in [attributes.get("class") for attributes in page.all("p")]
+
+
+def test_the_page_fetches_nothing(measured):
+    page = read(measured)
+    assert all(value.startswith(("data:image/jpeg;base64,", "#")) for value in page.fetched)
+    assert not re.search(r"url\(|@import|@font-face", page.css)
+    assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(", without_pictures(measured))
+
+
+def test_every_picture_and_chart_has_words_for_those_who_do_not_see_it(measured):
+    page = read(measured)
+    assert page.all("img")
+    assert all(attributes["alt"].strip() for attributes in page.all("img"))
+    charts = [a for a in page.all("svg") if a.get("role") == "img"]
+    assert len(charts) == 3
+    assert all(chart["aria-label"] for chart in charts)
+    assert all("aria-hidden" in a for a in page.all("svg") if a not in charts)
+    (slider,) = page.all("input")
+    assert slider["type"] == "range"
+    assert {"for": slider["id"]} in page.all("label")
+
+
+def test_headings_do_not_skip_a_level_and_names_are_unique(measured):
+    page = read(measured)
+    levels = [int(tag[1]) for tag, _ in page.tags if re.fullmatch(r"h[1-6]", tag)]
+    assert all(b - a <= 1 for a, b in zip(levels, levels[1:], strict=False))
+    names = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(names) == len(set(names))
+
+
+def test_the_lens_is_told_in_plain_words(measured):
+    text = read(measured).text
+    focus = float(re.search(r"in focus at ([\d.]+) m", text).group(1))
+    assert focus == pytest.approx(2.0, rel=0.02)
+    assert "in front of the focal plane, 1.5 to 1.8 m away" in text
+    least, most = map(float, re.search(r"blur is ([\d.]+) to ([\d.]+) px", text).groups())
+    assert least == pytest.approx(SLOPE / 1.8 + INTERCEPT, abs=0.3)
+    assert most == pytest.approx(SLOPE / 1.5 + INTERCEPT, abs=0.3)
+
+
+def test_a_good_fit_gives_no_warning(measured):
+    assert not [a for a in read(measured).all("li") if a.get("class") == "warning"]
+
+
+def test_names_and_notes_from_outside_are_escaped(tmp_path):
+    bench = Bench(tmp_path / "run")
+    bench.info = replace(bench.info, name='<script>alert("1")</script>&.mp4')
+    with bench.report(output="\"><img src=x onerror='x'>.mp4") as report:
+        text = bench.finish(report, ("a mesh '<b>\"bold\"</b>' is not drawn",))
+    page = read(text)
+    assert len(page.all("script")) == 1
+    assert page.all("b") == []
+    assert all("onerror" not in attributes for attributes in page.all("img"))
+    assert '<b>"bold"</b>' in page.text
+
+
+def test_a_given_fit_is_said_instead_of_maps_and_samples(tmp_path):
+    bench = Bench(tmp_path / "run", fit=TRUE_FIT)
+    with bench.report() as report:
+        for index in range(3):
+            state = bench.enter(report, index)
+            bench.composite(state)
+            bench.done(report, state)
+        page = read(bench.finish(report))
+    assert "The lens was given with --fit" in page.text
+    assert "in focus at 2 m" in page.text
+    assert "Blur given to the object" in page.text
+    assert "Blur of the plate" not in page.text
+    assert page.all("input")
+
+
+def test_no_effects_is_said_and_the_sharp_composite_shown(tmp_path):
+    bench = Bench(tmp_path / "run", effects="none")
+    with bench.report() as report:
+        state = bench.enter(report)
+        bench.composite(state, sharp=True)
+        bench.done(report, state)
+        page = read(bench.finish(report))
+    assert "Defocus was not simulated (left out by" in page.text
+    assert "sharp" in page.text
+    assert page.all("input")
+
+
+def test_an_object_never_in_view_leaves_a_page_that_says_so(tmp_path):
+    bench = Bench(tmp_path / "run")
+    with bench.report() as report:
+        for index in range(3):
+            bench.done(report, bench.enter(report, index), decode=2.0)
+        page = read(bench.finish(report))
+    assert "The object was never in view" in page.text
+    assert page.all("img") == []
+    assert [a for a in page.all("svg") if a.get("role") == "img"]  # the times are there
+
+
+def test_a_run_that_only_finds_the_lens_shows_the_plate_and_the_fit(tmp_path):
+    bench = Bench(tmp_path / "run")
+    with bench.report(output="lens.json") as report:
+        state = bench.enter(report)
+        bench.measure(state)
+        bench.done(report, state, fit=9.0)
+        page = read(bench.finish(report))
+    assert "No frame was composited in this run" in page.text
+    assert "Blur of the plate" in page.text
+    assert len([a for a in page.all("svg") if a.get("role") == "img"]) == 2
+    assert page.all("input") == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "remedy"),
+    [
+        ({"sign": "ambiguous", "sign_margin": 0.02}, "hardly follows from the picture", "--fit"),
+        ({"sign": "assumed"}, "was assumed", "--save-fit"),
+        ({"inlier_fraction": 0.3}, "Only 30% of the ground agrees", "--ground-y"),
+        ({"slope_stderr": 30.0, "intercept_stderr": 9.0}, "is known to", "--range"),
+        ({"rmse_px": 4.2}, "differs from the fitted line by 4.2 px", "--range"),
+    ],
+)
+def test_a_doubtful_fit_is_a_warning_with_a_remedy(tmp_path, changes, words, remedy):
+    bench = Bench(tmp_path / "run")
+    with bench.report() as report:
+        state = bench.enter(report)
+        bench.measure(state)
+        bench.record.regression = replace(
+            bench.record.regression, fit=replace(bench.record.regression.fit, **changes)
+        )
+        bench.assembly.steps.fit = bench.record.regression.fit
+        bench.composite(state)
+        bench.done(report, state)
+        text = bench.finish(report)
+    warning = re.search(r'<li class="warning">.*?</li>', text).group(0)
+    assert words in warning
+    assert f"<code>{remedy}</code>" in warning
+
+
+def test_a_constant_blur_is_a_warning_and_says_why_once(tmp_path):
+    bench = Bench(tmp_path / "run")
+    note = "constant CoC instead of a fit: only 3 samples"
+    with bench.report() as report:
+        state = bench.enter(report)
+        bench.measure(state)
+        bench.record.regression, bench.record.note = None, note
+        bench.assembly.steps.fit = constant_fit(bench.record.plate_coc, bench.record.ground)
+        bench.composite(state)
+        bench.done(report, state)
+        page = read(bench.finish(report, (note,)))
+    assert "is used at every depth" in page.text
+    assert page.text.count("only 3 samples") == 2  # the warning, and in place of the plot
+
+
+def test_the_page_of_ten_thousand_frames_is_small_and_its_strip_even(tmp_path):
+    bench = Bench(tmp_path / "run", fit=TRUE_FIT)
+    small = np.zeros((36, 64, 3), np.uint8)
+    blurred = BlurredLayer(box=Box(0, 0, 2, 2), rgba=np.ones((2, 2, 4), np.float32))
+    with bench.report() as report:
+        for index in range(10_000):
+            state = bench.enter(report, index, small)
+            state.values["blurred"] = blurred
+            bench.done(report, state)
+        assert len(report._plates) <= 1
+        text = bench.finish(report)
+    page = read(text)
+    assert len(text) < 400_000
+    names = [a["alt"] for a in page.all("img")]
+    strip = [int(name.rsplit(" ", 1)[1]) for name in names if name.startswith("Composite, frame")]
+    assert len(strip) == 12
+    assert strip[0] == 0
+    gaps = np.diff(strip)
+    assert gaps.max() <= 2 * gaps.min()
+    assert strip[-1] + gaps.max() >= 9_999
+    assert "means of 32 frames" in page.text
+
+
+def test_plates_of_frames_without_the_object_are_let_go(tmp_path):
+    bench = Bench(tmp_path / "run")
+    with bench.report() as report:
+        waiting = [bench.enter(report, index) for index in range(4)]
+        assert len(report._plates) == 4
+        for state in waiting:
+            bench.done(report, state, decode=1.0)
+        assert report._plates == {}
+
+
+def test_a_report_where_a_file_is_in_the_way_is_refused_in_one_line(tmp_path):
+    bench = Bench(tmp_path / "run")
+    (bench.folder / "report").write_text("a file")
+    with pytest.raises(OutputError, match="report: cannot be made") as refused:
+        bench.report()
+    assert "\n" not in str(refused.value)
+
+
+def test_a_run_that_fails_leaves_no_page(tmp_path):
+    bench = Bench(tmp_path / "run")
+    with pytest.raises(RuntimeError), bench.report() as report:
+        bench.enter(report)
+        raise RuntimeError("the run failed")
+    assert list((bench.folder / "report").iterdir()) == []
+
+
+def test_the_plan_says_which_effects_and_why(tmp_path):
+    bench = Bench(tmp_path / "run")
+    reason = "because the <scene> calls for it"
+    decisions = (Decision(effect="defocus", wanted=True, reason=reason),)
+    bench.assembly = replace(bench.assembly, decisions=decisions)
+    with bench.report() as report:
+        text = bench.finish(report)
+    assert reason in read(text).text
+
+
+def test_equal_runs_give_equal_pages(tmp_path):
+    first, second = (measured_run(Bench(tmp_path / name), frames=2) for name in ("a", "b"))
+    assert first == second
+
+
+@pytest.mark.needs_gl
+def test_a_real_run_leaves_a_page_with_before_and_after(tmp_path):
+    video = write_video(tmp_path / "plate.mp4", 4, audio=False)
+    glb = cube_glb(tmp_path / "cube.glb", end=(0.5, 0.0, -2.5), seconds=0.2)
+    settings = Settings(
+        source=SourceSettings(spec=str(video)),
+        scene=ObjectSettings(glb=glb),
+        output=OutputSettings(spec=str(tmp_path / "out.mp4")),
+        fit=fit_json(tmp_path / "fit.json"),
+        report=tmp_path / "report",
+    )
+    render(settings)
+    page = read((tmp_path / "report" / PAGE).read_text(encoding="utf-8"))
+    assert "plate.mp4 \N{RIGHTWARDS ARROW} out.mp4" in page.text
+    assert [a["alt"] for a in page.all("img")][:2] == [
+        "The composite, frame 0, 0.00 s",
+        "The plate, frame 0, 0.00 s",
+    ]
+    assert len([a for a in page.all("img") if a["alt"].startswith("Composite, frame")]) == 4
+    assert "blur to" in page.text
+
+
+def test_frame_timings_without_nodes_are_drawn(tmp_path):
+    bench = Bench(tmp_path / "run")
+    with bench.report() as report:
+        report.frame(bench.enter(report), FrameTiming(index=0, pts=0, nodes={}))
+        assert read(bench.finish(report))
