@@ -69,8 +69,10 @@ def fit_part(findings: Findings) -> str:
     """The fitted relationship, drawn and in numbers."""
     regression, fit = findings.record.regression, findings.fit
     title = "The lens, fitted"
-    if regression is None or fit is None:
-        reason = no_fit_reason(findings) or findings.record.note or NEVER_SEEN
+    if fit is None:
+        return ""  # the maps' place says why
+    if regression is None:
+        reason = no_fit_reason(findings) or findings.record.note
         return section("fit", title, missing(reason) + _fit_numbers(findings))
     around = object_disparity(findings.shown)
     charts = "".join(

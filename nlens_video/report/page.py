@@ -45,7 +45,9 @@ def _name(spec: str) -> str:
 
 def _header(findings: Findings) -> str:
     info, summary = findings.info, findings.summary
-    rate = f"{float(info.average_rate):.3g} fps" if info.average_rate else "unknown rate"
+    rate = f"{float(info.average_rate):.4g} fps" if info.average_rate else "unknown rate"
+    if info.kind == "still":
+        rate = "still"
     facts = [
         ("Plate", _name(info.name), f"{info.codec}, {info.pixel_format}"),
         ("Object", findings.assembly.scene.path.name, ""),
@@ -119,7 +121,7 @@ def _carried(findings: Findings) -> bool:
 
 
 def _strip(findings: Findings) -> str:
-    if not findings.strip:
+    if len(findings.strip) < 2:
         return ""
     figures = "".join(_strip_figure(frame) for frame in findings.strip)
     words = "Composited frames, spread evenly over the clip."

@@ -36,7 +36,7 @@ def timing_plot(findings: Findings) -> TimingPlot | None:
     tops = np.cumsum([row for _, _, row in layers], axis=0)
     edges = np.array([bin_.first for bin_ in findings.bins] + [_end(findings)], np.float64)
     budget = findings.summary.budget_ms
-    high = max(1.12 * budget, 1.08 * float(np.quantile(tops[-1], 0.995)))
+    high = max(1.12 * budget, 1.25 * float(np.quantile(tops[-1], 0.95)))
     axes = Axes(width=_WIDTH, height=_HEIGHT, x=(float(edges[0]), float(edges[-1])), y=(0.0, high))
     parts = [axes.frame("frame", "time (ms)")]
     below = np.zeros(len(findings.bins))
@@ -49,6 +49,7 @@ def timing_plot(findings: Findings) -> TimingPlot | None:
         middles = 0.5 * (edges[:-1] + edges[1:])
         parts.append(path(axes.points(middles, np.minimum(slowest, high)), "slowest"))
         key.append(("slowest", "slowest frame of each mean"))
+    parts.append(_cut_off(axes, edges, tops[-1]))
     y = float(axes.place_y(np.array(budget)))
     parts.append(line((axes.left, y), (axes.right, y), "budget"))
     parts.append(text((axes.right - 4, y - 6), f"budget {budget:g} ms", "label", "end"))
@@ -77,6 +78,18 @@ def _steps(axes: Axes, edges: Float64, low: Float64, high: Float64, kind: str) -
     x = np.repeat(edges, 2)[1:-1]
     outline = axes.points(x, np.repeat(high, 2))
     return path(outline + axes.points(x, np.repeat(low, 2))[::-1], kind, closed=True)
+
+
+def _cut_off(axes: Axes, edges: Float64, totals: Float64) -> str:
+    """The time of the tallest bar, where the chart ends below it: a few outliers hide the rest."""
+    worst = int(np.argmax(totals))
+    if totals[worst] <= axes.y[1]:
+        return ""
+    x = float(axes.place_x(np.array(0.5 * (edges[worst] + edges[worst + 1]))))
+    near_right = x > 0.5 * (axes.left + axes.right)
+    words = f"{totals[worst]:,.0f} ms"
+    place = (x, axes.top - 6)
+    return text(place, words, "label", "end" if near_right else "start")
 
 
 def _end(findings: Findings) -> int:

@@ -16,6 +16,7 @@ _WEAK_SHARE = 0.15  # of the blur: a standard error that begins to show
 _WEAK_PX = 1.0
 _FEW_INLIERS = 0.5
 _LARGE_RESIDUAL_PX = 2.0
+_LARGE_RESIDUAL_SHARE = 0.12  # of the ground's blur
 _MET = 0.9
 
 # The program's own notes, by words in them, and what a person can do; an empty remedy: nothing.
@@ -94,6 +95,8 @@ def margin_words(fit: LensFit) -> str:
     """How well the other sign would do."""
     if not np.isfinite(fit.sign_margin):
         return "no lens of the other side fits at all"
+    if fit.sign_margin >= 1:
+        return f"the other side fits {1 + fit.sign_margin:.2g} times as badly"
     return f"the other side fits {fit.sign_margin:.0%} worse"
 
 
@@ -170,7 +173,9 @@ def _strength_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
             remedy="Check that the ground of the GLB is the ground of the plate (--ground-y), "
             "and that the camera matches; objects in the way matter less.",
         )
-    if fit.rmse_px > _LARGE_RESIDUAL_PX:
+    if fit.rmse_px > max(
+        _LARGE_RESIDUAL_PX, _LARGE_RESIDUAL_SHARE * float(np.median(samples.coc_px))
+    ):
         yield Advice(
             kind="warning",
             text=f"The ground's blur differs from the fitted line by {fit.rmse_px:.1f} px.",
@@ -181,7 +186,7 @@ def _strength_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
 
 def _plate_advice(findings: Findings) -> Iterator[Advice]:
     info = findings.info
-    if info.tags.assumed:
+    if info.tags.assumed and info.tags.matrix != "gbr":  # RGB without tags is sRGB
         yield Advice(
             kind="note",
             text=f"The plate does not say its colour; assumed {', '.join(info.tags.assumed)}.",
