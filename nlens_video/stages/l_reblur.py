@@ -64,12 +64,12 @@ class ReblurLayer:
 
     Attributes:
         scatter: (rgba (h, w, 4), coc_px (h, w), pixel_aspect=) -> blurred rgba (h, w, 4).
-        reach: (coc_px, alpha) -> pixels that the blur spreads beyond the silhouette.
+        reach: (coc_px, alpha, pixel_aspect) -> pixels that the blur spreads beyond the silhouette.
         pixel_aspect: width of a pixel by its height [1].
     """
 
     scatter: ScatterKernel
-    reach: Callable[[Float32, Float32], int]
+    reach: Callable[[Float32, Float32, float], int]
     pixel_aspect: float = 1.0
 
     def __call__(self, defocused: DefocusedLayer, frame: Box) -> BlurredLayer:
@@ -82,7 +82,7 @@ class ReblurLayer:
         layer = defocused.layer
         if defocused.largest_coc_px < NEGLIGIBLE_COC_PX:
             return crop_to_frame(layer, frame)
-        margin = self.reach(defocused.coc_px, layer.rgba[..., 3])
+        margin = self.reach(defocused.coc_px, layer.rgba[..., 3], self.pixel_aspect)
         wide = layer.box.grown(margin)
         rgba = np.pad(layer.rgba, ((margin, margin), (margin, margin), (0, 0)))
         coc = np.pad(defocused.coc_px, margin)

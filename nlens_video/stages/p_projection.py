@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.frames import Bool, Float64
 from nlens_video.scene.camera import Camera
@@ -53,25 +54,22 @@ def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> Gr
         fallen = triangles.astype(np.float64).copy()
         fallen[:, :, 1] = ground_y
         seen = camera.to_camera(fallen.reshape(-1, 3)).reshape(-1, 3, 3)
-        for polygon in _in_front(seen):
-            _draw(mask, camera.pixels(polygon), camera)
+        whole, cut = _in_front(seen)
+        _draw(mask, camera.pixels(whole.reshape(-1, 3)).reshape(-1, 3, 2), camera)
+        for polygon in cut:
+            _draw(mask, camera.pixels(polygon)[None], camera)
     return GroundProjection(
         mask=(mask > 0) & (disparity > 0), disparity=disparity, ground_y=ground_y
     )
 
 
-def _in_front(triangles: Float64) -> list[Float64]:
-    """Cut camera-space triangles (T, 3, 3) at a near plane; polygons with 3 or 4 corners."""
+def _in_front(triangles: Float64) -> tuple[Float64, list[Float64]]:
+    """Camera-space triangles (T, 3, 3) before a near plane, and what is left of those across it."""
     depth = -triangles[:, :, 2]
-    far = float(depth.max())
-    if far <= 0:
-        return []
-    near = 1e-4 * far
+    near = max(1e-4 * float(depth.max()), np.finfo(np.float64).tiny)
     whole = (depth > near).all(axis=1)
-    polygons = list(triangles[whole])
-    for corners in triangles[~whole & (depth > near).any(axis=1)]:
-        polygons.append(_cut(corners, near))
-    return polygons
+    across = ~whole & (depth > near).any(axis=1)
+    return triangles[whole], [_cut(corners, near) for corners in triangles[across]]
 
 
 def _cut(corners: Float64, near: float) -> Float64:
@@ -87,11 +85,9 @@ def _cut(corners: Float64, near: float) -> Float64:
     return np.array(kept)
 
 
-def _draw(
-    mask: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], pixels: Float64, camera: Camera
-) -> None:
-    """Fill a convex polygon (N, 2), centres at +0.5, pixels its outline touches included."""
+def _draw(mask: npt.NDArray[np.uint8], polygons: Float64, camera: Camera) -> None:
+    """Fill convex polygons (P, N, 2), centres at +0.5, pixels their outlines touch included."""
     reach = _REACH_FRAMES * max(camera.width, camera.height)
-    clipped = np.clip(pixels - 0.5, -reach, reach)
-    points = np.round(clipped * (1 << _SUBPIXEL_BITS)).astype(np.int32)
-    cv2.fillConvexPoly(mask, points, 1, lineType=cv2.LINE_8, shift=_SUBPIXEL_BITS)
+    clipped = np.clip(polygons - 0.5, -reach, reach)
+    for points in np.round(clipped * (1 << _SUBPIXEL_BITS)).astype(np.int32):
+        cv2.fillConvexPoly(mask, points, 1, lineType=cv2.LINE_8, shift=_SUBPIXEL_BITS)
