@@ -12,11 +12,8 @@ from nlens_video.lens import LensFit
 from nlens_video.report.findings import Findings, Shown
 from nlens_video.report.fit_plot import FitCurve, object_disparity
 
-_WEAK_SHARE = 0.15  # of the blur: a standard error that begins to show
-_WEAK_PX = 1.0
+_SEEN_SHARE, _SEEN_PX = 0.15, 1.0  # errors of the blur that begin to be seen: the larger counts
 _FEW_INLIERS = 0.5
-_LARGE_RESIDUAL_PX = 2.0
-_LARGE_RESIDUAL_SHARE = 0.12  # of the ground's blur
 _MET = 0.9
 
 # The program's own notes, by words in them, and what a person can do; an empty remedy: nothing.
@@ -155,15 +152,25 @@ def _strength_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
     if regression is None:
         return
     samples = regression.samples
-    there = samples.disparity[samples.anchor] if samples.anchor.any() else samples.disparity
-    middle = np.array([np.median(there)])
+    there = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
+    middle = np.array([np.median(samples.disparity[there])])
     curve = FitCurve.of(fit, samples)
     error, blur = float(curve.stderr_px(middle)[0]), abs(float(curve.coc_px(middle)[0]))
-    if error > max(_WEAK_PX, _WEAK_SHARE * blur):
+    seen = max(_SEEN_PX, _SEEN_SHARE * blur)
+    if error > seen:
         yield Advice(
             kind="warning",
             text=f"The blur where the object stands is known to {error:.1f} px only.",
             remedy="Use a frame with more texture on the ground or more of it in view (--range).",
+        )
+    differences = samples.coc_px[there] - np.abs(curve.coc_px(samples.disparity[there]))
+    if abs(difference := float(np.median(differences))) > seen:
+        yield Advice(
+            kind="warning",
+            text=f"Where the object stands, the plate looks {abs(difference):.1f} px "
+            f"{'more' if difference > 0 else 'less'} blurred than the fitted lens says.",
+            remedy="Check --ground-y and the camera. A smooth ground, motion blur or strong "
+            "compression of the plate do the same: try another frame (--range).",
         )
     if fit.inlier_fraction < _FEW_INLIERS:
         yield Advice(
@@ -172,15 +179,6 @@ def _strength_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
             "found.",
             remedy="Check that the ground of the GLB is the ground of the plate (--ground-y), "
             "and that the camera matches; objects in the way matter less.",
-        )
-    if fit.rmse_px > max(
-        _LARGE_RESIDUAL_PX, _LARGE_RESIDUAL_SHARE * float(np.median(samples.coc_px))
-    ):
-        yield Advice(
-            kind="warning",
-            text=f"The ground's blur differs from the fitted line by {fit.rmse_px:.1f} px.",
-            remedy="Check --ground-y and the camera. A smooth ground, motion blur or strong "
-            "compression of the plate do the same: try another frame (--range).",
         )
 
 

@@ -248,7 +248,7 @@ def test_a_run_that_only_finds_the_lens_shows_the_plate_and_the_fit(tmp_path):
         ({"sign": "assumed"}, "was assumed", "--save-fit"),
         ({"inlier_fraction": 0.3}, "Only 30% of the ground agrees", "--ground-y"),
         ({"slope_stderr": 30.0, "intercept_stderr": 9.0}, "is known to", "--range"),
-        ({"rmse_px": 4.2}, "differs from the fitted line by 4.2 px", "--range"),
+        ({"intercept": -8.0}, "px less blurred than the fitted lens says", "--ground-y"),
     ],
 )
 def test_a_doubtful_fit_is_a_warning_with_a_remedy(tmp_path, changes, words, remedy):
