@@ -84,16 +84,15 @@ def fit_part(findings: Findings) -> str:
         "the plate shows there. Both lie on one line, which is the lens: where it crosses zero is "
         "the focus. The fainter a dot, the less it was trusted."
     )
-    marks = key(
-        [
-            ("plane w3", "ground"),
-            ("anchor w3", "footprint"),
-            ("fit", "fitted line"),
-            ("band", "one standard error"),
-            ("object", "depths of the object"),
-        ]
-    )
-    body = f'<p class="quiet">{words}</p>{marks}<div class="pair">{charts}</div>'
+    marks = [
+        ("plane w3", "ground"),
+        ("anchor w3", "footprint"),
+        ("fit", "fitted line"),
+        ("band", "one standard error"),
+    ]
+    if around is not None:
+        marks.append(("object", "depths of the object"))
+    body = f'<p class="quiet">{words}</p>{key(marks)}<div class="pair">{charts}</div>'
     return section("fit", title, body + _fit_numbers(findings))
 
 

@@ -51,7 +51,7 @@ def _header(findings: Findings) -> str:
     facts = [
         ("Plate", _name(info.name), f"{info.codec}, {info.pixel_format}"),
         ("Object", findings.assembly.scene.path.name, ""),
-        ("Written", _name(findings.output), count(summary.frames, "frame")),
+        ("Written", _name(findings.output), _written(findings)),
         ("Frame", f"{info.width} \N{MULTIPLICATION SIGN} {info.height} px", rate),
         ("Pipeline", findings.assembly.graph.pipeline, findings.assembly.graph.summary),
     ]
@@ -75,6 +75,12 @@ def _header(findings: Findings) -> str:
         f'<dl class="facts">{rows}</dl>'
         + (f'<ul class="advice" aria-label="What to know">{items}</ul>' if items else "")
     )
+
+
+def _written(findings: Findings) -> str:
+    """How much was written; a run that only finds the lens writes no frames."""
+    only_lens = findings.shown is not None and findings.shown.after is None
+    return "the lens" if only_lens else count(findings.summary.frames, "frame")
 
 
 def _compare(findings: Findings) -> str:

@@ -236,6 +236,8 @@ def test_a_run_that_only_finds_the_lens_shows_the_plate_and_the_fit(tmp_path):
         bench.done(report, state, fit=9.0)
         page = read(bench.finish(report))
     assert "No frame was composited in this run" in page.text
+    assert "lens.json the lens" in page.text
+    assert "depths of the object" not in page.text
     assert "Blur of the plate" in page.text
     assert len([a for a in page.all("svg") if a.get("role") == "img"]) == 2
     assert page.all("input") == []
