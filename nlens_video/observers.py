@@ -60,10 +60,11 @@ def observers(
         watching.append(TimingRows(settings.timings, settings, started))
     if settings.aov is not None:
         watching.append(AovLayers(settings.aov, started))
-    if settings.report is not None and output is not None:
+    if settings.report is not None:
         from nlens_video.report.collect import Report
 
-        watching.append(Report(settings.report, started, output.spec))
+        written = output.spec if output is not None else str(settings.save_fit)
+        watching.append(Report(settings.report, started, written))
     return watching
 
 

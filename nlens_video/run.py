@@ -91,26 +91,35 @@ def find_fit(settings: Settings) -> FitOutcome:
     if settings.save_fit is None:
         raise UsageError("no file for the fit was named")
     profiler = Profiler(settings.budget_ms)
-    with _opened(settings) as source:
+    with ExitStack() as stack:
+        source = stack.enter_context(_opened(settings))
         assembly = _assembled(settings, source.info, profiler)
         watching = observers(settings, Started(source.info, assembly, profiler), None)
+        for observer in watching:
+            stack.enter_context(observer)
+        shot = tuple(
+            node for node in assembly.graph.nodes if node.name == "locate" or node.cadence == "shot"
+        )
         for number, frame in enumerate(_chosen(source, settings)):
             state = assembly.steps.enter(frame)
             for observer in watching:
                 observer.entering(state)
-            shot = tuple(
-                n for n in assembly.graph.nodes if n.name == "locate" or n.cadence == "shot"
-            )
             assembly.steps.run(state, shot)
+            timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
+            for observer in watching:
+                observer.frame(state, timing)
             if assembly.steps.fit is not None or number + 1 >= _ENOUGH_FOR_A_FIT:
                 break
-    fit = assembly.steps.fit
-    if fit is None:
-        raise LensFitError(
-            f"{settings.scene.glb}: the object does not come into view within "
-            f"{_ENOUGH_FOR_A_FIT} frames, so there is nothing to fit; check the camera or --range"
-        )
-    _save(fit, settings.save_fit)
+        fit = assembly.steps.fit
+        if fit is None:
+            raise LensFitError(
+                f"{settings.scene.glb}: the object does not come into view within "
+                f"{_ENOUGH_FOR_A_FIT} frames, so there is nothing to fit; check the camera or "
+                "--range"
+            )
+        for observer in watching:
+            observer.finish(profiler.summary(), assembly.notes())
+        _save(fit, settings.save_fit)
     return FitOutcome(fit=fit, path=settings.save_fit, notes=assembly.notes())
 
 
