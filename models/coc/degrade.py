@@ -145,7 +145,7 @@ def photographed(rng: Rng, linear: Float32) -> Uint8:
     """A defocused scene as a decoded frame shows it, uint8 (H, W, 3) of scene-linear (H, W, 3)."""
     if rng.random() < 0.07:
         linear = moved(rng, linear)
-    linear = cv2.GaussianBlur(linear, (0, 0), rng.uniform(0.25, 0.9))
+    linear = cv2.GaussianBlur(linear, (0, 0), float(rng.triangular(0.2, 0.35, 0.9)))
     linear = linear * np.float32(np.exp(rng.normal(0, 0.2)))
     linear = sensed(rng, linear)
     if rng.random() < 0.12:

@@ -22,9 +22,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from models.coc.data import LABEL_STEP, SIZE, Reservoir
+from models.coc.data import LABEL_STEP, Reservoir
 from models.coc.evaluate import Estimate, Figures, evaluate_plates, figures
 from models.coc.network import CocNet, coc_and_sigma, laplace_loss
+from models.coc.scene import SIZE
 
 WARM_UP_STEPS = 300
 EMA_DECAY = 0.999
@@ -47,7 +48,7 @@ class Recipe:
 
     minutes: float = 80.0
     rate: float = 1.2e-3
-    pixels: int = 16 * 160 * 160
+    pixels: int = 8 * 160 * 160
     crop: int = 160
     beta: float = 0.5
     seed: int = 1

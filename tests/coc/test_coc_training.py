@@ -22,7 +22,8 @@ def photos(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def reservoir(photos, tmp_path_factory):
-    from models.coc.data import Reservoir, draw_scene
+    from models.coc.data import Reservoir
+    from models.coc.scene import draw_scene
 
     store = Reservoir(tmp_path_factory.mktemp("data") / "reservoir", capacity=3)
     for seed in range(4):  # one more than it holds: the oldest is replaced
@@ -60,7 +61,7 @@ def test_a_scattered_picture_matches_a_supersampled_disc():
 
 
 def test_a_seed_names_a_scene(photos):
-    from models.coc.data import SIZE, draw_scene
+    from models.coc.scene import SIZE, draw_scene
 
     for seed in (1, 2):
         (first, coc), (second, again) = (
@@ -81,7 +82,7 @@ def test_blurred_photographs_do_not_count_as_sharp(photos):
 
 
 def test_the_reservoir_is_a_ring(reservoir):
-    from models.coc.data import SIZE
+    from models.coc.scene import SIZE
 
     assert reservoir.drawn == 4
     assert reservoir.pictures.shape == (3, SIZE, SIZE, 3)

@@ -115,7 +115,8 @@ def test_the_map_lies_on_the_pixels_it_was_read_from():
 
 
 def test_diameters_of_a_4k_frame_count_its_own_pixels():
-    result = estimate_coc(TenPixels(), np.zeros((540 * 4, 960 * 4, 3), np.float32))
+    texture = np.random.default_rng(0).random((540, 960, 3), dtype=np.float32)
+    result = estimate_coc(TenPixels(), texture.repeat(4, axis=0).repeat(4, axis=1))
     assert result.coc_px.shape == (2160, 3840)
     np.testing.assert_allclose(result.coc_px, 40.0, rtol=1e-6)
     np.testing.assert_allclose(result.sigma_px, 4.0, rtol=1e-6)
