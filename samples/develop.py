@@ -16,8 +16,8 @@ Floats = npt.NDArray[np.float64]
 GROUPS = ("sun", "sky", "lamps", "candle")
 FLICKER = {"sun": (0.02, 0.3), "sky": (0.01, 0.2), "lamps": (0.05, 0.8), "candle": (0.16, 4.0)}
 """Relative swing and its middle frequency [Hz] of every light group."""
-READ_NOISE, SHOT_NOISE = 0.0012, 4.5e-5
-"""Deviation in the dark and variance by signal, both scene-linear; about one code at mid grey."""
+READ_NOISE, SHOT_NOISE = 0.0016, 1.0e-4
+"""Deviation in the dark and variance by signal, scene-linear; about one code at mid grey."""
 
 
 def read_groups(path: Path) -> dict[str, Floats]:

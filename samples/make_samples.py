@@ -26,6 +26,7 @@ from shots import FRAMES, HEIGHT, RATE, SENSOR_MM, SHOTS, WIDTH, Shot
 
 HERE = Path(__file__).parent
 PROBE_M = 0.05
+X264 = {"crf": "16", "preset": "slow", "tune": "grain"}
 FILLS = {"sky": (0.0, 1.0, 0.35), "bounce": (0.0, -0.25, 1.0)}
 """Directions towards the object's fill lights, glTF axes; `bounce` comes from the camera's side."""
 
@@ -113,7 +114,7 @@ def describe(shot: Shot, lights: list[dict[str, Any]]) -> str:
 def encode(shot: Shot, folder: Path, path: Path) -> None:
     """Write the clip: H.264, BT.709 limited range, and AAC."""
     with av.open(str(path), "w", options={"movflags": "+faststart"}) as out:
-        video = out.add_stream("libx264", rate=RATE, options={"crf": "17", "preset": "slow"})
+        video = out.add_stream("libx264", rate=RATE, options=X264)
         video.width, video.height, video.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         context = video.codec_context
         context.colorspace = context.color_primaries = context.color_trc = 1

@@ -18,7 +18,7 @@ from textures import put, spectral_noise
 
 HOP_HZ, HOP_M = 1.75, 0.085
 WAYPOINTS = [
-    (-0.30, 2.85),
+    (-0.26, 2.75),
     (-0.02, 3.05),
     (0.20, 3.45),
     (0.12, 4.05),
