@@ -119,7 +119,7 @@ def _project(tools: Tools) -> Made:
     return Made(run, "P: footprint cast down on the ground plane")
 
 
-def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 1.0) -> Made:
+def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 0.5) -> Made:
     fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
 
     def run(coc: CocMap, ground: GroundProjection, frame: StreamFrame) -> LensFit:

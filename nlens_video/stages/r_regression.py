@@ -49,8 +49,14 @@ class FitSamples:
     cluster: npt.NDArray[np.int64]
 
     def problem(self, anchor_weight: float) -> VFit:
-        """The robust fit of these samples, the footprint as a whole weighted against the rest."""
-        share = np.full(len(self.coc_px), 1.0 / len(self.coc_px))
+        """The robust fit of these samples, the footprint as a whole weighted against the rest.
+
+        Ground farther off than the footprint counts less, with the square of the distance: the
+        farther, the likelier it is no longer the plane on which the object stands.
+        """
+        there = self.disparity[self.anchor] if self.anchor.any() else self.disparity
+        share = np.minimum(self.disparity / np.median(there), 1.0) ** 2
+        share /= share.sum()
         if self.anchor.any():
             share = share + anchor_weight * self.anchor / self.anchor.sum()
         error = np.hypot(self.sigma_px, FLOOR_PX)
@@ -74,7 +80,7 @@ class FitLens:
         whole_plane: fit on everything the plane covers, or (as the paper) on the footprint alone.
     """
 
-    anchor_weight: float = 1.0
+    anchor_weight: float = 0.5
     whole_plane: bool = True
 
     def __call__(self, coc: CocMap, ground: GroundProjection, frame: int = 0) -> Regression:
