@@ -68,7 +68,9 @@ def tube(
     u0, v0, u1, v1 = patch
     u = np.repeat(np.linspace(u0, u1, len(centres)), columns + 1)
     v = np.tile(np.linspace(v0, v1, columns + 1), len(centres))
-    return Part(positions.reshape(-1, 3), np.stack([u, v], 1), grid(len(centres) - 1, columns))
+    return Part(
+        positions.reshape(-1, 3), np.stack([u, v], 1), grid(len(centres) - 1, columns)[:, ::-1]
+    )
 
 
 def spot(patch: tuple[float, float, float, float]) -> tuple[float, float, float, float]:

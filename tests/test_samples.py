@@ -13,6 +13,8 @@ import av
 import numpy as np
 import pygltflib
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from nlens_video.lens import LensFit
 
@@ -205,6 +207,25 @@ def test_first_object_is_skinned_and_second_one_morphs():
     assert len(second.meshes[0].primitives[0].targets) == 2
     paths = {channel.target.path for channel in second.animations[0].channels}
     assert paths == {"translation", "rotation", "weights"}
+
+
+@objects
+def test_every_part_of_the_object_faces_outwards(clip, glb, scene):
+    gltf = pygltflib.GLTF2().load(str(SAMPLES / glb))
+    for primitive in (part for mesh in gltf.meshes for part in mesh.primitives):
+        points = read(gltf, primitive.attributes.POSITION)
+        normals = read(gltf, primitive.attributes.NORMAL)
+        a, b, c = read(gltf, primitive.indices).astype(int).reshape(-1, 3).T
+        links = coo_array(
+            (np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, c])), shape=(len(points),) * 2
+        )
+        count, part = connected_components(links, directed=False)
+        centre = np.stack([np.bincount(part, points[:, k]) for k in range(3)], axis=1)
+        centre /= np.bincount(part)[:, None]
+        face = np.cross(points[b] - points[a], points[c] - points[a])
+        volume = np.bincount(part[a], ((points[a] - centre[part[a]]) * face).sum(axis=1), count)
+        assert (volume > 0).all()
+        assert (np.einsum("ij,ij->i", face, normals[a]) >= -1e-12).mean() > 0.99
 
 
 @objects
