@@ -22,7 +22,7 @@ from models.coc.optics import (
     round_aperture,
     scatter,
 )
-from models.coc.textures import Photos, drawn, noise, surface
+from models.coc.textures import GRAINED_SHARE, Photos, grained, noise, surface
 
 Float32 = npt.NDArray[np.float32]
 Rng = np.random.Generator
@@ -124,10 +124,8 @@ def in_perspective(rng: Rng, layout: Layout, photos: Photos) -> Float32:
         place = ((np.float32(axis) + 0.5) * 0.5**step - 0.5 for axis in (u, v))
         copy = cv2.remap(texture, *place, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
         seen = np.where((level == step)[..., None], copy, seen)
-    if rng.random() < 0.4:
-        depth = np.exp(rng.uniform(np.log(0.005), np.log(0.12)))
-        seen = seen * (1 + depth * noise(rng, size, rng.uniform(0, 0.8)))[..., None]
-    return np.maximum(seen, 0)
+    seen = np.maximum(seen, 0)
+    return grained(rng, seen) if rng.random() < GRAINED_SHARE else seen
 
 
 def lit(rng: Rng, linear: Float32) -> Float32:
@@ -275,7 +273,7 @@ def draw_ground(rng: Rng, layout: Layout, wall: Float32 | None, photos: Photos) 
     """The sharp light of the surface that fills the picture (N, N, 3)."""
     size = layout.disparity.shape[0]
     if rng.random() < 0.3:
-        ground = photos.crop(rng, size) if rng.random() < 0.7 else drawn(rng, size)
+        ground = surface(rng, size, photos, 0.7)
     else:
         ground = in_perspective(rng, layout, photos)
     if wall is not None:

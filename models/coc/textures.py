@@ -17,6 +17,7 @@ import numpy.typing as npt
 Float32 = npt.NDArray[np.float32]
 Rng = np.random.Generator
 TILE = 32
+GRAINED_SHARE = 0.3
 SHARP_RATIO = 0.7  # the photographs: 1.7 (median); after a CoC of 2 px: 0.9, of 3 px: 0.5
 
 
@@ -60,12 +61,22 @@ def _contrast(rng: Rng) -> float:
 
 
 def _grain(rng: Rng, size: int) -> Float32:
-    slope = rng.choice([0.0, rng.uniform(0.2, 1.0), rng.uniform(0.6, 1.6)], p=[0.2, 0.45, 0.35])
+    """Noise of any slope, often whiter than a photograph's 1/f, as asphalt, carpet and gravel are.
+
+    With one slope only the network would read the blur off the slope, and under-read it on these.
+    """
+    slope = rng.choice([rng.uniform(-0.3, 0.3), rng.uniform(0.2, 0.9), rng.uniform(0.7, 1.5)])
     stretch = 1.0 if rng.random() < 0.6 else float(np.exp(rng.uniform(0, np.log(12))))
     field = noise(rng, size, float(slope), stretch, rng.uniform(0, np.pi))
     if rng.random() < 0.3:  # speckle: few strong grains, as asphalt, terrazzo and sand have
         field = np.sign(field) * np.abs(field) ** rng.uniform(1.5, 3.0) * 0.6
     return field
+
+
+def grained(rng: Rng, linear: Float32) -> Float32:
+    """A surface with fine relief on top, (N, N, 3) in and out."""
+    depth = np.exp(rng.uniform(np.log(0.008), np.log(0.35)))
+    return np.maximum(linear * (1 + depth * _grain(rng, linear.shape[0]))[..., None], 0)
 
 
 def fractal(rng: Rng, size: int) -> Float32:
@@ -270,6 +281,5 @@ def sharp_tiles(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.int8]:
 
 def surface(rng: Rng, size: int, photos: Photos, photo_share: float) -> Float32:
     """One sharp surface (size, size, 3), scene-linear."""
-    if rng.random() < photo_share:
-        return photos.crop(rng, size)
-    return drawn(rng, size)
+    sharp = photos.crop(rng, size) if rng.random() < photo_share else drawn(rng, size)
+    return grained(rng, sharp) if rng.random() < GRAINED_SHARE else sharp

@@ -29,6 +29,7 @@ from models.coc.scene import SIZE
 
 WARM_UP_STEPS = 300
 EMA_DECAY = 0.999
+NEWEST = 4000  # batches come from the newest pictures, so that a better generator soon takes over
 LARGE_CROPS_FROM = 0.75  # share of the time
 CHECK_EVERY_S = 300.0
 
@@ -67,11 +68,13 @@ def draw_batch(
     rng: np.random.Generator, data: Reservoir, crop: int, count: int
 ) -> tuple[Tensor, Tensor]:
     """Random crops, turned and re-exposed a little: RGB (n, 3, c, c) and CoC (n, c/4, c/4)."""
-    limit = min(data.drawn, len(data.pictures))
+    drawn = data.drawn
+    oldest = max(0, drawn - min(len(data.pictures), NEWEST))
     side = crop // LABEL_STEP
     pictures = np.empty((count, crop, crop, 3), np.float32)
     labels = np.empty((count, side, side), np.float32)
-    for i, index in enumerate(rng.integers(0, limit, count)):
+    for i, number in enumerate(rng.integers(oldest, drawn, count)):
+        index = number % len(data.pictures)
         y, x = rng.integers(0, (SIZE - crop) // LABEL_STEP + 1, 2)
         rows, columns = slice(4 * y, 4 * y + crop), slice(4 * x, 4 * x + crop)
         picture = np.rot90(data.pictures[index, rows, columns], turns := int(rng.integers(4)))
