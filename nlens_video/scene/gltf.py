@@ -87,11 +87,6 @@ class Scene:
         return tuple(camera.name for camera in self._cameras)
 
     @property
-    def has_camera(self) -> bool:
-        """Whether the file has a perspective camera."""
-        return bool(self._cameras)
-
-    @property
     def light_count(self) -> int:
         """Punctual lights of the scene."""
         return len(self._lights)
@@ -145,7 +140,10 @@ class Scene:
 
     def _camera(self, name: str | None) -> Perspective:
         if not self._cameras:
-            raise SceneError(f"{self.path}: no perspective camera; add one or place with --at X,Y")
+            raise SceneError(
+                f"{self.path}: no perspective camera; "
+                "add one in the modelling program and export it"
+            )
         if name is None:
             return self._cameras[0]
         for camera in self._cameras:

@@ -72,8 +72,8 @@ def test_a_camera_made_for_another_aspect_ratio_is_reported_once(tmp_path, aspec
 
 def test_a_scene_without_a_camera_says_what_to_do(tmp_path):
     scene = load(minimal(), tmp_path)
-    assert not scene.has_camera
-    with pytest.raises(SceneError, match="--at"):
+    assert scene.camera_names == ()
+    with pytest.raises(SceneError, match="add one in the modelling program and export it"):
         scene.camera(0.0, 10, 10)
 
 
