@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from nlens_video.errors import SceneError
 from nlens_video.frames import Float32, Float64
@@ -13,6 +13,9 @@ from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
 from nlens_video.scene.mesh import Geometry, face_normals, unit
 from nlens_video.scene.posed import PosedMesh
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +85,8 @@ class Instance:
         if self.skin is None or joints is None or weights is None:
             self.skin = None
             return
+        from scipy.sparse import csr_matrix  # here: it takes long to load, and few files need it
+
         count = len(self.skin.joints)
         if int(joints[weights > 0.0].max(initial=0)) >= count or int(joints.min()) < 0:
             raise SceneError(

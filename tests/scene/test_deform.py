@@ -1,5 +1,8 @@
 """Skins and morph targets against values computed one vertex at a time."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scene.glb_builder import QUAD, GlbBuilder
@@ -128,3 +131,16 @@ def test_tiny_and_huge_scales_keep_shape_and_normals(tmp_path):
         posed = load(builder, tmp_path).pose(0.0)
         np.testing.assert_allclose(posed.bounds(), scale * np.array([[-1, -1, 0], [1, 1, 0]]))
         np.testing.assert_allclose(posed.meshes[0].normals, NORMALS, atol=1e-6)
+
+
+def test_a_scene_without_skins_does_not_wait_for_scipy_to_load(tmp_path):
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh())
+    path = builder.write(tmp_path / "scene.glb")
+    code = (
+        "import sys; from pathlib import Path; from nlens_video.scene import Scene; "
+        "Scene.load(Path(sys.argv[1])); print('scipy' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(path)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"
