@@ -1,0 +1,15 @@
+import pytest
+
+from models.coc.evaluate import evaluate_plates, onnx_estimate
+from nlens_video.model_store import find_model
+
+
+@pytest.mark.needs_truth
+def test_rendered_plates_read_within_the_figures_of_the_model_card(shared):
+    rows = evaluate_plates(onnx_estimate(find_model("coc").path), shared / "data/cycles/dev")
+    mean = rows[-1]
+    assert len(rows) == 10  # nine stills and their mean
+    assert mean.rmse_px < 2.4
+    assert mean.confident_rmse_px < 1.7
+    assert abs(mean.confident_bias_px) < 0.8
+    assert 0.6 < mean.honesty < 1.4
