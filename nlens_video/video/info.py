@@ -93,11 +93,6 @@ class SourceInfo:
     notes: tuple[str, ...] = ()
 
     @property
-    def has_audio(self) -> bool:
-        """Whether an audio stream travels along."""
-        return any(stream.type == "audio" for stream in self.copied)
-
-    @property
     def stored_size(self) -> tuple[int, int]:
         """Width and height of the stored samples, before they are turned upright [px]."""
         sideways = self.rotation % 180 != 0

@@ -30,7 +30,7 @@ class Sink(Protocol):
         ...
 
     def write_packet(self, packet: Packet) -> None:
-        """Carry over a packet of one of the source's other streams, from any thread."""
+        """Carry over a packet of one of the source's other streams."""
         ...
 
     def commit(self) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -50,7 +49,6 @@ class VideoSink:
         self._path = None if spec == "-" or "://" in spec else Path(spec)
         self._partial = partial_name(self._path) if self._path else None
         self._keep = keep_partial and self._path is not None
-        self._lock = threading.Lock()
         self._open = True
         self._committed = False
         self._container = self._open_container()
@@ -93,7 +91,7 @@ class VideoSink:
         encoded = picture_frame(frame.picture, self.encoding.pixel_format)
         self._clock.stamp(encoded, frame)
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
-        with self._lock, self._writing():
+        with self._writing():
             self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
 
     def write_packet(self, packet: Packet) -> None:
@@ -102,7 +100,7 @@ class VideoSink:
         Raises:
             OutputError: the disk is full, or the container refuses it.
         """
-        with self._lock, self._writing():
+        with self._writing():
             target = self._targets.get(packet.stream.index) if self._open else None
             if isinstance(target, AudioEncoder):
                 self._container.mux(target.encode(packet))
@@ -122,7 +120,7 @@ class VideoSink:
         self._committed = True
 
     def _finish(self) -> None:
-        with self._lock, self._writing():
+        with self._writing():
             self._container.mux(self._clock.retimed(self._stream.encode(None)))
             for target in self._targets.values():
                 if isinstance(target, AudioEncoder):
@@ -131,11 +129,10 @@ class VideoSink:
             self._container.close()
 
     def _discard(self) -> None:
-        with self._lock:
-            if self._open:
-                self._open = False
-                with contextlib.suppress(av.FFmpegError, OSError, ValueError):
-                    self._container.close()
+        if self._open:
+            self._open = False
+            with contextlib.suppress(av.FFmpegError, OSError, ValueError):
+                self._container.close()
         if self._partial is not None:
             with contextlib.suppress(OSError):
                 self._partial.unlink(missing_ok=True)
