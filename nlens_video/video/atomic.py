@@ -49,13 +49,18 @@ def replacing(path: Path) -> Iterator[Path]:
     """Write to the yielded name; `path` appears at the end, or nothing does.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: it cannot be written; an OSError of the body that names no other file, such
+            as that of a full disk, becomes this.
     """
     check_folder(path)
     partial = partial_name(path)
     try:
         yield partial
         publish(partial, path)
+    except OSError as error:
+        if error.filename not in (None, str(partial)):
+            raise  # something else that the body does
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -157,7 +157,7 @@ def write_layers(
         try:
             with OpenEXR.File(header, pixels) as file:
                 file.write(str(partial))
-        except (RuntimeError, ValueError, OSError) as error:
+        except (RuntimeError, ValueError) as error:
             raise OutputError(f"{path}: cannot be written ({_first_line(error)})") from error
 
 

@@ -1,0 +1,26 @@
+"""Files that appear complete or not at all."""
+
+import os
+
+import pytest
+
+from nlens_video.errors import OutputError
+from nlens_video.video.atomic import replacing
+
+
+def test_a_full_disk_while_writing_text_is_one_clear_line(tmp_path):
+    path = tmp_path / "fit.json"
+    (tmp_path / f".fit.partial-{os.getpid()}.json").symlink_to("/dev/full")
+    with (
+        pytest.raises(OutputError, match=r"fit\.json: cannot be written \(No space left") as caught,
+        replacing(path) as partial,
+    ):
+        partial.write_text("x" * 100000)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_file_that_has_nothing_to_do_with_the_result_stays_its_own_error(tmp_path):
+    with pytest.raises(FileNotFoundError, match="other"), replacing(tmp_path / "fit.json"):
+        (tmp_path / "other").read_text()
+    assert not list(tmp_path.iterdir())
