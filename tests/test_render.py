@@ -389,6 +389,38 @@ def test_a_machine_without_the_device_is_told_what_to_install(tmp_path, monkeypa
     assert "\n" not in str(raised.value)
 
 
+def test_a_texture_too_large_for_the_driver_is_one_line_and_leaves_no_context(
+    tmp_path, monkeypatch
+):
+    from nlens_video.backends.gl_platform import HeadlessPlatform
+
+    deleted = []
+    delete_context = HeadlessPlatform.delete_context
+
+    def recorded(platform):
+        delete_context(platform)
+        deleted.append(platform._egl_context is None)
+
+    monkeypatch.setattr(HeadlessPlatform, "delete_context", recorded)
+    builder = GlbBuilder()
+    # Beyond all known drivers' GL_MAX_TEXTURE_SIZE.
+    info = {"index": builder.texture(np.zeros((1, 70_000, 3)))}
+    quad(builder, number=unlit(builder, pbr={"baseColorTexture": info}), TEXCOORD_0=QUAD_UV)
+    with pytest.raises(NlensError, match="cannot hold the object .*; export") as raised:
+        draw(builder, tmp_path)
+    assert "\n" not in str(raised.value)
+    assert deleted[0] is True
+
+
+def test_a_picture_too_large_for_the_driver_is_one_line(tmp_path):
+    builder = GlbBuilder()
+    quad(builder, number=unlit(builder), node={"scale": [1e6, 1, 1]})
+    wide = camera_at(4.0, width=70_000)
+    with pytest.raises(NlensError, match="cannot draw a picture of 70000x42 pixels") as raised:
+        draw(builder, tmp_path, wide)
+    assert "\n" not in str(raised.value)
+
+
 def test_a_file_without_lights_is_lit_and_says_so(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder, (0.5, 0.5, 0.5, 1), {}))

@@ -6,6 +6,10 @@ Imported before pyrender and PyOpenGL, which read these variables once, on impor
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from nlens_video.errors import NlensError
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")
@@ -13,6 +17,16 @@ os.environ.setdefault("PYGLET_HEADLESS", "1")
 from OpenGL import EGL, GL  # noqa: E402
 from OpenGL.error import Error as GlError  # noqa: E402
 from pyrender.platforms import egl  # noqa: E402
+
+_CODES = {
+    int(code): code.name
+    for code in (
+        GL.GL_INVALID_ENUM,
+        GL.GL_INVALID_VALUE,
+        GL.GL_INVALID_OPERATION,
+        GL.GL_OUT_OF_MEMORY,
+    )
+}
 
 
 class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]
@@ -46,8 +60,28 @@ def open_platform() -> HeadlessPlatform:
         platform = HeadlessPlatform(1, 1, device=device)
         platform.init_context()
     except (AssertionError, AttributeError, GlError, IndexError, ValueError) as error:
-        raise RuntimeError(f"{type(error).__name__}: {error}") from error
+        raise RuntimeError(_reason(error)) from error
     return platform
+
+
+@contextmanager
+def refusals(what: str, advice: str) -> Iterator[None]:
+    """Turn what OpenGL refuses into one line: `what`, the reason, `advice`.
+
+    Raises:
+        NlensError: OpenGL refused; too large a texture or picture, no memory, a failed shader.
+    """
+    try:
+        yield
+    except (GlError, RuntimeError) as error:
+        raise NlensError(f"OpenGL {what} ({_reason(error)}); {advice}") from error
+
+
+def _reason(error: Exception) -> str:
+    """An error on one line: PyOpenGL's own text is a page with all arguments."""
+    code = getattr(error, "err", None)
+    text = _CODES.get(code, f"{code:#x}") if isinstance(code, int) else str(error)
+    return f"{type(error).__name__}: {' '.join(text.split())}"
 
 
 def describe() -> str:

@@ -76,7 +76,8 @@ class PyrenderObjectRenderer:
             frame grown by `margin`; None where the object is out of view.
 
         Raises:
-            NlensError: OpenGL cannot start, or another thread owns the context.
+            NlensError: OpenGL cannot start or refuses the object or the picture, or another thread
+                owns the context.
             SceneError: the animation scales the object beyond all numbers.
         """
         if self._posed is None or self._posed.time_s != time_s:
@@ -96,6 +97,7 @@ class PyrenderObjectRenderer:
     ) -> tuple[Float32, Float32]:
         renderer = self._open(posed)
         from nlens_video.backends.gl_lighting import Lighting
+        from nlens_video.backends.gl_platform import refusals
         from nlens_video.backends.gl_renderer import View
 
         view = View(
@@ -107,7 +109,9 @@ class PyrenderObjectRenderer:
             width=box.width,
             height=box.height,
         )
-        return renderer.draw(posed, view, Lighting.of(posed.lights))
+        size = f"{box.width}x{box.height}"
+        with refusals(f"cannot draw a picture of {size} pixels", "use a smaller frame"):
+            return renderer.draw(posed, view, Lighting.of(posed.lights))
 
     def _open(self, posed: PosedScene) -> LinearRenderer:
         if self._closed:
@@ -133,7 +137,7 @@ class PyrenderObjectRenderer:
 
 def _start(posed: PosedScene) -> tuple[HeadlessPlatform, LinearRenderer]:
     try:
-        from nlens_video.backends.gl_platform import open_platform
+        from nlens_video.backends.gl_platform import open_platform, refusals
         from nlens_video.backends.gl_renderer import LinearRenderer
 
         platform = open_platform()
@@ -143,7 +147,12 @@ def _start(posed: PosedScene) -> tuple[HeadlessPlatform, LinearRenderer]:
             f"OpenGL cannot start without a screen ({error}); "
             "install it: apt-get install libegl1 libgl1"
         ) from error
-    return platform, LinearRenderer(posed)
+    try:
+        with refusals("cannot hold the object", "export it with smaller textures and meshes"):
+            return platform, LinearRenderer(posed)
+    except BaseException:
+        platform.delete_context()
+        raise
 
 
 def _project(vertices: Float32, camera: Camera, margin: int) -> tuple[Box, float, float] | None:
@@ -160,8 +169,8 @@ def _project(vertices: Float32, camera: Camera, margin: int) -> tuple[Box, float
     limit = Box(0, 0, camera.width, camera.height).grown(margin)
     box = limit
     if lowest >= near:  # else a triangle may cross the near plane and cover anything
-        low, high = camera.pixels(local).min(axis=0), camera.pixels(local).max(axis=0)
-        box = _outward(low, high, limit)
+        seen = camera.pixels(local)
+        box = _outward(seen.min(axis=0), seen.max(axis=0), limit)
     return None if box.empty else (box, near, far)
 
 
