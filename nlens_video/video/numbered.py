@@ -20,6 +20,8 @@ class Numbered:
     def __init__(self, pattern: str) -> None:
         self.pattern = pattern
         self._path = Path(pattern)
+        before, _, after = _NUMBER.sub("\0", self._path.name).partition("\0")
+        self._shape = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
 
     @staticmethod
     def matches(spec: str) -> bool:
@@ -31,23 +33,33 @@ class Numbered:
         name = _NUMBER.sub(lambda m: str(number).zfill(int(m.group(1) or 0)), self._path.name)
         return self._path.with_name(name)
 
+    def number(self, path: Path) -> int | None:
+        """The number of a file of this sequence, None for any other file."""
+        number = self._named(path.name)
+        if number is None or path.parent.resolve() != self._path.parent.resolve():
+            return None
+        return number
+
+    def numbers(self) -> list[int]:
+        """The numbers on disk, ascending; none where the folder is missing."""
+        folder = self._path.parent
+        names = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
+        return sorted(number for number in map(self._named, names) if number is not None)
+
     def first(self) -> int:
         """The smallest number on disk.
 
         Raises:
             InputError: no file fits the pattern.
         """
-        before, after = self._path.name[: self._span[0]], self._path.name[self._span[1] :]
-        shape = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
-        folder = self._path.parent
-        names = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
-        found = [int(match.group(1)) for match in map(shape.fullmatch, names) if match]
-        numbers = [number for number in found if self.path(number).exists()]
+        numbers = self.numbers()
         if not numbers:
             raise InputError(f"{self.pattern}: no such files; expected numbered pictures")
-        return min(numbers)
+        return numbers[0]
 
-    @property
-    def _span(self) -> tuple[int, int]:
-        match = _NUMBER.search(self._path.name)
-        return match.span() if match else (0, 0)
+    def _named(self, name: str) -> int | None:
+        match = self._shape.fullmatch(name)
+        if match is None:
+            return None
+        number = int(match.group(1))
+        return number if self.path(number).name == name else None

@@ -66,7 +66,7 @@ def open_sink(
     if spec != "-" and "://" not in spec:
         path = Path(spec)
         check_folder(path)
-        if _same_file(info.name, spec):
+        if _overwrites(info.name, spec):
             raise OutputError(f"{spec}: is the input as well; give the result another name")
         if path.suffix.lower() in EXTENSIONS:
             if info.kind not in ("still",) and not Numbered.matches(spec):
@@ -80,8 +80,15 @@ def open_sink(
     )  # fmt: skip
 
 
-def _same_file(first: str, second: str) -> bool:
-    if first == second:
-        return True
-    paths = Path(first), Path(second)
-    return all(path.exists() for path in paths) and paths[0].samefile(paths[1])
+def _overwrites(plate: str, spec: str) -> bool:
+    """Whether a result could replace a file of the plate, however the two are written."""
+    if Numbered.matches(plate):
+        sequence = Numbered(plate)
+        files = [sequence.path(number) for number in sequence.numbers()]
+    else:
+        files = [Path(plate)]
+    if Numbered.matches(spec):
+        result = Numbered(spec)
+        return any(result.number(file) is not None for file in files)
+    path = Path(spec)
+    return path.exists() and any(file.exists() and file.samefile(path) for file in files)

@@ -5,6 +5,9 @@ from fractions import Fraction
 import av
 import numpy as np
 
+from nlens_video.video.sink import open_sink
+from nlens_video.video.source import open_source
+
 VFR = (0, 1000, 1467, 4000, 4001, 9013, 9500)
 
 
@@ -75,3 +78,26 @@ def read_packets(path, kind="audio"):
     with av.open(str(path)) as source:
         stream = source.streams.best(kind)
         return [bytes(packet) for packet in source.demux(stream) if packet.dts is not None]
+
+
+def copy(spec, target, *, box=None, **options):
+    """Read everything and write it, with something composited on a box; gives the sink's notes."""
+    with open_source(str(spec)) as source, open_sink(str(target), source.info, **options) as sink:
+        source.packet_sink = sink.write_packet
+        for frame in source:
+            if box is not None:
+                rgba = np.full((box.height, box.width, 4), 0.5, np.float32)
+                frame.picture.over(box, rgba)
+            sink.write(frame)
+        sink.commit()
+        return sink.notes
+
+
+def write_plates(folder, *numbers, size=(32, 24)):
+    """PNG plates p_1001.png and so on, filled with the last two digits of their numbers."""
+    for number in numbers:
+        frame = av.VideoFrame.from_ndarray(
+            np.full((size[1], size[0], 3), number % 100, np.uint8), "rgb24"
+        )
+        frame.save(str(folder / f"p_{number:04d}.png"))
+    return folder / "p_%04d.png"

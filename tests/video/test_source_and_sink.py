@@ -9,25 +9,12 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from clips import VFR, noise_frame, planes, read_packets, read_times, write_clip
+from clips import VFR, copy, noise_frame, planes, read_packets, read_times, write_clip
 
 from nlens_video.errors import InputError, OutputError, UsageError
 from nlens_video.frames import Box
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
-
-
-def copy(spec, target, *, box=None, **options):
-    """Read everything and write it, with something composited on a box; gives the sink's notes."""
-    with open_source(str(spec)) as source, open_sink(str(target), source.info, **options) as sink:
-        source.packet_sink = sink.write_packet
-        for frame in source:
-            if box is not None:
-                rgba = np.full((box.height, box.width, 4), 0.5, np.float32)
-                frame.picture.over(box, rgba)
-            sink.write(frame)
-        sink.commit()
-        return sink.notes
 
 
 def frames(path):
