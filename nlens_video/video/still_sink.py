@@ -33,7 +33,7 @@ _QUALITY = {
 
 
 class StillSink:
-    """One picture, or a `%04d` sequence numbered from 0 or from the source's own first number.
+    """One picture, or a `%04d` sequence; a frame keeps its number, a video's count from 0.
 
     Files are written into a hidden folder beside the result and moved out on `commit`.
 
@@ -52,7 +52,7 @@ class StillSink:
         self._numbered = Numbered(spec) if Numbered.matches(spec) else None
         self._first = _first_number(info.name)
         self._keep = keep_partial
-        self._count = 0
+        self._written: list[Path] = []
         self._codec = EXTENSIONS[self._path.suffix.lower()]
         self._format = "gbrpf32le"
         if self._codec != "exr":
@@ -73,7 +73,7 @@ class StillSink:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:  # fmt: skip
-        if self._folder.is_dir() and self._keep and self._count:
+        if self._folder.is_dir() and self._keep and self._written:
             self.kept = self._path.with_name(f"{self._path.stem}.partial")
             with contextlib.suppress(OSError):
                 self._folder.rename(self.kept)
@@ -85,9 +85,10 @@ class StillSink:
         Raises:
             OutputError: the disk is full, or a single picture gets a second frame.
         """
-        if self._numbered is None and self._count:
+        if self._numbered is None and self._written:
             raise OutputError(f"{self._path}: is one picture; give a sequence such as out_%04d.png")
-        target = self._folder / self._name(self._count).name
+        path = self._name(frame.index)
+        target = self._folder / path.name
         if self._codec == "exr":
             write_layers(target, picture_channels(frame.picture))
         else:
@@ -96,7 +97,7 @@ class StillSink:
             except (av.FFmpegError, OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or str(error)
                 raise OutputError(f"{self._path}: cannot be written ({reason})") from error
-        self._count += 1
+        self._written.append(path)
 
     def write_packet(self, packet: Packet) -> None:
         """Pictures carry no other streams."""
@@ -107,8 +108,7 @@ class StillSink:
         Raises:
             OutputError: they cannot be written.
         """
-        for index in range(self._count):
-            path = self._name(index)
+        for path in self._written:
             publish(self._folder / path.name, path)
         shutil.rmtree(self._folder, ignore_errors=True)
 

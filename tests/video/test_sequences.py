@@ -1,11 +1,22 @@
 """Numbered sequences: which files they are, what is missing, what is written."""
 
+from dataclasses import replace
+
+import av
+import numpy as np
 import pytest
 from clips import copy, write_plates
 
 from nlens_video.errors import OutputError
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
+
+
+def grey(path):
+    """The one code of a plate's first plane."""
+    with av.open(str(path)) as source:
+        (frame,) = source.decode(video=0)
+        return np.unique(frame.to_ndarray())
 
 
 @pytest.mark.parametrize(
@@ -38,3 +49,21 @@ def test_a_sequence_of_the_same_name_in_another_folder_is_no_overwriting(tmp_pat
     (tmp_path / "out").mkdir()
     copy(tmp_path / "p_%04d.png", tmp_path / "out" / "p_%04d.png")
     assert len(list((tmp_path / "out").iterdir())) == 2
+
+
+def test_frames_of_a_part_keep_their_own_numbers(tmp_path):
+    plates = write_plates(tmp_path, *range(1001, 1007))
+    with (
+        open_source(str(plates)) as source,
+        open_sink(str(tmp_path / "out_%04d.png"), source.info) as sink,
+    ):
+        for frame in source:
+            if 2 <= frame.index < 5:
+                sink.write(replace(frame, pts=frame.index - 2))
+        sink.commit()
+    names = sorted(path.name for path in tmp_path.glob("out_*"))
+    assert names == ["out_1003.png", "out_1004.png", "out_1005.png"]
+    for number in (1003, 1004, 1005):
+        np.testing.assert_array_equal(
+            grey(tmp_path / f"out_{number}.png"), grey(tmp_path / f"p_{number}.png")
+        )
