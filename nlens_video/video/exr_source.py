@@ -35,14 +35,14 @@ class ExrSource:
         self.damaged = 0
         self.packet_sink: Callable[[Packet], None] | None = None
         self._pattern = Numbered(spec) if Numbered.matches(spec) else None
-        self._start = self._pattern.first() if self._pattern else 0
+        numbers = self._pattern.span() if self._pattern else range(1)
+        self._start, count = numbers.start, len(numbers)
         self._path = Path(spec)
         try:
             fps = Fraction(rate or DEFAULT_RATE)
         except (ValueError, ZeroDivisionError) as error:
             raise UsageError(f"--input-rate {rate}: expected a number such as 25") from error
         first = _picture(self._file(0))
-        count = self._count()
         self.info = SourceInfo(
             name=spec, kind="sequence" if self._pattern else "still", width=first.width,
             height=first.height, time_base=1 / fps, average_rate=fps, frame_count=count,
@@ -74,12 +74,6 @@ class ExrSource:
 
     def _file(self, index: int) -> Path:
         return self._pattern.path(self._start + index) if self._pattern else self._path
-
-    def _count(self) -> int:
-        count = 1
-        while self._pattern and self._file(count).is_file():
-            count += 1
-        return count
 
 
 def _picture(path: Path) -> ArrayPicture:

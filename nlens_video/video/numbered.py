@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 from nlens_video.errors import InputError
@@ -52,10 +53,28 @@ class Numbered:
         Raises:
             InputError: no file fits the pattern.
         """
+        return self._some()[0]
+
+    def span(self) -> range:
+        """The numbers on disk, which follow each other without a gap.
+
+        Raises:
+            InputError: no file fits the pattern, or one is missing between others.
+        """
+        numbers = self._some()
+        for number, later in pairwise(numbers):
+            if later != number + 1:
+                raise InputError(
+                    f"{self.path(number + 1)}: is missing, the sequence goes on with "
+                    f"{self.path(later).name}; add the missing files or move the later ones away"
+                )
+        return range(numbers[0], numbers[-1] + 1)
+
+    def _some(self) -> list[int]:
         numbers = self.numbers()
         if not numbers:
             raise InputError(f"{self.pattern}: no such files; expected numbered pictures")
-        return numbers[0]
+        return numbers
 
     def _named(self, name: str) -> int | None:
         match = self._shape.fullmatch(name)

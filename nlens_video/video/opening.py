@@ -50,7 +50,7 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         if spec.startswith("/dev/video"):
             format_ = format_ or "v4l2"
     elif Numbered.matches(spec):
-        first = Numbered(spec).first()
+        first = Numbered(spec).span().start
         format_, kind = "image2", "sequence"
         options = {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
     elif format_ is None or format_ == "rawvideo":

@@ -138,7 +138,7 @@ class AvSource:
     def _decode(self) -> Generator[av.VideoFrame, None, None]:
         """The frames of the video stream; hands on the packets of the others."""
         for packet in self._packets():
-            if packet.stream is not self._stream:
+            if packet is not None and packet.stream is not self._stream:
                 if packet.dts is not None and packet.stream in self._copied:
                     self._hand_on(packet)
                 continue
@@ -151,8 +151,8 @@ class AvSource:
                 self.damaged += frame.is_corrupt
                 yield frame
 
-    def _packets(self) -> Iterator[Packet]:
-        """Packets in the source's order, past what is damaged, and the decoder's flush."""
+    def _packets(self) -> Iterator[Packet | None]:
+        """Packets in the source's order, past what is damaged; the last one flushes the decoder."""
         streams = (self._stream, *self._copied)
         errors = 0
         while errors < _RETRIES:
@@ -165,7 +165,7 @@ class AvSource:
                 errors += 1
             else:
                 return
-        yield av.Packet()
+        yield None
 
     def _hand_on(self, packet: Packet) -> None:
         self._early.append(packet)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import av
 import numpy as np
 import pytest
-from clips import copy, write_plates
+from clips import copy, noise_frame, write_plates
 
-from nlens_video.errors import OutputError
+from nlens_video.errors import InputError, OutputError
+from nlens_video.video.exr import write_layers
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
 
@@ -67,3 +68,26 @@ def test_frames_of_a_part_keep_their_own_numbers(tmp_path):
         np.testing.assert_array_equal(
             grey(tmp_path / f"out_{number}.png"), grey(tmp_path / f"p_{number}.png")
         )
+
+
+def test_a_gap_is_named_before_the_run(tmp_path):
+    plates = write_plates(tmp_path, 1001, 1002, 1003, 1005, 1006)
+    with pytest.raises(InputError, match=r"p_1004\.png: is missing.* with p_1005\.png"):
+        open_source(str(plates))
+
+
+def test_a_gap_between_openexr_plates_is_named_before_the_run(tmp_path):
+    for number in (9, 10, 12):
+        pixels = np.zeros((4, 4), np.float32)
+        write_layers(tmp_path / f"p_{number}.exr", dict.fromkeys("RGB", pixels))
+    with pytest.raises(InputError, match=r"p_11\.exr: is missing.* with p_12\.exr"):
+        open_source(str(tmp_path / "p_%d.exr"))
+
+
+def test_frames_before_a_read_error_are_all_given(tmp_path):
+    for number in range(24):  # more than what is read ahead on opening
+        noise_frame(512, 384, "rgb24").save(str(tmp_path / f"p_{number}.png"))
+    with open_source(str(tmp_path / "p_%d.png")) as source:
+        (tmp_path / "p_21.png").unlink()
+        assert [frame.index for frame in source] == list(range(21))
+        assert source.damaged
