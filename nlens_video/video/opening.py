@@ -16,6 +16,8 @@ from nlens_video.video.numbered import Numbered
 
 DEFAULT_RATE = "24"
 """Frames per second of an image sequence that nothing is said about."""
+_TIMELESS = ("rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd")
+"""Containers that hold bare pictures; beside them there are image files and devices."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +40,7 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
 
     Raises:
         InputError: it cannot be opened or is no media.
-        UsageError: raw video without a size.
+        UsageError: raw video without a size; a size or a rate that the input says itself.
     """
     file: object = spec
     kind: Kind = "video"
@@ -52,7 +54,7 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
     elif Numbered.matches(spec):
         first = Numbered(spec).span().start
         format_, kind = "image2", "sequence"
-        options = {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
+        options |= {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
     elif format_ is None or format_ == "rawvideo":
         _check_file(spec)
     else:
@@ -63,6 +65,11 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         raise InputError(_explain(spec, error)) from error
     if kind == "video" and _is_still(container):
         kind = "still"
+    try:
+        _check_hints(spec, hints, container.format, kind)
+    except UsageError:
+        container.close()
+        raise
     return container, kind
 
 
@@ -90,7 +97,7 @@ def _format(hints: InputHints) -> tuple[str | None, dict[str, str]]:
         options["framerate"] = hints.rate
     name = hints.format
     if name is None or name in av.formats_available and name != "rawvideo":
-        return name, options if name is not None else {}
+        return name, options
     if name != "rawvideo":
         try:
             av.VideoFormat(name)
@@ -113,6 +120,20 @@ def _check_file(spec: str) -> None:
         raise InputError(f"{spec}: is no file; give a video, a picture or a %04d sequence")
     if path.is_file() and path.stat().st_size == 0:
         raise InputError(f"{spec}: is empty; give a video or a picture")
+
+
+def _check_hints(spec: str, hints: InputHints, format_: av.ContainerFormat, kind: Kind) -> None:
+    """See that FFmpeg has listened to the hints; most containers do not."""
+    device = format_.no_file and kind == "stream"
+    timeless = format_.no_file or format_.name in _TIMELESS or format_.name.endswith("_pipe")
+    for option, value, heard in (
+        ("--input-size", hints.size, device or format_.name == "rawvideo"),
+        ("--input-rate", hints.rate, timeless),
+    ):
+        if value is not None and not heard:
+            raise UsageError(
+                f"{option} {value}: {spec} ({format_.name}) says that itself; leave it out"
+            )
 
 
 def _is_still(container: av.container.InputContainer) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from nlens_video.errors import OutputError
+from nlens_video.errors import OutputError, UsageError
 from nlens_video.video.atomic import check_folder
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.numbered import Numbered
@@ -61,7 +61,8 @@ def open_sink(
 
     Raises:
         OutputError: it cannot be written there, or nothing writes that extension.
-        UsageError: codec, quality or pixel format do not exist or do not go together.
+        UsageError: codec, quality or pixel format do not exist, do not go together, or are given
+            for pictures.
     """
     if spec != "-" and "://" not in spec:
         path = Path(spec)
@@ -74,10 +75,23 @@ def open_sink(
                     f"{spec}: is one picture, the plate is a {info.kind}; "
                     "give a video or a sequence such as out_%04d.png"
                 )
+            _check_pictures(spec, codec, crf, pix_fmt)
             return StillSink(spec, info, pix_fmt=pix_fmt, keep_partial=keep_partial)
     return VideoSink(
         spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt, keep_partial=keep_partial
     )  # fmt: skip
+
+
+def _check_pictures(spec: str, codec: str | None, crf: float | None, pix_fmt: str | None) -> None:
+    """See that nothing is asked for that pictures do not have."""
+    suffix = Path(spec).suffix.lower()
+    given = {"--codec": codec, "--crf": crf, "--pix-fmt": pix_fmt if suffix == ".exr" else None}
+    for option, value in given.items():
+        if value is not None:
+            raise UsageError(
+                f"{option} {value}: {spec} is written as {suffix[1:]}, which has no such choice; "
+                f"leave {option} out or give a video"
+            )
 
 
 def _overwrites(plate: str, spec: str) -> bool:

@@ -13,7 +13,7 @@ import av.container
 import av.video.stream
 from av.stream import Stream
 
-from nlens_video.errors import InputError
+from nlens_video.errors import InputError, UsageError
 from nlens_video.video.exr_source import ExrSource
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, Packet, SourceFrame, SourceInfo
 from nlens_video.video.opening import InputHints, open_container, video_stream
@@ -62,10 +62,13 @@ def open_source(
 
     Raises:
         InputError: it cannot be read, or holds no picture.
-        UsageError: raw video without a size, an unknown format.
+        UsageError: raw video without a size, an unknown format, a size or a rate that the input
+            says itself.
     """
     hints = InputHints(format=input_format, size=input_size, rate=input_rate)
     if spec.lower().endswith(".exr") and input_format is None:
+        if input_size is not None:
+            raise UsageError(f"--input-size {input_size}: {spec} says that itself; leave it out")
         return ExrSource(spec, input_rate)
     return AvSource(spec, hints)
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-from clips import VFR, copy, noise_frame, planes, read_packets, read_times, write_clip
+from clips import VFR, copy, noise_frame, planes, read_packets, read_times, write_clip, write_plates
 
 from nlens_video.errors import InputError, OutputError, UsageError
 from nlens_video.frames import Box
+from nlens_video.video.exr import write_layers
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
 
@@ -264,6 +265,51 @@ def test_sound_without_pictures_is_refused(tmp_path):
 def test_raw_video_without_a_size_is_refused():
     with pytest.raises(UsageError, match="--input-size"):
         open_source("x", input_format="yuv420p")
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    """A folder with PNG plates and an OpenEXR one."""
+    write_plates(tmp_path, 1, 2)
+    write_layers(tmp_path / "p_0001.exr", dict.fromkeys("RGB", np.zeros((4, 4), np.float32)))
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["p_%04d.png", "p_0001.png", "p_0001.exr"])
+def test_pictures_have_the_rate_that_is_given_but_their_own_size(pictures, name):
+    with open_source(str(pictures / name), input_rate="12") as source:
+        assert source.info.average_rate == 12
+    with pytest.raises(UsageError, match="--input-size 64x48: .* says that itself"):
+        open_source(str(pictures / name), input_size="64x48")
+
+
+@pytest.mark.parametrize("hint", [{"input_rate": "12"}, {"input_size": "64x48"}])
+@pytest.mark.parametrize("format_", [None, "matroska"])
+def test_a_rate_or_a_size_that_a_video_says_itself_is_refused(tmp_path, noise, format_, hint):
+    clip = write_clip(tmp_path / "in.mkv", noise)
+    with pytest.raises(UsageError, match="says that itself; leave it out"):
+        open_source(str(clip), input_format=format_, **hint)
+
+
+def test_a_bare_h264_stream_has_the_rate_that_is_given(tmp_path, noise):
+    clip = write_clip(tmp_path / "in.h264", noise, codec="libx264")
+    with open_source(str(clip), input_rate="12") as source:
+        assert source.info.average_rate == 12
+
+
+@pytest.mark.parametrize("option", [{"codec": "libx264"}, {"crf": 12.0}])
+@pytest.mark.parametrize("name", ["out_%04d.png", "out_%04d.exr", "out_%04d.jpg"])
+def test_an_encoder_or_a_quality_for_pictures_is_refused(tmp_path, noise, name, option):
+    clip = write_clip(tmp_path / "in.mkv", noise)
+    with open_source(str(clip)) as source, pytest.raises(UsageError, match="has no such choice"):
+        open_sink(str(tmp_path / name), source.info, **option)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.mkv"]
+
+
+def test_a_pixel_format_for_openexr_is_refused(tmp_path, noise):
+    clip = write_clip(tmp_path / "in.mkv", noise)
+    with open_source(str(clip)) as source, pytest.raises(UsageError, match="--pix-fmt rgb24"):
+        open_sink(str(tmp_path / "out_%04d.exr"), source.info, pix_fmt="rgb24")
 
 
 @pytest.mark.parametrize("keep", [False, True])
