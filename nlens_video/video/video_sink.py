@@ -27,6 +27,7 @@ from nlens_video.video.encoding import Encoding, choose_encoding
 from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
 from nlens_video.video.rendered import picture_frame
 
+_MP4_FAMILY = ("mp4", "mov", "ipod")
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 
 
@@ -231,8 +232,13 @@ def _holds(container: av.container.OutputContainer, stream: CopiedStream) -> boo
     """Whether a container takes a stream as it is: only writing a header tells for certain."""
     if stream.codec and stream.codec not in container.supported_codecs:
         return False
+    name = container.format.name
+    # The MP4 family writes what it knows of a stream at the end, unless the file is fragmented; of
+    # AC-3 it knows nothing before the first packet.
+    early = name in _MP4_FAMILY and stream.codec not in ("ac3", "eac3")
+    options = {"movflags": "empty_moov"} if early else {}
     try:
-        with av.open(io.BytesIO(), "w", format=container.format.name) as trial:
+        with av.open(io.BytesIO(), "w", format=name, container_options=options) as trial:
             trial.add_stream_from_template(stream.stream)
             trial.start_encoding()
     except (av.FFmpegError, ValueError, OSError):
