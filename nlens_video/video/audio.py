@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import av
 import av.container
 from av.audio.codeccontext import AudioCodecContext
@@ -13,10 +15,17 @@ from av.stream import Stream
 from nlens_video.video.info import Packet
 
 _PREFERRED = ("aac", "libopus", "pcm_s16le")
+_TOLERANCE_S = 0.02
+"""Time stamps in milliseconds and encoder delays wander less than this; sync is seen from 40 ms."""
+_USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 8: "7.1"}
 
 
 class AudioEncoder:
     """One audio stream, decoded and encoded into another codec.
+
+    Samples are counted from the first time stamp on. Where the source leaves a gap there is
+    silence, where its times step back samples are left out, so that sound and pictures stay
+    together.
 
     Attributes:
         codec: FFmpeg's name of the encoder.
@@ -34,11 +43,15 @@ class AudioEncoder:
         if not isinstance(added, AudioStream):
             raise ValueError(f"{self.codec} is no audio encoder")
         self._stream = added
-        self._stream.codec_context.layout = context.layout
+        layout = _layout(context)
+        self._stream.codec_context.layout = layout
         formats = self._stream.codec_context.codec.audio_formats or (context.format,)
         self._stream.codec_context.format = formats[0]
-        self._resampler = AudioResampler(formats[0].name, context.layout, rate)
+        self._resampler = AudioResampler(formats[0].name, layout, rate)
+        self._rate = rate
         self._fifo = AudioFifo()
+        self._start: int | None = None
+        self._counted = self._taken = 0
         self._decoder = context
 
     def encode(self, packet: Packet | None) -> list[av.Packet[AudioStream]]:
@@ -49,18 +62,65 @@ class AudioEncoder:
                 frames = self._decoder.decode(packet)
             except av.InvalidDataError:
                 return []
+        packets: list[av.Packet[AudioStream]] = []
         for frame in (*frames, *((None,) if packet is None else ())):
             for part in self._resampler.resample(frame):
-                self._fifo.write(part)
-        return self._drain(last=packet is None)
+                packets += self._place(part)
+        return packets + self._drain(last=packet is None)
+
+    def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
+        """Append samples [1 / rate] where their time stamp puts them."""
+        pts: int | None = None
+        if part.pts is not None and part.time_base is not None:
+            pts = round(part.pts * part.time_base * self._rate)
+        if self._start is None:
+            self._start = pts or 0
+        gap = 0 if pts is None else pts - self._start - self._counted
+        packets: list[av.Packet[AudioStream]] = []
+        if gap > _TOLERANCE_S * self._rate:
+            packets = self._silence(part, gap)
+        elif -gap > max(_TOLERANCE_S * self._rate, part.samples - 1):
+            return packets
+        self._write(part)
+        return packets
+
+    def _silence(self, like: av.AudioFrame, samples: int) -> list[av.Packet[AudioStream]]:
+        packets: list[av.Packet[AudioStream]] = []
+        while samples > 0:
+            block = av.AudioFrame(like.format.name, like.layout.name, min(samples, self._rate))
+            for plane in block.planes:
+                plane.update(bytes(plane.buffer_size))
+            samples -= block.samples
+            self._write(block)
+            packets += self._drain(last=False)
+        return packets
+
+    def _write(self, part: av.AudioFrame) -> None:
+        part.sample_rate = self._rate
+        part.time_base = Fraction(1, self._rate)
+        part.pts = None  # the FIFO takes time stamps only where they agree with its own count
+        self._counted += part.samples
+        self._fifo.write(part)
+
+    def _encoded(self, frame: av.AudioFrame) -> list[av.Packet[AudioStream]]:
+        frame.pts = (self._start or 0) + self._taken
+        self._taken += frame.samples
+        return self._stream.encode(frame)
 
     def _drain(self, *, last: bool) -> list[av.Packet[AudioStream]]:
         packets: list[av.Packet[AudioStream]] = []
         size = self._stream.codec_context.frame_size or 1024
         while (frame := self._fifo.read(size)) is not None:
-            packets += self._stream.encode(frame)
+            packets += self._encoded(frame)
         if last:
             if (rest := self._fifo.read(0, partial=True)) is not None:
-                packets += self._stream.encode(rest)
+                packets += self._encoded(rest)
             packets += self._stream.encode(None)
         return packets
+
+
+def _layout(context: AudioCodecContext) -> str:
+    """The source's layout, or where it only counts its channels the usual one of so many."""
+    count = context.layout.nb_channels
+    unnamed = context.layout.name == f"{count} channels"
+    return _USUAL_LAYOUTS.get(count, "stereo") if unnamed else context.layout.name

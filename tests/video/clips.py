@@ -40,7 +40,7 @@ def write_clip(
     path, frames, *, codec="ffv1", pts=None, time_base=Fraction(1, 16000), audio=False, rotation=0,
     options=None, format_=None,
 ):  # fmt: skip
-    """Encode frames with given pts; optionally a second of AAC, and a display matrix."""
+    """Encode frames with given pts; optionally AAC or another codec, and a display matrix."""
     pts = [index * 640 for index in range(len(frames))] if pts is None else pts
     with av.open(str(path), "w", format=format_) as out:
         stream = out.add_stream(codec, 25, options or {})
@@ -52,7 +52,7 @@ def write_clip(
         if rotation:
             stream.set_display_rotation(rotation)
         if audio:
-            sound = out.add_stream("aac", 48000, layout="mono")
+            sound = out.add_stream("aac" if audio is True else audio, 48000, layout="mono")
         for frame, moment in zip(frames, pts, strict=True):
             frame.pts, frame.time_base = moment, time_base
             out.mux(stream.encode(frame))

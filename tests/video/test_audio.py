@@ -1,0 +1,98 @@
+"""Sound that is encoded anew stays with the pictures."""
+
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+from clips import copy, noise_frame, read_packets, write_clip
+
+RATE = 48000
+
+
+def write_sound(path, blocks, *, codec="pcm_s16le"):
+    """A clip whose sound is a tone in blocks of 20 ms at the given moments [ms]."""
+    with av.open(str(path), "w") as out:
+        video = out.add_stream("ffv1", 25)
+        video.width, video.height, video.pix_fmt = 32, 24, "yuv420p"
+        sound = out.add_stream(codec, RATE, layout="stereo")
+        for index in range(50):
+            frame = noise_frame(32, 24, "yuv420p", index)
+            frame.pts, frame.time_base = index, Fraction(1, 25)
+            out.mux(video.encode(frame))
+        for moment in blocks:
+            start = moment * RATE // 1000
+            tone = np.sin(np.arange(start, start + 960) * 0.05) * 8000
+            block = av.AudioFrame.from_ndarray(
+                np.repeat(tone.astype(np.int16), 2)[None], "s16", "stereo"
+            )
+            block.sample_rate, block.pts, block.time_base = RATE, start, Fraction(1, RATE)
+            out.mux(sound.encode(block))
+        out.mux(sound.encode(None))
+        out.mux(video.encode(None))
+    return path
+
+
+def loudness(path):
+    """Start [s] and root mean square of every 20 ms of a file's sound, from its first sample."""
+    with av.open(str(path)) as source:
+        frames = list(source.decode(audio=0))
+    samples = np.concatenate([frame.to_ndarray()[0].astype(np.float64) for frame in frames])
+    whole = samples[: len(samples) // 960 * 960].reshape(-1, 960)
+    return frames[0].time, np.sqrt((whole**2).mean(axis=1))
+
+
+@pytest.mark.parametrize("start", [0, 300])
+@pytest.mark.parametrize("name", ["out.mp4", "out.webm"])
+def test_sound_of_matroska_is_encoded_anew_without_a_jump(tmp_path, name, start):
+    clip = write_sound(tmp_path / "in.mkv", range(start, start + 1000, 20))
+    notes = copy(clip, tmp_path / name, codec="libx264" if name.endswith("4") else "libvpx-vp9")
+    assert any("(audio) becomes" in note for note in notes)
+    first, rms = loudness(tmp_path / name)
+    assert first == pytest.approx(start / 1000, abs=0.025)
+    assert (rms[2:48] > 0.1).all()
+    assert len(rms) == pytest.approx(50, abs=2)
+
+
+def test_a_gap_in_the_sound_becomes_silence(tmp_path):
+    heard = [*range(0, 400, 20), *range(1000, 1400, 20)]
+    clip = write_sound(tmp_path / "in.mkv", heard)
+    copy(clip, tmp_path / "out.webm", codec="libvpx-vp9")
+    first, rms = loudness(tmp_path / "out.webm")
+    assert first == pytest.approx(0.0, abs=0.025)
+    assert len(rms) == pytest.approx(70, abs=2)
+    assert (rms[2:18] > 0.1).all()
+    assert (rms[24:47] < 0.01).all()
+    assert (rms[53:67] > 0.1).all()
+
+
+def test_sound_that_overlaps_itself_does_not_push_the_rest_late(tmp_path):
+    twice = [*range(0, 400, 20), *range(400, 500, 5), *range(500, 1000, 20)]
+    clip = write_sound(tmp_path / "in.mkv", twice)
+    copy(clip, tmp_path / "out.webm", codec="libvpx-vp9")
+    assert len(loudness(tmp_path / "out.webm")[1]) == pytest.approx(50, abs=2)
+
+
+def test_sound_whose_channels_have_no_names_is_encoded_anew_for_mp4(tmp_path):
+    clip = write_sound(tmp_path / "in.mkv", range(0, 1000, 20))
+    with av.open(str(clip)) as source:
+        assert source.streams.audio[0].codec_context.layout.name == "2 channels"
+    notes = copy(clip, tmp_path / "out.mp4", codec="libx264")
+    assert "stream 1 (audio) becomes aac: mp4 does not hold its codec" in notes
+
+
+@pytest.mark.parametrize("name", ["out.mp4", "out.m4v", "out.mov"])
+def test_ac3_travels_to_the_byte(tmp_path, name):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(32, 24, "yuv420p")], audio="ac3")
+    assert len(read_packets(clip)) > 5
+    copy(clip, tmp_path / name, codec="libx264")
+    assert read_packets(tmp_path / name) == read_packets(clip)
+
+
+def test_sound_beside_pictures_of_its_own_length_stays_in_step(tmp_path):
+    made = [noise_frame(32, 24, "yuv420p", seed) for seed in range(10)]
+    clip = write_clip(tmp_path / "in.mkv", made, audio=True, time_base=Fraction(1, 1000),
+                      pts=range(0, 400, 40))  # fmt: skip
+    copy(clip, tmp_path / "out.webm")
+    with av.open(str(tmp_path / "out.webm")) as out:
+        assert sum(frame.samples for frame in out.decode(audio=0)) == pytest.approx(20480, abs=960)
