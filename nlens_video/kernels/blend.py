@@ -80,7 +80,7 @@ def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN
     plane[y, x] = value
 
 
-def _over(planes, alpha, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0912, PLR0913, PLR0915
+def _over(planes, alpha, associated, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0912, PLR0913, PLR0915
     """`blend_ref.over`; `before` holds first component and alpha of the box as they were."""
     first, second, third = planes
     luma_before, alpha_before = before
@@ -127,9 +127,12 @@ def _over(planes, alpha, before, axes, corner, rgba, tables, peak):  # type: ign
                     plate_alpha = one
                     if has_alpha:
                         plate_alpha = np.float32(alpha_before[y - y0, x - x0]) / full
-                    free = (one - v[3]) * plate_alpha
-                    covered = v[3] + free
-                    gain = one / covered if covered > 0 else one
+                    free = one - v[3]
+                    gain = one
+                    if not associated:
+                        free *= plate_alpha
+                        covered = v[3] + free
+                        gain = one / covered if covered > 0 else one
                     for k in range(3):
                         plate = _dot(rgb_from_codes, k, a, b, c) + rgb_from_codes[k, 3]
                         light = _dot(from_bt709, k, v[0], v[1], v[2])
@@ -166,7 +169,7 @@ def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     else:
         maps = f"Tuple(({row},{row},{matrix},{matrix},{matrix}))"
         before = f"UniTuple({kind}[:,::1],2)"
-        signature = f"void({head}{plane},{before},{corner},{image},{maps},f4)"
+        signature = f"void({head}{plane},b1,{before},{corner},{image},{maps},f4)"
     compiled: Callable[..., None] = numba.njit(signature, cache=True, nogil=True)(function)
     return compiled
 
@@ -208,8 +211,8 @@ def over(samples: Samples, box: Box, rgba: Float32) -> None:
         np.array(alpha[rows, columns], order="C"),
     )
     _compiled(_over, first.dtype.name)(
-        samples.planes, alpha, before, (_axis(samples.across), _axis(samples.down)),
-        (box.y0, box.x0), np.ascontiguousarray(rgba, dtype=np.float32),
+        samples.planes, alpha, samples.associated, before,
+        (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0), np.ascontiguousarray(rgba, dtype=np.float32),
         (maps.to_linear, maps.to_coded, maps.rgb_from_codes, maps.codes_from_rgb, maps.from_bt709),
         samples.coding.peak,
     )  # fmt: skip

@@ -35,6 +35,7 @@ def over(samples: Samples, box: Box, rgba: Float32) -> None:
         samples.across,
         samples.down,
         samples.coding,
+        samples.associated,
     )
     touched = set()
     for y in range(box.y0, box.y1):
@@ -106,9 +107,10 @@ def _change(old: Samples, x: int, y: int, cell: tuple[int, int], layer: Float64)
     plate = _rgb(coding, _codes(old, x, y, cell))
     alpha = 1.0 if old.alpha is None else float(old.alpha[y, x]) / (coding.peak or 1.0)
     colour = primaries_from_bt709(coding.tags.primaries) @ layer[:3]
-    light = colour + (1.0 - layer[3]) * alpha * curve.to_linear(plate)
+    straight = 1.0 if old.associated else alpha
+    light = colour + (1.0 - layer[3]) * straight * curve.to_linear(plate)
     covered = layer[3] + (1.0 - layer[3]) * alpha
-    if covered > 0.0:
+    if covered > 0.0 and not old.associated:
         light = light / covered
     coded = curve.to_coded(light)
     if coding.bits:  # codes past black and white stay where the plate has them, and grow nowhere

@@ -98,10 +98,12 @@ class Samples:
 
     Attributes:
         planes: three components; the first and the second and third may differ in size.
-        alpha: straight (not premultiplied) alpha (H, W), or None.
+        alpha: alpha (H, W), or None.
         across: subsampling along a row.
         down: subsampling along a column.
         coding: what the codes mean.
+        associated: whether the components are premultiplied by alpha, as in OpenEXR; they must
+            then stand for light linearly.
     """
 
     planes: tuple[Plane, Plane, Plane]
@@ -109,6 +111,7 @@ class Samples:
     across: Axis
     down: Axis
     coding: Coding
+    associated: bool = False
 
 
 FIRST_OCTAVE = -40

@@ -92,4 +92,4 @@ def _picture(path: Path) -> ArrayPicture:
     if not shown.empty:
         pixels = np.stack([image.channels[name] for name in names], axis=2)
         array[shown.slices_in(frame)] = pixels[shown.slices_in(image.box)]
-    return ArrayPicture(array, "rgb", LINEAR)
+    return ArrayPicture(array, "rgb", LINEAR, associated=len(names) == 4)

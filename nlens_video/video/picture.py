@@ -86,21 +86,27 @@ class ArrayPicture(_Blended):
     """A NumPy picture, as OpenCV and image loops hold it; composited in place.
 
     Args:
-        array: (H, W), (H, W, 3) or (H, W, 4) of uint8, uint16 or float32; alpha is straight.
+        array: (H, W), (H, W, 3) or (H, W, 4) of uint8, uint16 or float32.
         order: order of the channels.
         tags: transfer function and primaries; default: display-coded sRGB.
+        associated: whether the colours are premultiplied by alpha; default: alpha is straight.
 
     Raises:
         InputError: a shape or a type that no picture has.
+        ValueError: associated alpha with a transfer function that is not linear.
     """
 
     def __init__(
-        self, array: Plane, order: Literal["bgr", "rgb"] = "bgr", tags: ColorTags = SRGB
-    ) -> None:
+        self, array: Plane, order: Literal["bgr", "rgb"] = "bgr", tags: ColorTags = SRGB,
+        *, associated: bool = False,
+    ) -> None:  # fmt: skip
+        if associated and tags.transfer != "linear":
+            raise ValueError(f"associated alpha needs linear light, not {tags.transfer}")
         self.array = array
         self.order = order
         self.tags = tags
-        self._views = array_samples(array, order, tags)
+        self.associated = associated
+        self._views = array_samples(array, order, tags, associated=associated)
 
     def _samples(self) -> Samples:
         return self._views

@@ -21,7 +21,8 @@ def picture_frame(picture: Picture, pixel_format: str) -> av.VideoFrame:
     if isinstance(picture, AvPicture):
         frame, tags = picture.frame, picture.tags
     elif isinstance(picture, ArrayPicture):
-        frame, tags = _array_frame(picture), None
+        keeps = any(part.is_alpha for part in av.VideoFormat(pixel_format).components)
+        frame, tags = _array_frame(picture, alpha=keeps), None
     else:
         raise TypeError(f"{type(picture).__name__} is no picture that a sink knows")
     return frame if frame.format.name == pixel_format else converted(frame, pixel_format, tags)
@@ -48,14 +49,23 @@ def picture_channels(picture: Picture) -> dict[str, Float32]:
     """The whole picture as scene-linear channels for OpenEXR."""
     if isinstance(picture, ArrayPicture) and picture.tags.transfer == "linear":
         array = np.atleast_3d(picture.array)
+        if picture.order == "bgr" and array.shape[2] > 1:
+            array = array[..., (2, 1, 0, 3)[: array.shape[2]]]
+        if array.shape[2] == 4 and not picture.associated:
+            array = np.concatenate([array[..., :3] * array[..., 3:], array[..., 3:]], axis=2)
         return {name: np.asarray(array[..., i]) for i, name in enumerate("RGBA"[: array.shape[2]])}
     light = picture.linear(Box(0, 0, picture.width, picture.height))
     return {name: np.ascontiguousarray(light[..., i]) for i, name in enumerate("RGB")}
 
 
-def _array_frame(picture: ArrayPicture) -> av.VideoFrame:
-    """An RGB array as a frame; light becomes 16-bit sRGB, clipped to what that can hold."""
+def _array_frame(picture: ArrayPicture, *, alpha: bool) -> av.VideoFrame:
+    """An RGB array as a frame; light becomes 16-bit sRGB, clipped to what that can hold.
+
+    FFmpeg's alpha is straight; where none is wanted, associated colours are those over black.
+    """
     array, tags = picture.array, picture.tags
+    if picture.associated:
+        array = _straight(array) if alpha else array[..., :3]
     if array.dtype == np.float32:
         array = _coded(array, tags)
     deep = array.dtype == np.uint16
@@ -68,6 +78,11 @@ def _array_frame(picture: ArrayPicture) -> av.VideoFrame:
     frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(array), name)
     frame.color_trc, frame.color_primaries, frame.color_range = _SRGB_TRC, 1, 2
     return frame
+
+
+def _straight(array: Plane) -> Plane:
+    cover = np.where(array[..., 3:] > 0, array[..., 3:], 1)
+    return np.concatenate([array[..., :3] / cover, array[..., 3:]], axis=2)
 
 
 def _coded(array: Plane, tags: ColorTags) -> Plane:

@@ -39,8 +39,12 @@ def frame_samples(frame: av.VideoFrame, tags: ColorTags, turns: int) -> Samples:
     return upright(views, kind, tags, (across, _axis(kind.step_y, left=False)), turns)
 
 
-def array_samples(array: Plane, order: str, tags: ColorTags) -> Samples:
+def array_samples(
+    array: Plane, order: str, tags: ColorTags, *, associated: bool = False
+) -> Samples:
     """Views of an array (H, W), (H, W, 3) or (H, W, 4) whose channels lie in `order`.
+
+    Alpha is straight unless `associated` says that the colours are premultiplied by it.
 
     Raises:
         InputError: a shape or a type that no picture has.
@@ -60,7 +64,7 @@ def array_samples(array: Plane, order: str, tags: ColorTags) -> Samples:
         family="rgb" if channels > 1 else "gray", bits=bits, components=((0, 0),) * channels,
         alpha=channels == 4,
     )  # fmt: skip
-    return upright(views, kind, tags, (Axis(), Axis()), 0)
+    return replace(upright(views, kind, tags, (Axis(), Axis()), 0), associated=associated)
 
 
 def upright(

@@ -6,6 +6,9 @@ import pytest
 from nlens_video.errors import InputError, OutputError
 from nlens_video.frames import Box
 from nlens_video.video.exr import LayerReader, read_exr, read_layer, write_layers
+from nlens_video.video.exr_source import LINEAR
+from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.rendered import picture_channels
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
 
@@ -85,3 +88,39 @@ def test_light_far_above_white_goes_through_an_exr_plate_unchanged(tmp_path):
 def test_aovs_are_not_written_where_nothing_can_be(tmp_path):
     with pytest.raises(OutputError, match="does not exist"):
         write_layers(tmp_path / "no" / "a.exr", channels())
+
+
+def composited(tmp_path, name, **options):
+    """Colour .25 of alpha .5 under a layer of .2 and .5, as a sink writes it."""
+    made = {name: np.full((16, 16), 0.25, np.float32) for name in "RGB"}
+    write_layers(tmp_path / "in.exr", {**made, "A": np.full((16, 16), 0.5, np.float32)})
+    rgba = np.full((16, 16, 4), (0.2, 0.2, 0.2, 0.5), np.float32)
+    with open_source(str(tmp_path / "in.exr")) as source:
+        with open_sink(str(tmp_path / name), source.info, **options) as sink:
+            for frame in source:
+                frame.picture.over(Box(0, 0, 16, 16), rgba)
+                sink.write(frame)
+            sink.commit()
+    return tmp_path / name
+
+
+def test_openexr_colours_are_premultiplied_by_their_alpha(tmp_path):
+    out = read_exr(composited(tmp_path, "out.exr")).channels
+    for name, light in {"R": 0.325, "G": 0.325, "B": 0.325, "A": 0.75}.items():
+        np.testing.assert_allclose(out[name], light, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "light"), [("rgba64be", 0.325 / 0.75), ("rgb48be", 0.325)]
+)
+def test_premultiplied_colours_become_straight_where_alpha_is_kept(tmp_path, pixel_format, light):
+    with open_source(str(composited(tmp_path, "out.png", pix_fmt=pixel_format))) as source:
+        (frame,) = source
+        assert source.info.pixel_format == pixel_format
+        np.testing.assert_allclose(frame.picture.linear(Box(0, 0, 16, 16)), light, rtol=2e-3)
+
+
+def test_straight_colours_are_written_premultiplied(tmp_path):
+    array = np.full((4, 4, 4), (0.1, 0.2, 0.4, 0.5), np.float32)
+    out = picture_channels(ArrayPicture(array, "bgr", LINEAR))
+    assert [float(out[name][0, 0]) for name in "RGBA"] == pytest.approx([0.2, 0.1, 0.05, 0.5])

@@ -13,7 +13,7 @@ from nlens_video.frames import Box
 from nlens_video.kernels import blend, blend_ref
 from nlens_video.video.formats import working_format
 from nlens_video.video.picture import ArrayPicture, AvPicture
-from nlens_video.video.samples import frame_samples, frame_tags
+from nlens_video.video.samples import array_samples, frame_samples, frame_tags
 
 FORMATS = (
     "yuv420p", "yuvj420p", "yuv422p", "yuv444p", "yuv411p", "yuv440p", "yuv410p", "yuv420p10le",
@@ -123,6 +123,34 @@ def test_straight_alpha_of_a_plate_is_kept():
     light = 0.5 / expected
     coded = 1.055 * light ** (1 / 2.4) - 0.055
     assert np.abs(array[..., 0] / 255 - coded).max() < 0.003
+
+
+LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
+
+
+def test_associated_alpha_of_a_plate_is_kept():
+    array = np.full((2, 2, 4), (0.25, 0.25, 0.25, 0.5), np.float32)
+    rgba = np.full((2, 2, 4), (0.2, 0.2, 0.2, 0.5), np.float32)
+    ArrayPicture(array, "rgb", LINEAR, associated=True).over(Box(0, 0, 2, 2), rgba)
+    np.testing.assert_allclose(array[..., :3], 0.325, rtol=1e-4)
+    np.testing.assert_allclose(array[..., 3], 0.75, rtol=1e-6)
+
+
+@pytest.mark.parametrize("associated", [False, True])
+def test_the_fast_blend_follows_the_reference_on_floats_with_alpha(associated):
+    array = layer(24, 32, seed=5)  # where it has no alpha, associated colour is a glow
+    array[4:8, :, 3] = 0.0
+    fast, slow = (array_samples(array.copy(), "rgb", LINEAR, associated=associated) for _ in "ab")
+    box = Box(0, 0, 32, 24)
+    blend.over(fast, box, layer(24, 32))
+    blend_ref.over(slow, box, layer(24, 32))
+    for one, other in zip((*fast.planes, fast.alpha), (*slow.planes, slow.alpha), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-5)
+
+
+def test_associated_alpha_of_coded_colours_is_refused():
+    with pytest.raises(ValueError, match="needs linear light"):
+        ArrayPicture(np.zeros((2, 2, 4), np.uint8), associated=True)
 
 
 def test_opencv_order_is_blue_first():
