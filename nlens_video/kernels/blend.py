@@ -212,7 +212,8 @@ def over(samples: Samples, box: Box, rgba: Float32) -> None:
     )
     _compiled(_over, first.dtype.name)(
         samples.planes, alpha, samples.associated, before,
-        (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0), np.ascontiguousarray(rgba, dtype=np.float32),
+        (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),
+        np.ascontiguousarray(rgba, dtype=np.float32),
         (maps.to_linear, maps.to_coded, maps.rgb_from_codes, maps.codes_from_rgb, maps.from_bt709),
         samples.coding.peak,
     )  # fmt: skip
