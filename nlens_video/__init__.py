@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from nlens_video.compositor import Compositor
+    from nlens_video.lens import LensFit
 
 __version__ = "0.1.0"
-__all__ = ["Compositor", "__version__"]
+__all__ = ["Compositor", "LensFit", "__version__"]
 
 
 def __getattr__(name: str) -> object:
@@ -15,4 +16,8 @@ def __getattr__(name: str) -> object:
         from nlens_video.compositor import Compositor
 
         return Compositor
+    if name == "LensFit":
+        from nlens_video.lens import LensFit
+
+        return LensFit
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,6 +11,7 @@ from nlens_video.errors import UsageError
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
 COMMANDS = ("render", "fit", "doctor")
+PLANNED = ("bench", "evaluate", "farm", "merge", "place", "check", "study")
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
@@ -35,6 +36,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
         UsageError: unknown or malformed arguments.
     """
     command = "render"
+    if argv and argv[0] in PLANNED and not Path(argv[0]).exists():
+        raise UsageError(f"{argv[0]} is not in this version; there are {', '.join(COMMANDS)}")
     if argv and argv[0] in COMMANDS:
         command, argv = argv[0], argv[1:]
     parser = {"render": _render_parser, "fit": _fit_parser, "doctor": _doctor_parser}[command]()

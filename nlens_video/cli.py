@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
 
+from nlens_video import interrupts
 from nlens_video.arguments import parse, settings
 from nlens_video.errors import NlensError, ReaderGone
 
@@ -14,7 +19,13 @@ INTERRUPTED = 130
 def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbose = "-v" in words or "--verbose" in words
+    with _interruptible():
+        code = _answered(words)
+    _leave_a_stuck_reader(code)
+    return code
+
+
+def _answered(words: list[str]) -> int:
     try:
         return _run(words)
     except ReaderGone:
@@ -22,24 +33,46 @@ def main(argv: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except NlensError as error:
-        if verbose:
-            raise_traceback(error)
-        print(f"nlens-video: {_one_line(error)}", file=sys.stderr)
+        if "-v" in words or "--verbose" in words:
+            import traceback
+
+            traceback.print_exception(error)
+        _say(str(error), error)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("nlens-video: interrupted, no output written", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        kept = getattr(interrupt, "__notes__", None)
+        _say("interrupted" if kept else "interrupted, no output written", interrupt)
         return INTERRUPTED
 
 
-def raise_traceback(error: NlensError) -> None:
-    """Print the traceback that `-v` asks for."""
-    import traceback
+def _say(text: str, error: BaseException) -> None:
+    """One line, with what the error's notes add."""
+    line = "; ".join([text, *getattr(error, "__notes__", [])])
+    print(f"nlens-video: {' '.join(line.split())}", file=sys.stderr)
 
-    traceback.print_exception(error)
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Other signals end a run as Ctrl-C does; a second one does not disturb the cleaning up."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    interrupts.heard.clear()
+    before = {number: signal.signal(number, interrupts.hear) for number in interrupts.ENDING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_IGN if interrupts.heard.is_set() else handler)
 
 
-def _one_line(error: NlensError) -> str:
-    return " ".join(str(error).split())
+def _leave_a_stuck_reader(code: int) -> None:
+    """End at once where a read (of a camera gone quiet) blocks: Python would wait for it."""
+    lanes = sys.modules.get("nlens_video.graph.lanes")
+    if lanes is not None and lanes.still_reading():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 def _run(argv: list[str]) -> int:

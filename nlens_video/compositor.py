@@ -10,11 +10,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 
+from nlens_video.effects.planner import decide
 from nlens_video.errors import UsageError
 from nlens_video.graph.assemble import Assembly, Lens, assemble
 from nlens_video.graph.objects import View
+from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler, Summary
 from nlens_video.lens import LensFit
 from nlens_video.settings import Fallback, ObjectSettings
@@ -48,7 +51,7 @@ class Compositor:
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
         effects: `auto`, `none`, or names separated by commas.
-        fit: the lens, when it is known beforehand.
+        fit: the lens, when it is known beforehand; a fit or the path of a saved one.
         ground_y: height of the ground plane, None for the object's lowest point [scene unit].
         camera: name of the GLB's camera, None for its first.
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
@@ -56,6 +59,7 @@ class Compositor:
 
     Raises:
         UsageError: an argument makes no sense.
+        LensFitError: the saved fit cannot be read.
         SceneError: the GLB cannot be used; raised at the first frame.
     """
 
@@ -66,7 +70,7 @@ class Compositor:
         preset: str = "standard",
         fps: float = 30.0,
         effects: str = "auto",
-        fit: LensFit | None = None,
+        fit: LensFit | str | Path | None = None,
         ground_y: float | None = None,
         camera: str | None = None,
         fallback: Fallback = "none",
@@ -74,13 +78,19 @@ class Compositor:
     ) -> None:
         if not fps > 0:
             raise UsageError(f"{fps = } must be above 0")
+        load_pipeline(preset)  # both speak up here rather than at the first frame
+        decide(effects)
+        if fit is not None and not isinstance(fit, LensFit):
+            fit = LensFit.load(Path(fit))
         self._objects = ObjectSettings(glb=Path(glb), camera=camera, ground_y=ground_y)
         self._lens = Lens(preset=preset, effects=effects, fit=fit, fallback=fallback)
         self._fps = fps
         self._profiler = Profiler(budget_ms)
         self._assembly: Assembly | None = None
         self._size: tuple[int, int] | None = None
+        self._first_s: float | None = None
         self._count = 0
+        self._closed = False
         self._stack = ExitStack()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-compositor")
 
@@ -102,6 +112,8 @@ class Compositor:
         """
         from nlens_video.video.picture import ArrayPicture
 
+        if not isinstance(frame, np.ndarray):
+            raise UsageError(f"process takes a numpy array, not {type(frame).__name__}")
         result = frame.copy()
         self._call(lambda: self._composite(ArrayPicture(result), time))
         return result
@@ -109,15 +121,21 @@ class Compositor:
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
         """Composite one of PyAV's frames; format, pts and colour tags stay as they are.
 
-        The animation's moment is the frame's own time, where it has one.
+        The animation's moment is the frame's own time since the first frame, where it has one.
+
+        Args:
+            frame: left as it is.
+
+        Returns:
+            A new frame.
 
         Raises:
             As `process`.
         """
         from nlens_video.video.picture import AvPicture
 
-        picture = AvPicture(frame)
-        self._call(lambda: self._composite(picture, frame.time))
+        picture = AvPicture(_copied(frame))
+        self._call(lambda: self._composite(picture, self._since_first(frame)))
         result = picture.frame
         if result.format.name != frame.format.name:
             # packed formats are composited in a planar one that holds the same samples
@@ -133,7 +151,9 @@ class Compositor:
     @property
     def fit(self) -> LensFit | None:
         """The lens, once found or given."""
-        return self._assembly.steps.fit if self._assembly is not None else self._lens.fit
+        if self._assembly is None or self._assembly.steps.fit is None:
+            return self._lens.fit
+        return self._assembly.steps.fit
 
     @property
     def plan(self) -> tuple[str, ...]:
@@ -151,9 +171,9 @@ class Compositor:
 
     def close(self) -> None:
         """Free OpenGL, networks and the thread; harmless when repeated."""
-        if self._assembly is not None:
+        if not self._closed:
             self._worker.submit(self._stack.close).result()
-            self._assembly = None
+        self._closed = True
         self._worker.shutdown()
 
     def __enter__(self) -> Self:
@@ -168,7 +188,16 @@ class Compositor:
         self.close()
 
     def _call(self, work: Callable[[], R]) -> R:
+        if self._closed:
+            raise UsageError("the compositor is closed; make a new one")
         return self._worker.submit(work).result()
+
+    def _since_first(self, frame: av.VideoFrame) -> float | None:
+        if frame.time is None:
+            return None
+        if self._first_s is None:
+            self._first_s = frame.time
+        return frame.time - self._first_s
 
     def _composite(self, picture: Picture, time: float | None) -> None:
         assembly = self._assembled(picture)
@@ -192,3 +221,20 @@ class Compositor:
                 "takes one size; make another for other frames"
             )
         return self._assembly
+
+
+def _copied(frame: av.VideoFrame) -> av.VideoFrame:
+    """A frame with samples of its own."""
+    import av
+
+    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
+    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
+        rows = np.frombuffer(memoryview(theirs), np.uint8).reshape(-1, theirs.line_size)
+        own = np.frombuffer(memoryview(mine), np.uint8).reshape(-1, mine.line_size)
+        width = min(theirs.line_size, mine.line_size)
+        height = min(len(own), len(rows))
+        own[:height, :width] = rows[:height, :width]
+    copy.pts, copy.time_base = frame.pts, frame.time_base
+    copy.colorspace, copy.color_range = frame.colorspace, frame.color_range
+    copy.color_primaries, copy.color_trc = frame.color_primaries, frame.color_trc
+    return copy

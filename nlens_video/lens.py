@@ -57,6 +57,11 @@ class LensFit:
                 f"lens fit is not finite (slope {self.slope}, intercept {self.intercept}); "
                 "give --fit FILE.json or --fallback constant"
             )
+        if self.slope < 0:
+            raise LensFitError(
+                f"lens fit has a slope of {self.slope:g}; it must not be negative (coc_px is "
+                "positive nearer than the focal plane)"
+            )
         if self.width < 1 or self.height < 1:
             raise LensFitError(f"lens fit names a frame of {self.width}x{self.height} pixels")
 
@@ -116,7 +121,8 @@ class LensFit:
                     raise LensFitError(f'{source}: "{name}" is missing; it must be a number')
                 continue
             value = raw[name]
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not number or not math.isfinite(value):
                 raise LensFitError(f'{source}: "{name}" is {value!r}, expected a number')
             known[name] = kind(value)
         sign = raw.get("sign", "resolved")

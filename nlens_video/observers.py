@@ -153,25 +153,33 @@ class AovLayers(_Watching):
         self._record = started.assembly.record
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
-        """Write the layers of one frame, those of the fit on the frame that carried it."""
-        channels: dict[str, Float32] = {}
-        if state.carried_fit and self._record.plate_coc and self._record.ground:
-            channels["plate.coc_px"] = self._record.plate_coc.coc_px
-            channels["plate.sigma_px"] = self._record.plate_coc.sigma_px
-            channels["projection.mask"] = self._record.ground.mask.astype(np.float32)
+        """Write one file, with the same channels on every frame; what is not there is empty."""
+        nothing = Box(0, 0, 0, 0)
         layer, defocused = state.values.get("layer"), state.values.get("defocused")
-        if isinstance(layer, ObjectLayer):
-            for at, name in enumerate("RGBA"):
-                channels[f"object.{name}"] = self._on_frame(layer.box, layer.rgba[..., at], 0.0)
-            channels["object.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
-        if isinstance(defocused, DefocusedLayer):
-            channels["object.coc_px"] = self._on_frame(defocused.layer.box, defocused.coc_px, 0.0)
         blurred = state.values.get("blurred")
-        if isinstance(blurred, BlurredLayer):
-            for at, name in enumerate("RGBA"):
-                channels[name] = self._on_frame(blurred.box, blurred.rgba[..., at], 0.0)
-        if channels:
-            write_layers(self._folder / f"{timing.index:06d}.exr", channels)
+        channels = self._plate()
+        if not isinstance(layer, ObjectLayer):
+            layer = ObjectLayer(box=nothing, rgba=_empty(4), depth=_empty())
+        coc = defocused.coc_px if isinstance(defocused, DefocusedLayer) else 0 * layer.rgba[..., 3]
+        if not isinstance(blurred, BlurredLayer):
+            blurred = BlurredLayer(box=nothing, rgba=_empty(4))
+        for at, name in enumerate("RGBA"):
+            channels[f"object.{name}"] = self._on_frame(layer.box, layer.rgba[..., at], 0.0)
+            channels[name] = self._on_frame(blurred.box, blurred.rgba[..., at], 0.0)
+        channels["object.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
+        channels["object.coc_px"] = self._on_frame(layer.box, coc, 0.0)
+        write_layers(self._folder / f"{timing.index:06d}.exr", channels)
+
+    def _plate(self) -> dict[str, Float32]:
+        """What the fit was made from; empty until it is made, and where it was given."""
+        size = (self._frame.height, self._frame.width)
+        coc, ground = self._record.plate_coc, self._record.ground
+        none = np.zeros(size, np.float32)
+        return {
+            "plate.coc_px": coc.coc_px if coc else none,
+            "plate.sigma_px": coc.sigma_px if coc else none,
+            "projection.mask": ground.mask.astype(np.float32) if ground else none,
+        }
 
     def _on_frame(self, box: Box, values: Float32, empty: float) -> Float32:
         whole = np.full((self._frame.height, self._frame.width), empty, np.float32)
@@ -179,3 +187,7 @@ class AovLayers(_Watching):
         if not inside.empty:
             whole[inside.slices_in(self._frame)] = values[inside.slices_in(box)]
         return whole
+
+
+def _empty(*channels: int) -> Float32:
+    return np.zeros((0, 0, *channels), np.float32)

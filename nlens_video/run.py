@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
-from fractions import Fraction
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from nlens_video.effects.planner import Decision
-from nlens_video.errors import LensFitError, OutputError, UsageError
+from nlens_video import interrupts
+from nlens_video.errors import LensFitError, UsageError
+from nlens_video.frames import BlurredLayer
 from nlens_video.graph.assemble import Assembly, Lens, assemble
-from nlens_video.graph.lanes import run_lanes
+from nlens_video.graph.lanes import apart, run_lanes, still_reading
 from nlens_video.graph.objects import View
 from nlens_video.graph.plan import describe
-from nlens_video.graph.profiler import Profiler, Summary
-from nlens_video.graph.stream import FrameState, StreamFrame
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.stream import FrameState
 from nlens_video.lens import LensFit
 from nlens_video.observers import Observer, Started, observers
+from nlens_video.outcome import FitOutcome, Outcome
 from nlens_video.settings import Settings
-from nlens_video.video.atomic import replacing
+from nlens_video.trim import Trim
+from nlens_video.video.atomic import check_folder, replacing
 from nlens_video.video.info import SourceFrame, SourceInfo
-from nlens_video.video.sink import open_sink
+from nlens_video.video.sink import Sink, open_sink
 from nlens_video.video.source import Source, open_source
 
 if TYPE_CHECKING:
@@ -33,42 +33,6 @@ if TYPE_CHECKING:
 
 OnProgress = Callable[[int, int | None], None]
 _ENOUGH_FOR_A_FIT = 240  # frames that `fit` looks through for the object
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """How a run went.
-
-    Attributes:
-        output: what was written.
-        fit: the lens, None where the object was never in view.
-        decisions: which effects were simulated, and why.
-        timing: the frames in a few numbers.
-        composited: frames on which the object was in view [1].
-        damaged: packets and frames of the source that were damaged [1].
-        notes: what a person should know.
-    """
-
-    output: str
-    fit: LensFit | None
-    decisions: tuple[Decision, ...]
-    timing: Summary
-    composited: int
-    damaged: int
-    notes: tuple[str, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """For scripts."""
-        return {**asdict(self), "timing": {**asdict(self.timing), "fps": self.timing.fps}}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitOutcome:
-    """A lens fit, where it was saved, and what a person should know."""
-
-    fit: LensFit
-    path: Path
-    notes: tuple[str, ...]
 
 
 def plan(settings: Settings) -> tuple[str, ...]:
@@ -90,6 +54,7 @@ def find_fit(settings: Settings) -> FitOutcome:
     """
     if settings.save_fit is None:
         raise UsageError("no file for the fit was named")
+    check_folder(settings.save_fit)
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
         source = stack.enter_context(_opened(settings))
@@ -98,9 +63,16 @@ def find_fit(settings: Settings) -> FitOutcome:
         for observer in watching:
             stack.enter_context(observer)
         shot = tuple(
-            node for node in assembly.graph.nodes if node.name == "locate" or node.cadence == "shot"
+            node
+            for node in assembly.graph.nodes
+            if node.stage == "locate" or node.cadence == "shot"
         )
-        for number, frame in enumerate(_chosen(source, settings)):
+        seen = 0
+        for frame in Trim(source, settings.source.frames).items():
+            if not isinstance(frame, SourceFrame):
+                continue
+            seen += 1
+            interrupts.look()
             state = assembly.steps.enter(frame)
             for observer in watching:
                 observer.entering(state)
@@ -108,14 +80,13 @@ def find_fit(settings: Settings) -> FitOutcome:
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
             for observer in watching:
                 observer.frame(state, timing)
-            if assembly.steps.fit is not None or number + 1 >= _ENOUGH_FOR_A_FIT:
+            if assembly.steps.fit is not None or seen >= _ENOUGH_FOR_A_FIT:
                 break
         fit = assembly.steps.fit
         if fit is None:
             raise LensFitError(
-                f"{settings.scene.glb}: the object does not come into view within "
-                f"{_ENOUGH_FOR_A_FIT} frames, so there is nothing to fit; check the camera or "
-                "--range"
+                f"{settings.scene.glb}: the object does not come into view within {seen} frames, "
+                "so there is nothing to fit; check the camera or --range"
             )
         for observer in watching:
             observer.finish(profiler.summary(), assembly.notes())
@@ -140,6 +111,8 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     if settings.output is None:
         raise UsageError("no output was named")
     output = settings.output
+    if settings.save_fit is not None:
+        check_folder(settings.save_fit)
     composited = written = 0
     with ExitStack() as stack:
         source = stack.enter_context(_opened(settings))
@@ -148,39 +121,44 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         watching = observers(settings, Started(source.info, assembly, profiler), settings.output)
         for observer in watching:
             stack.enter_context(observer)
-        sink = stack.enter_context(
-            open_sink(
-                output.spec, source.info, codec=output.codec, crf=output.crf,
-                pix_fmt=output.pix_fmt, keep_partial=output.keep_partial,
-            )
+        sink = open_sink(
+            output.spec, source.info, codec=output.codec, crf=output.crf,
+            pix_fmt=output.pix_fmt, keep_partial=output.keep_partial,
         )  # fmt: skip
-        shift = _Shift()
+        stack.enter_context(_telling_what_is_kept(sink))
+        stack.enter_context(sink)
         total = _expected(source.info, settings)
+        trim = Trim(source, settings.source.frames)
         lanes = assembly.steps.lanes(assembly.render_context)
-        items = run_lanes(_items(source, settings, assembly, profiler, watching), lanes)
+        items = run_lanes(_items(trim, assembly, profiler, watching), lanes)
         stack.callback(items.close)
         for item in items:
+            interrupts.look()
             if not isinstance(item, FrameState):
-                if (packet := shift.packet(cast("Packet", item), settings)) is not None:
-                    sink.write_packet(packet)
+                sink.write_packet(cast("Packet", item))
                 continue
-            frame = shift.frame(item.frame, settings)
+            frame = cast("SourceFrame", item.frame)
             with profiler.timed(frame.index, "encode"):
                 sink.write(frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.carried_fit)
             written += 1
-            composited += "blurred" in item.values
+            blurred = item.values.get("blurred")
+            composited += isinstance(blurred, BlurredLayer) and not blurred.box.empty
             for observer in watching:
                 observer.frame(item, timing)
             on_progress(written, total)
         if not written:
-            raise OutputError(
-                f"no frame lies in the range {settings.source.frames}; nothing written"
-            )
+            first, end = settings.source.frames
+            raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
         outcome = Outcome(
             output=output.spec, fit=assembly.steps.fit, decisions=assembly.decisions,
             timing=profiler.summary(), composited=composited, damaged=source.damaged,
-            notes=(*source.info.notes, *assembly.notes(), *sink.notes),
+            notes=(
+                *source.info.notes,
+                *assembly.notes(),
+                *sink.notes,
+                *_missing(written, total),
+            ),
         )  # fmt: skip
         if settings.save_fit is not None and outcome.fit is not None:
             _save(outcome.fit, settings.save_fit)
@@ -190,17 +168,40 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     return outcome
 
 
+@contextmanager
+def _telling_what_is_kept(sink: Sink) -> Iterator[None]:
+    """Name the partial file to whoever hears of the interruption."""
+    try:
+        yield
+    except BaseException as error:
+        if sink.kept is not None:
+            error.add_note(f"the part written so far is {sink.kept}")
+        raise
+
+
 def _save(fit: LensFit, path: Path) -> None:
     with replacing(path) as partial:
         partial.write_text(fit.to_json())
 
 
-def _opened(settings: Settings) -> Source:
-    source = settings.source
-    size = f"{source.input_size[0]}x{source.input_size[1]}" if source.input_size else None
-    return open_source(
-        source.spec, input_format=source.input_format, input_size=size, input_rate=source.input_rate
+@contextmanager
+def _opened(settings: Settings) -> Iterator[Source]:
+    """The source; left open where its reader still blocks in a read."""
+    given = settings.source
+    size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
+    source = apart(
+        lambda: open_source(
+            given.spec,
+            input_format=given.input_format,
+            input_size=size,
+            input_rate=given.input_rate,
+        )
     )
+    try:
+        yield source
+    finally:
+        if not still_reading():
+            source.__exit__(None, None, None)
 
 
 def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler) -> Assembly:
@@ -236,70 +237,31 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         yield f"note: {note}"
 
 
-def _chosen(source: Source, settings: Settings) -> Iterator[SourceFrame]:
-    """The frames of `--range`; the others are decoded and dropped."""
-    first, end = settings.source.frames
-    for frame in source:
-        if end is not None and frame.index >= end:
-            return
-        if frame.index >= first:
-            yield frame
-
-
 def _items(
-    source: Source,
-    settings: Settings,
-    assembly: Assembly,
-    profiler: Profiler,
-    watching: list[Observer],
+    trim: Trim, assembly: Assembly, profiler: Profiler, watching: list[Observer]
 ) -> Iterator[FrameState | Packet]:
-    """Frames, each behind the packets that the source holds before it."""
-    packets: deque[Packet] = deque()
-    source.packet_sink = packets.append
-    frames = _chosen(source, settings)
+    """Frames as the graph takes them, and packets, in the source's order."""
+    items = trim.items()
     while True:
         with profiler.clock() as clock:
-            frame = next(frames, None)
-        while packets:
-            yield packets.popleft()
-        if frame is None:
+            item = next(items, None)
+        if item is None:
             return
-        profiler.add(frame.index, "decode", clock.elapsed_ms)
-        state = assembly.steps.enter(frame)
+        if not isinstance(item, SourceFrame):
+            yield item
+            continue
+        profiler.add(item.index, "decode", clock.elapsed_ms)
+        state = assembly.steps.enter(item)
         for observer in watching:
             observer.entering(state)
         yield state
 
 
-class _Shift:
-    """With `--range`, the first frame written is the new beginning for all streams."""
-
-    def __init__(self) -> None:
-        self._start_s: Fraction | None = None
-        self._start_pts = 0
-
-    def frame(self, frame: StreamFrame, settings: Settings) -> SourceFrame:
-        """The frame at its time in the output."""
-        assert isinstance(frame, SourceFrame)
-        if not settings.source.frames[0]:
-            return frame
-        if self._start_s is None:
-            self._start_pts, self._start_s = frame.pts, frame.pts * frame.time_base
-        return replace(frame, pts=frame.pts - self._start_pts)
-
-    def packet(self, packet: Packet, settings: Settings) -> Packet | None:
-        """The packet at its time in the output, None if it lies before the beginning."""
-        if not settings.source.frames[0]:
-            return packet
-        if self._start_s is None or packet.dts is None:
-            return None
-        ticks = round(self._start_s / packet.time_base)
-        if packet.dts < ticks:
-            return None
-        packet.dts -= ticks
-        if packet.pts is not None:
-            packet.pts -= ticks
-        return packet
+def _missing(written: int, expected: int | None) -> tuple[str, ...]:
+    """A word on a source that ended early; estimates of the count may be off by a little."""
+    if expected is None or written >= 0.95 * expected - 2:
+        return ()
+    return (f"the source promises {expected} frames, {written} came: it is cut short or damaged",)
 
 
 def _expected(info: SourceInfo, settings: Settings) -> int | None:

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
+from nlens_video.errors import ReaderGone
+
 if TYPE_CHECKING:
     from nlens_video.lens import LensFit
-    from nlens_video.run import FitOutcome, Outcome
+    from nlens_video.outcome import FitOutcome, Outcome
 
 OnProgress = Callable[[int, int | None], None]
 
@@ -111,7 +113,10 @@ class Voice:
         self._console.print(f"{label:7}{text}", markup=False, soft_wrap=True)
 
     def _emit(self, value: object) -> None:
-        print(json.dumps(value, indent=2), file=self._results)
+        try:
+            print(json.dumps(value, indent=2), file=self._results, flush=True)
+        except BrokenPipeError as error:
+            raise ReaderGone("standard output: nobody reads it any more") from error
 
 
 def fit_line(fit: LensFit) -> str:

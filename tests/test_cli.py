@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import json
 import signal
 import subprocess
@@ -47,6 +48,7 @@ def one_line(run, code):
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shot")
     shots.write_video(folder / "in.mp4")
+    shots.write_video(folder / "long.mp4", frames=100)
     shots.write_png(folder / "plate.png")
     shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
     shots.fit_json(folder / "fit.json")
@@ -193,6 +195,23 @@ def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
         assert np.array_equal(a[0], b[0])
 
 
+def test_range_takes_the_sound_beside_its_frames_along(files, tmp_path):
+    run = nlens(
+        files / "long.mp4", files / "anim.glb", tmp_path / "part.mp4",
+        "--fit", files / "fit.json", "--range", "30:80",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    with av.open(str(tmp_path / "part.mp4")) as container:
+        sound = [
+            (float(p.pts * p.time_base), float((p.pts + p.duration) * p.time_base))
+            for p in container.demux(audio=0)
+            if p.dts is not None
+        ]
+    assert -0.03 < sound[0][0] < 0.03
+    assert 1.97 < sound[-1][1] < 2.045  # 50 frames at 25 a second; a packet of sound lasts 0.021 s
+    assert all(a[1] == pytest.approx(b[0], abs=1e-3) for a, b in itertools.pairwise(sound))
+
+
 def test_object_out_of_view_leaves_the_plate_untouched(files, tmp_path):
     shots.cube_glb(tmp_path / "away.glb", start=(0.0, 0.0, 30.0))
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=3, audio=False)
@@ -290,25 +309,79 @@ def test_live_device_of_ffmpeg_is_opened_by_name(files, tmp_path):
     assert json.loads(run.stdout)["timing"]["frames"] == 10
 
 
-def endless(files, output, **options):
+def endless(files, output, more=(), **options):
     """A run on a source without an end."""
     return process(
         f"testsrc2=size={shots.WIDTH}x{shots.HEIGHT}:rate=25", files / "anim.glb", output,
-        "--input-format", "lavfi", "--fit", files / "fit.json", **options,
+        "--input-format", "lavfi", "--fit", files / "fit.json", *more, **options,
     )  # fmt: skip
 
 
-def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path):
-    run = endless(files, tmp_path / "out.mp4")
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob(".*partial*")) and time.monotonic() < deadline:
+def stopped(run, folder, *signals, patience=60):
+    """Let a run get going, send it signals, wait for its end."""
+    deadline = time.monotonic() + patience
+    while not list(folder.glob(".*partial*")) and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(1.0)
-    run.send_signal(signal.SIGINT)
-    _, err = run.communicate(timeout=60)
-    assert run.returncode == 130, err.decode()
-    assert err.decode().strip() == "nlens-video: interrupted, no output written"
+    for number in signals:
+        run.send_signal(number)
+        time.sleep(0.05)
+    run.stdin = None
+    _, err = run.communicate(timeout=30)
+    return err.decode().strip()
+
+
+@pytest.mark.parametrize(
+    "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT, signal.SIGINT]]
+)
+def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path, signals):
+    run = endless(files, tmp_path / "out.mp4")
+    message = stopped(run, tmp_path, *signals)
+    assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("frames", [3, 80], ids=["while opening", "while running"])
+def test_interrupt_ends_a_run_whose_source_has_gone_quiet(files, tmp_path, frames):
+    run = process(
+        "-", files / "anim.glb", tmp_path / "out.mp4", "--fit", files / "fit.json",
+        "--codec", "libx264", stdin=subprocess.PIPE,
+    )  # fmt: skip
+    pipe = run.stdin
+    frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(format="yuv420p")
+    with av.open(Quiet(pipe), "w", format="nut") as container:
+        stream = container.add_stream("rawvideo", rate=25)
+        stream.width, stream.height, stream.pix_fmt = shots.WIDTH, shots.HEIGHT, "yuv420p"
+        for number in range(frames):
+            frame.pts, frame.time_base = number, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        message = stopped(run, tmp_path, signal.SIGINT, patience=5)
+    with contextlib.suppress(BrokenPipeError):
+        pipe.close()
+    assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
+    assert not list(tmp_path.iterdir())
+
+
+class Quiet:
+    """A pipe that its writer neither ends nor feeds once its reader has gone."""
+
+    def __init__(self, pipe):
+        self.pipe = pipe
+
+    def write(self, data):
+        with contextlib.suppress(BrokenPipeError):
+            self.pipe.write(data)
+            self.pipe.flush()
+        return len(data)
+
+
+def test_kept_partial_file_is_named_and_plays(files, tmp_path):
+    run = endless(files, tmp_path / "out.mp4", more=["--keep-partial"])
+    message = stopped(run, tmp_path, signal.SIGINT)
+    assert run.returncode == 130
+    (kept,) = tmp_path.iterdir()
+    assert message == f"nlens-video: interrupted; the part written so far is {kept}"
+    assert len(shots.read_planes(kept)) > 3
 
 
 def test_reader_that_goes_away_ends_the_run_quietly(files):
@@ -400,6 +473,34 @@ class TestExitCodes:
         outcome = json.loads(run.stdout)
         assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
         assert any("constant CoC" in note for note in outcome["notes"])
+
+    @pytest.mark.parametrize("command", ["bench", "farm"])
+    def test_2_command_that_this_version_does_not_have(self, command):
+        assert "not in this version" in one_line(nlens(command, "a", "b"), 2)
+
+    def test_2_range_beyond_the_end(self, files, tmp_path):
+        run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--range", "90:99")
+        assert "no such frames" in one_line(run, 2)
+        assert not list(tmp_path.iterdir())
+
+    def test_6_folder_of_the_fit_does_not_exist_and_is_told_before_the_run(self, files, tmp_path):
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "o.png",
+            "--save-fit", tmp_path / "no" / "fit.json",
+        )  # fmt: skip
+        assert "no" in one_line(run, 6)
+        assert not list(tmp_path.iterdir())
+
+    @pytest.mark.parametrize("number", ["NaN", "1e999", "-Infinity"])
+    def test_5_fit_file_with_a_number_that_is_none(self, files, tmp_path, number):
+        (tmp_path / "fit.json").write_text(
+            f'{{"slope": 3.0, "intercept": 1.0, "width": 9, "height": 9, "n": {number}}}'
+        )
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "out.png",
+            "--fit", tmp_path / "fit.json",
+        )  # fmt: skip
+        assert '"n"' in one_line(run, 5)
 
     def test_6_folder_that_does_not_exist(self, files, tmp_path):
         run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "no" / "out.png")

@@ -10,7 +10,7 @@ import pytest
 import shots
 
 from nlens_video import Compositor
-from nlens_video.errors import SceneError, UsageError
+from nlens_video.errors import LensFitError, SceneError, UsageError
 from nlens_video.lens import LensFit
 
 pytestmark = pytest.mark.needs_gl
@@ -74,6 +74,18 @@ def test_av_frames_keep_format_time_and_tags(lens):
     assert (result.format.name, result.pts, result.time_base) == ("yuv420p", 7, Fraction(1, 50))
     assert result.color_primaries == 1
     assert (result.to_ndarray() != before).any()
+    assert np.array_equal(frame.to_ndarray(), before)
+
+
+def test_animation_of_av_frames_begins_at_the_first_one(lens):
+    def frame(pts):
+        made = av.VideoFrame.from_ndarray(shots.plate(), "rgb24")
+        made.pts, made.time_base = pts, Fraction(1, 25)
+        return lens.process_av(made).to_ndarray()
+
+    first, second = frame(1000), frame(1001)
+    assert np.array_equal(first, lens.process(bgr(), time=0.0)[..., ::-1])
+    assert np.array_equal(second, lens.process(bgr(), time=1 / 25)[..., ::-1])
 
 
 def test_av_frames_of_packed_formats_come_back_in_theirs(lens):
@@ -113,6 +125,9 @@ def test_closing_ends_its_thread_and_may_be_repeated(glb):
     compositor.process(bgr())
     compositor.close()
     compositor.close()
+    assert compositor.fit == FIT and compositor.plan
+    with pytest.raises(UsageError, match="closed"):
+        compositor.process(bgr())
     assert not [t for t in threading.enumerate() if t.name.startswith("nlens-compositor")]
 
 
@@ -128,5 +143,15 @@ def test_unusable_scene_and_wrong_settings_are_named(tmp_path, glb):
         compositor.process(bgr())
     with pytest.raises(UsageError, match="fps"):
         Compositor(glb, fps=0)
-    with Compositor(glb, preset="nope") as compositor, pytest.raises(UsageError, match="standard"):
+    with pytest.raises(UsageError, match="standard"):
+        Compositor(glb, preset="nope")
+    with pytest.raises(LensFitError, match=r"none\.json"):
+        Compositor(glb, fit=tmp_path / "none.json")
+    with Compositor(glb, fit=FIT) as compositor, pytest.raises(UsageError, match="NoneType"):
+        compositor.process(None)
+
+
+def test_saved_fit_is_taken_by_its_path(tmp_path, glb):
+    with Compositor(glb, fit=shots.fit_json(tmp_path / "fit.json")) as compositor:
         compositor.process(bgr())
+        assert compositor.fit == FIT

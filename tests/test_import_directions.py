@@ -13,7 +13,7 @@ LAYERS = [
     ["__main__"],
     ["cli"],
     ["compositor", "doctor", "run", "show"],
-    ["observers", "report"],
+    ["observers", "outcome", "report", "trim"],
     ["arguments", "graph"],
     ["effects", "settings"],
     ["backends"],
@@ -22,7 +22,7 @@ LAYERS = [
     ["kernels"],
     ["color", "lens", "v_fit"],
     ["frames"],
-    ["errors"],
+    ["errors", "interrupts"],
 ]
 LEVEL = {name: level for level, names in enumerate(reversed(LAYERS)) for name in names}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 
 from nlens_video.effects.planner import Decision, decide
 from nlens_video.errors import UsageError
@@ -86,7 +87,7 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
     record = ShotRecord()
     tools = Tools(
         objects=source,
-        estimate_coc=_load_estimator,
+        estimate_coc=partial(_load_estimator, view.pixel_aspect),
         ground_y=objects.ground_y,
         fallback_constant=lens.fallback == "constant",
         pixel_aspect=view.pixel_aspect,
@@ -128,7 +129,7 @@ def _object_source(
     )
 
 
-def _load_estimator() -> Callable[[Picture], CocMap]:
+def _load_estimator(pixel_aspect: float) -> Callable[[Picture], CocMap]:
     from nlens_video.backends.coc_onnx import OnnxCocNetwork
     from nlens_video.model_store import find_model
     from nlens_video.stages.f_coc import EstimateCoc
@@ -138,7 +139,7 @@ def _load_estimator() -> Callable[[Picture], CocMap]:
     def estimate(picture: Picture) -> CocMap:
         nonlocal estimator
         if estimator is None:  # loading takes as long as a few frames: only when it is needed
-            estimator = EstimateCoc(OnnxCocNetwork(find_model("coc").path))
+            estimator = EstimateCoc(OnnxCocNetwork(find_model("coc").path), pixel_aspect)
         return estimator(picture)
 
     return estimate

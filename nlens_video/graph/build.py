@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from nlens_video.effects.planner import Decision
 from nlens_video.graph.node import LaneName, Node
 from nlens_video.graph.pipeline_file import PipelineFile
-from nlens_video.graph.registry import Tools, Unavailable, make_stage
+from nlens_video.graph.registry import Tools, Unavailable, check_ports, make_stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +55,8 @@ def build(
         elif fit_given and spec.cadence == "shot":
             left_out.append((spec.name, "the lens fit is given"))
         else:
+            optional = tuple(f"{port}?" for port in spec.optional)
+            check_ports(spec.name, spec.stage, (*spec.inputs, *optional), spec.output)
             try:
                 made = make_stage(spec.stage, spec.options, tools)
             except Unavailable as reason:

@@ -1,6 +1,6 @@
 """Lanes: a stream passes through steps that overlap, one thread each, a few items between them.
 
-The one place with threads. Order is kept, at most `depth` finished items wait before each lane, a
+Order is kept, at most `depth` finished items wait before each lane, a
 fault in any lane surfaces at the consumer, and closing the stream ends every thread.
 """
 
@@ -15,6 +15,8 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 _POLL_S = 0.05
+_PATIENCE_S = 2.0  # a read that blocks longer than this after closing (a camera gone quiet) is left
+_left_reading: list[threading.Event] = []  # of each reader that was left, set when it comes back
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,10 @@ def run_lanes(source: Iterable[T], lanes: Sequence[Lane[T]], depth: int = 2) -> 
     """
     stop = threading.Event()
     links = [_Link(depth, stop) for _ in range(len(lanes) + 1)]
-    threads = [threading.Thread(target=_feed, args=(source, links[0]), name="decode", daemon=True)]
+    read = threading.Event()
+    threads = [
+        threading.Thread(target=_feed, args=(source, links[0], read), name="decode", daemon=True)
+    ]
     for lane, inlet, outlet in zip(lanes, links[:-1], links[1:], strict=True):
         threads.append(
             threading.Thread(target=_work, args=(lane, inlet, outlet), name=lane.name, daemon=True)
@@ -104,12 +109,52 @@ def run_lanes(source: Iterable[T], lanes: Sequence[Lane[T]], depth: int = 2) -> 
             yield message  # type: ignore[misc]  # what is neither fault nor end is an item
     finally:
         stop.set()
-        for thread in threads:
+        for thread in threads[1:]:
             thread.join()
+        if read.wait(_PATIENCE_S):
+            threads[0].join()
+        else:
+            _left_reading.append(read)
 
 
-def _feed(source: Iterable[T], outlet: _Link) -> None:
+def apart(work: Callable[[], T]) -> T:
+    """Do something that may block in a read on a thread of its own, so that Ctrl-C is heard.
+
+    Raises:
+        Whatever the work raises.
+    """
+    outcome: list[T | BaseException] = []
+    done = threading.Event()
+
+    def attempt() -> None:
+        try:
+            outcome.append(work())
+        except BaseException as error:  # noqa: BLE001 - handed on to the caller
+            outcome.append(error)
+        finally:
+            done.set()
+
+    try:
+        threading.Thread(target=attempt, name="open", daemon=True).start()
+        # an interrupted Thread.join would take the thread for ended: an event is waited for
+        while not done.wait(_POLL_S):
+            pass
+    except BaseException:
+        _left_reading.append(done)
+        raise
+    if isinstance(outcome[0], BaseException):
+        raise outcome[0]
+    return outcome[0]
+
+
+def still_reading() -> bool:
+    """Whether a closed stream's source still blocks in a read; it must not be closed under it."""
+    return any(not done.is_set() for done in _left_reading)
+
+
+def _feed(source: Iterable[T], outlet: _Link, read: threading.Event) -> None:
     with ExitStack() as stack:
+        stack.callback(read.set)
         if isinstance(source, Generator):
             stack.callback(source.close)
         try:

@@ -14,7 +14,7 @@ from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
 
-_MARGIN_LIMIT = 0.5  # of the frame's width: the most that is rendered beyond the frame
+MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
 
 
@@ -110,7 +110,7 @@ class RenderedObject:
         if bounds is None:
             return None
         box, nearest, farthest = bounds
-        surroundings = self.view.box.grown(math.ceil(_MARGIN_LIMIT * self.view.width))
+        surroundings = self.view.box.grown(MARGIN_LIMIT_PX)
         if box.intersection(surroundings).empty:
             return None
         return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
@@ -124,8 +124,8 @@ class RenderedObject:
         margin = 0
         if fit is not None:
             ends = np.array([1 / placement.nearest, 1 / placement.farthest], np.float32)
-            reach = 0.5 * float(np.abs(fit.coc_px(ends)).max())
-            margin = math.ceil(min(reach, _MARGIN_LIMIT * self.view.width)) + 1
+            reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
+            margin = math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
         return self.renderer.render(placement.time_s, placement.camera, margin)
 
 

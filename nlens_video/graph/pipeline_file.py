@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
+from nlens_video.effects.planner import EFFECTS
 from nlens_video.errors import UsageError
 from nlens_video.graph.node import CADENCES, CONDITIONS, GIVEN, LANES, PORTS, Cadence, LaneName
 
@@ -73,7 +74,10 @@ def load_pipeline(preset: str) -> PipelineFile:
         raise UsageError(f"{path}: no [[node]] in it; see the shipped pipelines for the form")
     specs = tuple(_node(entry, path) for entry in nodes)
     _check_wiring(specs, path)
-    summary = raw.get("pipeline", {}).get("summary", "")
+    about = raw.get("pipeline", {})
+    if not isinstance(about, dict):
+        raise UsageError(f"{path}: [pipeline] must be a table with a summary")
+    summary = about.get("summary", "")
     return PipelineFile(name=path.stem, summary=str(summary), nodes=specs)
 
 
@@ -113,6 +117,7 @@ def _checked(entry: dict[str, object], where: str) -> tuple[list[str], dict[str,
         ("cadence", CADENCES),
         ("lane", LANES),
         ("when", (None, *CONDITIONS)),
+        ("effect", (None, *EFFECTS)),
     ):
         if entry.get(key) not in allowed:
             raise UsageError(f"{where}: {key!r} is {entry.get(key)!r}, allowed: {allowed}")

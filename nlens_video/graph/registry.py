@@ -81,13 +81,34 @@ def make_stage(stage: str, options: Options, tools: Tools) -> Made:
         UsageError: no such stage, or an option it does not have.
         Unavailable: nothing here can run it.
     """
-    maker = _MAKERS.get(stage)
-    if maker is None:
-        raise UsageError(f"no stage {stage!r}; there are {', '.join(_MAKERS)}")
     try:
-        return maker(tools, **options)
+        return STAGES[stage].make(tools, **options)
+    except KeyError:
+        raise UsageError(f"no stage {stage!r}; there are {', '.join(STAGES)}") from None
     except TypeError as error:
         raise UsageError(f"stage {stage!r}: wrong options {sorted(options)} ({error})") from error
+
+
+def check_ports(name: str, stage: str, inputs: tuple[str, ...], output: str) -> None:
+    """See that a node is wired as its stage is called.
+
+    Args:
+        name: the node's.
+        stage: its stage.
+        inputs: ports as the pipeline file lists them, "?" included.
+        output: port as the file names it.
+
+    Raises:
+        UsageError: no such stage, or other ports.
+    """
+    made = STAGES.get(stage)
+    if made is None:
+        raise UsageError(f"node {name!r}: no stage {stage!r}; there are {', '.join(STAGES)}")
+    if (inputs, output) != (made.inputs, made.output):
+        raise UsageError(
+            f"node {name!r}: stage {stage!r} reads {list(made.inputs)} and writes "
+            f"{made.output!r}, the file says {list(inputs)} and {output!r}"
+        )
 
 
 def _locate(tools: Tools) -> Made:
@@ -132,11 +153,21 @@ def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 0.5) 
                 raise
             tools.record.note = f"constant CoC instead of a fit: {error}"
             return constant_fit(coc, ground, frame.index)
-        if not ground.mask.any():
-            tools.record.note = "no footprint in view: fitted on the ground plane as a whole"
+        tools.record.note = _doubt(tools.record.regression.fit, ground)
         return tools.record.regression.fit
 
     return Made(run, "R: robust V-fit over the ground plane")
+
+
+def _doubt(fit: LensFit, ground: GroundProjection) -> str:
+    """What a person should know about a fit, empty if nothing."""
+    if fit.slope < 3 * fit.slope_stderr:
+        return "the plate's blur hardly changes with depth: so the object's will not either"
+    if fit.sign == "ambiguous":
+        return "the plate does not tell whether the ground lies before or behind the focus"
+    if not ground.mask.any():
+        return "no footprint in view: fitted on the ground plane as a whole"
+    return ""
 
 
 def _render(tools: Tools) -> Made:
@@ -175,15 +206,30 @@ def _composite(tools: Tools) -> Made:
     return Made(composite, "premultiplied over, scene-linear")
 
 
-_MAKERS: dict[str, Callable[..., Made]] = {
-    "locate": _locate,
-    "estimate-coc": _estimate_coc,
-    "project": _project,
-    "fit": _fit,
-    "render": _render,
-    "object-coc": _object_coc,
-    "sharp": _sharp,
-    "scatter": _scatter,
-    "repair": _repair,
-    "composite": _composite,
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stage that a pipeline file can name.
+
+    Attributes:
+        make: makes it.
+        inputs: ports it is called with, in order; with "?" if one may be missing.
+        output: port it gives a value for.
+    """
+
+    make: Callable[..., Made]
+    inputs: tuple[str, ...]
+    output: str
+
+
+STAGES: dict[str, Stage] = {
+    "locate": Stage(_locate, ("frame",), "placement"),
+    "estimate-coc": Stage(_estimate_coc, ("picture", "placement"), "plate_coc"),
+    "project": Stage(_project, ("placement",), "ground"),
+    "fit": Stage(_fit, ("plate_coc", "ground", "frame"), "fit"),
+    "render": Stage(_render, ("placement", "fit?"), "layer"),
+    "object-coc": Stage(_object_coc, ("layer", "fit"), "defocused"),
+    "sharp": Stage(_sharp, ("layer", "frame_box"), "blurred"),
+    "scatter": Stage(_scatter, ("defocused", "frame_box"), "blurred"),
+    "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
+    "composite": Stage(_composite, ("picture", "blurred"), "picture"),
 }

@@ -42,11 +42,13 @@ class FrameState:
         frame: as the source gave it.
         values: port to value.
         carried_fit: whether the lens was fitted on this frame.
+        started: whether the first lane has given it what the shot knew at that moment.
     """
 
     frame: StreamFrame
     values: Values = field(default_factory=dict)
     carried_fit: bool = False
+    started: bool = False
 
 
 class FrameSteps:
@@ -81,8 +83,9 @@ class FrameSteps:
 
     def run(self, state: FrameState, nodes: tuple[Node, ...]) -> FrameState:
         """Run some nodes on one frame."""
-        for port, value in self._shot.items():
-            state.values.setdefault(port, value)
+        if not state.started:  # later lanes must not see what later frames have found out
+            state.values.update(self._shot)
+            state.started = True
         for node in nodes:
             if node.cadence == "shot":
                 self._run_once(state, node)

@@ -1,8 +1,8 @@
 """The paper, one file a letter.
 
-    plate picture --F--> CoC map ----------+
-                                           R--> LensFit      (once, on the first frame in view)
-    object, camera, ground --P--> footprint+
+plate picture --F--> CoC map ----------+
+R--> LensFit      (once, on the first frame in view)
+object, camera, ground --P--> footprint+
 
-    LensFit, object depth --> object CoC --L--> blurred layer --over--> plate     (each frame)
+LensFit, object depth --> object CoC --L--> blurred layer --over--> plate     (each frame)
 """

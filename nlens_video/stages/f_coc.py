@@ -27,24 +27,27 @@ class EstimateCoc:
 
     Attributes:
         network: reads the blur off a picture.
+        pixel_aspect: width of a pixel by its height [1].
     """
 
     network: CocNetwork
+    pixel_aspect: float = 1.0
 
     def __call__(self, picture: Picture) -> CocMap:
         """Unsigned CoC and its expected error of a whole picture, at its full size."""
-        return estimate_coc(self.network, picture.srgb())
+        return estimate_coc(self.network, picture.srgb(), self.pixel_aspect)
 
 
-def estimate_coc(network: CocNetwork, rgb: Float32) -> CocMap:
+def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -> CocMap:
     """Unsigned CoC and its expected error of a picture of any size.
 
     Args:
         network: reads the blur off a picture.
         rgb: display-coded sRGB in [0, 1] (H, W, 3).
+        pixel_aspect: width of a pixel by its height; the network sees square pixels [1].
 
     Returns:
-        Maps (H, W) [px of this picture].
+        Maps (H, W) [columns of this picture].
 
     Raises:
         ValueError: not a picture (H, W, 3) with at least one pixel.
@@ -52,7 +55,7 @@ def estimate_coc(network: CocNetwork, rgb: Float32) -> CocMap:
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.size == 0:
         raise ValueError(f"{rgb.shape = } must be (H, W, 3) with at least one pixel")
     height, width = rgb.shape[:2]
-    working = _reduced(np.asarray(rgb, dtype=np.float32))
+    working = _reduced(np.asarray(rgb, dtype=np.float32), pixel_aspect)
     below, right = (-n % network.stride for n in working.shape[:2])
     # a mirrored border continues the texture at its own sharpness; a repeated one would smear it
     padded = np.pad(working, ((0, below), (0, right), (0, 0)), mode="symmetric")
@@ -76,13 +79,15 @@ def _flat(rgb: Float32) -> Float32:
     return np.asarray(spread < FLAT**2, dtype=np.float32)
 
 
-def _reduced(rgb: Float32) -> Float32:
-    """The picture with its longer side at most `WORKING_SIDE_PX`."""
+def _reduced(rgb: Float32, pixel_aspect: float) -> Float32:
+    """The picture in square pixels, its longer side at most `WORKING_SIDE_PX`."""
     height, width = rgb.shape[:2]
-    ratio = WORKING_SIDE_PX / max(height, width)
-    if ratio >= 1:
+    # the side with the finer pixels is reduced: enlarging the other would only blur it
+    wide, high = width * min(1.0, pixel_aspect), height * min(1.0, 1.0 / pixel_aspect)
+    ratio = min(1.0, WORKING_SIDE_PX / max(wide, high))
+    size = (max(1, round(wide * ratio)), max(1, round(high * ratio)))
+    if size == (width, height):
         return rgb
-    size = (max(1, round(width * ratio)), max(1, round(height * ratio)))
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 

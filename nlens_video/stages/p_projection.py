@@ -17,7 +17,6 @@ from nlens_video.frames import Bool, Float64
 from nlens_video.scene.camera import Camera
 
 _SUBPIXEL_BITS = 4  # cv2 draws with 1/16 px
-_REACH_FRAMES = 8.0  # points further out than this many frames are pulled in: cv2 uses 32 bits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,43 +50,70 @@ def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> Gr
     disparity = camera.plane_disparity(ground_y)
     mask = np.zeros((camera.height, camera.width), np.uint8)
     if len(triangles):
-        fallen = triangles.astype(np.float64).copy()
+        fallen = triangles.astype(np.float64)
         fallen[:, :, 1] = ground_y
         seen = camera.to_camera(fallen.reshape(-1, 3)).reshape(-1, 3, 3)
-        whole, cut = _in_front(seen)
-        _draw(mask, camera.pixels(whole.reshape(-1, 3)).reshape(-1, 3, 2), camera)
-        for polygon in cut:
-            _draw(mask, camera.pixels(polygon)[None], camera)
+        planes = _view_planes(camera, float(-seen[:, :, 2].min()))
+        inside = _inside(seen, planes)
+        whole = inside.all(axis=(0, 2))
+        _draw(mask, camera.pixels(seen[whole].reshape(-1, 3)).reshape(-1, 3, 2))
+        for polygon in seen[~whole & inside.any(axis=2).all(axis=0)]:
+            cut = _cut(polygon, planes)
+            if len(cut) >= 3:
+                _draw(mask, camera.pixels(cut)[None])
     return GroundProjection(
         mask=(mask > 0) & (disparity > 0), disparity=disparity, ground_y=ground_y
     )
 
 
-def _in_front(triangles: Float64) -> tuple[Float64, list[Float64]]:
-    """Camera-space triangles (T, 3, 3) before a near plane, and what is left of those across it."""
-    depth = -triangles[:, :, 2]
-    near = max(1e-4 * float(depth.max()), np.finfo(np.float64).tiny)
-    whole = (depth > near).all(axis=1)
-    across = ~whole & (depth > near).any(axis=1)
-    return triangles[whole], [_cut(corners, near) for corners in triangles[across]]
+def _view_planes(camera: Camera, farthest: float) -> Float64:
+    """The near plane and the sides of the view, a frame wider all round, (5, 4).
+
+    A row (n, d) holds what lies before it: n . p >= d.
+    """
+    near = max(1e-4 * farthest, np.finfo(np.float64).tiny)
+    left, right = (camera.cx + camera.width) / camera.fx, (2 * camera.width - camera.cx) / camera.fx
+    top, bottom = (
+        (camera.cy + camera.height) / camera.fy,
+        (2 * camera.height - camera.cy) / camera.fy,
+    )
+    return np.array(
+        [
+            [0, 0, -1, near],
+            [1, 0, -left, 0],
+            [-1, 0, -right, 0],
+            [0, 1, -bottom, 0],
+            [0, -1, -top, 0],
+        ],
+        dtype=np.float64,
+    )
 
 
-def _cut(corners: Float64, near: float) -> Float64:
-    """One Sutherland-Hodgman step: the part of a polygon (N, 3) with depth >= near."""
-    kept: list[Float64] = []
-    for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        depth_first, depth_second = -first[2], -second[2]
-        if depth_first >= near:
-            kept.append(first)
-        if (depth_first >= near) != (depth_second >= near):
-            part = (near - depth_first) / (depth_second - depth_first)
-            kept.append(first + part * (second - first))
-    return np.array(kept)
+def _inside(polygons: Float64, planes: Float64) -> Bool:
+    """Whether each corner of camera-space polygons (T, N, 3) lies before each plane (5, T, N)."""
+    distance = np.einsum("tni,pi->ptn", polygons, planes[:, :3]) - planes[:, 3, None, None]
+    return np.asarray(distance >= 0)
 
 
-def _draw(mask: npt.NDArray[np.uint8], polygons: Float64, camera: Camera) -> None:
+def _cut(corners: Float64, planes: Float64) -> Float64:
+    """Sutherland-Hodgman: the part of a camera-space polygon (N, 3) before all planes (M, 3)."""
+    for plane in planes:
+        distance = corners @ plane[:3] - plane[3]
+        kept: list[Float64] = []
+        for here, point in enumerate(corners):
+            after = (here + 1) % len(corners)
+            if distance[here] >= 0:
+                kept.append(point)
+            if (distance[here] >= 0) != (distance[after] >= 0):
+                part = distance[here] / (distance[here] - distance[after])
+                kept.append(point + part * (corners[after] - point))
+        if len(kept) < 3:
+            return np.zeros((0, 3))
+        corners = np.array(kept)
+    return corners
+
+
+def _draw(mask: npt.NDArray[np.uint8], polygons: Float64) -> None:
     """Fill convex polygons (P, N, 2), centres at +0.5, pixels their outlines touch included."""
-    reach = _REACH_FRAMES * max(camera.width, camera.height)
-    clipped = np.clip(polygons - 0.5, -reach, reach)
-    for points in np.round(clipped * (1 << _SUBPIXEL_BITS)).astype(np.int32):
+    for points in np.round((polygons - 0.5) * (1 << _SUBPIXEL_BITS)).astype(np.int32):
         cv2.fillConvexPoly(mask, points, 1, lineType=cv2.LINE_8, shift=_SUBPIXEL_BITS)

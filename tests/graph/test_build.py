@@ -174,6 +174,19 @@ def test_stage_that_does_not_exist_is_named(tmp_path):
         steps(str(path))
 
 
+@pytest.mark.parametrize(
+    "wiring",
+    ['inputs=["frame", "picture"]\noutput="placement"', 'inputs=["frame"]\noutput="layer"'],
+)
+def test_node_that_is_not_wired_as_its_stage_is_called_is_named(tmp_path, wiring):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        f'[[node]]\nname="a"\nstage="locate"\n{wiring}\ncadence="frame"\nlane="render"\n'
+    )
+    with pytest.raises(UsageError, match="reads \\['frame'\\] and writes 'placement'"):
+        steps(str(path))
+
+
 def test_option_that_a_stage_does_not_have_is_named(tmp_path):
     text = (tmp_path / "mine.toml", "options = { radius = 3 }\n")
     text[0].write_text(

@@ -2,7 +2,7 @@ import pytest
 
 from nlens_video.errors import UsageError
 from nlens_video.graph.pipeline_file import load_pipeline, shipped_pipelines
-from nlens_video.graph.registry import _MAKERS
+from nlens_video.graph.registry import STAGES
 
 NODE = """
 [[node]]
@@ -27,7 +27,7 @@ def node(**changes):
 def test_shipped_pipeline_loads_and_names_only_known_stages(preset):
     pipeline = load_pipeline(preset)
     assert pipeline.summary
-    assert {spec.stage for spec in pipeline.nodes} <= set(_MAKERS)
+    assert {spec.stage for spec in pipeline.nodes} <= set(STAGES)
     assert pipeline.nodes[-1].output == "picture"
 
 
@@ -50,6 +50,8 @@ def test_own_pipeline_file_is_used_by_its_path(tmp_path):
         (node() + node(), "two nodes are called 'a'"),
         (node(lane="lens") + node(name="b"), "goes back to lane"),
         (node() + 'when = "raining"', "'when' is 'raining'"),
+        (node() + 'effect = "glitter"', "'effect' is 'glitter'"),
+        ("pipeline = 3\n" + node(), "must be a table"),
         (node(inputs="3"), "'inputs' must be a list"),
     ],
 )

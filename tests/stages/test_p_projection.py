@@ -76,6 +76,21 @@ def test_footprint_out_of_view_is_empty(centre):
     assert not project_to_ground(square_at(centre, 0.5, y=0.0), looking_down(), 0.0).mask.any()
 
 
+def test_footprint_that_runs_far_past_the_frame_keeps_its_straight_edges():
+    camera = looking_down(width=320, rows=240)
+    strip = np.array([[-60.0, 0, 0.5], [1.0, 0, 0.5], [1.0, 0, -8.0], [-60.0, 0, -8.0]])
+    ground = project_to_ground(strip[[[0, 1, 2], [0, 2, 3]]], camera, 0.0)
+    columns = (np.arange(320) + 0.5 - camera.cx) / camera.fx
+    rows = -(np.arange(240) + 0.5 - camera.cy) / camera.fy
+    rays = np.stack(np.broadcast_arrays(columns[None], rows[:, None], -1.0), axis=-1)
+    world = rays @ camera.world_from_camera[:3, :3].T
+    points = world / np.where(ground.disparity > 0, ground.disparity, np.nan)[..., None]
+    x, z = points[..., 0], points[..., 2]
+    inside = (x > -60) & (x < 1) & (z > -8) & (z < 0.5)
+    assert inside.sum() > 20_000
+    assert (inside ^ ground.mask).sum() < 0.01 * inside.sum()
+
+
 def test_no_triangles_and_a_camera_in_the_plane_give_an_empty_mask():
     assert not project_to_ground(np.zeros((0, 3, 3)), looking_down(), 0.0).mask.any()
     edge_on = project_to_ground(square_at((0, -3), 0.5, 2.0), looking_down(height=2.0), 2.0)

@@ -1,0 +1,33 @@
+"""Signals that end a run, heard once, wherever they arrive.
+
+A KeyboardInterrupt that is raised while FFmpeg calls back into Python is lost on the way, so the
+signal is also remembered, and long loops look.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+heard = threading.Event()
+
+
+def hear(number: int, frame: FrameType | None) -> None:
+    """A signal handler: the first signal interrupts, later ones do not disturb the cleaning up."""
+    if not heard.is_set():
+        heard.set()
+        raise KeyboardInterrupt
+
+
+def look() -> None:
+    """Raise the interrupt that got lost, if there was one.
+
+    Raises:
+        KeyboardInterrupt: a signal was heard.
+    """
+    if heard.is_set():
+        raise KeyboardInterrupt

@@ -1,0 +1,83 @@
+"""`--range`: the frames from A to B - 1, and of the other streams what lies beside them in time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.source import Source
+
+if TYPE_CHECKING:
+    import av
+
+    Packet = av.Packet[Any]
+
+_INTERLEAVING_S = Fraction(2)  # how far apart in a file two streams' packets of one moment may lie
+
+
+class Trim:
+    """Reads a source and lets through what the range asks for; its first frame is at time 0.
+
+    Args:
+        source: the frames and, through its `packet_sink`, the other streams' packets.
+        frames: first index and the one past the last, None for an open end.
+    """
+
+    def __init__(self, source: Source, frames: tuple[int, int | None]) -> None:
+        self._source = source
+        self._first, self._end = frames
+        self._packets: deque[Packet] = deque()
+        self._start_s: Fraction | None = None if self._first else Fraction(0)
+        self._start_pts = 0
+        self._end_s: Fraction | None = None
+        source.packet_sink = self._packets.append
+
+    def items(self) -> Iterator[SourceFrame | Packet]:
+        """Frames and packets in the order in which the source holds them."""
+        for frame in self._source:
+            moment = frame.pts * frame.time_base
+            if self._end is not None and frame.index >= self._end:
+                if self._end_s is None:
+                    self._end_s = moment
+                # sound that belongs beside the last frames may come after them
+                if not self._source.info.copied or moment > self._end_s + _INTERLEAVING_S:
+                    break
+            yield from self._released(moment)
+            if frame.index >= self._first and self._end_s is None:
+                if self._start_s is None:
+                    self._start_pts, self._start_s = frame.pts, moment
+                    yield from self._released(moment)
+                yield replace(frame, pts=frame.pts - self._start_pts)
+        yield from self._released(None)
+
+    def _released(self, moment: Fraction | None) -> Iterator[Packet]:
+        """The packets that may go; those before the beginning wait until it is known."""
+        if self._start_s is None:
+            while self._packets and moment is not None:
+                if _seconds(self._packets[0]) > moment - _INTERLEAVING_S:
+                    return
+                self._packets.popleft()
+            return
+        while self._packets:
+            packet = self._packets.popleft()
+            if self._first and _seconds(packet) < self._start_s:
+                continue
+            if self._end_s is not None and _seconds(packet) >= self._end_s:
+                continue
+            yield self._shifted(packet)
+
+    def _shifted(self, packet: Packet) -> Packet:
+        if self._start_s and packet.time_base:
+            ticks = round(self._start_s / packet.time_base)
+            packet.dts = None if packet.dts is None else packet.dts - ticks
+            packet.pts = None if packet.pts is None else packet.pts - ticks
+        return packet
+
+
+def _seconds(packet: Packet) -> Fraction:
+    ticks = packet.pts if packet.pts is not None else packet.dts
+    return (ticks or 0) * Fraction(packet.time_base or 0)

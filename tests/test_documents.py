@@ -1,0 +1,34 @@
+"""What is written for people is finished and true."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from nlens_video.arguments import COMMANDS, _render_parser
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    path
+    for path in sorted(ROOT.rglob("*.md"))
+    if not {".venv", "node_modules", "runs"} & set(path.relative_to(ROOT).parts)
+]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_page_holds_no_placeholder_and_no_dead_link(page):
+    text = page.read_text()
+    assert not re.search(r"@@?[A-Z]+@|\bTODO\b|\bTBD\b|^POINTS$", text, re.MULTILINE)
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page}: {target} is not there"
+
+
+def test_options_that_the_readme_names_exist():
+    known = set(_render_parser()._option_string_actions)
+    named = set(re.findall(r"--[a-z][a-z-]+", (ROOT / "README.md").read_text()))
+    assert named <= known, named - known
+    for command in re.findall(
+        r"^nlens-video (\w+) ", (ROOT / "README.md").read_text(), re.MULTILINE
+    ):
+        assert command in COMMANDS or command == "in"
