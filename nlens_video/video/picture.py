@@ -58,20 +58,26 @@ class AvPicture(_Blended):
         tags: what the samples mean; default: what the frame's own tags say.
         rotation: counter-clockwise turn that makes it upright, a multiple of 90 [deg]; default:
             the frame's display matrix.
+        centred_chroma: whether chroma at half the width lies between two luma columns, as in
+            JPEG; default: on the left one, as in nearly all video of either range.
 
     Raises:
         InputError: the pixel format is one that nothing is known about.
     """
 
     def __init__(
-        self, frame: av.VideoFrame, tags: ColorTags | None = None, *, rotation: int | None = None
-    ) -> None:
+        self, frame: av.VideoFrame, tags: ColorTags | None = None, *, rotation: int | None = None,
+        centred_chroma: bool = False,
+    ) -> None:  # fmt: skip
         self.frame = unpacked(frame)
         self.tags = frame_tags(self.frame) if tags is None else tags
         self.rotation = frame.rotation if rotation is None else rotation
+        self.centred_chroma = centred_chroma
 
     def _samples(self) -> Samples:
-        return frame_samples(self.frame, self.tags, round(self.rotation / 90))
+        return frame_samples(
+            self.frame, self.tags, round(self.rotation / 90), centred_chroma=self.centred_chroma
+        )
 
     def over(self, box: Box, rgba: Float32) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""

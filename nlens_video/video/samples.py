@@ -29,12 +29,16 @@ def frame_tags(frame: av.VideoFrame, *, transfer: int = 0) -> ColorTags:
     )  # fmt: skip
 
 
-def frame_samples(frame: av.VideoFrame, tags: ColorTags, turns: int) -> Samples:
-    """Views of a frame in a working format, turned `turns` quarter turns counter-clockwise."""
+def frame_samples(
+    frame: av.VideoFrame, tags: ColorTags, turns: int, *, centred_chroma: bool = False
+) -> Samples:
+    """Views of a frame in a working format, turned `turns` quarter turns counter-clockwise.
+
+    Chroma at half the width lies on the left luma column, or centred between two.
+    """
     kind = _layout(frame)
     views = [_view(frame, kind, plane, place) for plane, place in kind.components]
-    # FFmpeg's 4:2:0 and 4:2:2 have chroma on the left luma column, JPEG's in the middle.
-    left = kind.step_x == 2 and not tags.full_range
+    left = kind.step_x == 2 and not centred_chroma
     across = _axis(kind.step_x, left=left)
     return upright(views, kind, tags, (across, _axis(kind.step_y, left=False)), turns)
 

@@ -22,6 +22,8 @@ from nlens_video.video.samples import frame_tags
 
 PacketSink: TypeAlias = Callable[[Packet], None]
 _SRGB_TRC = 13
+_CENTRED_CHROMA = ("mjpeg", "mpeg1video")
+"""Codecs whose 4:2:0 and 4:2:2 have chroma midway between luma columns (JFIF, ISO 11172-2)."""
 _RETRIES = 8
 """Read errors in a row after which a source counts as ended."""
 
@@ -130,7 +132,10 @@ class AvSource:
                 )
             pts = clock.tick(frame.pts)
             frame.pts = pts
-            picture = AvPicture(frame, self.info.tags, rotation=self.info.rotation)
+            picture = AvPicture(
+                frame, self.info.tags, rotation=self.info.rotation,
+                centred_chroma=self.info.codec in _CENTRED_CHROMA,
+            )  # fmt: skip
             yield SourceFrame(
                 index=index, pts=pts, time_base=clock.time_base, time_s=clock.seconds(pts),
                 duration=frame.duration or 0, picture=picture,

@@ -5,7 +5,7 @@ import copy
 import av
 import numpy as np
 import pytest
-from clips import noise_frame, planes
+from clips import noise_frame, planes, write_clip
 
 from nlens_video.color import ColorTags
 from nlens_video.errors import InputError
@@ -14,12 +14,17 @@ from nlens_video.kernels import blend, blend_ref
 from nlens_video.video.formats import working_format
 from nlens_video.video.picture import ArrayPicture, AvPicture
 from nlens_video.video.samples import array_samples, frame_samples, frame_tags
+from nlens_video.video.source import open_source
 
 FORMATS = (
     "yuv420p", "yuvj420p", "yuv422p", "yuv444p", "yuv411p", "yuv440p", "yuv410p", "yuv420p10le",
     "yuv422p10le", "yuv444p12le", "yuva420p", "gray", "gray10le", "ya8", "gbrp", "gbrap16le",
     "rgb24", "bgr24", "rgba", "argb", "bgr0", "rgb48le", "rgba64le",
 )  # fmt: skip
+
+
+RED_CR = 255
+"""Cr of pure red in full range."""
 
 
 def layer(height, width, seed=1):
@@ -90,6 +95,37 @@ def test_only_the_chroma_cells_that_the_layer_touches_change():
         assert changed.size
         assert changed.min(axis=0).tolist() >= [6 // step, 8 // step]
         assert changed.max(axis=0).tolist() <= [9 // step, 11 // step]
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "centred"),
+    [
+        ("in.mp4", "libx264", False),
+        ("in.mov", "mjpeg", True),
+        ("in.jpg", "mjpeg", True),
+    ],
+)
+def test_full_range_chroma_lies_left_in_video_and_centred_in_jpeg(tmp_path, name, codec, centred):
+    frame = noise_frame(32, 24, "yuvj420p")
+    frame.color_range = 2
+    clip = tmp_path / name
+    if name.endswith("jpg"):
+        frame.save(str(clip))
+    else:
+        write_clip(clip, [frame], codec=codec)
+    with open_source(str(clip)) as source:
+        assert source.info.tags.full_range
+        (got,) = source
+    before = planes(got.picture.frame)
+    rgba = np.zeros((24, 32, 4), np.float32)
+    rgba[:, 9] = (1.0, 0.0, 0.0, 1.0)  # the right one of the luma columns of chroma column 4
+    got.picture.over(Box(0, 0, 32, 24), rgba)
+    change = np.abs(planes(got.picture.frame)[2].astype(int) - before[2])[:, 4]
+    red = np.abs(RED_CR - before[2].astype(int))[:, 4]
+    # Its share is half where chroma lies between the two, a quarter where it lies on the left one.
+    assert np.median(change / np.maximum(red, 1)) == pytest.approx(
+        0.5 if centred else 0.25, abs=0.05
+    )
 
 
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "gbrp", "rgba", "gray"])
