@@ -80,7 +80,8 @@ def choose_encoding(
     Raises:
         UsageError: what the user asks for does not exist or does not go together.
     """
-    reasons: list[str] = []
+    # Encoders take no such side data from the frames that they are given.
+    reasons = ["HDR mastering metadata is not carried over"] if info.hdr_metadata else []
     name = _encoder(info, supported, container, codec, reasons)
     wanted = pix_fmt or working_format(info.pixel_format)
     if name == "libx264" and pix_fmt is None and codec is None and info.codec == "h264":

@@ -65,6 +65,7 @@ class SourceInfo:
         codec: FFmpeg's name of the codec; `exr` for OpenEXR.
         bit_rate: of the pictures, None where unknown [bit/s].
         interlaced: whether the first frame is two fields.
+        hdr_metadata: whether the first frame says how it was mastered or how bright it gets.
         copied: the audio, subtitle and data streams that travel along.
         metadata: of the container.
         chapters: of the container.
@@ -87,6 +88,7 @@ class SourceInfo:
     codec: str
     bit_rate: int | None = None
     interlaced: bool = False
+    hdr_metadata: bool = False
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
     chapters: tuple[av.container.Chapter, ...] = ()

@@ -11,6 +11,7 @@ from typing import Protocol, Self, TypeAlias
 import av
 import av.container
 import av.video.stream
+from av.sidedata.sidedata import Type as SideDataType
 from av.stream import Stream
 
 from nlens_video.errors import InputError, UsageError
@@ -24,6 +25,10 @@ PacketSink: TypeAlias = Callable[[Packet], None]
 _SRGB_TRC = 13
 _CENTRED_CHROMA = ("mjpeg", "mpeg1video")
 """Codecs whose 4:2:0 and 4:2:2 have chroma midway between luma columns (JFIF, ISO 11172-2)."""
+_HDR_METADATA = (
+    SideDataType.MASTERING_DISPLAY_METADATA, SideDataType.CONTENT_LIGHT_LEVEL,
+    SideDataType.DYNAMIC_HDR_PLUS, SideDataType.DOVI_METADATA,
+)  # fmt: skip
 _RETRIES = 8
 """Read errors in a row after which a source counts as ended."""
 
@@ -208,7 +213,9 @@ class AvSource:
             ),
             sample_aspect_ratio=stream.sample_aspect_ratio or None,
             codec=stream.codec.name, bit_rate=stream.bit_rate or None,
-            interlaced=first.interlaced_frame, copied=tuple(map(_described, self._copied)),
+            interlaced=first.interlaced_frame,
+            hdr_metadata=any(one in first.side_data for one in _HDR_METADATA),
+            copied=tuple(map(_described, self._copied)),
             metadata=dict(container.metadata), chapters=tuple(container.chapters()),
             notes=_left_out(container, stream, self._copied),
         )  # fmt: skip

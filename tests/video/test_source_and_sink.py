@@ -126,6 +126,24 @@ def test_colour_tags_and_aspect_are_carried_over(tmp_path):
         assert out.info.pixel_format == "yuv420p10le"
 
 
+MASTERED = (
+    "log-level=error:hdr10=1:repeat-headers=1:max-cll=1000,400:master-display="
+    "G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1)"
+)
+
+
+@pytest.mark.parametrize("name", ["out.mp4", "out_%04d.png"])
+@pytest.mark.parametrize("mastered", [False, True])
+def test_hdr_mastering_metadata_that_gets_lost_is_told(tmp_path, name, mastered):
+    parameters = MASTERED if mastered else "log-level=error"
+    clip = write_clip(
+        tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p10le", seed) for seed in range(4)],
+        codec="libx265", options={"x265-params": parameters},
+    )  # fmt: skip
+    notes = copy(clip, tmp_path / name)
+    assert ("HDR mastering metadata is not carried over" in notes) == mastered
+
+
 @pytest.mark.parametrize("deep", [False, True])
 def test_a_png_still_comes_back_bit_for_bit_in_its_own_depth(tmp_path, deep):
     rng = np.random.default_rng(0)
