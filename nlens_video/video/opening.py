@@ -51,6 +51,9 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         kind = "stream"
         if spec.startswith("/dev/video"):
             format_ = format_ or "v4l2"
+    elif Path(spec).is_file() and (format_ is None or format_ == "rawvideo"):
+        # what is there is meant: no pattern though it has a %d, no protocol though it has a colon
+        file = f"file:{spec}"
     elif Numbered.matches(spec):
         first = Numbered(spec).span().start
         format_, kind = "image2", "sequence"

@@ -159,7 +159,8 @@ class VideoSink:
             options["avoid_negative_ts"] = "disabled"
         if self._keep and self._path is not None and self._path.suffix in (".mp4", ".mov", ".m4v"):
             options["movflags"] = "hybrid_fragmented"
-        target = str(self._partial or self._spec)
+        # a name with a colon in it is no protocol
+        target = f"file:{self._partial}" if self._partial else self._spec
         try:
             return av.open(target, "w", container_options=options)
         except ValueError as error:
