@@ -76,7 +76,7 @@ def draw_batch(
     for i, number in enumerate(rng.integers(oldest, drawn, count)):
         index = number % len(data.pictures)
         y, x = rng.integers(0, (SIZE - crop) // LABEL_STEP + 1, 2)
-        rows, columns = slice(4 * y, 4 * y + crop), slice(4 * x, 4 * x + crop)
+        rows, columns = (slice(at * LABEL_STEP, at * LABEL_STEP + crop) for at in (y, x))
         picture = np.rot90(data.pictures[index, rows, columns], turns := int(rng.integers(4)))
         target = np.rot90(data.labels[index, y : y + side, x : x + side], turns)
         flip = int(rng.integers(2)) * 2 - 1
