@@ -53,6 +53,7 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
             format_ = format_ or "v4l2"
     elif Path(spec).is_file() and (format_ is None or format_ == "rawvideo"):
         # what is there is meant: no pattern though it has a %d, no protocol though it has a colon
+        _check_file(spec)
         file = f"file:{spec}"
     elif Numbered.matches(spec):
         first = Numbered(spec).span().start
