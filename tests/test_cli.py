@@ -80,7 +80,7 @@ def test_lens_is_found_from_the_plate_alone(files, tmp_path):
     run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
     assert run.returncode == 0, run.stderr
     fit = json.loads((tmp_path / "fit.json").read_text())
-    for depth in (1.5, 1.8, 2.6):
+    for depth in (1.9, 2.4, 3.5):  # of the ground that the plate shows, the object's among them
         true = shots.SLOPE / depth + shots.INTERCEPT
         assert fit["slope"] / depth + fit["intercept"] == pytest.approx(true, abs=1.5)
 
