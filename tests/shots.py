@@ -40,7 +40,7 @@ def plate(seed=0):
     for octave in range(6):
         size = (max(2, WIDTH >> octave), max(2, HEIGHT >> octave))
         noise = rng.random((size[1], size[0], 3), np.float32) - 0.5
-        light += cv2.resize(noise, (WIDTH, HEIGHT), interpolation=cv2.INTER_LINEAR)
+        light += cv2.resize(noise, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
     light = np.clip(0.3 + 0.25 * light, 0.02, 1.0)
     opaque = np.dstack([light, np.ones((HEIGHT, WIDTH), np.float32)])
     coc = (SLOPE * disparity + INTERCEPT).astype(np.float32)
