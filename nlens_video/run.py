@@ -242,15 +242,18 @@ def _items(
 ) -> Iterator[FrameState | Packet]:
     """Frames as the graph takes them, and packets, in the source's order."""
     items = trim.items()
+    spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
     while True:
         with profiler.clock() as clock:
             item = next(items, None)
+        spent_ms += clock.elapsed_ms
         if item is None:
             return
         if not isinstance(item, SourceFrame):
             yield item
             continue
-        profiler.add(item.index, "decode", clock.elapsed_ms)
+        profiler.add(item.index, "decode", spent_ms)
+        spent_ms = 0.0
         state = assembly.steps.enter(item)
         for observer in watching:
             observer.entering(state)
