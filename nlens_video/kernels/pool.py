@@ -1,0 +1,76 @@
+"""Work shared among the process' processors, on threads that are made once."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import TypeVar
+
+T = TypeVar("T")
+
+_lock = threading.Lock()
+_pool: ThreadPoolExecutor | None = None
+
+
+def processors() -> int:
+    """How many processors this process may use: not all, where a container or taskset forbids."""
+    count = getattr(os, "process_cpu_count", None)  # from Python 3.13 on
+    if count is not None:
+        return count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def share(work: Callable[[T], None], items: Iterable[T], workers: int | None = None) -> None:
+    """Do `work` on all items, in any order and side by side; wait until all is done.
+
+    The calling thread is one of the workers, and no helper that did not start is waited for. So
+    this ends even while others keep the pool busy, and from within `work` too.
+
+    Args:
+        work: releases the interpreter's lock for most of its time.
+        items: what to work on.
+        workers: how many items at a time at most; default: `processors()`, also the upper limit.
+    """
+    left = deque(items)
+
+    def drain() -> None:
+        while True:
+            try:
+                item = left.popleft()
+            except IndexError:
+                return
+            work(item)
+
+    wanted = processors() if workers is None else workers
+    helpers = min(wanted, len(left)) - 1
+    futures = [_threads().submit(drain) for _ in range(helpers)]
+    try:
+        drain()
+    finally:
+        started = [future for future in futures if not future.cancel()]
+        wait(started)
+    for future in started:
+        future.result()
+
+
+def _threads() -> ThreadPoolExecutor:
+    global _pool  # noqa: PLW0603 - one pool a process is the point
+    with _lock:
+        if _pool is None:
+            _pool = ThreadPoolExecutor(max(1, processors() - 1), thread_name_prefix="kernels")
+        return _pool
+
+
+def _forget() -> None:
+    """A forked child has none of its parent's threads, and perhaps a lock that one of them held."""
+    global _pool, _lock  # noqa: PLW0603
+    _pool, _lock = None, threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)

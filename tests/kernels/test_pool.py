@@ -1,0 +1,74 @@
+"""Sharing work: all of it is done once, on threads that stay, in any process."""
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from nlens_video.kernels.pool import processors, share
+
+needs_affinity = pytest.mark.skipif(
+    not hasattr(os, "sched_setaffinity"), reason="this system binds no process to processors"
+)
+
+
+@pytest.mark.parametrize("workers", [None, 1, 2, 5])
+def test_every_item_is_worked_on_once(workers):
+    done = []
+    share(done.append, range(100), workers)
+    assert sorted(done) == list(range(100))
+
+
+def test_nothing_to_do_is_done_at_once():
+    share(lambda _: pytest.fail("there is no item"), [])
+
+
+def test_threads_are_made_once():
+    share(lambda _: None, range(100), 3)
+    before = threading.active_count()
+    for _ in range(5):
+        share(lambda _: None, range(100), 3)
+    assert threading.active_count() == before
+
+
+def test_an_error_of_any_worker_reaches_the_caller():
+    def fail(item):
+        raise ValueError(f"item {item}")
+
+    with pytest.raises(ValueError, match="item"):
+        share(fail, range(9), 2)
+
+
+def test_work_may_share_work_itself():
+    done = []
+    share(lambda _: share(done.append, range(10), 4), range(10), 4)
+    assert len(done) == 100
+
+
+@needs_affinity
+def test_processors_that_are_forbidden_do_not_count():
+    allowed = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(allowed)})
+        assert processors() == 1
+    finally:
+        os.sched_setaffinity(0, allowed)
+    assert processors() == len(allowed)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_child_shares_work_and_both_end():
+    code = (
+        "import os, sys\n"
+        "from nlens_video.kernels.pool import share\n"
+        "done = []\n"
+        "share(done.append, range(50), 3)\n"
+        "child = os.fork()\n"
+        "share(done.append, range(50), 3)\n"
+        "status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) if child else 0\n"
+        "sys.exit(status if len(done) == 100 else 1)\n"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    assert subprocess.run(command, timeout=30, check=False).returncode == 0
