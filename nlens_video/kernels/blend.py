@@ -10,8 +10,6 @@ import numpy as np
 
 from nlens_video.frames import Box, Float32
 from nlens_video.kernels.blend_samples import (
-    FIRST_OCTAVE,
-    STEPS_BITS,
     Axis,
     Plane,
     Samples,
@@ -20,8 +18,10 @@ from nlens_video.kernels.blend_samples import (
     tables,
 )
 
+# numba's cache on disk is renewed when this file changes, and only then: a number compiled in from
+# `blend_samples` would go stale, so it stands here too, and a test holds the two together
+STEPS_BITS, FIRST_OCTAVE = 7, -40
 _SHIFT = 23 - STEPS_BITS
-_PIECES = 1 << STEPS_BITS
 _FIRST_PIECE = (127 + FIRST_OCTAVE) << STEPS_BITS
 _SMALLEST = np.float32(2.0**FIRST_OCTAVE)
 _MASK = np.int32((1 << _SHIFT) - 1)
