@@ -47,7 +47,7 @@ def examine(*, as_json: bool) -> int:
     ):
         findings.append(_tried(what, attempt))
     if as_json:
-        print(json.dumps([asdict(finding) for finding in findings], indent=2))  # noqa: T201
+        sys.stdout.write(json.dumps([asdict(finding) for finding in findings], indent=2) + "\n")
     else:
         _show(findings)
     return 1 if any(finding.works is False for finding in findings) else 0

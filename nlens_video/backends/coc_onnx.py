@@ -41,7 +41,7 @@ class OnnxCocNetwork:
             session = onnxruntime.InferenceSession(
                 str(path), options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # noqa: BLE001  (the runtime's errors share no public base)
+        except Exception as error:  # the runtime's errors share no public base
             cause = str(error).splitlines()[0]
             raise NlensError(
                 f"{path}: ONNX Runtime cannot load this network ({cause}); install the package anew"

@@ -18,7 +18,7 @@ MATERIAL_FLOATS = 4 * 14
 _SHRINKING = {GL.GL_NEAREST, GL.GL_LINEAR}
 
 
-class GpuTexture(pyrender.Texture):  # type: ignore[misc]
+class GpuTexture(pyrender.Texture):  # type: ignore[misc]  # untyped base
     """A texture whose colours are decoded before they are filtered."""
 
     def __init__(self, image: Image) -> None:
@@ -54,7 +54,7 @@ class GpuTexture(pyrender.Texture):  # type: ignore[misc]
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
 
-class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]
+class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # untyped base
     """A material with its textures and its numbers as the shader reads them."""
 
     def __init__(self, material: Material, textures: dict[Image, GpuTexture]) -> None:
@@ -101,7 +101,7 @@ def _material_block(material: Material, uses: list[TextureUse | None]) -> Float3
     return np.array(rows, dtype=np.float32).ravel()
 
 
-class GpuPrimitive(pyrender.Primitive):  # type: ignore[misc]
+class GpuPrimitive(pyrender.Primitive):  # type: ignore[misc]  # untyped base
     """Triangles whose positions and normals change from frame to frame."""
 
     def __init__(self, posed: PosedMesh, material: GpuMaterial) -> None:

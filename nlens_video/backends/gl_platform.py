@@ -14,9 +14,9 @@ from nlens_video.errors import NlensError
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")
 
-from OpenGL import EGL, GL  # noqa: E402
-from OpenGL.error import Error as GlError  # noqa: E402
-from pyrender.platforms import egl  # noqa: E402
+from OpenGL import EGL, GL
+from OpenGL.error import Error as GlError
+from pyrender.platforms import egl
 
 _CODES = {
     int(code): code.name
@@ -29,7 +29,7 @@ _CODES = {
 }
 
 
-class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]
+class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]  # untyped base
     """pyrender's EGL platform, which several renderers of one process can use side by side."""
 
     _egl_display: object

@@ -56,7 +56,7 @@ class View:
     height: int
 
 
-class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]
+class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
     """Draws one posed scene; needs a current context from construction to `delete`."""
 
     def __init__(self, posed: PosedScene) -> None:

@@ -45,7 +45,7 @@ class _End:
 _Message = object
 
 
-class _Stopped(Exception):  # noqa: N818 - a signal between our own threads, never an error
+class _Stopped(Exception):
     """The consumer has closed the stream."""
 
 
@@ -175,7 +175,7 @@ def _work(lane: Lane[T], inlet: _Link, outlet: _Link) -> None:
                 if isinstance(message, _Fault | _End):
                     outlet.put(message)
                     return
-                outlet.put(step(message))  # type: ignore[arg-type]
+                outlet.put(step(message))  # type: ignore[arg-type]  # an item, as above
     except _Stopped:
         return
     except BaseException as error:  # noqa: BLE001 - handed on, raised at the consumer

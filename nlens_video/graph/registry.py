@@ -62,7 +62,7 @@ class Tools:
     repair: ReblurNetwork | None = None
 
 
-class Unavailable(Exception):  # noqa: N818 - an answer, not a fault: the graph runs without it
+class Unavailable(Exception):
     """A stage that this installation cannot run, and why."""
 
 

@@ -48,7 +48,7 @@ def _dot(matrix, row, a, b, c):  # type: ignore[no-untyped-def]  # noqa: ANN001,
     return matrix[row, 0] * a + matrix[row, 1] * b + matrix[row, 2] * c
 
 
-def _linear(planes, axes, corner, rgb_from_codes, to_linear, to_bt709, to_display, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0913
+def _linear(planes, axes, corner, rgb_from_codes, to_linear, to_bt709, to_display, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Fill `out` (h, w, 3); `to_display` is a table from light to codes, or empty."""
     first, second, third = planes
     across, down = axes
@@ -80,7 +80,7 @@ def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN
     plane[y, x] = value
 
 
-def _over(planes, alpha, associated, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0912, PLR0913, PLR0915
+def _over(planes, alpha, associated, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
     """`blend_ref.over`; `before` holds first component and alpha of the box as they were."""
     first, second, third = planes
     luma_before, alpha_before = before

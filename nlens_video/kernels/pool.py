@@ -59,7 +59,7 @@ def share(work: Callable[[T], None], items: Iterable[T], workers: int | None = N
 
 
 def _threads() -> ThreadPoolExecutor:
-    global _pool  # noqa: PLW0603 - one pool a process is the point
+    global _pool  # one pool a process is the point
     with _lock:
         if _pool is None:
             _pool = ThreadPoolExecutor(max(1, processors() - 1), thread_name_prefix="kernels")
@@ -68,7 +68,7 @@ def _threads() -> ThreadPoolExecutor:
 
 def _forget() -> None:
     """A forked child has none of its parent's threads, and perhaps a lock that one of them held."""
-    global _pool, _lock  # noqa: PLW0603
+    global _pool, _lock
     _pool, _lock = None, threading.Lock()
 
 

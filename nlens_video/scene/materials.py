@@ -137,7 +137,7 @@ def _dielectric(item: Fields) -> tuple[float, tuple[float, ...]]:
     return weight, tuple(weight * min(1.0, reflectance * c) for c in color)
 
 
-def _texture_use(  # noqa: PLR0913
+def _texture_use(
     document: Document,
     images: ImageReader,
     owner: Fields,
