@@ -17,6 +17,8 @@ _FIXED_RATE = ("mpeg1video", "mpeg2video")
 _MPEG4_LARGEST = 65535
 """Largest denominator of a time base in an MPEG-4 part 2 header."""
 
+_LONGEST_DELAY_S = 60  # between decoding and showing a frame: more is no delay but an error
+
 
 class EncoderClock:
     """Passes pts through exactly.
@@ -35,6 +37,11 @@ class EncoderClock:
 
     def retimed(self, packets: Packets) -> Packets:
         """The encoder's packets at the source's times."""
+        for packet in packets:
+            # x265 leaves dts to chance in clips shorter than its reordering delay
+            if packet.pts is not None and packet.dts is not None and packet.time_base:
+                if abs(packet.pts - packet.dts) * packet.time_base > _LONGEST_DELAY_S:
+                    packet.dts = packet.pts
         return packets
 
 

@@ -13,6 +13,7 @@ from clips import VFR, copy, noise_frame, planes, read_packets, read_times, writ
 
 from nlens_video.errors import InputError, OutputError, UsageError
 from nlens_video.frames import Box
+from nlens_video.video.encoder_clock import EncoderClock
 from nlens_video.video.exr import write_layers
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
@@ -124,6 +125,18 @@ def test_colour_tags_and_aspect_are_carried_over(tmp_path):
         )  # fmt: skip
         assert out.info.tags.assumed == ()
         assert out.info.pixel_format == "yuv420p10le"
+
+
+def test_packet_whose_decoding_time_is_left_to_chance_is_decoded_when_it_is_shown(tmp_path):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")])
+    packet = av.Packet(8)
+    packet.pts, packet.dts, packet.time_base = 40, -(2**62), Fraction(1, 1000)
+    delayed = av.Packet(8)
+    delayed.pts, delayed.dts, delayed.time_base = 200, 120, Fraction(1, 1000)
+    with open_source(str(clip)) as source:
+        first, second = EncoderClock(source.info).retimed([packet, delayed])
+    assert (first.pts, first.dts) == (40, 40)
+    assert (second.pts, second.dts) == (200, 120)
 
 
 MASTERED = (
