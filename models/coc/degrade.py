@@ -74,6 +74,12 @@ def sensed(rng: Rng, linear: Float32) -> Float32:
     return np.float32(linear + deviation * grain)
 
 
+def noisy(rng: Rng, code: Float32) -> Float32:
+    """Noise added to the code values, as an editor, a gained-up camera or a bad link leaves it."""
+    deviation = np.float32(rng.uniform(0.004, 0.035))
+    return np.clip(code + deviation * rng.standard_normal(code.shape, dtype=np.float32), 0, 1)
+
+
 def toned(rng: Rng, linear: Float32) -> Float32:
     """Exposure, white balance, tone curve, clipping: scene-linear light to code values [0, 1]."""
     level = float(np.percentile(linear, rng.choice([50.0, 90.0]))) + 0.003
@@ -130,11 +136,11 @@ def through_h264(picture: Uint8, crf: int) -> Uint8:
 
 
 def compressed(rng: Rng, picture: Uint8) -> Uint8:
-    """JPEG (half of the pictures), H.264 (a tenth) or nothing."""
+    """JPEG (two fifths of the pictures), H.264 (a quarter) or nothing."""
     kind = rng.random()
-    if kind < 0.1:
-        return through_h264(picture, int(rng.integers(10, 29)))
-    if kind < 0.6:
+    if kind < 0.25:
+        return through_h264(picture, int(rng.integers(12, 33)))
+    if kind < 0.65:
         quality = int(100 - 40 * rng.random() ** 1.7 - 2)
         _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
@@ -155,4 +161,6 @@ def photographed(rng: Rng, linear: Float32) -> Uint8:
         code = sharpened(rng, code)
     if rng.random() < 0.06:
         code = resampled(rng, code)
+    if rng.random() < 0.15:
+        code = noisy(rng, code)
     return compressed(rng, np.uint8(np.clip(code * 255 + 0.5, 0, 255)))

@@ -15,7 +15,8 @@ from torch import Tensor, nn
 STRIDE = 32  # height and width must be multiples of it [px]
 LABEL_STEP = 4
 WIDTHS = (24, 48, 64, 80, 88)
-DEPTHS = (0, 2, 2, 2, 1)
+DEPTHS = (0, 2, 3, 4, 4)
+DECODER_DEPTHS = (2, 2, 2)  # at 1/16, 1/8 and 1/4 of the size
 MIN_LOG_SCALE, MAX_LOG_SCALE = -5.0, 1.5
 CONTRAST_FLOOR = 0.004  # a code value: fainter contrast is not amplified further
 CONTRAST_STEP = 8  # cell of the local contrast; it is gathered over five cells [px]
@@ -64,9 +65,9 @@ class CocNet(nn.Module):
             self.down.append(nn.Conv2d(before, width, 3, stride=2, padding=1))
             self.encode.append(self._blocks(width, depth))
         self.lateral, self.decode = nn.ModuleList(), nn.ModuleList()
-        for deep, width in zip(widths[:1:-1], widths[-2:0:-1], strict=True):
+        for deep, width, depth in zip(widths[:1:-1], widths[-2:0:-1], DECODER_DEPTHS, strict=True):
             self.lateral.append(nn.Conv2d(deep, width, 1))
-            self.decode.append(self._blocks(width, 1))
+            self.decode.append(self._blocks(width, depth))
         self.head = nn.Sequential(
             nn.ReLU(), nn.Conv2d(widths[1], widths[1], 3, padding=1), nn.ReLU()
         )

@@ -26,7 +26,7 @@ from models.coc.textures import GRAINED_SHARE, Photos, grained, noise, surface
 
 Float32 = npt.NDArray[np.float32]
 Rng = np.random.Generator
-SIZE = 256  # edge of a finished picture [px]
+SIZE = 384  # edge of a finished picture: the network learns to look as far around [px]
 MARGIN = 32  # what light can come from beyond the border [px]
 MAX_COC_PX = 64.0
 PHOTO_SHARE = 0.4
@@ -232,7 +232,7 @@ def draw_things(rng: Rng, layout: Layout, photos: Photos) -> list[tuple[Float32,
     placed = []
     for _ in range(count):
         base = rng.uniform(0.1 * size, 1.0 * size, 2)
-        reach = float(np.exp(rng.uniform(np.log(14), np.log(200))))
+        reach = float(np.exp(rng.uniform(np.log(14), np.log(260))))
         at = layout.disparity[int(min(base[1], size - 1)), int(min(base[0], size - 1))]
         if rng.random() < 0.35:
             at = at * rng.uniform(1.0, 1.6)

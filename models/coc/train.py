@@ -3,8 +3,8 @@
     python -m models.coc.train --data /tmp/coc_data --validation /tmp/coc_val --out /tmp/coc_run \
         --minutes 80 [--plates FOLDER]
 
-The schedule follows training time, not steps: learning rate along a cosine, crops of 160 px, then
-whole pictures of 256 px for the last quarter. A run that stopped goes on from its checkpoint.
+The schedule follows training time, not steps: learning rate along a cosine, crops of 256 px, then
+whole pictures of 384 px for the second half. A run that stopped goes on from its checkpoint.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ from models.coc.scene import SIZE
 
 WARM_UP_STEPS = 300
 EMA_DECAY = 0.999
-NEWEST = 4000  # batches come from the newest pictures, so that a better generator soon takes over
-LARGE_CROPS_FROM = 0.75  # share of the time
-CHECK_EVERY_S = 300.0
+NEWEST = 9000  # batches come from the newest pictures, so that a better generator soon takes over
+RENDERED_SHARE = 0.2  # of a batch, when there are rendered pictures
+LARGE_CROPS_FROM = 0.5  # share of the time
+CHECK_EVERY_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +50,8 @@ class Recipe:
 
     minutes: float = 80.0
     rate: float = 1.2e-3
-    pixels: int = 8 * 160 * 160
-    crop: int = 160
+    pixels: int = 2 * 384 * 384
+    crop: int = 256
     beta: float = 0.5
     seed: int = 1
 
@@ -64,17 +65,34 @@ class Recipe:
         return self.crop if progress < LARGE_CROPS_FROM else SIZE
 
 
+class Source:
+    """Where a batch comes from: drawn pictures and, once there are some, rendered ones."""
+
+    def __init__(self, drawn: Path, rendered: Path | None) -> None:
+        self._drawn = Reservoir(drawn)
+        self._path, self._rendered = rendered, None
+
+    def pick(self, rng: np.random.Generator) -> tuple[Reservoir, int]:
+        """A reservoir and the index of a picture in it."""
+        if self._rendered is None and self._path and (self._path / "state.json").exists():
+            self._rendered = Reservoir(self._path)
+        data = self._drawn
+        if self._rendered and self._rendered.drawn and rng.random() < RENDERED_SHARE:
+            data = self._rendered
+        drawn = data.drawn
+        oldest = max(0, drawn - min(len(data.pictures), NEWEST))
+        return data, int(rng.integers(oldest, drawn)) % len(data.pictures)
+
+
 def draw_batch(
-    rng: np.random.Generator, data: Reservoir, crop: int, count: int
+    rng: np.random.Generator, source: Source, crop: int, count: int
 ) -> tuple[Tensor, Tensor]:
     """Random crops, turned and re-exposed a little: RGB (n, 3, c, c) and CoC (n, c/4, c/4)."""
-    drawn = data.drawn
-    oldest = max(0, drawn - min(len(data.pictures), NEWEST))
     side = crop // LABEL_STEP
     pictures = np.empty((count, crop, crop, 3), np.float32)
     labels = np.empty((count, side, side), np.float32)
-    for i, number in enumerate(rng.integers(oldest, drawn, count)):
-        index = number % len(data.pictures)
+    for i in range(count):
+        data, index = source.pick(rng)
         y, x = rng.integers(0, (SIZE - crop) // LABEL_STEP + 1, 2)
         rows, columns = (slice(at * LABEL_STEP, at * LABEL_STEP + crop) for at in (y, x))
         picture = np.rot90(data.pictures[index, rows, columns], turns := int(rng.integers(4)))
@@ -111,11 +129,11 @@ class Run:
         """Share of the training time that has passed."""
         return self.trained_s / (60 * self.recipe.minutes)
 
-    def advance(self, data: Reservoir) -> float:
+    def advance(self, source: Source) -> float:
         """One step; returns the negative log-likelihood of its batch."""
         start = time.perf_counter()
         crop = self.recipe.crop_at(self.progress)
-        rgb, coc = draw_batch(self.rng, data, crop, max(1, self.recipe.pixels // crop**2))
+        rgb, coc = draw_batch(self.rng, source, crop, max(1, self.recipe.pixels // crop**2))
         for group in self.optimiser.param_groups:
             group["lr"] = self.recipe.rate_at(self.progress, self.step)
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -158,10 +176,17 @@ class Run:
         self.rng = np.random.default_rng([self.recipe.seed, self.step])
 
     def begin_from(self, path: Path) -> None:
-        """Take the shipped half-precision weights as the beginning of a new run."""
+        """Take the shipped half-precision weights as the beginning of a new run.
+
+        Residual blocks that those weights lack begin as the identity.
+        """
         weights = {
             name: value.float() for name, value in torch.load(path, weights_only=True).items()
         }
+        state = self.network.state_dict()
+        for name, value in state.items():
+            if name not in weights:
+                weights[name] = value * (".second." not in name)
         self.network.load_state_dict(weights)
         self.average.load_state_dict(weights)
 
@@ -228,6 +253,7 @@ def main() -> None:
     """Train until the time is up."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="reservoir written by data.py")
+    parser.add_argument("--rendered", type=Path, help="reservoir of rendered pictures, if any")
     parser.add_argument("--validation", type=Path, required=True, help="held-out reservoir")
     parser.add_argument("--out", type=Path, required=True, help="checkpoint and curve")
     parser.add_argument("--plates", type=Path, help="rendered plates, for the log only")
@@ -243,10 +269,10 @@ def main() -> None:
         run.load(options.out / "checkpoint.pt")
     elif options.begin_from:
         run.begin_from(options.begin_from)
-    data = Reservoir(options.data)
+    source = Source(options.data, options.rendered)
     recent, checked = 0.0, run.trained_s
     while run.progress < 1:
-        recent = recent * 0.99 + 0.01 * run.advance(data) if run.step else run.advance(data)
+        recent = recent * 0.99 + 0.01 * run.advance(source) if run.step else run.advance(source)
         if run.step % 100 == 0:
             minutes = run.trained_s / 60
             print(f"{minutes:6.1f} min  step {run.step}  nll {recent:.3f}", flush=True)
