@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from nlens_video import __version__
+from nlens_video.aperture import parse_aperture
 from nlens_video.errors import UsageError
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
@@ -73,6 +74,7 @@ def settings(words: argparse.Namespace) -> Settings:
         effects="defocus" if words.command == "fit" else words.effects,
         budget_ms=getattr(words, "budget_ms", 180.0),
         device=words.device,
+        aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
         fit=getattr(words, "fit", None),
         save_fit=words.save_fit,
         fallback=words.fallback,
@@ -133,6 +135,12 @@ def _add_common(parser: _Parser) -> None:
     lens.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     lens.add_argument(
         "--fallback", choices=("none", "constant"), default="none", help="if no fit is possible"
+    )
+    lens.add_argument(
+        "--aperture", default="round", metavar="A", help="round, BLADES[:TURN[:ROUNDNESS]], A.png"
+    )
+    lens.add_argument(
+        "--cat-eye", default=0.0, metavar="S", type=float, help="towards corners, 0 to 1"
     )
     raw = parser.add_argument_group("the plate")
     raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")

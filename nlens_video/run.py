@@ -211,6 +211,7 @@ def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler) -> Asse
         fit=LensFit.load(settings.fit) if settings.fit is not None else None,
         fallback=settings.fallback,
         device=settings.device,
+        aperture=settings.aperture,
     )
     view = View(
         width=info.width,

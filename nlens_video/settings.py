@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from nlens_video.aperture import ROUND, Aperture
+
 Device = Literal["auto", "cpu", "cuda"]
 Fallback = Literal["none", "constant"]
 
@@ -77,6 +79,7 @@ class Settings:
         effects: `auto`, `none`, or names separated by commas.
         budget_ms: what a frame may cost [ms].
         device: where networks and kernels run.
+        aperture: shape of the lens' aperture.
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what stands in for a fit that fails.
@@ -92,6 +95,7 @@ class Settings:
     effects: str = "auto"
     budget_ms: float = 180.0
     device: Device = "auto"
+    aperture: Aperture = ROUND
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"

@@ -20,7 +20,7 @@ LAYERS = [
     ["stages"],
     ["model_store", "scene", "video"],
     ["kernels"],
-    ["color", "lens", "v_fit"],
+    ["aperture", "color", "lens", "v_fit"],
     ["frames"],
     ["errors", "interrupts"],
 ]

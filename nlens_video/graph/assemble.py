@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
+from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.planner import Decision, decide
 from nlens_video.errors import UsageError
 from nlens_video.frames import CocMap, Picture
@@ -31,6 +32,7 @@ class Lens:
         fit: the lens, when it is known beforehand.
         fallback: what stands in for a fit that fails.
         device: where networks and kernels run.
+        aperture: shape of its aperture.
     """
 
     preset: str = "standard"
@@ -38,6 +40,7 @@ class Lens:
     fit: LensFit | None = None
     fallback: Fallback = "none"
     device: Device = "auto"
+    aperture: Aperture = ROUND
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +95,7 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         fallback_constant=lens.fallback == "constant",
         pixel_aspect=view.pixel_aspect,
         record=record,
+        aperture=lens.aperture,
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     graph = build(pipeline, decisions, tools, fit_given=fit is not None)
@@ -129,17 +133,17 @@ def _object_source(
     )
 
 
-def _load_estimator(pixel_aspect: float) -> Callable[[Picture], CocMap]:
+def _load_estimator(pixel_aspect: float) -> Callable[[Picture, Sequence[Picture]], CocMap]:
     from nlens_video.backends.coc_onnx import OnnxCocNetwork
     from nlens_video.model_store import find_model
     from nlens_video.stages.f_coc import EstimateCoc
 
-    estimator: Callable[[Picture], CocMap] | None = None
+    estimator: Callable[[Picture, Sequence[Picture]], CocMap] | None = None
 
-    def estimate(picture: Picture) -> CocMap:
+    def estimate(picture: Picture, following: Sequence[Picture]) -> CocMap:
         nonlocal estimator
         if estimator is None:  # loading takes as long as a few frames: only when it is needed
             estimator = EstimateCoc(OnnxCocNetwork(find_model("coc").path), pixel_aspect)
-        return estimator(picture)
+        return estimator(picture, following)
 
     return estimate

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from nlens_video.aperture import ROUND, Aperture
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
 from nlens_video.graph.objects import ObjectSource, Placement
@@ -50,15 +51,17 @@ class Tools:
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
         record: where the shot's intermediate results are kept.
+        aperture: shape of the lens' aperture.
         repair: the network that repairs the scatter, None where there is none.
     """
 
     objects: ObjectSource
-    estimate_coc: Callable[[], Callable[[Picture], CocMap]]
+    estimate_coc: Callable[[], Callable[[Picture, Sequence[Picture]], CocMap]]
     ground_y: float | None
     fallback_constant: bool
     pixel_aspect: float
     record: ShotRecord
+    aperture: Aperture = ROUND
     repair: ReblurNetwork | None = None
 
 
@@ -121,8 +124,10 @@ def _locate(tools: Tools) -> Made:
 def _estimate_coc(tools: Tools) -> Made:
     estimate = tools.estimate_coc()
 
-    def run(picture: Picture, placement: Placement) -> CocMap:
-        tools.record.plate_coc = estimate(picture)
+    def run(
+        picture: Picture, placement: Placement, following: tuple[Picture, ...] | None
+    ) -> CocMap:
+        tools.record.plate_coc = estimate(picture, following or ())
         return tools.record.plate_coc
 
     return Made(run, "F: CoC network, onnxruntime on the CPU")
@@ -223,7 +228,7 @@ class Stage:
 
 STAGES: dict[str, Stage] = {
     "locate": Stage(_locate, ("frame",), "placement"),
-    "estimate-coc": Stage(_estimate_coc, ("picture", "placement"), "plate_coc"),
+    "estimate-coc": Stage(_estimate_coc, ("picture", "placement", "following?"), "plate_coc"),
     "project": Stage(_project, ("placement",), "ground"),
     "fit": Stage(_fit, ("plate_coc", "ground", "frame"), "fit"),
     "render": Stage(_render, ("placement", "fit?"), "layer"),

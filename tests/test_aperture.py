@@ -1,0 +1,61 @@
+"""The aperture as a user states it."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from nlens_video.aperture import Aperture, parse_aperture
+from nlens_video.errors import UsageError
+
+
+@pytest.mark.parametrize(
+    ("text", "aperture"),
+    [
+        ("round", Aperture()),
+        ("6", Aperture(blades=6)),
+        ("7:15", Aperture(blades=7, rotation_deg=15.0)),
+        ("7:-15.5:0.3", Aperture(blades=7, rotation_deg=-15.5, roundness=0.3)),
+        ("heart.PNG", Aperture(image=Path("heart.PNG"))),
+    ],
+)
+def test_words_become_an_aperture(text, aperture):
+    assert parse_aperture(text) == aperture
+
+
+def test_a_cat_eye_goes_with_blades():
+    assert parse_aperture("5", cat_eye=0.4) == Aperture(blades=5, cat_eye=0.4)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "oval", "2", "0", "33", "6:x", "6:1:0.2:9", "6:nan", "6:0:1.5", "6:inf", "6.5"]
+)
+def test_words_that_make_no_aperture_are_refused_in_one_line(text):
+    with pytest.raises(UsageError) as error:
+        parse_aperture(text)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("strength", [-0.1, 1.1, math.nan])
+def test_a_cat_eye_out_of_range_is_refused(strength):
+    with pytest.raises(UsageError, match="cat-eye"):
+        Aperture(cat_eye=strength)
+
+
+def test_a_picture_with_a_cat_eye_is_refused():
+    with pytest.raises(UsageError, match="picture"):
+        parse_aperture("heart.png", cat_eye=0.2)
+
+
+@pytest.mark.parametrize(
+    ("aperture", "is_round"),
+    [
+        (Aperture(), True),
+        (Aperture(blades=6, roundness=1.0), True),
+        (Aperture(blades=6), False),
+        (Aperture(cat_eye=0.1), False),
+        (Aperture(image=Path("a.png")), False),
+    ],
+)
+def test_it_knows_whether_it_is_a_disc(aperture, is_round):
+    assert aperture.round is is_round
