@@ -11,14 +11,15 @@ from nlens_video.aperture import parse_aperture
 from nlens_video.errors import UsageError
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
-COMMANDS = ("render", "fit", "doctor")
-PLANNED = ("bench", "evaluate", "farm", "merge", "place", "check", "study")
+COMMANDS = ("render", "fit", "evaluate", "doctor")
+PLANNED = ("bench", "farm", "merge", "place", "check", "study")
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
+  nlens-video evaluate coc FOLDER     accuracy of estimate and fit on rendered ground truth
   nlens-video doctor                  what works on this machine, and what to install
 """
 
@@ -41,7 +42,13 @@ def parse(argv: list[str]) -> argparse.Namespace:
         raise UsageError(f"{argv[0]} is not in this version; there are {', '.join(COMMANDS)}")
     if argv and argv[0] in COMMANDS:
         command, argv = argv[0], argv[1:]
-    parser = {"render": _render_parser, "fit": _fit_parser, "doctor": _doctor_parser}[command]()
+    parsers = {
+        "render": _render_parser,
+        "fit": _fit_parser,
+        "evaluate": _evaluate_parser,
+        "doctor": _doctor_parser,
+    }
+    parser = parsers[command]()
     namespace = parser.parse_args(argv)
     namespace.command = command
     return namespace
@@ -178,6 +185,15 @@ def _fit_parser() -> _Parser:
     parser = _base("nlens-video fit", "Find the lens of a plate and keep it as JSON.")
     _add_common(parser)
     parser.add_argument("save_fit", metavar="FIT.json", type=Path)
+    return parser
+
+
+def _evaluate_parser() -> _Parser:
+    about = "Measure stages on plates with known lens: rendered ground truth, a folder a plate."
+    parser = _base("nlens-video evaluate", about)
+    parser.add_argument("what", choices=("coc",), help="coc: the plate's CoC and the lens fit")
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")
     return parser
 
 

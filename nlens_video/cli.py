@@ -81,6 +81,10 @@ def _run(argv: list[str]) -> int:
         from nlens_video.doctor import examine
 
         return examine(as_json=words.json)
+    if words.command == "evaluate":
+        from nlens_video.evaluate.coc import evaluate_coc
+
+        return evaluate_coc(words.folder, words.out, as_json=words.json, quiet=words.quiet)
     from nlens_video.show import Voice
 
     voice = Voice(

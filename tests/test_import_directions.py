@@ -12,8 +12,8 @@ PACKAGE = Path(__file__).parents[1] / "nlens_video"
 LAYERS = [
     ["__main__"],
     ["cli"],
-    ["compositor", "doctor", "run", "show"],
-    ["observers", "outcome", "report", "trim"],
+    ["compositor", "doctor", "evaluate", "run", "show"],
+    ["look_ahead", "observers", "outcome", "report", "trim"],
     ["arguments", "graph"],
     ["effects", "settings"],
     ["backends"],

@@ -1,0 +1,1 @@
+"""The paper's protocol and beyond: stages measured against rendered ground truth."""

@@ -1,0 +1,109 @@
+"""`nlens-video evaluate coc`: stages F and R against rendered ground truth."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import partial
+from pathlib import Path
+
+from nlens_video.errors import OutputError, ReaderGone
+from nlens_video.evaluate import plots
+from nlens_video.evaluate.plates import find_plates, load_plate
+from nlens_video.evaluate.protocol import CocProtocol
+from nlens_video.video.atomic import replacing
+
+
+def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:
+    """Measure every plate of a folder, print the tables and write them where asked.
+
+    Args:
+        folder: one with a folder for each plate (see `plates`), or a plate itself.
+        out: gets `coc.md`, a CSV for each table, and the plots; made where it is missing.
+        as_json: print all figures as JSON instead of tables.
+        quiet: print nothing but JSON.
+
+    Returns:
+        The exit code, 0.
+
+    Raises:
+        InputError: no plate, or one that cannot be read.
+        SceneError: a plate's GLB cannot be used.
+        OutputError: `out` cannot be written.
+        UsageError: plots are asked for and matplotlib is missing.
+    """
+    if out is not None:
+        plots.check_matplotlib()
+        _make(out)
+    found, passed = find_plates(folder)
+    protocol = _measured(found)
+    if out is not None:
+        _write(protocol, out)
+    if as_json:
+        _print(_as_json(protocol, passed))
+    elif not quiet:
+        _print(_as_markdown(protocol, passed))
+    return 0
+
+
+def _measured(folders: list[Path]) -> CocProtocol:
+    from nlens_video.backends.coc_onnx import OnnxCocNetwork
+    from nlens_video.model_store import find_model
+
+    with OnnxCocNetwork(find_model("coc").path) as network:
+        protocol = CocProtocol(network)
+        for folder in folders:
+            protocol.measure(load_plate(folder))
+    return protocol
+
+
+def _as_markdown(protocol: CocProtocol, passed: list[Path]) -> str:
+    names = protocol.methods.plates()
+    heading = f"# CoC of {len(names)} plates\n\n{', '.join(names)}\n"
+    left = [f"Passed over, no stills: {', '.join(path.name for path in passed)}\n"] * bool(passed)
+    return "\n".join([heading, *left, *(table.markdown() for table in protocol.tables)])
+
+
+def _as_json(protocol: CocProtocol, passed: list[Path]) -> str:
+    figures = {
+        "plates": protocol.methods.plates(),
+        "passed_over": [path.name for path in passed],
+        **{table.name: table.json() for table in protocol.tables},
+    }
+    return json.dumps(figures, indent=2) + "\n"
+
+
+def _make(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"{out}: cannot be made ({error.strerror}); give another --out"
+        ) from error
+
+
+def _write(protocol: CocProtocol, out: Path) -> None:
+    texts = {f"{table.name}.csv": table.csv() for table in protocol.tables}
+    texts["coc.md"] = _as_markdown(protocol, []) + (
+        "\n![reliability](reliability.png)\n![error by true CoC](error_by_coc.png)\n"
+    )
+    writers = {
+        **{name: partial(_write_text, text) for name, text in texts.items()},
+        "reliability.png": partial(plots.plot_reliability, protocol.errors),
+        "error_by_coc.png": partial(plots.plot_error_by_coc, protocol.errors),
+    }
+    for name, write in writers.items():
+        with replacing(out / name) as partial_path:
+            write(partial_path)
+
+
+def _write_text(text: str, path: Path) -> None:
+    path.write_text(text)
+
+
+def _print(text: str) -> None:
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError as error:
+        raise ReaderGone("standard output: nobody reads it any more") from error

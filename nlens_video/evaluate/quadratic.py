@@ -1,0 +1,71 @@
+"""Baseline: blur as a quadratic of disparity, found by re-blurring the sharp picture.
+
+P. Prakash et al., "Blind Augmentation" (IEEE VR 2025). As its release does: for each pixel the
+Gaussian whose re-blur of the sharp picture is nearest to the plate in a small window, then one
+polynomial of degree 2 of sigma in disparity, by least squares over the textured pixels. All in
+display code.
+
+Its most favourable case: disparity is the true one instead of a monocular estimate, the sharp
+picture a pinhole rendering instead of a deblurring network's, and sigma goes as far as its analysis
+does; the 15x15 kernel of its compositing would cut it at a CoC of about 17 px.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from nlens_video.evaluate.reblur_ratio import COC_PER_SIGMA, edge_blur
+from nlens_video.frames import Bool, Float32, Float64
+
+_SIGMAS_PX = np.linspace(0.1, 10.0, 50)
+_WINDOW_PX = 5  # in which re-blurred and plate are compared
+_TEXTURE_PX, _TEXTURE = 15, 1e-3  # variance counts as texture above this part of the largest
+
+
+def quadratic_coc(rgb: Float32, disparity: Float32, sharp: Float32 | None) -> Float32:
+    """CoC diameter of a whole plate (H, W) [px].
+
+    Args:
+        rgb: the plate, display-coded in [0, 1] (H, W, 3).
+        disparity: true disparity, 0 to 1 (H, W) [1].
+        sharp: the sharp picture (H, W, 3); without it the polynomial is fitted on the blur that
+            the re-blur ratio reads at the plate's edges.
+    """
+    if sharp is not None:
+        sigma = _nearest_sigma(rgb, sharp)
+        use = _textured(sharp)
+    else:
+        read = edge_blur(rgb)
+        sigma, use = read.sigma_px, read.edges
+    if use.sum() < 3:
+        return np.zeros(disparity.shape, np.float32)
+    powers = _powers(disparity[use])
+    weights = np.linalg.lstsq(powers, sigma[use].astype(np.float64), rcond=None)[0]
+    fitted = (_powers(disparity.ravel()) @ weights).reshape(disparity.shape)
+    return np.asarray(COC_PER_SIGMA * np.maximum(fitted, 0), np.float32)
+
+
+def _powers(disparity: Float32) -> Float64:
+    values = disparity.astype(np.float64)
+    return np.stack([np.ones_like(values), values, values**2], axis=-1)
+
+
+def _nearest_sigma(rgb: Float32, sharp: Float32) -> Float32:
+    """For each pixel the sigma (H, W) that brings the sharp picture nearest to the plate [px]."""
+    least = np.full(rgb.shape[:2], np.inf, np.float32)
+    nearest = np.zeros(rgb.shape[:2], np.float32)
+    for sigma in _SIGMAS_PX:
+        blurred = cv2.GaussianBlur(sharp, (0, 0), float(sigma), borderType=cv2.BORDER_REFLECT)
+        error = cv2.blur(np.mean((blurred - rgb) ** 2, axis=2), (_WINDOW_PX, _WINDOW_PX))
+        better = error < least
+        least[better], nearest[better] = error[better], sigma
+    return nearest
+
+
+def _textured(sharp: Float32) -> Bool:
+    """Where the sharp picture has a variance from which a blur can be read (H, W)."""
+    window = (_TEXTURE_PX, _TEXTURE_PX)
+    mean = cv2.blur(sharp, window)
+    variance = np.maximum(cv2.blur(sharp**2, window) - mean**2, 0).max(axis=2)
+    return np.asarray(variance > _TEXTURE * variance.max())
