@@ -50,7 +50,7 @@ def _blades(aperture: Aperture, angle_rad: Float64) -> Float64:
 
 def _blades_mean_radius(aperture: Aperture) -> float:
     """Radius of the disc of the blades' area."""
-    angle = (np.arange(_OUTLINE_POINTS) + 0.5) * (2.0 * math.pi / _OUTLINE_POINTS)
+    angle = np.linspace(0.0, 2.0 * math.pi, _OUTLINE_POINTS, endpoint=False)
     return float(np.sqrt(np.mean(_blades(aperture, angle) ** 2)))
 
 
@@ -62,7 +62,7 @@ def outer_radius(aperture: Aperture) -> float:
 
 def row_ends(aperture: Aperture, y: Float64) -> tuple[Float64, Float64]:
     """Left and right end of the aperture at heights y, right < left where it is not [radius]."""
-    angle = np.arange(_OUTLINE_POINTS) * (2.0 * math.pi / _OUTLINE_POINTS)
+    angle = np.linspace(0.0, 2.0 * math.pi, _OUTLINE_POINTS, endpoint=False)
     radius = boundary(aperture, angle)
     down, across = radius * np.sin(angle), radius * np.cos(angle)
     top, bottom = int(down.argmin()), int(down.argmax())
