@@ -99,10 +99,12 @@ class CocMap:
     Attributes:
         coc_px: CoC diameter (H, W), >= 0, without sign [px of the frame].
         sigma_px: expected absolute error of it (H, W), > 0 [px of the frame].
+        frames: pictures of the plate that were averaged for it [1].
     """
 
     coc_px: Float32
     sigma_px: Float32
+    frames: int = 1
 
     def __post_init__(self) -> None:
         if self.coc_px.ndim != 2 or self.coc_px.shape != self.sigma_px.shape:

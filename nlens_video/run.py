@@ -17,6 +17,7 @@ from nlens_video.graph.plan import describe
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameState
 from nlens_video.lens import LensFit
+from nlens_video.look_ahead import with_following
 from nlens_video.observers import Observer, Started, observers
 from nlens_video.outcome import FitOutcome, Outcome
 from nlens_video.settings import Settings
@@ -68,15 +69,14 @@ def find_fit(settings: Settings) -> FitOutcome:
             if node.stage == "locate" or node.cadence == "shot"
         )
         seen = 0
-        for frame in Trim(source, settings.source.frames).items():
-            if not isinstance(frame, SourceFrame):
+        trim = Trim(source, settings.source.frames)
+        for state in _items(trim, source.info, assembly, watching):
+            if not isinstance(state, FrameState):
                 continue
             seen += 1
             interrupts.look()
-            state = assembly.steps.enter(frame)
-            for observer in watching:
-                observer.entering(state)
             assembly.steps.run(state, shot)
+            frame = cast("SourceFrame", state.frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
             for observer in watching:
                 observer.frame(state, timing)
@@ -130,7 +130,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         total = _expected(source.info, settings)
         trim = Trim(source, settings.source.frames)
         lanes = assembly.steps.lanes(assembly.render_context)
-        items = run_lanes(_items(trim, assembly, profiler, watching), lanes)
+        items = run_lanes(_items(trim, source.info, assembly, watching), lanes)
         stack.callback(items.close)
         for item in items:
             interrupts.look()
@@ -239,9 +239,25 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
 
 
 def _items(
-    trim: Trim, assembly: Assembly, profiler: Profiler, watching: list[Observer]
+    trim: Trim, info: SourceInfo, assembly: Assembly, watching: list[Observer]
 ) -> Iterator[FrameState | Packet]:
     """Frames as the graph takes them, and packets, in the source's order."""
+    steps = assembly.steps
+    # a stream is somebody's live picture: waiting for later frames would delay it
+    foresight = info.kind in ("video", "sequence") and steps.graph.has("estimate-coc")
+    decoded = _decoded(trim, steps.profiler)
+    for item, following in with_following(decoded, lambda: foresight and steps.fit is None):
+        if not isinstance(item, SourceFrame):
+            yield item
+            continue
+        state = steps.enter(item, following)
+        for observer in watching:
+            observer.entering(state)
+        yield state
+
+
+def _decoded(trim: Trim, profiler: Profiler) -> Iterator[SourceFrame | Packet]:
+    """The source's items; the time that each frame took goes to the profiler."""
     items = trim.items()
     spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
     while True:
@@ -250,15 +266,10 @@ def _items(
         spent_ms += clock.elapsed_ms
         if item is None:
             return
-        if not isinstance(item, SourceFrame):
-            yield item
-            continue
-        profiler.add(item.index, "decode", spent_ms)
-        spent_ms = 0.0
-        state = assembly.steps.enter(item)
-        for observer in watching:
-            observer.entering(state)
-        yield state
+        if isinstance(item, SourceFrame):
+            profiler.add(item.index, "decode", spent_ms)
+            spent_ms = 0.0
+        yield item
 
 
 def _missing(written: int, expected: int | None) -> tuple[str, ...]:

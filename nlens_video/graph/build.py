@@ -27,6 +27,10 @@ class Graph:
     nodes: tuple[Node, ...]
     left_out: tuple[tuple[str, str], ...]
 
+    def has(self, stage: str) -> bool:
+        """Whether a node of that stage was built."""
+        return any(node.stage == stage for node in self.nodes)
+
     def lane(self, name: LaneName) -> tuple[Node, ...]:
         """The nodes of one lane."""
         return tuple(node for node in self.nodes if node.lane == name)

@@ -19,6 +19,7 @@ PORTS: dict[str, str] = {
     "frame": "SourceFrame",
     "picture": "Picture",
     "frame_box": "Box",
+    "following": "tuple[Picture, ...]",
     "placement": "Placement",
     "plate_coc": "CocMap",
     "ground": "GroundProjection",
@@ -28,7 +29,7 @@ PORTS: dict[str, str] = {
     "blurred": "BlurredLayer",
 }
 STEP_PX = 2.0  # between neighbours: less than that, parts of the object do not hide others visibly
-GIVEN = ("frame", "picture", "frame_box")
+GIVEN = ("frame", "picture", "frame_box", "following")
 
 Values = dict[str, object]
 

@@ -75,11 +75,19 @@ class FrameSteps:
     def fit(self, fit: LensFit) -> None:
         self._shot["fit"] = fit
 
-    def enter(self, frame: StreamFrame) -> FrameState:
-        """Start a frame: the ports that are given."""
+    def enter(self, frame: StreamFrame, following: tuple[Picture, ...] = ()) -> FrameState:
+        """Start a frame: the ports that are given.
+
+        Args:
+            frame: the frame.
+            following: pictures of the frames after it, as far as they are known yet.
+        """
         picture = frame.picture
         box = Box(0, 0, picture.width, picture.height)
-        return FrameState(frame, {"frame": frame, "picture": picture, "frame_box": box})
+        values: Values = {"frame": frame, "picture": picture, "frame_box": box}
+        if following:
+            values["following"] = following
+        return FrameState(frame, values)
 
     def run(self, state: FrameState, nodes: tuple[Node, ...]) -> FrameState:
         """Run some nodes on one frame."""

@@ -7,12 +7,14 @@ smaller one is read as it is, since enlarging would only blur it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from nlens_video.frames import CocMap, Float32, Picture
+from nlens_video.stages.f_pool import pooled
 from nlens_video.stages.protocols import CocNetwork
 
 WORKING_SIDE_PX = 960
@@ -33,9 +35,20 @@ class EstimateCoc:
     network: CocNetwork
     pixel_aspect: float = 1.0
 
-    def __call__(self, picture: Picture) -> CocMap:
-        """Unsigned CoC and its expected error of a whole picture, at its full size."""
-        return estimate_coc(self.network, picture.srgb(), self.pixel_aspect)
+    def __call__(self, picture: Picture, following: Sequence[Picture] = ()) -> CocMap:
+        """Unsigned CoC and its expected error of a whole picture, at its full size.
+
+        Args:
+            picture: the plate.
+            following: later frames of the same size; those that a still camera saw are averaged
+                with it against noise (`f_pool`).
+        """
+        working, used = _reduced(picture.srgb(), self.pixel_aspect), 1
+        if following:
+            later = (_reduced(frame.srgb(), self.pixel_aspect) for frame in following)
+            working, used = pooled(working, later)
+        coc = _read(self.network, working, (picture.width, picture.height))
+        return replace(coc, frames=used)
 
 
 def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -> CocMap:
@@ -54,8 +67,13 @@ def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -
     """
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.size == 0:
         raise ValueError(f"{rgb.shape = } must be (H, W, 3) with at least one pixel")
-    height, width = rgb.shape[:2]
     working = _reduced(np.asarray(rgb, dtype=np.float32), pixel_aspect)
+    return _read(network, working, (rgb.shape[1], rgb.shape[0]))
+
+
+def _read(network: CocNetwork, working: Float32, size: tuple[int, int]) -> CocMap:
+    """The maps of a picture of working size, at (W, H) `size` and in its columns."""
+    width, height = size
     below, right = (-n % network.stride for n in working.shape[:2])
     # a mirrored border continues the texture at its own sharpness; a repeated one would smear it
     padded = np.pad(working, ((0, below), (0, right), (0, 0)), mode="symmetric")

@@ -119,7 +119,7 @@ class FitLens:
             frame=frame,
             sign=sign,
             sign_margin=margin,
-            method=f"robust V-fit over {self._where(samples)}",
+            method=f"robust V-fit over {self._where(samples)}{_of_frames(coc)}",
         )
         _check(fit, covariance, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))
@@ -130,6 +130,10 @@ class FitLens:
         if not samples.anchor.any():
             return "the ground plane without a footprint in view"
         return "the whole ground plane, anchored by the footprint"
+
+
+def _of_frames(coc: CocMap) -> str:
+    return f", mean of {coc.frames} frames" if coc.frames > 1 else ""
 
 
 def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensFit:

@@ -52,7 +52,7 @@ class Frame:
         self.picture = ArrayPicture(shots.plate().copy(), "rgb")
 
 
-def exact_coc(picture):
+def exact_coc(picture, following):
     disparity = np.maximum(shots.camera().plane_disparity(0.0), 0.12)
     coc = np.abs(shots.SLOPE * disparity + shots.INTERCEPT).astype(np.float32)
     return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5))
@@ -149,7 +149,7 @@ def test_without_a_repair_network_the_plan_says_that_the_scatter_stands():
     assert "scatter" in dict(runner.graph.left_out)["repair"]
 
 
-def unknowing(picture):
+def unknowing(picture, following):
     coc = np.full((shots.HEIGHT, shots.WIDTH), 9.0, np.float32)
     return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 40.0))
 

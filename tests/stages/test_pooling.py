@@ -1,0 +1,120 @@
+"""Several frames of the plate: averaged where nothing moves, left alone where something does."""
+
+import numpy as np
+import pytest
+
+from nlens_video.look_ahead import FRAMES, with_following
+from nlens_video.stages.f_pool import pooled
+
+HEIGHT, WIDTH = 120, 160
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
+
+
+@pytest.fixture
+def scene(rng):
+    coarse = rng.uniform(0.2, 0.8, (HEIGHT // 4, WIDTH // 4, 3))
+    return coarse.repeat(4, 0).repeat(4, 1).astype(np.float32)
+
+
+def noisy(rng, picture, deviation=0.02):
+    grain = rng.normal(0, deviation, picture.shape)
+    return (picture + grain).astype(np.float32)
+
+
+def test_mean_of_eight_still_frames_has_a_third_of_the_noise(rng, scene):
+    frames = [noisy(rng, scene) for _ in range(8)]
+    mean, used = pooled(frames[0], frames[1:])
+    assert used == 8
+    assert np.std(mean - scene) < 0.4 * np.std(frames[0] - scene)
+
+
+def test_frames_after_the_camera_moved_are_not_even_read(rng, scene):
+    moved = np.roll(scene, 2, axis=1)
+
+    def following():
+        yield noisy(rng, scene)
+        yield noisy(rng, moved)
+        pytest.fail("read on after the camera had moved")
+
+    first = noisy(rng, scene)
+    mean, used = pooled(first, following())
+    assert used == 2
+    assert np.std(mean - scene) < np.std(first - scene)
+
+
+def test_what_moves_keeps_the_samples_of_the_first_frame(rng, scene):
+    first = noisy(rng, scene, 0.005)
+    later = []
+    for shift in range(1, 6):
+        picture = noisy(rng, scene, 0.005)
+        picture[40:52, 20 + 10 * shift : 32 + 10 * shift] = 1.0
+        later.append(picture)
+    mean, used = pooled(first, later)
+    assert used == 6
+    # at every pixel at most the frames without the bright patch are averaged
+    assert np.abs(mean - scene).max() < 0.03
+
+
+def test_change_of_light_as_a_whole_is_not_taken_for_motion(rng, scene):
+    frames = [noisy(rng, scene + 0.01 * step, 0.01) for step in range(4)]
+    mean, used = pooled(frames[0], frames[1:])
+    assert used == 4
+    assert np.std(mean - mean.mean() - (scene - scene.mean())) < 0.7 * 0.01
+
+
+def test_plate_of_nothing_is_pooled_or_left_without_harm():
+    flat = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    mean, _ = pooled(flat, [flat.copy()] * 3)
+    assert np.array_equal(mean, flat)
+    tiny = np.zeros((2, 3, 3), np.float32)
+    assert pooled(tiny, [tiny])[1] == 1
+
+
+def frame(index):
+    from fractions import Fraction
+
+    from nlens_video.video.info import SourceFrame
+    from nlens_video.video.picture import ArrayPicture
+
+    picture = ArrayPicture(np.zeros((2, 2, 3), np.uint8))
+    return SourceFrame(
+        index=index, pts=index, time_base=Fraction(1, 25), time_s=index / 25, duration=1,
+        picture=picture,
+    )  # fmt: skip
+
+
+def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
+    read = []
+
+    def items():
+        for index in range(20):
+            read.append(index)
+            yield frame(index)
+            yield f"packet {index}"
+
+    known = False
+    seen, ahead = [], {}
+    for item, following in with_following(items(), lambda: not known):
+        if isinstance(item, str):
+            seen.append(item)
+            assert following == ()
+            continue
+        seen.append(item.index)
+        ahead[item.index] = len(following)
+        if item.index == 2:
+            assert len(read) == 3 + FRAMES
+            known = True
+    assert seen == [thing for i in range(20) for thing in (i, f"packet {i}")]
+    assert ahead[0] == ahead[2] == FRAMES
+    assert ahead[12] == 0
+
+
+def test_foresight_at_the_end_of_a_clip_shows_what_is_left():
+    lengths = [len(following) for _, following in with_following(
+        (frame(i) for i in range(3)), lambda: True
+    )]  # fmt: skip
+    assert lengths == [2, 1, 0]
