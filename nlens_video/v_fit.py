@@ -1,12 +1,15 @@
 """The robust V: coc = slope * |disparity - focus| through samples of which many may be wrong.
 
-slope > 0 and focus >= 0 is all that optics says (nearer points blur with the positive sign, and
-nothing lies beyond infinity), so both arms of the V compete for every sample.
+slope > 0 and focus >= 0 is what optics says for certain (nearer points blur with the positive sign,
+and nothing lies beyond infinity), so both arms of the V compete for every sample. It also says how
+large the CoC at infinity can be: beyond a tenth of the frame's width only the fastest lenses get,
+close up. That is a weak prior on the intercept; without it samples of a short span of disparity,
+as of a ground seen from above, would let the line swing.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +22,7 @@ _SLOPE_QUANTILES = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.92)
 _SCAN_SAMPLES = 3000
 _FARTHEST_FOCUS = 8.0  # of the largest disparity: nearer focus planes look alike from the data
 _STEPS = 40
+_PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,21 +42,24 @@ class VFit:
         coc_px: unsigned diameter [px].
         error_px: expected error of the diameter, > 0 [px].
         share: share of each sample in the cost; sums to 1 [1].
+        infinity_px: deviation of the prior on the CoC at infinity [px].
     """
 
     disparity: Float64
     coc_px: Float64
     error_px: Float64
     share: Float64
+    infinity_px: float = np.inf
 
     def solve(self) -> Lens | None:
         """The best candidate, None where no slope above zero fits at all."""
         return self._within(0.0, np.inf)
 
     def cost(self, lens: Lens) -> float:
-        """Geman-McClure: quadratic for small residuals, a constant for large ones, 0 to 1."""
+        """Geman-McClure (quadratic for small residuals, constant for large ones) and the prior."""
         squared = self._squared(lens)
-        return float(np.sum(self.share * squared / (squared + CUTOFF**2)))
+        robust = float(np.sum(self.share * squared / (squared + CUTOFF**2)))
+        return robust + float(self._prior(np.array(lens.slope), lens.focus))
 
     def kept(self, lens: Lens) -> Float64:
         """What the loss leaves of each sample (N,), 1 for an inlier, 0 for an outlier."""
@@ -90,15 +97,17 @@ class VFit:
         curvature = weight * (1 - 4 * squared / (squared + CUTOFF**2))
         scale = np.array([self.disparity.max(), 1.0])
         design = self._design(lens) / scale
-        hessian = design.T @ (design * curvature[:, None])
+        prior = np.diag([0.0, _PRIOR_SHARE / self.infinity_px**2])
+        hessian = design.T @ (design * curvature[:, None]) + prior
         if np.linalg.eigvalsh(hessian)[0] <= 0:
-            hessian = design.T @ (design * weight[:, None])
+            hessian = design.T @ (design * weight[:, None]) + prior
         residual = lens.slope * np.abs(self.disparity - lens.focus) - self.coc_px
         _, patch = np.unique(cluster, return_inverse=True)
         scores = np.zeros((int(patch.max()) + 1, 2))
         np.add.at(scores, patch, design * (weight * residual)[:, None])
         bread = np.linalg.pinv(hessian)
-        return np.asarray(bread @ (scores.T @ scores) @ bread / np.outer(scale, scale))
+        meat = scores.T @ scores + _PRIOR_SHARE * prior
+        return np.asarray(bread @ meat @ bread / np.outer(scale, scale))
 
     def _within(self, low: float, high: float) -> Lens | None:
         """The best candidate with its focus between two disparities."""
@@ -107,6 +116,10 @@ class VFit:
             return None
         refined = self._refine(start)
         return refined if low <= refined.focus <= high else start
+
+    def _prior(self, slope: Float64, focus: float) -> Float64:
+        """Cost of the CoC at infinity, in the scale of the robust cost's quadratic part."""
+        return np.asarray(_PRIOR_SHARE * (slope * focus / self.infinity_px) ** 2 / CUTOFF**2)
 
     def _squared(self, lens: Lens) -> Float64:
         """Squared residuals in expected errors (N,)."""
@@ -126,7 +139,13 @@ class VFit:
         shares = (np.arange(_SCAN_SAMPLES) + 0.5) / _SCAN_SAMPLES * edges[-1]
         picked = np.minimum(np.searchsorted(edges, shares), len(edges) - 1)
         even = np.full(_SCAN_SAMPLES, 1.0 / _SCAN_SAMPLES)
-        return VFit(self.disparity[picked], self.coc_px[picked], self.error_px[picked], even)
+        return replace(
+            self,
+            disparity=self.disparity[picked],
+            coc_px=self.coc_px[picked],
+            error_px=self.error_px[picked],
+            share=even,
+        )
 
     def _scan(self, low: float, high: float) -> Lens | None:
         """The best of a grid over focus disparities and, for each, quantiles of the slope."""
@@ -142,7 +161,7 @@ class VFit:
                 continue
             slopes = np.quantile(self.coc_px[useful] / distance[useful], _SLOPE_QUANTILES)
             squared = ((slopes[:, None] * distance - self.coc_px) / self.error_px) ** 2
-            costs = (squared / (squared + CUTOFF**2)) @ self.share
+            costs = (squared / (squared + CUTOFF**2)) @ self.share + self._prior(slopes, focus)
             at = int(np.argmin(costs))
             if costs[at] < best_cost and slopes[at] > 0:
                 best, best_cost = Lens(float(slopes[at]), float(focus)), float(costs[at])
@@ -161,6 +180,7 @@ class VFit:
 
     def _least_squares(self, design: Float64, weight: Float64) -> Lens | None:
         normal = design.T @ (design * weight[:, None])
+        normal[1, 1] += _PRIOR_SHARE / self.infinity_px**2
         scale = np.sqrt(np.diag(normal)) + 1e-300
         system = normal / np.outer(scale, scale) + 1e-9 * np.eye(2)
         solution = np.linalg.solve(system, design.T @ (weight * self.coc_px) / scale) / scale

@@ -25,6 +25,7 @@ FLOOR_PX = 0.3  # an estimate is never trusted further than this
 RESOLVED_MARGIN = 0.05
 UNSURE_PX = 8.0  # an estimate that expects to be off by more, and by more than itself, says nothing
 _FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
+_LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
 
 
@@ -48,8 +49,12 @@ class FitSamples:
     weight: Float64
     cluster: npt.NDArray[np.int64]
 
-    def problem(self, anchor_weight: float) -> VFit:
+    def problem(self, anchor_weight: float, width: int) -> VFit:
         """The robust fit of these samples, the footprint as a whole weighted against the rest.
+
+        Args:
+            anchor_weight: of the footprint as a whole against the rest of the plane [1].
+            width: of the frame [px].
 
         Ground farther off than the footprint counts less, with the square of the distance: the
         farther, the likelier it is no longer the plane on which the object stands.
@@ -60,7 +65,8 @@ class FitSamples:
         if self.anchor.any():
             share = share + anchor_weight * self.anchor / self.anchor.sum()
         error = np.hypot(self.sigma_px, FLOOR_PX)
-        return VFit(self.disparity, self.coc_px, error, share / share.sum())
+        infinity_px = _LARGEST_AT_INFINITY * width
+        return VFit(self.disparity, self.coc_px, error, share / share.sum(), infinity_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +101,7 @@ class FitLens:
             LensFitError: the plane is not in view, or nothing on it tells the blur.
         """
         samples = _sample(coc, ground, whole_plane=self.whole_plane)
-        problem = samples.problem(self.anchor_weight)
+        problem = samples.problem(self.anchor_weight, coc.coc_px.shape[1])
         lens = problem.solve()
         if lens is None:
             raise LensFitError(

@@ -146,3 +146,21 @@ def test_constant_fit_takes_the_confident_median_of_the_footprint():
     coc[plane.mask] = 7.0
     fit = constant_fit(CocMap(coc_px=coc, sigma_px=np.ones_like(coc)), plane)
     assert (fit.slope, fit.intercept, fit.sign) == (0.0, -7.0, "assumed")
+
+
+def test_short_span_of_disparity_cannot_fling_the_line():
+    plane = ground(near=1.0, far=0.97)  # a ground seen from above
+    plane = GroundProjection(
+        mask=plane.mask, disparity=np.maximum(plane.disparity, 0.97), ground_y=0
+    )
+    true = plate(plane, 30.0, 0.5)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        drift = np.cumsum(rng.normal(0, 0.05, HEIGHT))[:, None]  # errors that neighbours share
+        noise = rng.normal(0, 0.5, true.coc_px.shape)
+        coc = np.abs(true.coc_px + drift + noise).astype(np.float32)
+        fit = FitLens(whole_plane=False)(
+            CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.7)), plane
+        ).fit
+        assert fit.slope < 40 and abs(fit.slope - 30) < 2 * fit.slope_stderr
+        assert fit.slope + fit.intercept == pytest.approx(15.0, abs=1.0) or fit.sign != "resolved"
