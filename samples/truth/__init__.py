@@ -1,0 +1,1 @@
+"""Ground truth for the lens: random scenes through a known thin lens (see README.md)."""

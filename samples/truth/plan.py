@@ -1,0 +1,188 @@
+"""What a seed decides before anything is built: setting, camera, lens, the object's place.
+
+World: metres, x right, y away from the camera, z up (Blender's axes); the object stands on z = 0
+and the camera above the origin. glTF's axes are (x, z, -y). Needs only numpy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+WIDTH, HEIGHT, SENSOR_MM = 960, 512, 36.0
+FOCUSES = ("front", "mid", "back")
+FRONT, BACK = 0.86, 1.33
+"""Focus distance by the object's nearest and by its farthest depth [1]."""
+MAX_COC_PX = 40.0
+FASTEST = 0.7
+"""Smallest f-number; a scene that would need a faster lens gets smaller discs instead."""
+NEAREST = 0.85
+"""Depth that nothing may come nearer than, by the depth of the ground at the lower border [1]."""
+DISTANCES = {"table": (0.5, 1.3), "room": (1.1, 2.8), "yard": (1.8, 6.0)}
+OBJECT_M = (0.1, 1.5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A static camera and the place before it where the object stands.
+
+    Attributes:
+        seed: names the scene.
+        setting: `table`, `room` or `yard`.
+        focal_mm: focal length [mm].
+        pitch_deg: how far the camera looks down [deg].
+        height_m: camera above the object's ground [m].
+        place: x and y of the object's foot [m].
+        size_m: largest extent of the object across the view [m].
+    """
+
+    seed: int
+    setting: str
+    focal_mm: float
+    pitch_deg: float
+    height_m: float
+    place: tuple[float, float]
+    size_m: float
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length [px]."""
+        return self.focal_mm / SENSOR_MM * WIDTH
+
+    @property
+    def yfov(self) -> float:
+        """Vertical field of view [rad]."""
+        return 2.0 * math.atan(0.5 * HEIGHT / self.focal_px)
+
+    @property
+    def nearest_m(self) -> float:
+        """Depth that nothing comes nearer than [m]."""
+        half = 0.5 * self.yfov
+        return (
+            NEAREST * self.height_m * math.cos(half) / math.sin(math.radians(self.pitch_deg) + half)
+        )
+
+    @property
+    def farthest_m(self) -> float:
+        """Depth of the ground at the upper border with room to spare, or infinite [m]."""
+        half = 0.5 * self.yfov
+        steep = math.radians(self.pitch_deg) - half
+        if steep <= 0.0 or self.setting == "table":
+            return math.inf
+        return 1.3 * self.height_m * math.cos(half) / math.sin(steep)
+
+    def project(self, points: Floats) -> Floats:
+        """Column, row and depth (N, 3) [px, px, m] of points (N, 3) [m]."""
+        pitch = math.radians(self.pitch_deg)
+        y, z = points[:, 1], points[:, 2] - self.height_m
+        depth = y * math.cos(pitch) - z * math.sin(pitch)
+        up = y * math.sin(pitch) + z * math.cos(pitch)
+        safe = np.maximum(depth, 1e-6)
+        column = 0.5 * WIDTH + self.focal_px * points[:, 0] / safe
+        return np.stack([column, 0.5 * HEIGHT - self.focal_px * up / safe, depth], axis=1)
+
+    def on_ground(self, column: float, depth: float, level: float = 0.0) -> tuple[float, float]:
+        """X and y of the point of the plane z = level at a depth [m], in a column [px]."""
+        pitch = math.radians(self.pitch_deg)
+        across = depth * (column - 0.5 * WIDTH) / self.focal_px
+        return across, (depth - (self.height_m - level) * math.sin(pitch)) / math.cos(pitch)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lens:
+    """A thin lens with a round aperture.
+
+    Attributes:
+        focal_mm: focal length [mm].
+        f_number: focal length by the diameter of the entrance pupil [1].
+        focus_m: distance of the focal plane along the optical axis [m].
+    """
+
+    focal_mm: float
+    f_number: float
+    focus_m: float
+
+    @property
+    def coc_at_infinity_px(self) -> float:
+        """CoC diameter of what is infinitely far, in pixels of a picture WIDTH wide [px]."""
+        f = self.focal_mm * 1e-3
+        return f / self.f_number * f / (self.focus_m - f) * WIDTH / (SENSOR_MM * 1e-3)
+
+    @property
+    def blender_f_number(self) -> float:
+        """The f-number that makes Cycles, whose sensor stays at f, obey the thin lens's law."""
+        return self.f_number * (self.focus_m - self.focal_mm * 1e-3) / self.focus_m
+
+    def coc_px(self, depth: npt.ArrayLike) -> Floats:
+        """Signed CoC diameter [px], positive nearer than the focal plane, of a depth [m]."""
+        return self.coc_at_infinity_px * (self.focus_m / np.asarray(depth, np.float64) - 1.0)
+
+
+def draw_view(seed: int) -> View:
+    """The camera of a scene, looking past the place where the object stands."""
+    rng = np.random.default_rng([seed, 0])
+    setting = str(rng.choice(list(DISTANCES)))
+    low, high = DISTANCES[setting]
+    distance = math.exp(rng.uniform(math.log(low), math.log(high)))
+    focal = math.exp(rng.uniform(math.log(28.0), math.log(100.0)))
+    focal_px = focal / SENSOR_MM * WIDTH
+    pitch = rng.uniform(8.0, 40.0)
+    column, row = rng.uniform(-0.22, 0.22) * WIDTH, rng.uniform(-0.02, 0.28) * HEIGHT
+    size = rng.uniform(0.14, 0.36) * WIDTH * distance / focal_px
+    slope = math.radians(pitch)
+    down = distance * row / focal_px
+    return View(
+        seed=seed,
+        setting=setting,
+        focal_mm=round(focal, 1),
+        pitch_deg=round(pitch, 2),
+        height_m=distance * math.sin(slope) + down * math.cos(slope),
+        place=(
+            distance * column / focal_px,
+            distance * math.cos(slope) - down * math.sin(slope),
+        ),
+        size_m=float(np.clip(size, *OBJECT_M)),
+    )
+
+
+def draw_lens(view: View, focus: str, depths_m: tuple[float, float, float]) -> Lens:
+    """The lens of one picture: its largest CoC is drawn, its f-number follows.
+
+    Args:
+        view: camera.
+        focus: `front`, `mid` or `back` of the object.
+        depths_m: the object's nearest, median and farthest depth [m].
+    """
+    near, middle, far = depths_m
+    focus_m = {"front": FRONT * near, "mid": middle, "back": BACK * far}[focus]
+    focus_m = max(focus_m, 3.0e-3 * view.focal_mm)
+    rng = np.random.default_rng([view.seed, 1 + FOCUSES.index(focus)])
+    largest = math.exp(rng.uniform(math.log(16.0), math.log(0.98 * MAX_COC_PX)))
+    ends = focus_m / view.nearest_m - 1.0, 1.0 - focus_m / view.farthest_m
+    infinity = largest / max(ends)
+    unit = Lens(focal_mm=view.focal_mm, f_number=1.0, focus_m=focus_m)
+    f_number = max(FASTEST, math.ceil(100.0 * unit.coc_at_infinity_px / infinity) / 100.0)
+    return Lens(focal_mm=view.focal_mm, f_number=f_number, focus_m=focus_m)
+
+
+def matrices(view: View, near_m: float = 0.05, far_m: float = 2000.0) -> dict[str, Any]:
+    """Camera matrices for params.json, row by row: world to camera in both worlds, projection."""
+    pitch = math.radians(view.pitch_deg)
+    c, s, h = math.cos(pitch), math.sin(pitch), view.height_m
+    blender = [[1, 0, 0, 0], [0, s, c, -c * h], [0, -c, s, -s * h], [0, 0, 0, 1]]
+    gltf = [[1, 0, 0, 0], [0, c, -s, -c * h], [0, s, c, -s * h], [0, 0, 0, 1]]
+    x, y = 2.0 * view.focal_px / WIDTH, 2.0 * view.focal_px / HEIGHT
+    a = (far_m + near_m) / (near_m - far_m)
+    b = 2.0 * far_m * near_m / (near_m - far_m)
+    return {
+        "view_matrix_blender": blender,
+        "view_matrix_gltf": gltf,
+        "projection_matrix_opengl": [[x, 0, 0, 0], [0, y, 0, 0], [0, 0, a, b], [0, 0, -1, 0]],
+        "near": near_m,
+        "far": far_m,
+    }
