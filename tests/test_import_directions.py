@@ -82,7 +82,7 @@ def test_stages_do_not_import_graph_or_backends():
 @pytest.mark.parametrize(
     ("library", "files"),
     [
-        ("onnxruntime", {"backends/coc_onnx.py"}),
+        ("onnxruntime", {"backends/coc_onnx.py", "backends/onnx_session.py"}),
         ("torch", set()),
     ],
 )

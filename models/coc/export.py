@@ -10,7 +10,6 @@ that the file is small and the arithmetic stays single precision.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import io
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
 
 from models.coc.network import LABEL_STEP, STRIDE, CocNet, coc_and_sigma
+from models.manifest import sha256_of, write_entry
 
 HERE = Path(__file__).parent
 SMALLEST_HALVED = 64  # shorter tensors (biases, constants) stay in single precision
@@ -84,16 +84,13 @@ def export(network: CocNet, path: Path) -> None:
     onnx.save(model, path)
 
 
-def write_manifest(path: Path, weights: Path) -> None:
-    """State the file's hash and shapes where the program looks them up."""
-    digest = hashlib.sha256(weights.read_bytes()).hexdigest()
+def entry(weights: Path) -> str:
+    """The manifest's entry: the file's hash and shapes, where the program looks them up."""
     shape = f"(1, H / {LABEL_STEP}, W / {LABEL_STEP})"
-    path.write_text(
-        "# The shipped networks. The program refuses a file whose hash differs.\n"
-        "# Written by models/coc/export.py.\n\n"
+    return (
         "[model.coc]\n"
         f'file = "{weights.parent.name}/{weights.name}"\n'
-        f'sha256 = "{digest}"\n'
+        f'sha256 = "{sha256_of(weights)}"\n'
         'licence = "Apache-2.0"\n'
         'card = "coc/README.md"\n\n'
         "[model.coc.inputs]\n"
@@ -115,7 +112,7 @@ def main() -> None:
     if options.out.parent == HERE:
         halves = {name: value.half() for name, value in network.state_dict().items()}
         torch.save(halves, HERE / "weights.pt")
-        write_manifest(HERE.parent / "manifest.toml", options.out)
+        write_entry(HERE.parent / "manifest.toml", "coc", entry(options.out))
     print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
 
 

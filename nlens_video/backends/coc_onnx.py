@@ -1,4 +1,4 @@
-"""The CoC network on ONNX Runtime, CPU; the only file that imports it."""
+"""The CoC network on ONNX Runtime, CPU."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import TracebackType
 import numpy as np
 import onnxruntime
 
-from nlens_video.errors import NlensError
+from nlens_video.backends.onnx_session import open_session
 from nlens_video.frames import CocMap, Float32
 
 THREADS = 2
@@ -30,28 +30,9 @@ class OnnxCocNetwork:
     """
 
     def __init__(self, path: Path, threads: int = THREADS) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        options.use_deterministic_compute = True
-        # spinning threads would take the cores from decoding and rendering between two estimates
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 3
-        try:
-            session = onnxruntime.InferenceSession(
-                str(path), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # the runtime's errors share no public base
-            cause = str(error).splitlines()[0]
-            raise NlensError(
-                f"{path}: ONNX Runtime cannot load this network ({cause}); install the package anew"
-            ) from error
-        names = [node.name for node in (*session.get_inputs(), *session.get_outputs())]
-        if names != [INPUT, *OUTPUTS]:
-            raise NlensError(
-                f"{path}: inputs and outputs {names}, expected {[INPUT, *OUTPUTS]}; "
-                "export it with models/coc/export.py"
-            )
+        session = open_session(
+            path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py"
+        )
         self._session: onnxruntime.InferenceSession | None = session
 
     @property
