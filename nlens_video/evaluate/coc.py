@@ -36,7 +36,7 @@ def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) 
         plots.check_matplotlib()
         _make(out)
     found, passed = find_plates(folder)
-    protocol = _measured(found)
+    protocol = _measured(found, show=not quiet)
     if out is not None:
         _write(protocol, out)
     if as_json:
@@ -46,13 +46,20 @@ def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) 
     return 0
 
 
-def _measured(folders: list[Path]) -> CocProtocol:
+def _measured(folders: list[Path], *, show: bool) -> CocProtocol:
+    from rich.console import Console
+    from rich.progress import track
+
     from nlens_video.backends.coc_onnx import OnnxCocNetwork
     from nlens_video.model_store import find_model
 
+    console = Console(stderr=True)
+    hidden = not (show and console.is_terminal)
     with OnnxCocNetwork(find_model("coc").path) as network:
         protocol = CocProtocol(network)
-        for folder in folders:
+        for folder in track(
+            folders, "measuring plates", console=console, transient=True, disable=hidden
+        ):
             protocol.measure(load_plate(folder))
     return protocol
 

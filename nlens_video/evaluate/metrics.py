@@ -72,15 +72,17 @@ def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> C
     )
 
 
-def object_rms_px(coc: Float32, truth: Float32, solid: Bool) -> float:
-    """Root mean square error of the object's signed CoC over its solid pixels [px].
+def rms_within(coc: Float32, truth: Float32, mask: Bool) -> float:
+    """Root mean square error over part of the frame, nan where that is empty [px].
 
     Args:
-        coc: signed diameter that a fit gives (H, W) [px].
-        truth: signed diameter of the lens that rendered the object (H, W) [px].
-        solid: pixels that the object covers wholly (H, W).
+        coc: estimated diameter, both signed or both not (H, W) [px].
+        truth: true diameter (H, W) [px].
+        mask: pixels that count, such as those that the object covers wholly (H, W).
     """
-    return _rms(np.asarray(coc, np.float64)[solid] - truth[solid])
+    if not mask.any():
+        return float("nan")
+    return _rms(np.asarray(coc, np.float64)[mask] - truth[mask])
 
 
 def binned_errors(error: Float32, by: Float32, edges: Float64) -> BinnedErrors:

@@ -46,7 +46,7 @@ def plot_reliability(errors: Sequence[PlateErrors], path: Path) -> None:
     error, sigma = _pooled(errors, "sigma_px")
     pooled = _counted(binned_errors(error, sigma, _SIGMA_EDGES))
     axes.plot(pooled.at_px, pooled.mean_abs_px, color=_OURS, lw=2.5, label="all plates")
-    area = 900 * pooled.count / pooled.count.sum()
+    area = 20 + 900 * pooled.count / pooled.count.sum()
     axes.scatter(pooled.at_px, pooled.mean_abs_px, area, _OURS, label="area: share of the pixels")
     axes.plot([], [], color=_PLATES, lw=1, label="each plate")
     seen = [float(v) for v in (*pooled.at_px, *pooled.mean_abs_px) if v > 0] or [1.0]

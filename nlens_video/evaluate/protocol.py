@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import cv2
 import numpy as np
 
 from nlens_video.errors import LensFitError, SceneError
+from nlens_video.evaluate.baselines import BASELINES, SCALED, what_they_are_told
 from nlens_video.evaluate.conditions import picture_conditions
-from nlens_video.evaluate.constant import best_constant
 from nlens_video.evaluate.guessed_camera import guess_camera, moved_depth
-from nlens_video.evaluate.metrics import coc_figures, object_rms_px
+from nlens_video.evaluate.metrics import coc_figures, rms_within
 from nlens_video.evaluate.paper_line import fit_line
 from nlens_video.evaluate.plates import Plate
-from nlens_video.evaluate.quadratic import quadratic_coc
-from nlens_video.evaluate.reblur_ratio import reblur_ratio_coc
+from nlens_video.evaluate.quadratic import best_factor
 from nlens_video.evaluate.tables import Column, Entry, Table
 from nlens_video.frames import CocMap, Float32, Float64
 from nlens_video.lens import LensFit
+from nlens_video.scene.camera import Camera
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.protocols import CocNetwork
@@ -97,30 +97,27 @@ class CocProtocol:
         )
 
     def _measure_baselines(self, plate: Plate) -> None:
-        methods: dict[str, Callable[[], Float32]] = {
-            "Zhuo & Sim 2011, re-blur ratio": lambda: reblur_ratio_coc(plate.rgb),
-            "Blind Augmentation, true depth": lambda: quadratic_coc(
-                plate.rgb, plate.relative_disparity, plate.sharp
-            ),
-            "best constant": lambda: best_constant(plate.true_coc_px),
-        }
-        for name, method in methods.items():
+        for baseline in BASELINES:
             start = time.perf_counter()
-            self._add_method(plate, name, method(), start)
-        if plate.sharp is None:
-            note = (
-                "Blind Augmentation has no sharp picture of these plates and was fitted on the "
-                "blur at their edges (re-blur ratio): "
-            )
-            known = self.methods.notes[-1]
-            grown = f"{known}, {plate.name}" if known.startswith(note) else f"{note}{plate.name}"
-            kept = self.methods.notes[:-1] if known.startswith(note) else self.methods.notes
-            self.methods.notes = (*kept, grown)
+            coc = baseline.estimate(plate)
+            self._add_method(plate, baseline.name, coc, start)
+            if baseline.also_scaled:
+                name = baseline.name + SCALED
+                scaled = None if coc is None else best_factor(coc, plate.true_coc_px) * coc
+                self._add_method(plate, name, scaled, start)
 
     def _add_method(
-        self, plate: Plate, name: str, coc: Float32, start: float, sigma: Float32 | None = None
+        self,
+        plate: Plate,
+        name: str,
+        coc: Float32 | None,
+        start: float,
+        sigma: Float32 | None = None,
     ) -> None:
         taken = time.perf_counter() - start
+        if coc is None:
+            self.methods.entries.append(Entry(name, plate.name, {}))
+            return
         figures = asdict(coc_figures(coc, plate.true_coc_px, sigma))
         figures["relative_percent"] = 100 * figures.pop("relative")
         self.methods.entries.append(Entry(name, plate.name, {**figures, "time_ms": 1e3 * taken}))
@@ -146,15 +143,20 @@ class CocProtocol:
 
     def _measure_pictures(self, plate: Plate) -> None:
         height, width = plate.coc_px.shape
+        footprint = project_to_ground(plate.triangles, plate.camera, plate.ground_y).mask
         for condition in picture_conditions():
-            rgb = condition.degrade(plate.rgb)
-            coc = _at_size(estimate_coc(self._network, rgb), width, height)
-            ground = project_to_ground(plate.triangles, plate.camera, plate.ground_y)
-            whole = coc_figures(coc.coc_px, plate.true_coc_px, coc.sigma_px)
+            coc = estimate_coc(self._network, condition.degrade(plate.rgb))
+            camera = _at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
+            ground = project_to_ground(plate.triangles, camera, plate.ground_y)
+            fit = _attempt(_shipped, coc, ground)
+            judged = _map_at_size(coc, width, height)
+            truth = plate.true_coc_px
+            whole = coc_figures(judged.coc_px, truth, judged.sigma_px)
             figures = {
                 "rmse_px": whole.rmse_px,
                 "confident_rmse_px": whole.confident_rmse_px,
-                "object_rms_px": _object_rms(plate, _attempt(_shipped, coc, ground)),
+                "footprint_rmse_px": rms_within(judged.coc_px, truth, footprint),
+                "object_rms_px": _object_rms(plate, fit and fit.for_width(width, height)),
             }
             self.conditions.entries.append(Entry(condition.name, plate.name, figures))
 
@@ -191,10 +193,24 @@ def _object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None)
         return math.nan
     known = np.where(plate.solid, plate.object_depth if depth is None else depth, 1.0)
     coc = fit.coc_px(np.asarray(1.0 / known, dtype=np.float32))
-    return object_rms_px(coc, plate.object_coc_px, plate.solid)
+    return rms_within(coc, plate.object_coc_px, plate.solid)
 
 
-def _at_size(coc: CocMap, width: int, height: int) -> CocMap:
+def _at_size(camera: Camera, width: int, height: int) -> Camera:
+    """The same camera on a frame of another size."""
+    across, down = width / camera.width, height / camera.height
+    return replace(
+        camera,
+        fx=camera.fx * across,
+        fy=camera.fy * down,
+        cx=camera.cx * across,
+        cy=camera.cy * down,
+        width=width,
+        height=height,
+    )
+
+
+def _map_at_size(coc: CocMap, width: int, height: int) -> CocMap:
     """The map of a picture of another size, in the plate's pixels."""
     scale = np.float32(width / coc.coc_px.shape[1])
     if coc.coc_px.shape == (height, width):
@@ -220,7 +236,8 @@ def _methods_table() -> Table:
         notes=(
             "Means over the plates; the median for time. The confident half is the half of the "
             "pixels with the smallest sigma. The relative error counts where the true CoC exceeds "
-            "2 px. The best constant is taken from the truth.",
+            "2 px.",
+            what_they_are_told(),
         ),
     )
 
@@ -249,6 +266,7 @@ def _conditions_table() -> Table:
         "Rough plates and a wrong camera (stages F and R as shipped)",
         Column("rmse_px", "whole plate, RMSE px"),
         Column("confident_rmse_px", "confident half, px"),
+        Column("footprint_rmse_px", "footprint, px"),
     )
     table.notes = (
         *table.notes,

@@ -31,19 +31,19 @@ _SMOOTH, _SMOOTH_CODES = 8000.0, 8.0  # of the propagation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EdgeBlur:
+class SparseBlur:
     """Blur where it can be read.
 
     Attributes:
-        sigma_px: sigma of the Gaussian blur (H, W), 0 off the edges [px].
-        edges: pixels at which it is known (H, W).
+        sigma_px: sigma of the Gaussian blur (H, W), any number where it is not known [px].
+        known: pixels at which it is known (H, W).
     """
 
     sigma_px: Float32
-    edges: Bool
+    known: Bool
 
 
-def edge_blur(rgb: Float32) -> EdgeBlur:
+def edge_blur(rgb: Float32) -> SparseBlur:
     """Sigma of the blur at a picture's edges.
 
     Args:
@@ -58,7 +58,7 @@ def edge_blur(rgb: Float32) -> EdgeBlur:
         variance = (_SECOND_PX**2 - squared * _FIRST_PX**2) / (squared - 1) - _DIFFERENCE_VARIANCE
     edges &= squared > 1  # a lesser ratio is no single edge
     sigma = np.sqrt(np.clip(np.where(edges, variance, 0), 0, LARGEST_SIGMA_PX**2))
-    return EdgeBlur(sigma_px=np.asarray(sigma, np.float32), edges=edges)
+    return SparseBlur(sigma_px=np.asarray(sigma, np.float32), known=edges)
 
 
 def reblur_ratio_coc(rgb: Float32) -> Float32:
@@ -68,22 +68,22 @@ def reblur_ratio_coc(rgb: Float32) -> Float32:
         rgb: display-coded picture in [0, 1] (H, W, 3).
     """
     sparse = edge_blur(rgb)
-    if not sparse.edges.any():
+    if not sparse.known.any():
         return np.zeros(rgb.shape[:2], np.float32)
     guide = np.asarray(np.round(255 * np.clip(rgb, 0, 1)), np.uint8)
-    known = sparse.edges.astype(np.float32)
+    known = sparse.known.astype(np.float32)
     codes = guide.astype(np.float32)
     filtered, weight = (
         cv2.ximgproc.jointBilateralFilter(codes, values, -1, _BILATERAL_CODES, _BILATERAL_PX)
         for values in (sparse.sigma_px * known, known)
     )
-    at_edges = np.where(sparse.edges, filtered / np.maximum(weight, 1e-6), 0).astype(np.float32)
+    at_edges = np.where(sparse.known, filtered / np.maximum(weight, 1e-6), 0).astype(np.float32)
     spread, weight = (
         cv2.ximgproc.fastGlobalSmootherFilter(guide, values, _SMOOTH, _SMOOTH_CODES)
         for values in (at_edges, known)
     )
     reached = weight > 1e-6
-    middle = float(np.median(at_edges[sparse.edges]))
+    middle = float(np.median(at_edges[sparse.known]))
     sigma = np.where(reached, spread / np.maximum(weight, 1e-6), middle)
     return np.asarray(COC_PER_SIGMA * np.clip(sigma, 0, LARGEST_SIGMA_PX), np.float32)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from nlens_video.errors import LensFitError
 from nlens_video.evaluate.constant import best_constant
 from nlens_video.evaluate.paper_line import fit_line
-from nlens_video.evaluate.quadratic import quadratic_coc
+from nlens_video.evaluate.quadratic import best_factor, nearest_blur, quadratic_coc
 from nlens_video.evaluate.reblur_ratio import edge_blur, reblur_ratio_coc
 from nlens_video.frames import CocMap
 from nlens_video.stages.p_projection import GroundProjection
@@ -27,9 +27,9 @@ def step_edge(sigma, angle=0.0, size=120):
 @pytest.mark.parametrize("sigma", [1.0, 2.0, 4.0, 8.0])
 def test_reblur_ratio_recovers_the_sigma_of_a_blurred_step_within_5_percent(sigma, angle):
     read = edge_blur(step_edge(sigma, angle))
-    inner = np.zeros_like(read.edges)
+    inner = np.zeros_like(read.known)
     inner[40:80, 40:80] = True  # the picture's border is an edge of its own
-    found = read.sigma_px[read.edges & inner]
+    found = read.sigma_px[read.known & inner]
     assert found.size >= 20
     assert np.median(found) == pytest.approx(sigma, rel=0.05)
 
@@ -63,23 +63,29 @@ def test_quadratic_finds_the_blur_by_which_the_sharp_picture_became_the_plate():
     disparity = strips(lambda d, _: np.full((96, 96), d, np.float32))
     layers = {d: cv2.GaussianBlur(sharp, (0, 0), s) for d, s in STRIPS}
     plate = np.select([(disparity == d)[..., None] for d in layers], list(layers.values()))
-    coc = quadratic_coc(plate, disparity, sharp)
+    coc = quadratic_coc(nearest_blur(plate, sharp), disparity)
     for at, (_, sigma) in enumerate(STRIPS):
         assert coc[48, 96 * at + 48] == pytest.approx(4 * sigma, rel=0.1)
 
 
-def test_quadratic_without_a_sharp_picture_is_fitted_on_the_blur_of_edges():
+def test_quadratic_is_fitted_on_the_blur_of_edges_too():
     turned = {2.0: math.pi}  # the middle step falls, so that the strips meet without a seam
     plate = strips(lambda _, sigma: step_edge(sigma, turned.get(sigma, 0.0), size=96))
     disparity = strips(lambda d, _: np.full((96, 96), d, np.float32))
-    coc = quadratic_coc(plate, disparity, None)
+    coc = quadratic_coc(edge_blur(plate), disparity)
     for at, (_, sigma) in enumerate(STRIPS):
         assert coc[48, 96 * at + 48] == pytest.approx(4 * sigma, rel=0.05)
 
 
 def test_quadratic_of_a_picture_without_anything_to_read_is_zero():
     flat = np.full((40, 60, 3), 0.5, np.float32)
-    assert not quadratic_coc(flat, np.zeros((40, 60), np.float32), None).any()
+    assert not quadratic_coc(edge_blur(flat), np.zeros((40, 60), np.float32)).any()
+
+
+def test_best_factor_takes_out_a_scale():
+    truth = np.float32([[1, 4], [9, 2]])
+    assert best_factor(1.25 * truth, truth) == pytest.approx(0.8)
+    assert best_factor(np.zeros_like(truth), truth) == 0
 
 
 @given(st.floats(-5, 25))

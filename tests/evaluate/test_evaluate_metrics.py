@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from nlens_video.evaluate.metrics import binned_errors, coc_figures, object_rms_px
+from nlens_video.evaluate.metrics import binned_errors, coc_figures, rms_within
 from nlens_video.evaluate.tables import Column, Entry, Table
 
 COC = np.array([[1, 2], [5, 8]], np.float32)
@@ -30,7 +30,8 @@ def test_the_objects_error_counts_its_solid_pixels_and_their_sign():
     predicted = np.array([[3.0, -4.0, 99.0]], np.float32)
     truth = np.array([[3.0, 4.0, 0.0]], np.float32)
     solid = np.array([[True, True, False]])
-    assert object_rms_px(predicted, truth, solid) == pytest.approx(math.sqrt(64 / 2))
+    assert rms_within(predicted, truth, solid) == pytest.approx(math.sqrt(64 / 2))
+    assert math.isnan(rms_within(predicted, truth, np.zeros_like(solid)))
 
 
 def test_errors_fall_into_the_bins_of_what_they_are_sorted_by():
