@@ -10,7 +10,6 @@ from evaluate.truth_folder import write_plate
 
 from nlens_video.cli import main
 
-
 SHARP = "Blind Augmentation on the sharp picture"
 
 
