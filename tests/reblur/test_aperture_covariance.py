@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from nlens_video.kernels.aperture_covariance import aperture_covariance, aperture_points
+
+EVERYWHERE = np.ones((24, 32), np.bool_)
+
+
+def bilinear(values, x, y):
+    """The slow, obvious way."""
+    height, width = values.shape[:2]
+    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+    i, j = int(x), int(y)
+    i1, j1 = min(i + 1, width - 1), min(j + 1, height - 1)
+    above = (1 - (x - i)) * values[j, i] + (x - i) * values[j, i1]
+    below = (1 - (x - i)) * values[j1, i] + (x - i) * values[j1, i1]
+    return (1 - (y - j)) * above + (y - j) * below
+
+
+def reference(near, back, points, aspect=1.0):
+    """`np.cov` of what each point of the aperture sees; CoCs are constant."""
+    out = np.zeros((*near[0].shape, 4))
+    for y, x in np.ndindex(near[0].shape):
+        seen = []
+        for u, v in points:
+            r_near, r_back = 0.5 * near[1][y, x], 0.5 * back[1][y, x]
+            a = bilinear(near[0], x - r_near * u, y - r_near * v * aspect)
+            b = bilinear(back[0], x - r_back * u, y - r_back * v * aspect)
+            seen.append([a, *b])
+        out[y, x] = np.cov(np.array(seen).T, bias=True)[0, 1:]
+    return out
+
+
+@pytest.mark.parametrize(("near_coc", "back_coc"), [(9.0, -4.0), (0.5, 14.0), (12.0, 12.0)])
+@pytest.mark.parametrize("aspect", [1.0, 1.4])
+def test_it_is_the_covariance_over_the_points_of_the_aperture(near_coc, back_coc, aspect):
+    rng = np.random.default_rng(3)
+    cover = np.float32(rng.random((24, 32)) > 0.5)
+    light = rng.random((24, 32, 4), dtype=np.float32)
+    near = (cover, np.full((24, 32), near_coc, np.float32))
+    back = (light, np.full((24, 32), back_coc, np.float32))
+    points = aperture_points(7)
+    found = aperture_covariance(near, back, EVERYWHERE, points, pixel_aspect=aspect)
+    assert found == pytest.approx(reference(near, back, points, aspect), abs=1e-5)
+
+
+def test_even_light_has_none_and_unwanted_pixels_stay_zero():
+    rng = np.random.default_rng(3)
+    near = (np.float32(rng.random((24, 32)) > 0.5), np.full((24, 32), 9.0, np.float32))
+    even = (np.full((24, 32, 4), 0.7, np.float32), np.full((24, 32), 5.0, np.float32))
+    assert np.abs(aperture_covariance(near, even, EVERYWHERE, aperture_points())).max() < 1e-6
+    uneven = (rng.random((24, 32, 4), dtype=np.float32), even[1])
+    some = EVERYWHERE.copy()
+    some[:, 10:] = False
+    found = aperture_covariance(near, uneven, some, aperture_points())
+    assert found[:, :10].any() and not found[:, 10:].any()
+
+
+def test_points_have_equal_share_around_the_middle_and_fill_the_disc():
+    points = aperture_points(64)
+    assert points.mean(axis=0) == pytest.approx([0, 0], abs=1e-6)
+    assert np.hypot(*points.T).max() < 1.05
+    assert (points**2).mean(axis=0) == pytest.approx([0.25, 0.25], abs=0.01)  # of an even disc
+
+
+def test_threads_do_not_change_a_bit():
+    rng = np.random.default_rng(4)
+    near = (np.float32(rng.random((24, 32)) > 0.5), np.full((24, 32), 9.0, np.float32))
+    back = (rng.random((24, 32, 4), dtype=np.float32), np.full((24, 32), 4.0, np.float32))
+    runs = [
+        aperture_covariance(near, back, EVERYWHERE, aperture_points(), threads=n) for n in (1, 3)
+    ]
+    assert np.array_equal(*runs)

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nlens_video.kernels.depth_layers import (
+    FULL_STEP_PX,
+    SPARE_PX,
+    STEP_PX,
+    carried_out,
+    find_steps,
+    split_at_steps,
+)
+
+OPAQUE = np.float32([0.4, 0.2, 0.1, 1.0])
+
+
+def two_cards(near=12.0, far=2.0):
+    """A near square before the left part of a far one, nothing on the right."""
+    rgba, coc = np.zeros((40, 60, 4), np.float32), np.zeros((40, 60), np.float32)
+    rgba[:, :45], coc[:, :45] = OPAQUE, far
+    rgba[10:30, 10:30], coc[10:30, 10:30] = 2 * OPAQUE * (0.5, 0.5, 0.5, 0.5), near
+    rgba[10:30, 10:30, 0] = 0.9
+    return rgba, coc
+
+
+def test_a_slope_has_no_step():
+    rgba = np.ones((30, 30, 4), np.float32)
+    coc = np.fromfunction(lambda y, x: 1.2 * x - 20, (30, 30)).astype(np.float32)
+    assert find_steps(rgba, coc) is None
+
+
+def test_the_silhouette_before_nothing_is_no_step():
+    rgba, coc = two_cards(near=2.0)
+    assert find_steps(rgba, coc) is None
+
+
+def test_a_step_reaches_as_far_as_the_larger_disc_and_splits_half_way():
+    rgba, coc = two_cards(near=10.0, far=4.0)
+    steps = find_steps(rgba, coc)
+    assert np.all(steps.split_px == 7.0)
+    along = steps.inside_px[20]  # the near card's edges lie between columns 9, 10 and 29, 30
+    assert along[9] == along[10] == pytest.approx(5.0 + SPARE_PX)
+    assert along[20] == 0.0 and along[4] > 0.0 and along[0] == 0.0
+    assert along[36] > 0.0 and along[40] == 0.0
+
+
+def test_reach_grows_from_nothing_with_the_step():
+    reaches = []
+    for step in np.linspace(STEP_PX - 0.1, FULL_STEP_PX + 0.5, 30):
+        steps = find_steps(*two_cards(near=2.0 + step, far=2.0))
+        reaches.append(0.0 if steps is None else float(steps.inside_px.max()))
+    assert reaches[0] == 0.0 and reaches[-1] > 5.0
+    assert np.diff(reaches).min() >= 0.0 and np.diff(reaches).max() < 0.5
+
+
+def test_layers_hold_what_is_seen_of_each_and_the_back_goes_on_under_the_near_one():
+    rgba, coc = two_cards()
+    layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
+    near = coc == 12.0
+    assert np.array_equal(layers.near_rgba[near], rgba[near])
+    assert not layers.near_rgba[~near].any()
+    assert np.array_equal(layers.back_rgba[~near], rgba[~near])
+    assert layers.back_rgba[near] == pytest.approx(np.tile(OPAQUE, (400, 1)), abs=1e-5)
+    assert layers.back_coc_px[near] == pytest.approx(np.full(400, 2.0), abs=1e-4)
+
+
+def test_nothing_goes_on_under_what_stands_before_nothing():
+    rgba, coc = two_cards()
+    rgba[:, :45][coc[:, :45] == 2.0] = 0.0  # only the near card is left …
+    rgba[:, :5], coc[:, :5] = OPAQUE, 2.0
+    rgba[:, 5:10], coc[:, 5:10] = OPAQUE, 2.0  # … and a strip behind its left side
+    layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
+    under = layers.back_rgba[20, 10:30, 3]
+    assert under[0] > 0.7 and under[-1] < 0.2 and np.all(np.diff(under) < 0.05)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), height=st.integers(1, 23), width=st.integers(1, 23))
+def test_values_are_carried_out_from_the_nearest_known_pixel(seed, height, width):
+    rng = np.random.default_rng(seed)
+    values = rng.random((height, width), dtype=np.float32)
+    known = rng.random((height, width)) < 0.3
+    known[rng.integers(height), rng.integers(width)] = True
+    found = carried_out(values, known)
+    places = np.argwhere(known)
+    for y, x in np.argwhere(~known):
+        distance = np.hypot(*(places - (y, x)).T)
+        close = places[distance <= 1.03 * distance.min()]  # the transform is off by 2 %
+        assert found[y, x] in values[close[:, 0], close[:, 1]]
+    assert np.array_equal(found[known], values[known])
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), height=st.integers(2, 40), width=st.integers(2, 40))
+def test_any_layer_splits_into_finite_parts_within_the_range_of_its_colours(seed, height, width):
+    rng = np.random.default_rng(seed)
+    alpha = rng.choice(np.float32([0.0, 0.3, 1.0]), (height, width, 1))
+    rgba = alpha * np.float32(rng.random((height, width, 4)))
+    rgba[..., 3:] = alpha
+    coc = np.float32(rng.choice([-9.0, 0.0, 5.0, 5.5, 20.0], (height, width)))
+    steps = find_steps(rgba, coc)
+    if steps is None:
+        return
+    layers = split_at_steps(rgba, coc, steps)
+    for part in (layers.near_rgba, layers.back_rgba):
+        assert np.isfinite(part).all() and part.min() >= 0.0 and part.max() <= 1.0 + 1e-6
+    assert np.abs(layers.back_coc_px).max() <= 20.001
