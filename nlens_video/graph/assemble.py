@@ -96,6 +96,7 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         pixel_aspect=view.pixel_aspect,
         record=record,
         aperture=lens.aperture,
+        views=source.renderer if isinstance(source, RenderedObject) else None,
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     graph = build(pipeline, decisions, tools, fit_given=fit is not None)
@@ -106,7 +107,12 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         decisions=decisions,
         record=record,
         render_context=render_context,
-        notes=lambda: (*scene.warnings, *notes(), *([record.note] if record.note else [])),
+        notes=lambda: (
+            *scene.warnings,
+            *graph.notes,
+            *notes(),
+            *([record.note] if record.note else []),
+        ),
     )
 
 

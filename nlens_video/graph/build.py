@@ -20,12 +20,14 @@ class Graph:
         summary: what it does.
         nodes: those that were built.
         left_out: name of each node that was not, and why.
+        notes: what stands in for something better, and why.
     """
 
     pipeline: str
     summary: str
     nodes: tuple[Node, ...]
     left_out: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...] = ()
 
     def has(self, stage: str) -> bool:
         """Whether a node of that stage was built."""
@@ -53,11 +55,15 @@ def build(
     unwanted = {decision.effect: decision.reason for decision in effects if not decision.wanted}
     nodes: list[Node] = []
     left_out: list[tuple[str, str]] = []
+    missing: dict[str, str] = {}
+    notes: dict[str, None] = {}
     for spec in pipeline.nodes:
         if spec.effect in unwanted:
             left_out.append((spec.name, f"{spec.effect}: {unwanted[spec.effect]}"))
         elif fit_given and spec.cadence == "shot":
             left_out.append((spec.name, "the lens fit is given"))
+        elif spec.unless is not None and spec.unless not in missing:
+            left_out.append((spec.name, f"not needed: {spec.unless} runs"))
         else:
             optional = tuple(f"{port}?" for port in spec.optional)
             check_ports(spec.name, spec.stage, (*spec.inputs, *optional), spec.output)
@@ -65,7 +71,10 @@ def build(
                 made = make_stage(spec.stage, spec.options, tools)
             except Unavailable as reason:
                 left_out.append((spec.name, str(reason)))
+                missing[spec.name] = str(reason)
                 continue
+            if spec.unless is not None:
+                notes[missing[spec.unless]] = None
             nodes.append(
                 Node(
                     name=spec.name, stage=spec.stage, inputs=spec.inputs, optional=spec.optional,
@@ -78,4 +87,5 @@ def build(
         summary=pipeline.summary,
         nodes=tuple(nodes),
         left_out=tuple(left_out),
+        notes=tuple(notes),
     )

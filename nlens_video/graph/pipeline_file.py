@@ -11,12 +11,27 @@ from nlens_video.effects.planner import EFFECTS
 from nlens_video.errors import UsageError
 from nlens_video.graph.node import CADENCES, CONDITIONS, GIVEN, LANES, PORTS, Cadence, LaneName
 
-_KEYS = {"name", "stage", "inputs", "output", "cadence", "lane", "effect", "when", "options"}
+_KEYS = {
+    "name",
+    "stage",
+    "inputs",
+    "output",
+    "cadence",
+    "lane",
+    "effect",
+    "when",
+    "unless",
+    "options",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSpec:
-    """A node as the file states it; the attributes are those of `Node`."""
+    """A node as the file states it; the attributes are those of `Node`.
+
+    Attributes:
+        unless: a node above that this one stands in for where that cannot be built, or none.
+    """
 
     name: str
     stage: str
@@ -27,6 +42,7 @@ class NodeSpec:
     lane: LaneName
     effect: str | None = None
     when: str | None = None
+    unless: str | None = None
     options: dict[str, object] = field(default_factory=dict)
 
 
@@ -96,6 +112,7 @@ def _node(entry: object, path: Path) -> NodeSpec:
         lane=entry["lane"],
         effect=entry.get("effect"),
         when=entry.get("when"),
+        unless=entry.get("unless"),
         options=options,
     )
 
@@ -135,6 +152,10 @@ def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
     for node in nodes:
         if node.name in names:
             raise UsageError(f"{path}: two nodes are called {node.name!r}")
+        if node.unless is not None and node.unless not in names:
+            raise UsageError(
+                f"{path}: node {node.name!r} stands in for {node.unless!r}, which is none above"
+            )
         names.add(node.name)
         for port in (*node.inputs, *node.optional):
             if port not in written:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from nlens_video.aperture import ROUND, Aperture
 from nlens_video.errors import UsageError
@@ -14,7 +14,7 @@ from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
-from nlens_video.stages.protocols import ReblurNetwork
+from nlens_video.stages.protocols import ReblurNetwork, ViewRenderer
 from nlens_video.stages.r_regression import FitLens, Regression, constant_fit
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ class Tools:
         pixel_aspect: width of a pixel by its height [1].
         record: where the shot's intermediate results are kept.
         aperture: shape of the lens' aperture.
+        views: draws the object from points of the lens, None where only one view of it is there.
         repair: the network that repairs the scatter, None where there is none.
     """
 
@@ -62,6 +63,7 @@ class Tools:
     pixel_aspect: float
     record: ShotRecord
     aperture: Aperture = ROUND
+    views: ViewRenderer | None = None
     repair: ReblurNetwork | None = None
 
 
@@ -201,6 +203,33 @@ def _scatter(tools: Tools) -> Made:
     return Made(run, "L: layered exact-coverage scatter, numba")
 
 
+def _lens(tools: Tools, *, accuracy_db: float = 51.5) -> Made:
+    from nlens_video.kernels.scatter import blur_reach, scatter
+    from nlens_video.stages.l_lens import Reblur, SampleLens, Shot, view_count
+
+    if tools.views is None:
+        raise Unavailable(
+            "pre-rendered layers hold one view of the object, so the lens cannot be sampled: the "
+            "blur of the preset standard stands in"
+        )
+    count = view_count(accuracy_db)
+    stage = SampleLens(
+        renderer=tools.views,
+        whole=cast("Reblur", _scatter(tools).run),
+        cell=ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect),
+        count=count,
+        aperture=tools.aperture,
+    )
+
+    def run(
+        defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
+    ) -> BlurredLayer:
+        shot = Shot(time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box)
+        return stage(defocused, shot)
+
+    return Made(run, f"L: the lens sampled at {count} points for {accuracy_db:g} dB, pyrender")
+
+
 def _repair(tools: Tools) -> Made:
     if tools.repair is None:
         raise Unavailable("this version ships no repair network: the scatter's result stands")
@@ -235,6 +264,7 @@ STAGES: dict[str, Stage] = {
     "object-coc": Stage(_object_coc, ("layer", "fit"), "defocused"),
     "sharp": Stage(_sharp, ("layer", "frame_box"), "blurred"),
     "scatter": Stage(_scatter, ("defocused", "frame_box"), "blurred"),
+    "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
     "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
     "composite": Stage(_composite, ("picture", "blurred"), "picture"),
 }

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Float32
+from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.scene.camera import Camera
 
 
 class CocNetwork(Protocol):
@@ -39,5 +40,23 @@ class ReblurNetwork(Protocol):
 
         Returns:
             The repaired layer on the box of `blurred`.
+        """
+        ...
+
+
+class ViewRenderer(Protocol):
+    """Draws the object from wherever it is asked to."""
+
+    def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
+        """Draw it once.
+
+        Args:
+            time_s: moment of the animation [s].
+            camera: any pinhole camera; moved and with a shifted principal point it is a point of
+                the lens' aperture.
+            margin: how far beyond the frame the object is still drawn [px].
+
+        Returns:
+            The sharp layer; None where the object is out of view.
         """
         ...
