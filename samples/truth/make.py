@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from truth import develop, subject
-from truth.plan import FOCUSES, Lens, View, draw_lens, draw_view
+from truth.plan import FOCUSES, POINT_RADIUS_PX, Lens, View, draw_lens, draw_view
 
 HERE = Path(__file__).parent
-POINT_RADIUS_PX, FILTER_VARIANCE_PX2 = 0.5, 0.0432
-"""Of the points that render.py leaves; of Cycles' Blackman-Harris filter, 1.5 px wide."""
+FILTER_VARIANCE_PX2 = 0.17
+"""Of Cycles' Blackman-Harris filter at 1.5 px, which reaches that far each way; measured in focus."""
 
 
 def arguments() -> argparse.Namespace:
@@ -33,7 +33,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, required=True, help="names the scene")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--focus", nargs="+", choices=[*FOCUSES, "any"], default=list(FOCUSES))
-    parser.add_argument("--samples", type=int, default=128, help="rays of a pixel")
+    parser.add_argument("--samples", type=int, default=128, help="most rays of a pixel")
+    parser.add_argument("--error", type=float, default=0.04, help="relative; a pixel stops there")
     parser.add_argument("--percent", type=int, default=100, help="size of the picture")
     parser.add_argument("--threads", type=int, default=0, help="of Blender; 0: all")
     parser.add_argument("--plates-only", action="store_true", help="no object")
@@ -91,7 +92,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         raw = Path(name)
         job = {"seed": given.seed, "out": name, "focuses": focuses, "samples": given.samples}
-        job |= {"percent": given.percent, "objects": not given.plates_only}
+        job |= {"error": given.error, "percent": given.percent, "objects": not given.plates_only}
         job |= {"composite": given.composite, "point": given.point}
         run_blender(job, given.threads)
         if given.point:

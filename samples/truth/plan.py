@@ -25,6 +25,8 @@ NEAREST = 0.85
 """Depth that nothing may come nearer than, by the depth of the ground at the lower border [1]."""
 DISTANCES = {"table": (0.5, 1.3), "room": (1.1, 2.8), "yard": (1.8, 6.0)}
 OBJECT_M = (0.1, 1.5)
+POINT_RADIUS_PX = 2.0
+"""Of the "points" of light of --point: much smaller ones are hit by too few rays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,11 +19,7 @@ import bpy
 import numpy as np
 
 from truth import scene, subject
-from truth.plan import HEIGHT, SENSOR_MM, WIDTH, Lens, View, draw_lens, draw_view
-
-POINT_RADIUS_PX = 0.5
-NOISE = 0.04
-"""Where a pixel's relative error falls below it, no further rays are spent [1]."""
+from truth.plan import HEIGHT, POINT_RADIUS_PX, SENSOR_MM, WIDTH, Lens, View, draw_lens, draw_view
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +30,7 @@ class Job:
     out: str
     focuses: list[str]
     samples: int
+    error: float
     percent: int
     objects: bool
     composite: bool
@@ -52,7 +49,7 @@ def set_up(view: View, job: Job) -> bpy.types.Scene:
     cycles.seed = view.seed
     cycles.use_denoising = False
     cycles.use_adaptive_sampling = not job.composite  # it ties pixels to their neighbours
-    cycles.adaptive_threshold, cycles.adaptive_min_samples = NOISE, 12
+    cycles.adaptive_threshold, cycles.adaptive_min_samples = job.error, 12
     cycles.max_bounces = 0
     cycles.caustics_reflective = cycles.caustics_refractive = False
     data = bpy.data.cameras.new("camera")
@@ -119,7 +116,7 @@ def render_points(made: bpy.types.Scene, view: View, lens: Lens, job: Job) -> No
     """Two points of light, one nearer than the focal plane and one farther."""
     glow = kit.emitter("glow", (1.0, 1.0, 1.0), 4000.0)
     pitch = math.radians(view.pitch_deg)
-    angle = np.linspace(-math.pi / 2, math.pi / 2, 9)
+    angle = np.linspace(-math.pi / 2, math.pi / 2, 33)
     for side, depth in ((-1.0, 0.75 * lens.focus_m), (1.0, 2.5 * lens.focus_m)):
         x = side * 0.2 * depth * WIDTH / view.focal_px
         place = (x, depth * math.cos(pitch), view.height_m - depth * math.sin(pitch))
@@ -130,6 +127,8 @@ def render_points(made: bpy.types.Scene, view: View, lens: Lens, job: Job) -> No
     made.world.color = (0.0, 0.0, 0.0)
     look_through(made, lens)
     made.cycles.use_adaptive_sampling = False
+    made.render.use_border = True
+    made.render.border_min_y, made.render.border_max_y = 0.4, 0.6
     render(made, Path(job.out) / "point.exr", job.samples)
 
 
