@@ -24,7 +24,7 @@ from truth.plan import FOCUSES, POINT_RADIUS_PX, Lens, View, draw_lens, draw_vie
 
 HERE = Path(__file__).parent
 FILTER_VARIANCE_PX2 = 0.17
-"""Of Cycles' Blackman-Harris filter at 1.5 px, which reaches that far each way; measured in focus."""
+"""Of Cycles' Blackman-Harris filter, 1.5 px each way; measured on points in focus."""
 
 
 def arguments() -> argparse.Namespace:
