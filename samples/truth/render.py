@@ -17,6 +17,7 @@ from pathlib import Path
 import blender_kit as kit
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from truth import scene, subject
 from truth.plan import HEIGHT, POINT_RADIUS_PX, SENSOR_MM, WIDTH, Lens, View, draw_lens, draw_view
@@ -137,7 +138,7 @@ def describe_sun(made: bpy.types.Scene) -> dict[str, object] | None:
     sun = made.objects.get("sun")
     if sun is None:
         return None
-    x, y, z = sun.matrix_world.to_3x3() @ scene.Vector((0.0, 0.0, -1.0))
+    x, y, z = sun.matrix_world.to_3x3() @ Vector((0.0, 0.0, -1.0))
     return {
         "direction_gltf": [x, z, -y],
         "irradiance_w_m2": sun.data.energy,

@@ -13,6 +13,8 @@ from truth import subject, surfaces, things
 from truth.plan import HEIGHT, WIDTH, Floats, View
 
 Rng = np.random.Generator
+Spot = tuple[float, float, float, float]
+"""x, y and size of a thing, depth of its foot [m]."""
 CLEAR_PX = 48
 """Kept free around the object's silhouette, for what stands before it and is out of focus [px]."""
 TRIES = 30
@@ -164,7 +166,9 @@ def _on_edge(ground: Ground, y: float, radius: float) -> bool:
     return len({ground.level(y - radius), ground.level(y + radius)}) > 1
 
 
-def _stand(view: View, ground: Ground, room: Room, build, spots, rng: Rng) -> None:  # noqa: ANN001
+def _stand(
+    view: View, ground: Ground, room: Room, build: things.Builder, spots: list[Spot], rng: Rng
+) -> None:
     """Make one thing and put it on the first spot that takes it."""
     grain = float(np.median([_grain(view, d) / size for _, _, size, d in spots]))
     wear = [surfaces.any_surface(rng, grain * rng.uniform(0.8, 2.0)) for _ in range(2)]

@@ -1,12 +1,13 @@
 """What stands about in a scene (runs inside Blender): shapes of about one unit, placed and scaled.
 
-A builder returns objects that stand on z = 0 about the origin, within radius 0.5 and about
-`tall` high; `scene.place` moves and scales them.
+A builder returns objects that stand on z = 0 about the origin, within radius 0.5; `scene.py` turns,
+scales and moves them. Of its three surfaces the third is foliage.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import blender_kit as kit
 import bpy
@@ -15,6 +16,7 @@ import numpy as np
 Rng = np.random.Generator
 Surface = bpy.types.Material
 Objects = list[bpy.types.Object]
+Builder = Callable[[Rng, list[Surface]], Objects]
 
 
 def boxes(rng: Rng, surfaces: list[Surface]) -> Objects:
@@ -124,4 +126,15 @@ def rack(rng: Rng, surfaces: list[Surface]) -> Objects:
     return parts
 
 
-BUILDERS = (boxes, boxes, vessel, round_thing, round_thing, monkey, poles, plant, debris, rack)
+BUILDERS: tuple[Builder, ...] = (
+    boxes,
+    boxes,
+    vessel,
+    round_thing,
+    round_thing,
+    monkey,
+    poles,
+    plant,
+    debris,
+    rack,
+)
