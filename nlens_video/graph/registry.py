@@ -203,7 +203,7 @@ def _scatter(tools: Tools) -> Made:
     return Made(run, "L: layered exact-coverage scatter, numba")
 
 
-def _lens(tools: Tools, *, accuracy_db: float = 51.5) -> Made:
+def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
     from nlens_video.kernels.scatter import blur_reach, scatter
     from nlens_video.stages.l_lens import Reblur, SampleLens, Shot, view_count
 

@@ -1,0 +1,119 @@
+"""The preset `reference`: what is built where the lens can be sampled, and where it cannot."""
+
+import contextlib
+import io
+import json
+
+import cv2
+import numpy as np
+import pytest
+import shots
+
+from nlens_video.cli import main
+from nlens_video.errors import UsageError
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.video.exr import write_layers
+
+STANDS_IN = "the lens cannot be sampled"
+START, SIZE = (0.0, 0.2, -3.4), 0.5
+
+
+def nlens(*words):
+    """What the command line prints on standard output, once it has ended well."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert main([str(word) for word in words]) == 0
+    return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb", start=START, size=SIZE)
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+def composite(files, out, *words):
+    return json.loads(
+        nlens(
+            files / "plate.png", files / "anim.glb", out, "--preset", "reference",
+            "--fit", files / "fit.json", "--json", *words,
+        )
+    )  # fmt: skip
+
+
+@pytest.mark.needs_gl
+def test_lens_is_sampled_and_the_plate_out_of_reach_is_untouched(files, tmp_path):
+    summary = composite(files, tmp_path / "out.png", "--timings", tmp_path / "t.json")
+    frames = json.loads((tmp_path / "t.json").read_text())["frames"]
+    assert "lens" in frames[0]["nodes"] and "reblur" not in frames[0]["nodes"]
+    assert not any(STANDS_IN in note for note in summary["notes"])
+    composite(files, tmp_path / "sharp.png", "--effects", "none")
+    seen = shots.camera().to_camera(np.float64(SIZE * shots.CUBE + START))
+    coc = shots.SLOPE / -seen[:, 2] + shots.INTERCEPT
+    reach = np.ceil(0.5 * np.abs(coc).max()).astype(int) + 1
+    (top, left), (bottom, right) = changed(files, tmp_path / "sharp.png")
+    (y0, x0), (y1, x1) = changed(files, tmp_path / "out.png")
+    assert left - reach <= x0 < left and right < x1 <= right + reach
+    assert top - reach <= y0 < top and bottom < y1 <= bottom + reach
+
+
+def changed(files, out):
+    """First and last row and column at which a picture differs from the plate."""
+    differs = np.argwhere(
+        (cv2.imread(str(files / "plate.png")) != cv2.imread(str(out))).any(axis=2)
+    )
+    return differs.min(axis=0), differs.max(axis=0)
+
+
+@pytest.mark.needs_gl
+def test_it_comes_close_to_the_scatter_where_an_object_hides_little_of_itself(files, tmp_path):
+    composite(files, tmp_path / "reference.png")
+    composite(files, tmp_path / "realtime.png", "--preset", "realtime")
+    pictures = [
+        cv2.imread(str(tmp_path / f"{preset}.png")).astype(float)
+        for preset in ("reference", "realtime")
+    ]
+    plate = cv2.imread(str(files / "plate.png")).astype(float)
+    assert np.abs(pictures[0] - plate).mean() > 1.0
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.1
+
+
+def test_pre_rendered_layers_fall_back_to_the_blur_of_one_view_and_say_so(files, tmp_path):
+    rgba = np.zeros((shots.HEIGHT, shots.WIDTH, 4), np.float32)
+    rgba[100:160, 200:260] = (0.3, 0.2, 0.1, 1.0)
+    depth = np.where(rgba[..., 3] > 0, np.float32(1.2), np.float32(np.inf))
+    channels = {name: rgba[..., at] for at, name in enumerate("RGBA")} | {"Z": depth}
+    write_layers(tmp_path / "layer.exr", channels)
+    words = ("--layers", tmp_path / "layer.exr", "--timings", tmp_path / "t.json")
+    summary = composite(files, tmp_path / "out.png", *words)
+    assert any(STANDS_IN in note for note in summary["notes"])
+    nodes = json.loads((tmp_path / "t.json").read_text())["frames"][0]["nodes"]
+    assert "reblur" in nodes and "lens" not in nodes
+    plan = nlens(
+        files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
+        "--layers", tmp_path / "layer.exr", "--plan",
+    )  # fmt: skip
+    assert f"left out lens: pre-rendered layers hold one view of the object, so {STANDS_IN}" in plan
+    assert "node reblur" in plan and "note: pre-rendered layers" in plan
+
+
+def test_plan_names_the_points_and_what_is_not_needed(files, tmp_path):
+    plan = nlens(
+        files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
+        "--plan",
+    )  # fmt: skip
+    assert "the lens sampled at 29 points for 50 dB" in plan
+    assert "left out reblur: not needed: lens runs" in plan
+
+
+def test_node_that_stands_in_for_none_above_is_named(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        '[[node]]\nname="a"\nstage="locate"\ninputs=["frame"]\noutput="placement"\n'
+        'cadence="frame"\nlane="render"\nunless="b"\n'
+    )
+    with pytest.raises(UsageError, match="stands in for 'b', which is none above"):
+        load_pipeline(str(path))
