@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -41,10 +42,14 @@ class Reservoir:
     """Half-precision maps of each object in one memory-mapped file; readers see its count grow.
 
     Attributes:
-        maps: (capacity, CROP, CROP, sum of PARTS) float16.
+        parts: name of each map and its channels.
+        maps: (capacity, CROP, CROP, channels of all parts) float16.
     """
 
-    def __init__(self, folder: Path, capacity: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, capacity: int | None = None, parts: Mapping[str, int] = PARTS
+    ) -> None:
+        self.parts = parts
         self._state = folder / "state.json"
         mode = "r" if capacity is None else "r+"
         if capacity is None:
@@ -52,7 +57,7 @@ class Reservoir:
         if mode == "r+" and not self._state.exists():
             folder.mkdir(parents=True, exist_ok=True)
             mode = "w+"
-        shape = (capacity, CROP, CROP, sum(PARTS.values()))
+        shape = (capacity, CROP, CROP, sum(parts.values()))
         self.maps = np.memmap(folder / "maps.raw", np.float16, mode, shape=shape)
         if mode == "w+":
             self._write(0)
@@ -68,17 +73,19 @@ class Reservoir:
         return int(json.loads(self._state.read_text())["drawn"])
 
     def append(self, maps: dict[str, Float32]) -> None:
-        """Store one object's maps, (CROP, CROP, PARTS[name]) each."""
+        """Store one object's maps, (CROP, CROP, parts[name]) each."""
         index = self.drawn
-        self.maps[index] = np.concatenate([maps[name] for name in PARTS], axis=2)
+        self.maps[index] = np.concatenate([maps[name] for name in self.parts], axis=2)
         self._write(index + 1)
 
 
-def split_maps(maps: npt.NDArray[np.float16]) -> dict[str, Float32]:
-    """Stored maps (..., sum of PARTS) by name, single precision."""
-    ends = np.cumsum(list(PARTS.values()))[:-1]
+def split_maps(
+    maps: npt.NDArray[np.float16], parts: Mapping[str, int] = PARTS
+) -> dict[str, Float32]:
+    """Stored maps (..., channels of all parts) by name, single precision."""
+    ends = np.cumsum(list(parts.values()))[:-1]
     pieces = np.split(maps.astype(np.float32), ends, axis=-1)
-    return dict(zip(PARTS, pieces, strict=True))
+    return dict(zip(parts, pieces, strict=True))
 
 
 def make_maps(shapes: list[Shape], views: int) -> dict[str, Float32] | None:

@@ -10,7 +10,7 @@ from functools import partial
 from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.planner import Decision, decide
 from nlens_video.errors import UsageError
-from nlens_video.frames import CocMap, Picture
+from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View
 from nlens_video.graph.pipeline_file import load_pipeline
@@ -20,6 +20,7 @@ from nlens_video.graph.stream import FrameSteps
 from nlens_video.lens import LensFit
 from nlens_video.scene.gltf import Scene
 from nlens_video.settings import Device, Fallback, ObjectSettings
+from nlens_video.stages.protocols import ReblurNetwork
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +98,7 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         record=record,
         aperture=lens.aperture,
         views=source.renderer if isinstance(source, RenderedObject) else None,
+        repair=_repair(view.pixel_aspect),
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     graph = build(pipeline, decisions, tools, fit_given=fit is not None)
@@ -137,6 +139,28 @@ def _object_source(
         lambda: renderer,
         lambda: (renderer.light_note,),
     )
+
+
+def _repair(pixel_aspect: float) -> ReblurNetwork:
+    network: ReblurNetwork | None = None
+
+    def repair(defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
+        nonlocal network
+        if network is None:  # loaded by the first frame that has a depth step
+            from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
+            from nlens_video.kernels.scatter import blur_reach, scatter
+            from nlens_video.model_store import find_model
+            from nlens_video.stages.l_repair import RepairLayer
+
+            network = RepairLayer(
+                network=OnnxRepairNetwork(find_model("reblur").path),
+                scatter=scatter,
+                reach=blur_reach,
+                pixel_aspect=pixel_aspect,
+            )
+        return network(defocused, blurred)
+
+    return repair
 
 
 def _load_estimator(pixel_aspect: float) -> Callable[[Picture, Sequence[Picture]], CocMap]:

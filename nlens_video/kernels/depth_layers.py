@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.frames import Bool, Float32
+from nlens_video.kernels.pull_push import carried_on
 
 STEP_PX = 2.0
 """CoC step between neighbours from which two surfaces are told apart [px]."""
@@ -152,13 +153,74 @@ def find_steps(rgba: Float32, coc_px: Float32) -> Steps | None:
     return Steps(inside_px=reach, split_px=split)
 
 
-def split_at_steps(rgba: Float32, coc_px: Float32, steps: Steps) -> DepthLayers:
+@njit(cache=True, nogil=True)
+def _beside(mask: Bool, y: int, x: int) -> bool:
+    """Whether one of the eight neighbours is in the mask."""
+    for j in range(max(0, y - 1), min(mask.shape[0], y + 2)):
+        for i in range(max(0, x - 1), min(mask.shape[1], x + 2)):
+            if mask[j, i] and (j != y or i != x):
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _inner_mean(rgba: Float32, inner: Bool, y: int, x: int, mean: Float32) -> bool:
+    """Mean colour of what is wholly near within two pixels; whether there is any."""
+    count = 0
+    mean[:] = 0.0
+    for j in range(max(0, y - 2), min(inner.shape[0], y + 3)):
+        for i in range(max(0, x - 2), min(inner.shape[1], x + 3)):
+            if inner[j, i]:
+                count += 1
+                for c in range(4):
+                    mean[c] += rgba[j, i, c]
+    if count:
+        mean /= count
+    return count > 0
+
+
+@njit(cache=True, nogil=True)
+def _take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32) -> None:
+    """Part the near layer's edge pixels from what lies behind, with which they are antialiased.
+
+    Their coverage is what mixes the near colour beside them and the back carried on into theirs.
+    Laid over the back again they give what they were.
+    """
+    height, width = near.shape
+    edge, inner = np.zeros((2, height, width), dtype=np.bool_)
+    for y in range(height):
+        for x in range(width):
+            if near[y, x]:
+                edge[y, x] = _beside(back, y, x)
+                inner[y, x] = not edge[y, x]
+    mean = np.zeros(4, dtype=np.float32)
+    for y in range(height):
+        for x in range(width):
+            if not edge[y, x] or not _inner_mean(near_rgba, inner, y, x, mean):
+                continue
+            along, square = 0.0, 0.0
+            for c in range(3):
+                apart = mean[c] - filled[y, x, c]
+                along += (near_rgba[y, x, c] - filled[y, x, c]) * apart
+                square += apart * apart
+            if square <= 0.0:
+                continue
+            free = np.float32(1.0 - min(max(along / square, 0.0), 1.0))
+            for c in range(4):
+                near_rgba[y, x, c] = max(near_rgba[y, x, c] - free * filled[y, x, c], 0.0)
+
+
+def split_at_steps(
+    rgba: Float32, coc_px: Float32, steps: Steps, corner: tuple[int, int] = (0, 0)
+) -> DepthLayers:
     """Cut the object in two: nearer than the nearest step's middle, and the rest carried on.
 
     Args:
         rgba: premultiplied scene-linear colour and alpha (h, w, 4).
         coc_px: signed CoC diameter (h, w), positive nearer than focus, read only where alpha > 0.
         steps: where it steps.
+        corner: row and column of the arrays' first pixel in the frame, to which the means that
+            carry on the back are anchored: what is hidden does not change with the cut [px].
     """
     covered = rgba[..., 3] > 0.0
     near = covered & (coc_px > steps.split_px)
@@ -166,76 +228,15 @@ def split_at_steps(rgba: Float32, coc_px: Float32, steps: Steps) -> DepthLayers:
     values = np.zeros((*coc_px.shape, 5), dtype=np.float32)
     values[..., :4] = np.where(known[..., None], rgba, np.float32(0.0))
     values[..., 4] = np.where(known & covered, coc_px * rgba[..., 3], np.float32(0.0))
-    filled = _carried_on(values, known)
+    filled = carried_on(values, known, corner)
+    near_rgba = np.where(near[..., None], rgba, np.float32(0.0))
+    _take_back_out(near_rgba, near, covered & known, filled)
     alpha = filled[..., 3]
     coc = np.divide(filled[..., 4], alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
     back_coc = np.where(known, np.where(covered, coc_px, np.float32(0.0)), coc)
     return DepthLayers(
-        near_rgba=np.where(near[..., None], rgba, np.float32(0.0)),
+        near_rgba=near_rgba,
         near_coc_px=np.where(near, coc_px, np.float32(0.0)),
         back_rgba=np.ascontiguousarray(filled[..., :4]),
         back_coc_px=back_coc,
     )
-
-
-def _carried_on(values: Float32, known: Bool) -> Float32:
-    """Fill unknown pixels from coarser and coarser means of the known ones (pull-push)."""
-    levels = [(values, known.astype(np.float32))]
-    while min(levels[-1][1].shape) > 1 and not levels[-1][1].all():
-        levels.append(_halved(*levels[-1]))
-    filled = levels.pop()[0]
-    while levels:
-        fine, weight = levels.pop()
-        filled = _raised(fine, weight, filled)
-    return filled
-
-
-@njit(cache=True, nogil=True)
-def _halved(values: Float32, weight: Float32) -> tuple[Float32, Float32]:
-    """Weighted means of 2 x 2 pixels (h / 2, w / 2, c), and whether they hold anything."""
-    height, width, channels = values.shape
-    rows, columns = (height + 1) // 2, (width + 1) // 2
-    out = np.zeros((rows, columns, channels), dtype=np.float32)
-    kept = np.zeros((rows, columns), dtype=np.float32)
-    for y in range(rows):
-        for x in range(columns):
-            total = np.float32(0.0)
-            for j in range(2 * y, min(2 * y + 2, height)):
-                for i in range(2 * x, min(2 * x + 2, width)):
-                    if weight[j, i] > 0.0:
-                        total += weight[j, i]
-                        for c in range(channels):
-                            out[y, x, c] += weight[j, i] * values[j, i, c]
-            if total > 0.0:
-                for c in range(channels):
-                    out[y, x, c] /= total
-                kept[y, x] = min(np.float32(1.0), total)
-    return out, kept
-
-
-@njit(cache=True, nogil=True)
-def _raised(fine: Float32, weight: Float32, coarse: Float32) -> Float32:
-    """The fine level, its unknown pixels from the coarse one, bilinearly."""
-    height, width, channels = fine.shape
-    rows, columns = coarse.shape[:2]
-    out = fine.copy()
-    for y in range(height):
-        v = 0.5 * y - 0.25
-        top = int(np.floor(v))
-        down = np.float32(v - top)
-        j0, j1 = max(top, 0), min(top + 1, rows - 1)
-        for x in range(width):
-            part = np.float32(1.0) - weight[y, x]
-            if part <= 0.0:
-                continue
-            u = 0.5 * x - 0.25
-            left = int(np.floor(u))
-            along = np.float32(u - left)
-            i0, i1 = max(left, 0), min(left + 1, columns - 1)
-            for c in range(channels):
-                above = coarse[j0, i0, c] + along * (coarse[j0, i1, c] - coarse[j0, i0, c])
-                below = coarse[j1, i0, c] + along * (coarse[j1, i1, c] - coarse[j1, i0, c])
-                out[y, x, c] = weight[y, x] * fine[y, x, c] + part * (
-                    above + down * (below - above)
-                )
-    return out

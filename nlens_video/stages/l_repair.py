@@ -33,7 +33,6 @@ HALO_PX = 24
 FEATHER_PX = 3.0
 """Over how many pixels the repair fades in at the rim of what it may touch [px]."""
 
-_ALIGNED_PX = 16  # grid of the frame on which what is hidden is filled from coarser means
 _COC_SCALE = 1.0 / 32.0
 _COC_LIMIT = 1.25  # of the scaled CoC: what the network was trained to
 _CLEAR = 1e-3  # coverage this near to 0 or 1 has no covariance to speak of
@@ -96,7 +95,9 @@ def candidates(
     scattered: Float32,
     steps: Steps,
     scatter: Scatter,
+    *,
     pixel_aspect: float = 1.0,
+    corner: tuple[int, int] = (0, 0),
 ) -> Candidates:
     """Make the candidates on one region.
 
@@ -107,9 +108,10 @@ def candidates(
         steps: where the CoC steps.
         scatter: (rgba, coc_px, pixel_aspect=) -> blurred rgba.
         pixel_aspect: width of a pixel by its height, > 0 [1].
+        corner: row and column of the region's first pixel in the frame [px].
     """
     rgba, coc = layer
-    parts = split_at_steps(rgba, coc, steps)
+    parts = split_at_steps(rgba, coc, steps, corner)
     near = scatter(parts.near_rgba, parts.near_coc_px, pixel_aspect=pixel_aspect)
     back = scatter(parts.back_rgba, parts.back_coc_px, pixel_aspect=pixel_aspect)
     near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])
@@ -184,8 +186,8 @@ class RepairLayer:
         touched = _touched(steps, whole, blurred.box)
         if touched.empty:
             return blurred
-        seen = _aligned(touched.grown(HALO_PX), CELL)
-        source = _aligned(seen.grown(margin + 1), _ALIGNED_PX)
+        seen = _in_cells(touched.grown(HALO_PX))
+        source = seen.grown(margin + 1)
         made = candidates(
             (_on(source, whole, rgba), _on(source, whole, coc)),
             _on(source, blurred.box, blurred.rgba),
@@ -194,7 +196,8 @@ class RepairLayer:
                 split_px=_on(source, whole, steps.split_px),
             ),
             self.scatter,
-            self.pixel_aspect,
+            pixel_aspect=self.pixel_aspect,
+            corner=(source.y0, source.x0),
         )
         judgement = self.network(np.ascontiguousarray(made.geometry[seen.slices_in(source)]))
         return self._laid_in(made, judgement, steps, (touched, seen, source, whole), blurred)
@@ -242,14 +245,10 @@ def _touched(steps: Steps, whole: Box, target: Box) -> Box:
     return found.intersection(target).intersection(whole)
 
 
-def _aligned(box: Box, step: int) -> Box:
-    """The box grown to a grid of the frame, so that the answer moves with the object only."""
-    return Box(
-        box.x0 // step * step,
-        box.y0 // step * step,
-        -(-box.x1 // step) * step,
-        -(-box.y1 // step) * step,
-    )
+def _in_cells(box: Box) -> Box:
+    """The box grown to whole cells of the frame, so that the answer moves with the object only."""
+    x0, y0 = box.x0 // CELL * CELL, box.y0 // CELL * CELL
+    return Box(x0, y0, -(-box.x1 // CELL) * CELL, -(-box.y1 // CELL) * CELL)
 
 
 def _on(box: Box, held: Box, values: Float32) -> Float32:

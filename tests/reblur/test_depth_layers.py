@@ -58,7 +58,7 @@ def test_layers_hold_what_is_seen_of_each_and_the_back_goes_on_under_the_near_on
     rgba, coc = two_cards()
     layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
     near = coc == 12.0
-    assert np.array_equal(layers.near_rgba[near], rgba[near])
+    assert layers.near_rgba[near] == pytest.approx(rgba[near], abs=1e-6)
     assert not layers.near_rgba[~near].any()
     assert np.array_equal(layers.back_rgba[~near], rgba[~near])
     assert layers.back_rgba[near] == pytest.approx(np.tile(OPAQUE, (400, 1)), abs=1e-5)
@@ -73,6 +73,33 @@ def test_nothing_goes_on_under_what_stands_before_nothing():
     layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
     under = layers.back_rgba[20, 10:30, 3]
     assert under[0] > 0.7 and under[-1] < 0.2 and np.all(np.diff(under) < 0.05)
+
+
+def test_antialiased_edges_of_the_near_layer_hold_their_own_light_only():
+    rgba, coc = two_cards()
+    near_light, far_light = np.float32([0.9, 0.1, 0.1, 1.0]), OPAQUE
+    rgba[10:30, 10:30] = near_light
+    rgba[10:30, 29] = 0.25 * near_light + 0.75 * far_light  # a quarter of its last column
+    layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
+    assert layers.near_rgba[12:28, 29] == pytest.approx(
+        np.tile(0.25 * near_light, (16, 1)), abs=1e-4
+    )
+    whole = layers.near_rgba + (1 - layers.near_rgba[..., 3:]) * layers.back_rgba
+    assert whole == pytest.approx(rgba, abs=1e-5)
+
+
+def test_what_is_hidden_does_not_depend_on_the_cut():
+    rng = np.random.default_rng(2)
+    rgba, coc = two_cards()
+    rgba[:, :45, :3] *= rng.random((40, 45, 1), dtype=np.float32)
+    whole = split_at_steps(rgba, coc, find_steps(rgba, coc), corner=(64, 128))
+    part = split_at_steps(
+        np.ascontiguousarray(rgba[3:, 5:]), coc[3:, 5:], find_steps(rgba[3:, 5:], coc[3:, 5:]),
+        corner=(67, 133),
+    )  # fmt: skip
+    rim = (slice(10, 30), slice(10, 30))
+    inner = (slice(7, 27), slice(5, 25))
+    assert part.back_rgba[inner] == pytest.approx(whole.back_rgba[rim], abs=0.01)
 
 
 @settings(max_examples=25, deadline=None)
