@@ -1,4 +1,4 @@
-"""How much of each pixel a disc of confusion covers, in closed form, and tables of it.
+"""How much of each pixel a disc of confusion covers, in closed form.
 
 A pixel may be oblong (sample aspect ratio), so the disc is an ellipse with half axes `rx` columns
 and `ry` rows. Its weights are areas divided by its own area: they sum to 1 whatever the radius.
@@ -7,21 +7,13 @@ and `ry` rows. Its weights are areas divided by its own area: they sum to 1 what
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
-from nlens_video.frames import Float32, Float64
+from nlens_video.frames import Float64
 
 MAX_COC_PX = 512.0
 """Largest diameter that is told apart; a larger CoC is treated as this one [px]."""
-STAMP_STEPS = 64
-"""Table entries per pixel of radius; kernels interpolate linearly between them."""
-SPAN_STEPS = 16
-FADE_START = 3.0
-FADE_STOP = 4.0
-"""Discs go over from exact stamps to row spans between these radii [px]."""
 # The disc whose pixel areas, applied to pictures that are themselves samples of pixel areas, come
 # closest to the true disc: least squares over straight edges of every position and angle, by
 # brute force. Below about half a pixel the nominal disc would lie in its own pixel and do nothing.
@@ -51,19 +43,6 @@ _FITTED = (
 )
 SURPLUS = 4.0 - 1.93**2
 """By how much the square of a larger disc's radius exceeds the fitted one's [px^2]."""
-
-
-class DiscTables(NamedTuple):
-    """Tables a kernel needs for discs up to one size.
-
-    Attributes:
-        stamps: weight of pixel (|dy|, |dx|) by nominal radius in columns, (K, rows, columns).
-        spans: mean half chord of row |dy| as a share of the disc's half axis along the row, by
-            nominal radius in rows, (rows, K).
-    """
-
-    stamps: Float32
-    spans: Float32
 
 
 def fitted_radii(radius_px: Float64) -> Float64:
@@ -114,7 +93,17 @@ def coverage(rx: float, ry: float) -> Float64:
 
 
 def quarter_coverage(rx: float, ry: float, rows: int, columns: int) -> Float64:
-    """`coverage` at offsets 0..rows-1 by 0..columns-1 from the centre, (rows, columns)."""
+    """Weights of an ellipse at a pixel's centre: exact areas over its own area.
+
+    Args:
+        rx: half axis in columns, > 0 [px].
+        ry: half axis in rows, > 0 [px].
+        rows: how many rows from the pixel's own downwards.
+        columns: how many columns from the pixel's own to the right.
+
+    Returns:
+        Weights (rows, columns) of one quarter of the plane, the pixel's own row and column whole.
+    """
     # Scaled to a unit circle. Edges run from the centre, so the middle pixel is cut in half.
     x = np.concatenate([[0.0], np.arange(columns) + 0.5]) / rx
     y = np.concatenate([[0.0], np.arange(rows) + 0.5]) / ry
@@ -130,38 +119,15 @@ def reach(half_axis: float) -> int:
     return max(0, math.ceil(half_axis - 0.5))
 
 
-def _spans(largest: int) -> Float32:
-    rows = largest + 1
-    radii = fitted_radii(np.arange(largest * SPAN_STEPS + 2) / SPAN_STEPS)
-    edges = np.concatenate([[0.0], np.arange(rows) + 0.5])
-    t = np.minimum(edges[:, None] / radii[None, :], 1.0)
-    mean = np.diff(_segment(t, np.ones_like(t)), axis=0) * radii
-    mean[0] *= 2.0
-    return np.ascontiguousarray(mean, dtype=np.float32)
-
-
-def _stamps(pixel_aspect: float) -> Float32:
-    rows = reach(FADE_STOP * pixel_aspect) + 1
-    columns = reach(FADE_STOP) + 1
-    table = np.zeros((int(FADE_STOP * STAMP_STEPS) + 2, rows, columns), dtype=np.float32)
-    for index in range(table.shape[0]):
-        radius = index / STAMP_STEPS
-        rx, ry = fitted_radius(radius), fitted_radius(radius * pixel_aspect)
-        table[index] = quarter_coverage(rx, ry, rows, columns)
-    return table
-
-
-@lru_cache(maxsize=8)
-def _cached_tables(largest: int, pixel_aspect: float) -> DiscTables:
-    return DiscTables(stamps=_stamps(pixel_aspect), spans=_spans(largest))
-
-
-def tables(radius_px: float, pixel_aspect: float) -> DiscTables:
-    """Tables for discs up to a radius; kept for later calls, sizes grow in powers of two.
+def half_chords(radii: Float64, rows: int) -> Float64:
+    """Mean half chord of circles in each row of pixels from the middle one, (rows, K) [px].
 
     Args:
-        radius_px: largest radius in columns [px].
-        pixel_aspect: width of a pixel by its height, > 0 [1].
+        radii: the circles' (K,), > 0 [px].
+        rows: how many rows from the middle one downwards.
     """
-    rows = max(16.0, radius_px * pixel_aspect)
-    return _cached_tables(2 ** math.ceil(math.log2(rows)), pixel_aspect)
+    edges = np.concatenate([[0.0], np.arange(rows) + 0.5])
+    t = np.minimum(edges[:, None] / radii[None, :], 1.0)
+    mean = np.diff(_segment(t, np.ones_like(t)), axis=0) * radii * radii
+    mean[0] *= 2.0
+    return np.asarray(mean)

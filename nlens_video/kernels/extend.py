@@ -2,25 +2,57 @@
 
 The transparent pixels around the object spread like it does, as its virtual background: only so can
 the weights that arrive at a pixel be renormalised, and alpha stays 1 inside however the CoC varies.
+Numbers of other files come as arguments, see `scatter_rows`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from nlens_video.frames import Bool, Box, Float32
-from nlens_video.kernels.disc import MAX_COC_PX, fitted_radius, reach
+from nlens_video.frames import Box, Float32
+from nlens_video.kernels.disc import MAX_COC_PX
+from nlens_video.kernels.pool import share
+from nlens_video.kernels.scratch import scratch
 
-Index = npt.NDArray[np.intp]
+Int32 = npt.NDArray[np.int32]
+Band = tuple[int, int]
+Made = tuple[Float32, Float32, Float32]
 
 SKEW_FADE_PX = 1.5
 """CoC at which the skew of a disc is half in force [px]."""
+BAND_ROWS = 32
+"""Rows that a thread takes at a time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Silhouette:
+    """Where a layer's object lies, row by row.
+
+    Attributes:
+        first: the first covered column of each row (h,) [px].
+        last: the last one, -1 where a row has none (h,) [px].
+        largest_coc_px: the largest size of a covered pixel's CoC (h,) [px].
+    """
+
+    first: Int32
+    last: Int32
+    largest_coc_px: Float32
+
+    @property
+    def bounds(self) -> Box:
+        """The least box around it, empty where nothing is covered [px]."""
+        rows = np.flatnonzero(self.last >= 0)
+        if rows.size == 0:
+            return Box(0, 0, 0, 0)
+        x0, x1 = int(self.first[rows].min()), int(self.last[rows].max()) + 1
+        return Box(x0, int(rows[0]), x1, int(rows[-1]) + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,150 +62,209 @@ class SourceLayer:
     Attributes:
         box: where the arrays lie in the caller's array; reaches beyond it where the object is near
             a border.
-        target: the pixels that the object can reach, inside both `box` and the caller's array.
         rgba: premultiplied colour and alpha (h, w, 4), 0 where the object is not.
-        radius_px: radius in columns of each pixel's disc (h, w), -1 where a pixel takes no part.
-        skew: how the light of a disc grows along columns and rows (h, w, 2), see `coc_skew`
-            [1 / px].
+        radius_px: signed radius in columns of each pixel's disc (h, w), NaN where a pixel takes no
+            part [px].
+        skew: how the light of a disc grows along columns and rows (2, h, w), see
+            `extend_ref.coc_skew` [1 / px].
     """
 
     box: Box
-    target: Box
     rgba: Float32
     radius_px: Float32
     skew: Float32
 
 
-def blur_reach(coc_px: Float32, alpha: Float32, pixel_aspect: float = 1.0) -> int:
-    """Whole pixels by which the blurred object can exceed its silhouette, the larger of both axes.
+def bands(rows: int, height: int) -> list[Band]:
+    """First row and the one past the last, of parts of `height` rows at most."""
+    return [(top, min(top + height, rows)) for top in range(0, rows, height)]
 
-    Args:
-        coc_px: signed CoC diameter (h, w), read only where `alpha` > 0 [px, columns].
-        alpha: coverage by the object (h, w).
-        pixel_aspect: width of a pixel by its height, > 0 [1].
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _survey(
+    rgba: Float32, coc_px: Float32, first: Int32, last: Int32, largest: Float32, band: Band
+) -> None:
+    """Fill rows of a silhouette; a value that is not finite makes `largest` NaN."""
+    width = rgba.shape[1]
+    for y in range(band[0], band[1]):
+        start, stop, most = width, -1, np.float32(0.0)
+        finite = True
+        for x in range(width):
+            alpha = rgba[y, x, 3]
+            total = float(rgba[y, x, 0]) + float(rgba[y, x, 1]) + float(rgba[y, x, 2]) + alpha
+            finite &= math.isfinite(total)
+            if alpha > 0.0:
+                start, stop = min(start, x), x
+                size = abs(coc_px[y, x])
+                finite &= math.isfinite(size)
+                most = max(most, size)
+        first[y], last[y] = start, stop
+        largest[y] = most if finite else np.float32(np.nan)
+
+
+def survey(rgba: Float32, coc_px: Float32, threads: int | None) -> Silhouette:
+    """Find the object in a layer.
+
+    Raises:
+        ValueError: colours or, where the layer is covered, CoCs that are not finite.
     """
-    largest = float(np.max(np.abs(coc_px), where=alpha > 0.0, initial=0.0))
-    return reach(fitted_radius(0.5 * min(largest, MAX_COC_PX) * max(1.0, pixel_aspect)))
+    rows = rgba.shape[0]
+    first, last = np.empty(rows, np.int32), np.empty(rows, np.int32)
+    largest = np.empty(rows, np.float32)
+    share(partial(_survey, rgba, coc_px, first, last, largest), bands(rows, BAND_ROWS), threads)
+    if np.isnan(largest).any():
+        raise ValueError(
+            "the layer holds colours or, where it is covered, CoCs that are not finite"
+        )
+    return Silhouette(first=first, last=last, largest_coc_px=largest)
 
 
-def nearest_covered(covered: Bool) -> tuple[Index, Float32]:
-    """Find each pixel's nearest covered one.
-
-    Args:
-        covered: where the object is (h, w), at least one pixel.
-
-    Returns:
-        Its place in the flattened array (h, w), and the distance to it (h, w), to about 2 % [px].
-    """
-    distance, labels = cv2.distanceTransformWithLabels(
-        np.where(covered, np.uint8(0), np.uint8(1)),
-        cv2.DIST_L2,
-        cv2.DIST_MASK_5,
-        labelType=cv2.DIST_LABEL_PIXEL,
-    )
-    place_of_label = np.zeros(int(labels.max()) + 1, dtype=np.intp)
-    place_of_label[labels[covered]] = np.flatnonzero(covered)
-    return place_of_label[labels], np.asarray(distance, dtype=np.float32)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cut(
+    rgba: Float32, coc_px: Float32, corner: tuple[int, int], coc: Float32,
+    away: npt.NDArray[np.uint8], band: Band,
+) -> None:  # fmt: skip
+    """Cut rows of a box at `corner` out: the CoC, NaN where the object is not; `away`: 1 there."""
+    for y in range(band[0], band[1]):
+        row = y + corner[0]
+        for x in range(away.shape[1]):
+            column = x + corner[1]
+            inside = 0 <= row < rgba.shape[0] and 0 <= column < rgba.shape[1]
+            if inside and rgba[row, column, 3] > 0.0:
+                coc[y, x], away[y, x] = coc_px[row, column], 0
+            else:
+                coc[y, x], away[y, x] = np.nan, 1
 
 
-@njit(cache=True, nogil=True)
-def _step(before: np.float32, here: np.float32, after: np.float32) -> np.float32 | float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _places(away: npt.NDArray[np.uint8], labels: Int32, places: Int32) -> None:
+    """Find row and column (n, 2) of the covered pixel of each label."""
+    for y in range(away.shape[0]):
+        for x in range(away.shape[1]):
+            if away[y, x] == 0:
+                places[labels[y, x], 0] = y
+                places[labels[y, x], 1] = x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step(before: np.float32, here: np.float32, after: np.float32) -> np.float32:
     """The smaller of the steps to both neighbours, 0 where they disagree; NaN: no neighbour."""
     rise, fall = after - here, here - before
     if math.isnan(rise):
-        return 0.0 if math.isnan(fall) else fall
+        return np.float32(0.0) if math.isnan(fall) else fall
     if math.isnan(fall):
         return rise
     if rise * fall <= 0.0:
-        return 0.0
+        return np.float32(0.0)
     return rise if abs(rise) < abs(fall) else fall
 
 
-@njit(cache=True, nogil=True)
-def coc_skew(coc_px: Float32) -> Float32:
-    """How unevenly the lens fills each pixel's disc, because the CoC is not the same beside it.
-
-    From the point u of the aperture, |u| <= 1, the pixel at p appears at p + coc / 2 * u, enlarged
-    by the determinant of that map, 1 + u . grad(coc) / 2. So the point d = coc / 2 * u of the disc
-    gets 1 + skew . d times its even share, skew = grad(coc) / coc. The gradient is limited: no step
-    at a depth edge counts as slope, and none is steeper than 1 px a pixel.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lay_out_object(
+    rgba: Float32, coc: Float32, away: npt.NDArray[np.uint8], made: Made,
+    corner: tuple[int, int], limits: tuple[float, float, float], band: Band,
+) -> None:  # fmt: skip
+    """Fill in the covered pixels of rows of a source layer.
 
     Args:
-        coc_px: signed CoC diameter (h, w), NaN where the object is not [px].
-
-    Returns:
-        Skew along columns and rows (h, w, 2), fading out below `SKEW_FADE_PX`, where pixels are
-        larger than discs; 0 where the object is not [1 / px].
+        rgba: the caller's colours.
+        coc: of the box, NaN where the object is not.
+        away: whether a pixel of the box is away from the object.
+        made: colours, radius and skew to fill in.
+        corner: row and column of the box in the caller's arrays.
+        limits: largest distance that takes part, largest radius, `SKEW_FADE_PX` [px].
+        band: first row and the one past the last.
     """
-    height, width = coc_px.shape
-    skew = np.zeros((height, width, 2), dtype=np.float32)
-    for y in range(height):
-        for x in range(width):
-            here = coc_px[y, x]
-            if math.isnan(here):
+    colours, radii, skews = made
+    largest, fade = np.float32(limits[1]), np.float32(limits[2] * limits[2])
+    one = np.float32(1.0)
+    for y in range(band[0], band[1]):
+        for x in range(away.shape[1]):
+            row, column = y + corner[0], x + corner[1]
+            if away[y, x] != 0:
+                for c in range(4):
+                    colours[y, x, c] = 0.0
                 continue
-            left = coc_px[y, x - 1] if x > 0 else np.float32(np.nan)
-            right = coc_px[y, x + 1] if x + 1 < width else np.float32(np.nan)
-            above = coc_px[y - 1, x] if y > 0 else np.float32(np.nan)
-            below = coc_px[y + 1, x] if y + 1 < height else np.float32(np.nan)
-            along, down = _step(left, here, right), _step(above, here, below)
-            damped = here / (here * here + SKEW_FADE_PX * SKEW_FADE_PX)
-            damped /= max(1.0, math.sqrt(along * along + down * down))
-            skew[y, x, 0] = along * damped
-            skew[y, x, 1] = down * damped
-    return skew
+            for c in range(4):
+                colours[y, x, c] = rgba[row, column, c]
+            here = coc[y, x]
+            radii[y, x] = min(max(np.float32(0.5) * here, -largest), largest)
+            along = _step(coc[y, x - 1], here, coc[y, x + 1])
+            down = _step(coc[y - 1, x], here, coc[y + 1, x])
+            damped = here / (here * here + fade) / max(one, np.sqrt(along * along + down * down))
+            skews[0, y, x] = along * damped
+            skews[1, y, x] = down * damped
 
 
-def prepare(rgba: Float32, coc_px: Float32, pixel_aspect: float) -> SourceLayer | None:
-    """Check a layer and cut it to what can matter; None where it holds no covered pixel.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lay_out_background(
+    rgba: Float32, nearest: tuple[Int32, Int32, Float32], away: npt.NDArray[np.uint8], made: Made,
+    corner: tuple[int, int], limits: tuple[float, float, float], band: Band,
+) -> None:  # fmt: skip
+    """Fill in the other pixels: each spreads as the nearest covered one.
+
+    Args:
+        rgba: the caller's colours.
+        nearest: of the box: each pixel's label, the labels' places, the distance to them.
+        away: as in `_lay_out_object`, and so on.
+        made: with the covered pixels filled in.
+        corner: of the box.
+        limits: as there.
+        band: first row and the one past the last.
+    """
+    labels, places, distance = nearest
+    _, radii, skews = made
+    height, width = rgba.shape[:2]
+    for y in range(band[0], band[1]):
+        for x in range(away.shape[1]):
+            if away[y, x] == 0:
+                continue
+            row, column = y + corner[0], x + corner[1]
+            inner_row, inner_column = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
+            inside = inner_row == row and inner_column == column
+            hidden = not inside and rgba[inner_row, inner_column, 3] > 0.0
+            if hidden or distance[y, x] > limits[0]:
+                radii[y, x] = np.nan
+                skews[0, y, x] = skews[1, y, x] = 0.0
+                continue
+            label = labels[y, x]
+            row, column = places[label, 0], places[label, 1]
+            radii[y, x] = radii[row, column]
+            skews[0, y, x], skews[1, y, x] = skews[0, row, column], skews[1, row, column]
+
+
+def lay_out(
+    rgba: Float32, coc_px: Float32, bounds: Box, margin: int, threads: int | None
+) -> SourceLayer:
+    """Cut a layer to what can matter and carry its CoC past the silhouette.
 
     Beyond a border of the array transparent pixels go on as virtual background; covered ones are
     not invented, so that weights there are renormalised with what lies inside.
 
-    Raises:
-        ValueError: shapes that do not belong together, values that are not finite.
+    Args:
+        rgba: premultiplied colour and alpha (h, w, 4), contiguous.
+        coc_px: signed CoC diameter (h, w), contiguous [px].
+        bounds: the covered pixels' box, not empty.
+        margin: how far the object reaches beyond it [px].
+        threads: how many share the work at most.
     """
-    if rgba.ndim != 3 or rgba.shape[2] != 4 or coc_px.shape != rgba.shape[:2]:
-        raise ValueError(f"{rgba.shape = } must be (h, w, 4) and {coc_px.shape = } its (h, w)")
-    if not (np.isfinite(pixel_aspect) and pixel_aspect > 0.0):
-        raise ValueError(f"{pixel_aspect = } must be a positive number")
-    covered = rgba[..., 3] > 0.0
-    if not (np.isfinite(rgba).all() and np.isfinite(coc_px[covered]).all()):
-        raise ValueError(
-            "the layer holds colours or, where it is covered, CoCs that are not finite"
-        )
-    if not covered.any():
-        return None
-    whole = Box(0, 0, rgba.shape[1], rgba.shape[0])
-    margin = blur_reach(coc_px, rgba[..., 3], pixel_aspect)
-    box = _bounds(covered).grown(2 * margin + 1)
-    inside = box.intersection(whole)
-    source, within = inside.slices_in(whole), inside.slices_in(box)
-    shape = (box.height, box.width)
-    mask = np.zeros(shape, dtype=np.bool_)
-    mask[within] = covered[source]
-    coc = np.full(shape, np.nan, dtype=np.float32)
-    coc[within] = np.where(mask[within], coc_px[source], np.float32(np.nan))
-    colour = np.zeros((*shape, 4), dtype=np.float32)
-    colour[within] = np.where(mask[within][..., None], rgba[source], np.float32(0.0))
-    nearest, distance = nearest_covered(mask)
-    radius = np.float32(0.5) * np.minimum(np.abs(coc.ravel()[nearest]), np.float32(MAX_COC_PX))
-    radius[_beyond_covered(mask, within) | (distance > 2 * margin + 1)] = -1.0
-    skew = coc_skew(coc).reshape(-1, 2)[nearest]
-    target = _bounds(covered).grown(margin).intersection(whole)
-    return SourceLayer(box=box, target=target, rgba=colour, radius_px=radius, skew=skew)
-
-
-def _bounds(covered: Bool) -> Box:
-    rows = np.flatnonzero(covered.any(axis=1))
-    columns = np.flatnonzero(covered.any(axis=0))
-    return Box(int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
-
-
-def _beyond_covered(mask: Bool, within: tuple[slice, slice]) -> Bool:
-    """Pixels outside `within` whose nearest pixel inside it is covered."""
-    rows = np.clip(np.arange(mask.shape[0]), within[0].start, within[0].stop - 1)
-    columns = np.clip(np.arange(mask.shape[1]), within[1].start, within[1].stop - 1)
-    beyond = mask[rows][:, columns]
-    beyond[within] = False
-    return beyond
+    box = bounds.grown(2 * margin + 1)
+    corner = (box.y0, box.x0)
+    away = scratch("away", (box.height, box.width), np.uint8)
+    coc, parts = scratch("coc", away.shape), bands(box.height, BAND_ROWS)
+    share(partial(_cut, rgba, coc_px, corner, coc, away), parts, threads)
+    distance, labels = scratch("distance", away.shape), scratch("labels", away.shape, np.int32)
+    cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, cv2.DIST_MASK_5, distance, labels, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    places = scratch("places", (away.size + 1, 2), np.int32)
+    _places(away, labels, places)
+    colours = scratch("colours", (*away.shape, 4))
+    radii = scratch("radii", away.shape)
+    skews = scratch("skews", (2, *away.shape))
+    made = colours, radii, skews
+    limits = (2.0 * margin + 1.0, 0.5 * MAX_COC_PX, SKEW_FADE_PX)
+    share(partial(_lay_out_object, rgba, coc, away, made, corner, limits), parts, threads)
+    nearest = labels, places, distance
+    share(partial(_lay_out_background, rgba, nearest, away, made, corner, limits), parts, threads)
+    return SourceLayer(box=box, rgba=colours, radius_px=radii, skew=skews)

@@ -1,7 +1,7 @@
-"""The compiled loops of `scatter`.
+"""The compiled loops of `scatter`: one level of the source, spread into rows of the result.
 
-Nothing from another file is compiled in: the cache on disk follows changes of this file only, so
-numbers of other files come as arguments.
+Nothing but functions from another file is compiled in: the cache on disk follows changes of this
+file only, so numbers of other files come as arguments.
 """
 
 from __future__ import annotations
@@ -11,234 +11,244 @@ import math
 import numpy as np
 from numba import njit
 
-from nlens_video.frames import Bool, Float32, Float64
-from nlens_video.kernels.extend import Index
+from nlens_video.frames import Float32, Float64
+from nlens_video.kernels.extend import Band
+from nlens_video.kernels.levels import Light, RowNumbers
+from nlens_video.kernels.simd import add_end, add_spot
 
-ALPHA_FLOOR = 1e-9
-"""Coverage below this is rounding left over by the running sum, and means 0 [1]."""
-
+# `levels` has the same: a number from there would go stale in the cache.
+RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
 
 # Plain tuples, though names would read better: numba's cache on disk holds on to named classes, and
 # fails when a later version of this file has none of that name.
 #
-# What spreads: rgba (h, w, 4), premultiplied; radius (h, w), nominal, -1 where a pixel takes no
-# part [px]; half_axis (h, w), half width of its disc [px], and density (h, w), one over its area
-# times the share that is spread as spans, 0 where a pixel takes no part; skew (h, w, 2), how the
-# disc's light grows along columns and rows [1 / px].
-Pixels = tuple[Float32, Float32, Float32, Float32, Float32]
-# For each row of them (h,): rows above and below that its discs reach, -1 where it has none; the
-# first and the last column that take part; the least and the largest radius [px].
-Rows = tuple[Index, Index, Index, Float32, Float32]
-# For each row of the result (h,), laid out as the pixels: the columns that the object can reach,
-# from the first to the last, or none [px].
-Reached = tuple[Float64, Float64]
-# Tables of `disc.DiscTables`, stamps and spans; width of a pixel by its height; `FADE_START`,
-# `FADE_STOP`, `STAMP_STEPS`, `SPAN_STEPS`.
-Discs = tuple[Float32, Float32, float, float, float, float, float]
+# Tables of `tables.DiscTables`: stamps, spans; entries per pixel of radius; where the discs before
+# the focus start; width of a pixel by its height; furthest point of the aperture [radius].
+Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
 
 
-@njit(cache=True, nogil=True)
-def _half_width(radius: float, aspect: float, dy: int) -> float:
-    """No less than how far a disc, as skew as can be, reaches along the row `dy` from its own."""
-    down = (max(0.0, abs(dy) - 0.5)) / (radius * aspect + 1.0)
-    # Skew is at most 1 / (2 radius), which shifts a span by up to a sixth of its half.
-    return (radius + 1.0) * math.sqrt(max(0.0, 1.0 - down * down)) * (7.0 / 6.0) + 2.0
+@njit(cache=True, nogil=True, error_model="numpy")
+def _look_up(
+    numbers: Float32, table: Float32, scale: np.float32, behind: int, out: Float32
+) -> None:
+    """Read a table (K,) at signed radii `numbers` times `scale`, those > 0 from `behind` on."""
+    for x in range(numbers.shape[0]):
+        place = abs(numbers[x]) * scale
+        entry = np.uint32(place)
+        part = place - np.float32(entry)
+        if numbers[x] > np.float32(0.0):
+            entry += np.uint32(behind)
+        low = table[entry]
+        out[x] = low + part * (table[entry + np.uint32(1)] - low)
 
 
-@njit(cache=True, nogil=True)
-def reached_columns(covered: Bool, radii: Float32, aspect: float) -> Reached:
-    """Which columns of each row the object reaches, from its silhouette (h, w)."""
-    height, width = covered.shape
-    low, high = np.full(height, np.inf), np.full(height, -np.inf)
-    for source in range(height):
-        first, last, radius = width, -1, 0.0
-        for x in range(width):
-            if covered[source, x]:
-                first, last = min(first, x), x
-                radius = max(radius, float(radii[source, x]))
-        if last < 0:
-            continue
-        rows = math.ceil(radius * aspect + 1.0)
-        for y in range(max(0, source - rows), min(height, source + rows + 1)):
-            half = _half_width(radius, aspect, y - source)
-            low[y] = min(low[y], first - half)
-            high[y] = max(high[y], last + half)
-    return low, high
-
-
-@njit(cache=True, nogil=True)
-def _add(sums: Float64, i: int, weight: float, r: float, g: float, b: float, a: float) -> None:
-    """Add a weighted colour at place i; its last channel is the virtual background's weight."""
-    if a > 0.0:
-        sums[i, 0] += weight * r
-        sums[i, 1] += weight * g
-        sums[i, 2] += weight * b
-        sums[i, 3] += weight * a
-    if a < 1.0:
-        sums[i, 4] += weight * (1.0 - a)
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_stamps(
-    spots: Float64, pixels: Pixels, discs: Discs, columns: tuple[int, int], y: int, dy: int
-) -> None:
-    """Add what small discs of row `y` give to the row of the result `dy` rows below it."""
-    rgba, radii, _, _, skews = pixels
-    stamp, _, _, fade_start, fade_stop, steps, _ = discs
-    row = abs(dy)
-    edge = (spots.shape[0] - radii.shape[1]) // 2
-    for x in range(columns[0], columns[1] + 1):
-        radius = float(radii[y, x])
-        if radius < 0.0 or radius >= fade_stop:
-            continue
-        r, g, b, a = (
-            float(rgba[y, x, 0]),
-            float(rgba[y, x, 1]),
-            float(rgba[y, x, 2]),
-            float(rgba[y, x, 3]),
-        )
-        skew = float(skews[y, x, 0])
-        even = 1.0 + dy * float(skews[y, x, 1])
-        part = min(1.0, (fade_stop - radius) / (fade_stop - fade_start))
-        place = radius * steps
-        k = int(place)
-        at = x + edge
-        for dx in range(stamp.shape[2]):
-            low = float(stamp[k, row, dx])
-            weight = part * (low + (place - k) * (stamp[k + 1, row, dx] - low))
-            if weight <= 0.0:
-                break
-            _add(spots, at + dx, weight * (even + skew * dx), r, g, b, a)
-            if dx > 0:
-                _add(spots, at - dx, weight * (even - skew * dx), r, g, b, a)
+    spots: Float32, rgba: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int, int],
+    dy: int, scratch: Float32,
+) -> None:  # fmt: skip
+    """Add what stamps of a row give to the row of the result `dy` rows below it.
 
-
-@njit(cache=True, nogil=True)
-def _place_spans(
-    ends: Float64, pixels: Pixels, discs: Discs, columns: tuple[int, int], y: int, dy: int
-) -> None:
-    """Find start, stop and weight (3, w) of the spans that `_add_spans` adds.
-
-    A loop of its own, without branches: a third quicker than within that one.
+    Args:
+        spots: sums to add to (n, 8).
+        rgba: the row's light (w, 4).
+        numbers: the row's other numbers (9, w).
+        discs: tables.
+        columns: first and last column that take part, and how many columns stamps reach.
+        dy: rows [px].
+        scratch: (3, w).
     """
-    _, radii, half_axes, densities, skews = pixels
-    _, chords, aspect, _, _, _, steps = discs
-    chord, scale = chords[abs(dy)], aspect * steps
-    edge = (ends.shape[1] - radii.shape[1]) // 2
-    start, stop, weight = ends
-    for x in range(columns[0], columns[1] + 1):
-        place = max(0.0, radii[y, x] * scale)
-        k = np.uint32(place)
-        low = float(chord[k])
-        half = half_axes[y, x] * (low + (place - k) * (chord[k + np.uint32(1)] - low))
-        centre = x + edge + 0.5 + skews[y, x, 0] * half * half * (1.0 / 3.0)
-        start[x] = centre - half
-        stop[x] = centre + half
-        weight[x] = densities[y, x] * (1.0 + dy * skews[y, x, 1])
+    stamps, _, steps, turned, _, _ = discs
+    row, middle = dy + stamps.shape[0] // 2, stamps.shape[1] // 2
+    start, stop = columns[0], columns[1] + 1
+    edge = (spots.shape[0] - rgba.shape[0]) // 2 + start
+    radii, along = numbers[STAMP_RADIUS, start:stop], numbers[ALONG, start:stop]
+    size, down = numbers[STAMP, start:stop], numbers[DOWN, start:stop]
+    weights, pixels = scratch[0, start:stop], rgba[start:stop]
+    scale, rows = np.float32(steps[0]), np.float32(dy)
+    for dx in range(-columns[2], columns[2] + 1):
+        _look_up(radii, stamps[row, middle + dx], scale, turned[0], weights)
+        across = np.float32(dx)
+        for x in range(radii.shape[0]):
+            weights[x] *= size[x] * (np.float32(1.0) + across * along[x] + rows * down[x])
+        for x in range(radii.shape[0]):
+            if weights[x] > np.float32(0.0):
+                add_spot(spots, x + edge + dx, pixels, x, weights[x])  # type: ignore[call-arg]
 
 
-@njit(cache=True, nogil=True)
-def _add_end(
-    spans: Float64, at: float, weight: float, r: float, g: float, b: float, a: float
-) -> None:
-    """Add an end of a span between two places; channels 5 to 9 count one place further on.
+@njit(cache=True, nogil=True, error_model="numpy")
+def place_spans(
+    ends: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int], dy: int,
+    skew: np.float32, rim: float,
+) -> None:  # fmt: skip
+    """Find start, stop and weight (3, w) of a row's spans; the ends count from their pixel.
 
-    So neighbours in a row do not wait for each other's sums.
+    Args:
+        ends: to fill in.
+        numbers: the row's (9, w).
+        discs: tables.
+        columns: first and last column to fill in.
+        dy: rows from the pixels' own [px].
+        skew: 1 to follow the discs' skew, 0 to leave it out [1].
+        rim: radius of the barrel's rim that cuts the discs, 0 where none does [radius].
     """
-    i = int(at)
-    further = weight * (at - i)
-    here = weight - further
-    if a > 0.0:
-        spans[i, 0] += here * r
-        spans[i, 1] += here * g
-        spans[i, 2] += here * b
-        spans[i, 3] += here * a
-        spans[i, 5] += further * r
-        spans[i, 6] += further * g
-        spans[i, 7] += further * b
-        spans[i, 8] += further * a
-    if a < 1.0:
-        spans[i, 4] += here * (1.0 - a)
-        spans[i, 9] += further * (1.0 - a)
+    _, spans, steps, turned, aspect, outer = discs
+    table = spans[dy + spans.shape[0] // 2]
+    start, stop = columns[0], columns[1] + 1
+    radii, axes = numbers[RADIUS, start:stop], numbers[AXIS, start:stop]
+    along, down = numbers[ALONG, start:stop], numbers[DOWN, start:stop]
+    starts, stops, weights = ends[0, start:stop], ends[1, start:stop], ends[2, start:stop]
+    scale, rows = np.float32(steps[1]), np.float32(dy)
+    zero, one, third = np.float32(0.0), np.float32(1.0), np.float32(1.0 / 3.0)
+    _look_up(radii, table[1], scale, turned[1], stops)
+    if outer == 1.0:  # round: all spans lie in the middle
+        for x in range(radii.shape[0]):
+            starts[x] = zero
+    else:
+        _look_up(radii, table[0], scale, turned[1], starts)
+    if rim > 0.0:
+        _cut_spans(ends, numbers, columns, dy, (rim, aspect))
+    size = numbers[SPAN, start:stop]
+    for x in range(radii.shape[0]):
+        middle, half = axes[x] * starts[x], axes[x] * stops[x]
+        even = one + rows * down[x] + along[x] * middle
+        # the light of a span grows along it: an even one of the same light lies off a little
+        first = np.float32(0.5) + middle + skew * along[x] * half * half * third - half
+        starts[x] = first
+        stops[x] = first + half + half
+        weights[x] = size[x] * even if half > zero else zero
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cut_spans(
+    ends: Float32, numbers: Float32, columns: tuple[int, int], dy: int, shape: tuple[float, float]
+) -> None:
+    """Cut middles and halves (2, w) of a row's spans [half axis] to what the barrel leaves."""
+    edge, aspect = np.float32(shape[0]), np.float32(shape[1])
+    zero, half = np.float32(0.0), np.float32(0.5)
+    for x in range(columns[0], columns[1] + 1):
+        axis = max(numbers[AXIS, x], np.float32(1e-6))
+        off = (np.float32(dy) - numbers[BARREL_Y, x]) / (axis * aspect)
+        rim = np.sqrt(max(edge * edge - off * off, zero))
+        across = numbers[BARREL_X, x] / axis
+        low = max(ends[0, x] - ends[1, x], across - rim)
+        high = min(ends[0, x] + ends[1, x], across + rim)
+        ends[0, x] = half * (low + high)
+        ends[1, x] = max(half * (high - low), zero)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_spans(
-    spans: Float64, ends: Float64, rgba: Float32, columns: tuple[int, int], y: int
+    sums: Float32, ends: Float32, rgba: Float32, columns: tuple[int, int], edge: int
 ) -> None:
-    """Add both ends of the spans of row `y`: a running sum makes light of them."""
-    start, stop, weights = ends
+    """Add both ends of the spans of a row: a running sum makes light of them."""
     for x in range(columns[0], columns[1] + 1):
-        low, high, weight = start[x], stop[x], weights[x]
-        if weight == 0.0 or low >= high:
-            continue
-        r, g, b, a = (
-            float(rgba[y, x, 0]),
-            float(rgba[y, x, 1]),
-            float(rgba[y, x, 2]),
-            float(rgba[y, x, 3]),
-        )
-        _add_end(spans, low, weight, r, g, b, a)
-        _add_end(spans, high, -weight, r, g, b, a)
+        weight = ends[2, x]
+        if weight != np.float32(0.0):
+            start, stop = ends[0, x], ends[1, x]
+            first, last = np.floor(start), np.floor(stop)
+            further = weight * (start - first)
+            add_end(sums, x + edge + np.int32(first), rgba, x, weight - further, further)  # type: ignore[call-arg]
+            further = weight * (stop - last)
+            add_end(sums, x + edge + np.int32(last), rgba, x, further - weight, -further)
 
 
-@njit(cache=True, nogil=True)
-def _finish(spans: Float64, spots: Float64, out: Float32, start: int) -> None:
-    """Run the sums, renormalise and write a row of the result (w, 4), `start` in the buffers."""
-    r = g = b = a = back = 0.0
-    for i in range(1, start + out.shape[0]):
-        r += spans[i, 0] + spans[i - 1, 5]
-        g += spans[i, 1] + spans[i - 1, 6]
-        b += spans[i, 2] + spans[i - 1, 7]
-        a += spans[i, 3] + spans[i - 1, 8]
-        back += spans[i, 4] + spans[i - 1, 9]
-        alpha = a + spots[i, 3]
-        if i < start or alpha < ALPHA_FLOOR:
-            continue
-        weight = alpha + max(0.0, back + spots[i, 4])
-        out[i - start, 0] = (r + spots[i, 0]) / weight
-        out[i - start, 1] = (g + spots[i, 1]) / weight
-        out[i - start, 2] = (b + spots[i, 2]) / weight
-        out[i - start, 3] = min(1.0, alpha / weight)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _finish(spans: Float32, spots: Float32, sums: Float32, start: int) -> None:
+    """Run the sums of a row into `sums` (w, 5), `start` in the buffers."""
+    r = g = b = a = weight = 0.0
+    for i in range(1, start + sums.shape[0]):
+        r += spans[i, 0] + spans[i - 1, 8]
+        g += spans[i, 1] + spans[i - 1, 9]
+        b += spans[i, 2] + spans[i - 1, 10]
+        a += spans[i, 3] + spans[i - 1, 11]
+        weight += spans[i, 4] + spans[i - 1, 12]
+        if i >= start:
+            sums[i - start, 0] = r + spots[i, 0]
+            sums[i - start, 1] = g + spots[i, 1]
+            sums[i - start, 2] = b + spots[i, 2]
+            sums[i - start, 3] = a + spots[i, 3]
+            sums[i - start, 4] = weight + spots[i, 4]
 
 
-@njit(cache=True, nogil=True)
-def scatter_rows(
-    pixels: Pixels,
-    rows: Rows,
-    reached: Reached,
-    discs: Discs,
-    out: Float32,
-    origin: tuple[int, int],
-    band: tuple[int, int],
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_coarse(
+    coarse: Float32, line: Float32, offset: tuple[int, int], y: int, sums: Float32
 ) -> None:
-    """Make rows `band[0]` to `band[1]` of the result (h, w, 4), whose corner is `origin`."""
-    height, width = pixels[1].shape
-    reaches, first, last, least, largest = rows
-    stamps, _, aspect, fade_start, fade_stop, _, _ = discs
-    furthest = reaches.max()
-    edge = math.ceil(_half_width(largest.max(), aspect, 0)) + 1
-    spans = np.empty((width + 2 * edge, 10))
-    spots = np.empty((width + 2 * edge, 5))
-    ends = np.empty((3, width + 2 * edge))
+    """Add a row of the next coarser level, interpolated between its pixels, to `sums` (w, 5).
+
+    Args:
+        coarse: sums of that level (h, w, 5).
+        line: scratch (w, 5).
+        offset: row and column of the level at hand where that level's sums start, twice as fine.
+        y: the row, from the start of `sums`.
+        sums: to add to.
+    """
+    row = y - offset[0]
+    near = row >> 1
+    far = near + 1 if row & 1 else near - 1
+    quarter = np.float32(0.25)
+    three = np.float32(0.75)
+    for x in range(line.shape[0]):
+        for c in range(5):
+            line[x, c] = quarter * (three * coarse[near, x, c] + quarter * coarse[far, x, c])
+    for x in range(sums.shape[0]):
+        column = x - offset[1]
+        here = column >> 1
+        beside = here + 1 if column & 1 else here - 1
+        for c in range(5):
+            sums[x, c] += three * line[here, c] + quarter * line[beside, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scatter_rows(
+    light: Light, rows: RowNumbers, discs: Discs, columns: tuple[Float64, Float64],
+    coarse: tuple[Float32, int, int], rim: float, sums: Float32, origin: tuple[int, int],
+    band: Band,
+) -> None:  # fmt: skip
+    """Make rows `band[0]` to `band[1]` of a level's sums.
+
+    Args:
+        light: what the level's pixels spread (h, w).
+        rows: how far each row of them reaches, see `levels.Level`.
+        discs: tables.
+        columns: first and last column of each row of the light that the object can reach (h,).
+        coarse: the next coarser level's sums, and where they start, see `_add_coarse`.
+        rim: radius of the barrel's rim that cuts the discs, 0 where none does [radius].
+        sums: red, green, blue, alpha and weight to fill in (H, W, 5).
+        origin: row and column of the light at which `sums` start.
+        band: first row and the one past the last.
+    """
+    rgba, numbers = light
+    height, width = rgba.shape[:2]
+    stamps, spans, _, _, _, outer = discs
+    span_rows, stamp_rows = spans.shape[0] // 2, stamps.shape[0] // 2
+    furthest = max(rows[0].max(), rows[3].max())
+    across = max(numbers[:, AXIS].max() * outer * 1.2, stamps.shape[1] // 2) + 2.0
+    edge = math.ceil(across) + 1
+    ends_of_row = np.empty((width + 2 * edge, 16), np.float32)
+    spots = np.empty((width + 2 * edge, 8), np.float32)
+    ends = np.empty((3, width), np.float32)
+    line = np.empty((coarse[0].shape[1], 5), np.float32)
     for y in range(band[0], band[1]):
         here = y + origin[0]
-        if reached[0][here] > reached[1][here]:
+        if columns[0][here] > columns[1][here]:
+            sums[y] = np.float32(0.0)
             continue
-        spans[:] = 0.0
-        spots[:] = 0.0
+        ends_of_row[:] = np.float32(0.0)
+        spots[:] = np.float32(0.0)
+        least, most = int(columns[0][here] - across), int(columns[1][here] + across) + 1
         for source in range(max(0, here - furthest), min(height, here + furthest + 1)):
             dy = here - source
-            if abs(dy) > reaches[source]:
-                continue
-            half = _half_width(largest[source], aspect, dy)
-            columns = (
-                max(first[source], int(reached[0][here] - half)),
-                min(last[source], int(reached[1][here] + half) + 1),
-            )
-            if least[source] < fade_stop and abs(dy) < stamps.shape[1]:
-                _add_stamps(spots, pixels, discs, columns, source, dy)
-            if largest[source] > fade_start:
-                _place_spans(ends, pixels, discs, columns, source, dy)
-                _add_spans(spans, ends, pixels[0], columns, source)
-        _finish(spans, spots, out[y], edge + origin[1])
+            of_row = numbers[source]
+            if abs(dy) <= min(rows[0, source], span_rows):
+                part = (max(rows[1, source], least), min(rows[2, source], most))
+                place_spans(ends, of_row, discs, part, dy, np.float32(1.0), rim)
+                _add_spans(ends_of_row, ends, rgba[source], part, edge)
+            if abs(dy) <= min(rows[3, source], stamp_rows):
+                wide = min(rows[4, source], stamps.shape[1] // 2)
+                stamped = (max(rows[5, source], least), min(rows[6, source], most), wide)
+                _add_stamps(spots, rgba[source], of_row, discs, stamped, dy, ends)
+        _finish(ends_of_row, spots, sums[y], edge + origin[1])
+        if line.shape[0] > 0:
+            _add_coarse(coarse[0], line, (coarse[1], coarse[2]), y, sums[y])

@@ -63,7 +63,8 @@ class ReblurLayer:
     """L as a stage: scatter a layer with its CoC.
 
     Attributes:
-        scatter: (rgba (h, w, 4), coc_px (h, w), pixel_aspect=) -> blurred rgba (h, w, 4).
+        scatter: (rgba (h, w, 4), coc_px (h, w), pixel_aspect=, frame=) -> blurred rgba (h, w, 4);
+            `frame` is the frame's box in pixels of the arrays.
         reach: (coc_px, alpha, pixel_aspect) -> pixels that the blur spreads beyond the silhouette.
         pixel_aspect: width of a pixel by its height [1].
     """
@@ -86,7 +87,8 @@ class ReblurLayer:
         wide = layer.box.grown(margin)
         rgba = np.pad(layer.rgba, ((margin, margin), (margin, margin), (0, 0)))
         coc = np.pad(defocused.coc_px, margin)
-        blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect)
+        seen = Box(frame.x0 - wide.x0, frame.y0 - wide.y0, frame.x1 - wide.x0, frame.y1 - wide.y0)
+        blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect, frame=seen)
         box = wide.intersection(frame)
         if box.empty:
             return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))

@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_truth import Slab, lens, pinhole, psnr_over_plate
 
-from nlens_video.kernels import extend, scatter_rows
-from nlens_video.kernels.extend import blur_reach
-from nlens_video.kernels.scatter import scatter
+from nlens_video.kernels import barrel, extend, levels, reached, scatter_rows
+from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.kernels.scatter_ref import scatter_ref
 
 
@@ -115,7 +114,9 @@ def test_a_steep_ramp_of_large_discs_gives_the_same_mirrored():
     np.testing.assert_allclose(mirrored, plain, atol=1e-6)
 
 
-@pytest.mark.parametrize("module", [extend, scatter_rows], ids=lambda module: module.__name__)
+@pytest.mark.parametrize(
+    "module", [barrel, extend, levels, reached, scatter_rows], ids=lambda module: module.__name__
+)
 def test_kernels_compile_in_no_number_of_another_file(module):
     # Their cache on disk would keep the old one after it changed there.
     names = {
