@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from nlens_video.aperture import ROUND, Aperture
@@ -192,15 +193,23 @@ def _sharp(tools: Tools) -> Made:
     return Made(crop_to_frame, "the layer as it is")
 
 
-def _scatter(tools: Tools) -> Made:
-    from nlens_video.kernels.scatter import blur_reach, scatter
+def _scatter(tools: Tools, *, detail: str = "fine") -> Made:
+    from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
 
-    stage = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect)
+    details = {"fine": FINE, "draft": DRAFT}
+    if detail not in details:
+        raise UsageError(f"stage 'scatter': no detail {detail!r}; there are {', '.join(details)}")
+    drawn = details[detail]
+    stage = ReblurLayer(
+        scatter=partial(scatter, aperture=tools.aperture, detail=drawn),
+        reach=partial(blur_reach, aperture=tools.aperture, detail=drawn),
+        pixel_aspect=tools.pixel_aspect,
+    )
 
     def run(defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
         return stage(defocused, frame_box)
 
-    return Made(run, "L: layered exact-coverage scatter, numba")
+    return Made(run, f"L: layered exact-coverage scatter, {detail}, numba")
 
 
 def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
