@@ -34,11 +34,13 @@ class Reservoir:
     """Pictures and labels in two memory-mapped files, a ring; readers see its count grow.
 
     Attributes:
+        folder: where they lie.
         pictures: uint8 (capacity, SIZE, SIZE, 3).
         labels: CoC [px], float16 (capacity, SIZE / LABEL_STEP, SIZE / LABEL_STEP).
     """
 
     def __init__(self, folder: Path, capacity: int | None = None) -> None:
+        self.folder = folder
         self._state = folder / "state.json"
         mode = "r" if capacity is None else "r+"
         if capacity is None:

@@ -1,8 +1,9 @@
 """F: the plate's circle of confusion from one picture (paper, section 4.1).
 
-The network knows CoC from 0 to 64 px on pictures up to about 960 px wide. A larger frame is reduced
-(area average) until its longer side is `WORKING_SIDE_PX`, and the diameters are scaled back; a
-smaller one is read as it is, since enlarging would only blur it.
+The network knows CoC from 0 to 64 px on pictures about 960 px wide. A larger frame is reduced (area
+average) until its longer side is `WORKING_SIDE_PX`, a smaller one enlarged up to twice (Lanczos),
+and the diameters are scaled back. The network cannot tell a CoC below about 1.5 px of what it sees
+from the softness of lens and sensor; on a frame of half the size that is 0.8 px of its own.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from nlens_video.stages.protocols import CocNetwork
 
 WORKING_SIDE_PX = 960
 LARGEST_COC_PX = 64.0  # what the network was trained to see [px of the working size]
+LARGEST_ENLARGEMENT = 2.0  # beyond it the interpolation's own softness is what is read
 FLAT = 0.6 / 255  # contrast below which a picture holds nothing but its own rounding [sRGB code]
 _FLAT_WINDOW_PX = 33
 
@@ -43,9 +45,9 @@ class EstimateCoc:
             following: later frames of the same size; those that a still camera saw are averaged
                 with it against noise (`f_pool`).
         """
-        working, used = _reduced(picture.srgb(), self.pixel_aspect), 1
+        working, used = _worked(picture.srgb(), self.pixel_aspect), 1
         if following:
-            later = (_reduced(frame.srgb(), self.pixel_aspect) for frame in following)
+            later = (_worked(frame.srgb(), self.pixel_aspect) for frame in following)
             working, used = pooled(working, later)
         coc = _read(self.network, working, (picture.width, picture.height))
         return replace(coc, frames=used)
@@ -67,7 +69,7 @@ def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -
     """
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.size == 0:
         raise ValueError(f"{rgb.shape = } must be (H, W, 3) with at least one pixel")
-    working = _reduced(np.asarray(rgb, dtype=np.float32), pixel_aspect)
+    working = _worked(np.asarray(rgb, dtype=np.float32), pixel_aspect)
     return _read(network, working, (rgb.shape[1], rgb.shape[0]))
 
 
@@ -97,16 +99,19 @@ def _flat(rgb: Float32) -> Float32:
     return np.asarray(spread < FLAT**2, dtype=np.float32)
 
 
-def _reduced(rgb: Float32, pixel_aspect: float) -> Float32:
-    """The picture in square pixels, its longer side at most `WORKING_SIDE_PX`."""
+def _worked(rgb: Float32, pixel_aspect: float) -> Float32:
+    """The picture in square pixels, its longer side `WORKING_SIDE_PX` as far as that is of use."""
     height, width = rgb.shape[:2]
-    # the side with the finer pixels is reduced: enlarging the other would only blur it
+    # the side with the finer pixels is reduced, rather than the other one enlarged
     wide, high = width * min(1.0, pixel_aspect), height * min(1.0, 1.0 / pixel_aspect)
-    ratio = min(1.0, WORKING_SIDE_PX / max(wide, high))
+    ratio = min(LARGEST_ENLARGEMENT, WORKING_SIDE_PX / max(wide, high))
     size = (max(1, round(wide * ratio)), max(1, round(high * ratio)))
     if size == (width, height):
         return rgb
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    if ratio <= 1:
+        return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    enlarged = cv2.resize(rgb, size, interpolation=cv2.INTER_LANCZOS4)
+    return np.asarray(np.clip(enlarged, 0, 1), dtype=np.float32)
 
 
 def _enlarged(values: Float32, padded: Float32, working: Float32, size: tuple[int, int]) -> Float32:

@@ -25,7 +25,7 @@ def reservoir(photos, tmp_path_factory):
     from models.coc.data import Reservoir
     from models.coc.scene import draw_scene
 
-    store = Reservoir(tmp_path_factory.mktemp("data") / "reservoir", capacity=3)
+    store = Reservoir(tmp_path_factory.mktemp("data"), capacity=3)
     for seed in range(4):  # one more than it holds: the oldest is replaced
         store.append(*draw_scene(np.random.default_rng(seed), photos))
     return store
@@ -92,12 +92,14 @@ def test_the_reservoir_is_a_ring(reservoir):
 def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
     import torch
 
-    from models.coc.train import Recipe, Run, validate
+    from models.coc.train import Recipe, Run, Source, validate
+
+    source = Source(reservoir.folder, None)
 
     recipe = Recipe(minutes=1, crop=64, pixels=2 * 64 * 64)
     run = Run(recipe)
     before = run.network.stem.weight.detach().clone()
-    losses = [run.advance(reservoir) for _ in range(2)]
+    losses = [run.advance(source) for _ in range(2)]
     assert np.isfinite(losses).all()
     assert not torch.equal(before, run.network.stem.weight)
     run.save(tmp_path / "checkpoint.pt")
@@ -107,6 +109,41 @@ def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
     likelihood, held_out = validate(again.average, reservoir)
     assert np.isfinite(likelihood) and held_out.rmse_px > 0
     assert likelihood == validate(run.average, reservoir)[0]
+
+
+def test_rendered_pictures_join_the_batches_once_there_are_some(reservoir, tmp_path):
+    from models.coc.data import Reservoir
+    from models.coc.scene import SIZE
+    from models.coc.train import Source, draw_batch
+
+    source = Source(reservoir.folder, tmp_path)
+    rng = np.random.default_rng(0)
+    assert all(source.pick(rng)[0].folder == reservoir.folder for _ in range(20))
+    white = np.full((SIZE, SIZE, 3), 255, np.uint8)
+    Reservoir(tmp_path, capacity=2).append(white, np.full((SIZE, SIZE), 7.0, np.float32))
+    places = [source.pick(rng)[0].folder for _ in range(60)]
+    assert 2 < places.count(tmp_path) < 30
+    _, coc = draw_batch(rng, source, 64, 40)
+    assert ((coc == 7.0).all((1, 2))).any()
+
+
+def test_a_deeper_network_begins_as_the_shallow_one_it_is_grown_from(tmp_path):
+    import torch
+
+    from models.coc.network import CocNet
+    from models.coc.train import Recipe, Run
+
+    torch.manual_seed(0)
+    shallow = CocNet(depths=(0, 1, 1, 1, 1))
+    torch.nn.init.normal_(shallow.answer.weight, std=0.3)
+    path = tmp_path / "weights.pt"
+    torch.save({name: value.half() for name, value in shallow.state_dict().items()}, path)
+    shallow.load_state_dict({k: v.float() for k, v in torch.load(path).items()})
+    run = Run(Recipe())
+    run.begin_from(path)
+    picture = torch.rand(1, 3, 64, 64)
+    with torch.inference_mode():
+        torch.testing.assert_close(run.average(picture), shallow(picture))
 
 
 @pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning")

@@ -109,9 +109,28 @@ def test_every_size_gives_maps_of_that_size(network, shape):
 
 
 def test_the_map_lies_on_the_pixels_it_was_read_from():
-    result = estimate_coc(ColumnNetwork(), np.zeros((50, 70, 3), np.float32))
-    expected = np.arange(70) + 0.5
-    np.testing.assert_allclose(result.coc_px[20, 2:-2], expected[2:-2], atol=1e-3)
+    for shape, scale in (((50, 70, 3), 2), ((40, 960, 3), 1), ((40, 1920, 3), 0.5)):
+        result = estimate_coc(ColumnNetwork(), np.zeros(shape, np.float32))
+        # a "diameter" that is the column seen by the network comes back as the frame's own column
+        expected = np.arange(shape[1]) + 0.5
+        edge = round(2 / scale) + 1
+        seen = result.coc_px[20, edge:-edge]
+        np.testing.assert_allclose(seen, expected[edge:-edge], atol=0.02 + 1e-4 * shape[1])
+
+
+def test_a_small_frame_is_read_enlarged_up_to_twice():
+    seen = []
+
+    class Looking(TenPixels):
+        def __call__(self, rgb):
+            seen.append(rgb.shape)
+            return super().__call__(rgb)
+
+    for shape, factor in (((96, 160), 2), ((256, 480), 2), ((360, 640), 1.5), ((512, 960), 1)):
+        result = estimate_coc(Looking(), np.zeros((*shape, 3), np.float32))
+        height, width, _ = seen.pop()
+        assert 0 <= height - shape[0] * factor < 32 and 0 <= width - shape[1] * factor < 32
+        np.testing.assert_allclose(result.coc_px, 10 / factor, rtol=1e-6)
 
 
 def test_diameters_of_a_4k_frame_count_its_own_pixels():
