@@ -205,13 +205,19 @@ def _fill_coarse(
 
 
 def make_levels(
-    layer: SourceLayer, corner: tuple[int, int], detail: Detail, rule: Rule, threads: int | None
+    layer: SourceLayer,
+    corner: tuple[int, int],
+    radius_px: float,
+    detail: Detail,
+    rule: Rule,
+    threads: int | None,
 ) -> list[Level]:
     """Make the levels that a layer's discs need, the coarsest first.
 
     Args:
         layer: the source.
         corner: column and row of the layer's box in the frame [px].
+        radius_px: its largest radius [px].
         detail: how fine levels are.
         rule: how a pixel's mass is weighed.
         threads: how many share the work at most.
@@ -219,7 +225,7 @@ def make_levels(
     height, width = layer.radius_px.shape
     whole = Box(corner[0], corner[1], corner[0] + width, corner[1] + height)
     levels = []
-    for level in range(detail.levels(float(np.nanmax(np.abs(layer.radius_px)))) - 1, 0, -1):
+    for level in range(detail.levels(radius_px) - 1, 0, -1):
         box = on_level(whole, level)
         rgba = scratch(f"colours {level}", (box.height, box.width, 4))
         numbers, rows = _empty(box, level)

@@ -16,7 +16,7 @@ from nlens_video.frames import Box, Float32, Float64
 from nlens_video.kernels.barrel import cut_by_barrel
 from nlens_video.kernels.disc import MAX_COC_PX, SURPLUS, fitted_radius, reach
 from nlens_video.kernels.extend import Silhouette, bands, lay_out, survey
-from nlens_video.kernels.levels import Detail, Level, Rule, make_levels, on_level
+from nlens_video.kernels.levels import AXIS, Detail, Level, Rule, make_levels, on_level
 from nlens_video.kernels.pool import share
 from nlens_video.kernels.reached import normalise, reached_columns
 from nlens_video.kernels.scatter_rows import Discs, scatter_rows
@@ -33,7 +33,7 @@ DRAFT = Detail(stamps_px=1.5, spans_px=2.0, coarse_px=3.0)
 """As cheap as is acceptable: 36 dB and more against the true lens."""
 SKEW_REACH = 7.0 / 6.0
 """How many of its half axes a disc reaches at most when its light is skew [1]."""
-BAND_ROWS = 8
+BAND_ROWS = 16
 """Rows that a thread takes at a time."""
 
 
@@ -139,8 +139,9 @@ def scatter(
     frame = whole if frame is None else frame
     target = bounds.grown(margin).intersection(whole)
     outer = discs.outer * SKEW_REACH
-    spread = detail.spread(0.5 * min(largest, MAX_COC_PX))
-    columns = _columns(silhouette, (pixel_aspect, outer, spread), layer.box)
+    radius = 0.5 * min(largest, MAX_COC_PX)
+    shape = (pixel_aspect, outer, detail.spread(radius))
+    columns = _columns(silhouette, shape, layer.box)
     corner = (layer.box.x0 - frame.x0, layer.box.y0 - frame.y0)
     at = Box(target.x0 - frame.x0, target.y0 - frame.y0, target.x1 - frame.x0, target.y1 - frame.y0)
     fades = (detail.stamps_px, detail.spans_px)
@@ -151,7 +152,7 @@ def scatter(
         discs.stamps, discs.spans, (discs.stamp_steps, SPAN_STEPS),
         (discs.stamp_turned, discs.span_turned), pixel_aspect, discs.outer,
     )  # fmt: skip
-    levels = make_levels(layer, corner, detail, rule, threads)
+    levels = make_levels(layer, corner, radius, detail, rule, threads)
     rim = discs.outer if aperture.cat_eye > 0.0 else 0.0
     if rim > 0.0:
         for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
@@ -190,8 +191,17 @@ def _spread_levels(
         coarse = (sums, 2 * start[0] - inner.y0, 2 * start[1] - inner.x0)
         origin = (inner.y0 - level.box.y0, inner.x0 - level.box.x0)
         work = partial(
-            scatter_rows, level.light, level.rows, discs, reached, coarse, rim, view, origin
+            scatter_rows,
+            level.light,
+            level.rows,
+            discs,
+            reached,
+            coarse,
+            float(level.light[1][:, AXIS].max()),
+            rim,
+            view,
+            origin,
         )
-        share(work, bands(inner.height, max(1, BAND_ROWS // size)), threads)
+        share(work, bands(inner.height, max(4, BAND_ROWS // size)), threads)
         sums, start = made, (here.y0, here.x0)
     return sums

@@ -154,6 +154,12 @@ def _add_spans(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _clear(numbers: Float32) -> None:
+    for i in range(numbers.shape[0]):
+        numbers[i] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _finish(spans: Float32, spots: Float32, sums: Float32, start: int) -> None:
     """Run the sums of a row into `sums` (w, 5), `start` in the buffers."""
     r = g = b = a = weight = 0.0
@@ -203,8 +209,8 @@ def _add_coarse(
 @njit(cache=True, nogil=True, error_model="numpy")
 def scatter_rows(
     light: Light, rows: RowNumbers, discs: Discs, columns: tuple[Float64, Float64],
-    coarse: tuple[Float32, int, int], rim: float, sums: Float32, origin: tuple[int, int],
-    band: Band,
+    coarse: tuple[Float32, int, int], largest: float, rim: float, sums: Float32,
+    origin: tuple[int, int], band: Band,
 ) -> None:  # fmt: skip
     """Make rows `band[0]` to `band[1]` of a level's sums.
 
@@ -214,6 +220,7 @@ def scatter_rows(
         discs: tables.
         columns: first and last column of each row of the light that the object can reach (h,).
         coarse: the next coarser level's sums, and where they start, see `_add_coarse`.
+        largest: no less than any span's half axis [px].
         rim: radius of the barrel's rim that cuts the discs, 0 where none does [radius].
         sums: red, green, blue, alpha and weight to fill in (H, W, 5).
         origin: row and column of the light at which `sums` start.
@@ -224,7 +231,7 @@ def scatter_rows(
     stamps, spans, _, _, _, outer = discs
     span_rows, stamp_rows = spans.shape[0] // 2, stamps.shape[0] // 2
     furthest = max(rows[0].max(), rows[3].max())
-    across = max(numbers[:, AXIS].max() * outer * 1.2, stamps.shape[1] // 2) + 2.0
+    across = max(largest * outer * 1.2, stamps.shape[1] // 2) + 2.0
     edge = math.ceil(across) + 1
     ends_of_row = np.empty((width + 2 * edge, 16), np.float32)
     spots = np.empty((width + 2 * edge, 8), np.float32)
@@ -235,8 +242,8 @@ def scatter_rows(
         if columns[0][here] > columns[1][here]:
             sums[y] = np.float32(0.0)
             continue
-        ends_of_row[:] = np.float32(0.0)
-        spots[:] = np.float32(0.0)
+        _clear(ends_of_row.reshape(-1))
+        _clear(spots.reshape(-1))
         least, most = int(columns[0][here] - across), int(columns[1][here] + across) + 1
         for source in range(max(0, here - furthest), min(height, here + furthest + 1)):
             dy = here - source

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_truth import Slab, lens, pinhole, psnr_over_plate
 
+from nlens_video.frames import Box
 from nlens_video.kernels import barrel, extend, levels, reached, scatter_rows
-from nlens_video.kernels.scatter import blur_reach, scatter
+from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
 from nlens_video.kernels.scatter_ref import scatter_ref
 
 
@@ -242,3 +243,62 @@ def test_a_slab_looks_as_through_a_sampled_lens(slab, least_db):
     sharp, coc = pinhole([slab], (102, 132))
     truth = lens([slab], (102, 132), views=300)
     assert psnr_over_plate(scatter(sharp, coc), truth) > least_db
+
+
+def test_large_discs_on_coarse_pixels_look_as_the_definition_says():
+    rgba = blob(150, 160, margin=60, seed=3)
+    rgba[75, 80, :3] = 50.0  # a highlight
+    for coc in (36.0, 75.0):
+        plane = np.full(rgba.shape[:2], coc, np.float32)
+        fast, slow = scatter(rgba, plane), scatter_ref(rgba, plane)
+        assert psnr_over_plate(fast, slow) > 50.0
+
+
+def test_no_seam_shows_where_discs_go_over_to_coarser_pixels():
+    rgba = np.ones((90, 90, 4), np.float32)
+    rgba[..., :3] = 0.5
+    out = scatter(rgba, ramp((90, 90), 20.0, 100.0))
+    np.testing.assert_allclose(out[..., :3], 0.5, atol=2e-6)
+    np.testing.assert_array_equal(out[..., 3], 1.0)
+
+
+@pytest.mark.parametrize("detail", [FINE, DRAFT], ids=["fine", "draft"])
+def test_the_same_frame_position_gives_the_same_whatever_array_it_comes_in(detail):
+    rgba, coc = blob(90, 84, margin=36), ramp((90, 84), 3.0, 30.0)
+    whole = scatter(rgba, coc, frame=Box(0, 0, 84, 90), detail=detail)
+    wide = np.pad(rgba, ((5, 3), (7, 2), (0, 0)))
+    shifted = scatter(wide, np.pad(coc, ((5, 3), (7, 2))), frame=Box(7, 5, 91, 95), detail=detail)
+    np.testing.assert_allclose(shifted[5:-3, 7:-2], whole, atol=1e-5)
+
+
+def largest_bend(frames):
+    """The largest mean second difference from frame to frame: what pops shows there."""
+    return float(np.abs(np.diff(np.stack(frames), 2, axis=0)).mean(axis=(1, 2, 3)).max())
+
+
+@pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
+def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(detail, times):
+    # An antialiased edge bends by itself as it crosses pixels: the definition says how much.
+    slabs = [
+        Slab(corners=(20 + s, 20.3, 52 + s, 50), coc_px=2.0 - 0.35 * s, slope=(0.35, 0.0))
+        for s in np.arange(0.0, 1.2, 0.1)
+    ]
+    frames = [pinhole([slab], (70, 74)) for slab in slabs]
+    seen = largest_bend([scatter(*frame, detail=detail) for frame in frames])
+    assert seen < times * largest_bend([scatter_ref(*frame) for frame in frames])
+
+
+@pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
+def test_an_object_that_moves_through_focus_never_pops(detail, times):
+    rgba = blob(56, 56, margin=20)
+    planes = [np.full((56, 56), c, np.float32) for c in np.arange(-9.0, 9.0, 0.4)]
+    seen = largest_bend([scatter(rgba, plane, detail=detail) for plane in planes])
+    assert seen < times * largest_bend([scatter_ref(rgba, plane) for plane in planes])
+
+
+@pytest.mark.parametrize(("slope", "start"), [((0.2, 0.0), -3.2), ((0.05, 0.35), -12.4)])
+def test_a_draft_of_a_slab_is_above_36_db(slope, start):
+    slab = Slab(corners=(16, 16.3, 116.4, 86), coc_px=start, slope=slope)
+    sharp, coc = pinhole([slab], (102, 132))
+    truth = lens([slab], (102, 132), views=300)
+    assert psnr_over_plate(scatter(sharp, coc, detail=DRAFT), truth) > 36.0
