@@ -84,12 +84,17 @@ class VFit:
         """Signed CoC at the weighted median of the disparities [px]."""
         return lens.slope * (_weighted_median(self.disparity, self.share) - lens.focus)
 
-    def covariance(self, lens: Lens, cluster: npt.NDArray[np.int64]) -> Float64:
-        """Cluster-robust (sandwich) covariance of (slope, intercept), (2, 2).
+    def covariance(self, lens: Lens, cluster: npt.NDArray[np.int64], independent: float) -> Float64:
+        """Covariance of (slope, intercept), (2, 2): of local errors and of those all share.
+
+        What neighbours err alike shows in the residuals (cluster-robust, a sandwich). What a whole
+        picture is misread by does not, since the line follows it: for that the samples count
+        together as a few that err by their expected error.
 
         Args:
             lens: the solution.
             cluster: which samples err alike (N,).
+            independent: how many independent samples all of them are worth [1].
         """
         squared = self._squared(lens)
         weight = self.kept(lens) * self.share / self.error_px**2
@@ -107,7 +112,8 @@ class VFit:
         np.add.at(scores, patch, design * (weight * residual)[:, None])
         bread = np.linalg.pinv(hessian)
         meat = scores.T @ scores + _PRIOR_SHARE * prior
-        return np.asarray(bread @ meat @ bread / np.outer(scale, scale))
+        shared = np.linalg.pinv(design.T @ (design * weight[:, None]) + prior) / independent
+        return np.asarray((bread @ meat @ bread + shared) / np.outer(scale, scale))
 
     def _within(self, low: float, high: float) -> Lens | None:
         """The best candidate with its focus between two disparities."""

@@ -7,6 +7,7 @@ from nlens_video.errors import LensFitError
 from nlens_video.frames import CocMap
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import FitLens, constant_fit
+from nlens_video.v_fit import VFit
 
 HEIGHT, WIDTH = 128, 240
 
@@ -88,17 +89,33 @@ def test_unsure_samples_carry_little_weight():
     assert fit.slope == pytest.approx(30.0, rel=0.03)
 
 
-def test_standard_errors_cover_the_truth():
-    plane = ground()
-    inside = 0
-    for seed in range(40):
+def test_standard_errors_cover_the_truth_of_errors_that_many_samples_share():
+    inside, trials, places, copies = 0, 200, 12, 50
+    for seed in range(trials):
         rng = np.random.default_rng(seed)
-        true = plate(plane, 30.0, 1.3)
-        noise = rng.normal(0, 0.8, true.coc_px.shape).astype(np.float32)
-        coc = np.abs(true.coc_px + noise)
-        fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.8)), plane).fit
-        inside += abs(fit.slope - 30.0) < fit.slope_stderr
-    assert 20 <= inside <= 35  # 68 % of 40 is 27
+        disparity = np.repeat(rng.uniform(0.1, 1.0, places), copies)
+        error = np.repeat(rng.normal(0, 0.8, places), copies)  # one error for all copies
+        count = places * copies
+        problem = VFit(
+            disparity=disparity,
+            coc_px=30.0 * (1.3 - disparity) + error,
+            error_px=np.full(count, 0.8),
+            share=np.full(count, 1 / count),
+            infinity_px=96.0,
+        )
+        lens = problem.solve()
+        covariance = problem.covariance(lens, np.arange(count), independent=places)
+        inside += abs(lens.slope - 30.0) < np.sqrt(covariance[0, 0])
+    assert 0.58 * trials <= inside <= 0.78 * trials
+
+
+def test_standard_errors_of_a_fit_allow_for_what_a_whole_plate_is_misread_by():
+    plane = ground()
+    true = plate(plane, 30.0, 1.3)
+    exact = FitLens()(true, plane).fit
+    # no residual shows that all samples may err alike by half a pixel, their sigma
+    assert exact.slope == pytest.approx(30.0, abs=0.1)
+    assert 0.5 < exact.slope_stderr < 3.0
 
 
 def test_footprint_alone_is_the_papers_way():
