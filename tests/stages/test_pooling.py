@@ -96,9 +96,8 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
             yield frame(index)
             yield f"packet {index}"
 
-    known = False
     seen, ahead = [], {}
-    for item, following in with_following(items(), lambda: not known):
+    for item, following in with_following(items(), lambda: 2 not in ahead):
         if isinstance(item, str):
             seen.append(item)
             assert following == ()
@@ -107,7 +106,6 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
         ahead[item.index] = len(following)
         if item.index == 2:
             assert len(read) == 3 + FRAMES
-            known = True
     assert seen == [thing for i in range(20) for thing in (i, f"packet {i}")]
     assert ahead[0] == ahead[2] == FRAMES
     assert ahead[12] == 0
