@@ -148,7 +148,7 @@ def _project(tools: Tools) -> Made:
     return Made(run, "P: footprint cast down on the ground plane")
 
 
-def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 0.5) -> Made:
+def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 0.1) -> Made:
     fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
 
     def run(coc: CocMap, ground: GroundProjection, frame: StreamFrame) -> LensFit:
@@ -169,7 +169,7 @@ def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 0.5) 
 
 def _doubt(fit: LensFit, ground: GroundProjection) -> str:
     """What a person should know about a fit, empty if nothing."""
-    if fit.slope < 3 * fit.slope_stderr:
+    if fit.slope < 2 * fit.slope_stderr:
         return "the plate's blur hardly changes with depth: so the object's will not either"
     if fit.sign == "ambiguous":
         return "the plate does not tell whether the ground lies before or behind the focus"
@@ -245,6 +245,21 @@ def _repair(tools: Tools) -> Made:
     return Made(tools.repair, "L: network on what the scatter cannot know")
 
 
+def _paper(tools: Tools) -> Made:
+    from nlens_video.backends.reblur_paper import OnnxPaperNetworks
+    from nlens_video.kernels.paper_scatter import paper_scatter
+    from nlens_video.model_store import find_model
+    from nlens_video.stages.l_paper import PaperReblur
+
+    arnet, iunet = find_model("paper-arnet").path, find_model("paper-iunet").path
+    stage = PaperReblur(scatter=paper_scatter, networks=OnnxPaperNetworks(arnet, iunet))
+
+    def run(picture: Picture, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
+        return stage(picture, defocused, frame_box)
+
+    return Made(run, "L: the paper's networks on the whole frame, onnxruntime on the CPU")
+
+
 def _composite(tools: Tools) -> Made:
     return Made(composite, "premultiplied over, scene-linear")
 
@@ -274,6 +289,7 @@ STAGES: dict[str, Stage] = {
     "sharp": Stage(_sharp, ("layer", "frame_box"), "blurred"),
     "scatter": Stage(_scatter, ("defocused", "frame_box"), "blurred"),
     "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
+    "paper-reblur": Stage(_paper, ("picture", "defocused", "frame_box"), "blurred"),
     "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
     "composite": Stage(_composite, ("picture", "blurred"), "picture"),
 }
