@@ -111,15 +111,18 @@ def make_maps(shapes: list[Shape], views: int) -> dict[str, Float32] | None:
     }
 
 
-def draw_maps(seed: int, index: int, photos: Photos, *, held_out: bool) -> dict[str, Float32]:
-    """The maps of one object, named by seed and index."""
+def draw_maps(
+    seed: int, index: int, photos: Photos, *, held_out: bool, views: int | None = None
+) -> dict[str, Float32]:
+    """The maps of one object, named by seed and index; the truth from so many views."""
+    views = views or (HELD_OUT_VIEWS if held_out else VIEWS)
     for attempt in range(100):
         rng = np.random.default_rng([seed, index, attempt])
         if held_out:
             shapes = draw_held_out(rng, photos, CATEGORIES[index % len(CATEGORIES)])
-            maps = make_maps(shapes, HELD_OUT_VIEWS)
         else:
-            maps = make_maps(draw_object(rng, photos), VIEWS)
+            shapes = draw_object(rng, photos)
+        maps = make_maps(shapes, views)
         if maps is not None:
             return maps
     raise RuntimeError(f"seed {seed}, object {index}: a hundred objects without a depth step")

@@ -123,7 +123,7 @@ def carried_out(values: Float32, known: Bool) -> Float32:
     )
     of_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
     of_label[labels[known]] = values[known]
-    return of_label[labels]
+    return np.asarray(of_label[labels], dtype=np.float32)
 
 
 def find_steps(rgba: Float32, coc_px: Float32) -> Steps | None:

@@ -65,7 +65,8 @@ class Candidates:
         near: the near layer alone, scattered.
         back: the back layer alone, scattered.
         covariance: of coverage and light across the aperture, 0 where not needed.
-        geometry: what the network judges by (h, w, CHANNELS), without colour.
+        geometry: what the network judges by (h, w, CHANNELS), without colour; 0 out of reach of
+            a step, so that nothing there need be known.
     """
 
     scattered: Float32
@@ -144,7 +145,7 @@ def candidates(
         near=near,
         back=back,
         covariance=covariance,
-        geometry=np.stack(maps, axis=2),
+        geometry=np.stack(maps, axis=2) * (steps.inside_px > 0.0)[..., None],
     )
 
 
@@ -183,11 +184,11 @@ class RepairLayer:
         steps = find_steps(rgba, coc)
         if steps is None or blurred.box.empty:
             return blurred
-        touched = _touched(steps, whole, blurred.box)
+        reached = _reached(steps, whole).intersection(blurred.box.grown(HALO_PX))
+        touched = reached.intersection(blurred.box)
         if touched.empty:
             return blurred
-        seen = _in_cells(touched.grown(HALO_PX))
-        source = seen.grown(margin + 1)
+        source = reached.grown(margin + 1)
         made = candidates(
             (_on(source, whole, rgba), _on(source, whole, coc)),
             _on(source, blurred.box, blurred.rgba),
@@ -199,7 +200,9 @@ class RepairLayer:
             pixel_aspect=self.pixel_aspect,
             corner=(source.y0, source.x0),
         )
-        judgement = self.network(np.ascontiguousarray(made.geometry[seen.slices_in(source)]))
+        seen = _in_cells(touched.grown(HALO_PX))
+        judged = made.geometry[reached.slices_in(source)]
+        judgement = self.network(_on(seen, reached, judged))
         return self._laid_in(made, judgement, steps, (touched, seen, source, whole), blurred)
 
     @staticmethod
@@ -232,17 +235,16 @@ def fade(inside_px: Float32) -> Float32:
     return np.asarray(np.clip(inside_px * (1.0 / FEATHER_PX), 0.0, 1.0), dtype=np.float32)
 
 
-def _touched(steps: Steps, whole: Box, target: Box) -> Box:
-    """Bounds in the frame of what is within reach of a step, inside the target."""
+def _reached(steps: Steps, whole: Box) -> Box:
+    """Bounds in the frame of what is within reach of a step."""
     rows = np.flatnonzero((steps.inside_px > 0.0).any(axis=1))
     columns = np.flatnonzero((steps.inside_px > 0.0).any(axis=0))
-    found = Box(
+    return Box(
         whole.x0 + int(columns[0]),
         whole.y0 + int(rows[0]),
         whole.x0 + int(columns[-1]) + 1,
         whole.y0 + int(rows[-1]) + 1,
     )
-    return found.intersection(target).intersection(whole)
 
 
 def _in_cells(box: Box) -> Box:

@@ -1,0 +1,187 @@
+import cv2
+import numpy as np
+import pytest
+
+pytestmark = [
+    pytest.mark.needs_torch,
+    pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning"),
+]
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    """A folder of photographs: sharp noise."""
+    from models.coc.textures import Photos, noise
+
+    folder = tmp_path_factory.mktemp("photos")
+    (folder / "sharp").mkdir()
+    rng = np.random.default_rng(5)
+    for index in range(6):
+        code = np.uint8(np.clip(128 + 40 * noise(rng, 900, 0.7), 0, 255))
+        cv2.imwrite(str(folder / "sharp" / f"{index}.png"), np.repeat(code[..., None], 3, -1))
+    return Photos.load(folder, held_out=False)
+
+
+@pytest.fixture(scope="module")
+def reservoir(photos, tmp_path_factory):
+    from models.reblur.data import Reservoir, draw_maps
+
+    store = Reservoir(tmp_path_factory.mktemp("data") / "reservoir", capacity=2)
+    for index in range(2):
+        store.append(draw_maps(3, index, photos, held_out=index == 1, views=8))
+    return store
+
+
+def test_the_lens_truth_of_a_flat_card_is_a_disc_wide_edge():
+    from models.reblur.lens import CROP, FINE, GRID, Shape, pinhole, through_lens
+
+    mask = np.zeros((FINE * GRID, FINE * GRID), np.uint8)
+    mask[:, : FINE * GRID // 2] = 255
+    white = np.ones((GRID, GRID, 3), np.float32)
+    card = Shape(mask=mask, texture=white, coc_px=12.0, slope=(0.0, 0.0))
+    sharp, coc = pinhole([card])
+    assert sharp[50, : GRID // 2].min() == 1.0 and not sharp[50, GRID // 2 :].any()
+    assert set(np.unique(coc)) == {0.0, 12.0}
+    alpha = through_lens([card], 200)[CROP // 2, :, 3]
+    x = (np.arange(CROP) + 0.5 - CROP / 2) / 6.0  # in radii from the edge
+    inside = np.clip(x, -1, 1)
+    expected = 0.5 - (inside * np.sqrt(1 - inside**2) + np.arcsin(inside)) / np.pi
+    assert alpha == pytest.approx(expected, abs=0.02)
+
+
+def test_what_is_near_hides_what_is_far_from_every_point_of_the_aperture():
+    from models.reblur.lens import CROP, FINE, GRID, Shape, through_lens
+
+    everywhere = np.full((FINE * GRID, FINE * GRID), 255, np.uint8)
+    red, blue = (np.float32(np.ones((GRID, GRID, 3)) * c) for c in ((1, 0, 0), (0, 0, 1)))
+    near = Shape(mask=everywhere, texture=red, coc_px=9.0, slope=(0.0, 0.0))
+    far = Shape(mask=everywhere, texture=blue, coc_px=-9.0, slope=(0.0, 0.0))
+    for order in ([near, far], [far, near]):
+        seen = through_lens(order, 32)
+        assert seen.shape == (CROP, CROP, 4) and np.all(seen == np.float32([1, 0, 0, 1]))
+
+
+def test_a_seed_names_an_object_of_every_category(photos):
+    from models.reblur.data import draw_maps
+    from models.reblur.shapes import CATEGORIES
+
+    for index in range(len(CATEGORIES)):
+        first, again = (draw_maps(1, index, photos, held_out=True, views=4) for _ in range(2))
+        for name, part in first.items():
+            np.testing.assert_array_equal(part, again[name])
+            assert np.isfinite(part).all()
+        assert first["where"].mean() > 0.01
+
+
+def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
+    import torch
+
+    from models.reblur.train import Recipe, Run, validate
+
+    recipe = Recipe(minutes=1, batch=2)
+    run = Run(recipe)
+    before = run.network.stem.weight.detach().clone()
+    assert np.isfinite([run.advance(reservoir) for _ in range(2)]).all()
+    assert not torch.equal(before, run.network.stem.weight)
+    run.save(tmp_path / "checkpoint.pt")
+    again = Run(recipe)
+    again.load(tmp_path / "checkpoint.pt")
+    assert again.step == 2 and again.trained_s == run.trained_s
+    assert validate(again.average, reservoir) == validate(run.average, reservoir)
+
+
+def test_the_exported_repair_network_answers_as_the_trained_one_at_any_size(tmp_path):
+    import torch
+
+    from models.reblur.export import export
+    from models.reblur.network import RepairNet
+    from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
+    from nlens_video.stages.l_repair import CHANNELS
+
+    torch.manual_seed(0)
+    network = RepairNet().eval()
+    torch.nn.init.normal_(network.answer.weight, std=0.1)
+    export(network, tmp_path / "reblur.onnx")
+    exported = OnnxRepairNetwork(tmp_path / "reblur.onnx")
+    for shape in [(4, 4), (64, 120), (132, 40)]:
+        maps = np.random.default_rng(0).random((*shape, CHANNELS), dtype=np.float32)
+        with torch.inference_mode():
+            answer = network(torch.from_numpy(maps).permute(2, 0, 1)[None])[0]
+        np.testing.assert_allclose(exported(maps), answer.permute(1, 2, 0).numpy(), atol=2e-3)
+
+
+def test_torch_runs_the_shipped_weights_as_onnx_does():
+    import torch
+
+    from models.reblur.export import HERE, load_network
+    from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
+    from nlens_video.model_store import find_model
+    from nlens_video.stages.l_repair import CHANNELS
+
+    maps = np.random.default_rng(1).random((48, 64, CHANNELS), dtype=np.float32)
+    with torch.inference_mode():
+        answer = load_network(HERE / "weights.pt")(torch.from_numpy(maps).permute(2, 0, 1)[None])
+    shipped = OnnxRepairNetwork(find_model("reblur").path)(maps)
+    # biases are stored in half precision in the one and in single precision in the other
+    np.testing.assert_allclose(shipped, answer[0].permute(1, 2, 0).numpy(), atol=1e-3)
+
+
+def test_the_loss_mends_as_the_program_does(reservoir):
+    import torch
+
+    from models.reblur.data import split_maps
+    from models.reblur.network import mended
+    from models.reblur.train import to_tensors
+    from nlens_video.stages.l_repair import Candidates
+
+    maps = split_maps(reservoir.maps[:1])
+    judgement = np.random.default_rng(2).random((*maps["where"].shape[1:3], 2), dtype=np.float32)
+    names = ("scattered", "near", "back", "covariance", "geometry")
+    made = Candidates(**{name: maps[name][0] for name in names})
+    expected = made.mended(judgement, maps["where"][0, ..., 0])
+    batch = torch.from_numpy(judgement).permute(2, 0, 1)[None]
+    found = mended(to_tensors(maps), batch)[0].permute(1, 2, 0).clamp_min(0).numpy()
+    found[..., 3] = np.minimum(found[..., 3], 1.0)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_the_papers_networks_have_its_sizes_and_train(photos, tmp_path):
+    from models.paper.data import PARTS, draw_maps
+    from models.paper.train import Recipe, Run, validate
+    from models.reblur.data import Reservoir
+
+    store = Reservoir(tmp_path / "composites", 2, PARTS)
+    for index in range(2):
+        store.append(draw_maps(1, index, photos, held_out=False))
+    run = Run(Recipe(minutes=1, batch=1))
+    assert sum(p.numel() for p in run.nets.arnet.parameters()) == 923_664
+    assert sum(p.numel() for p in run.nets.iunet.parameters()) == 240_076
+    assert np.isfinite([run.advance(store) for _ in range(2)]).all()
+    run.save(tmp_path / "checkpoint.pt")
+    again = Run(Recipe(minutes=1, batch=1))
+    again.load(tmp_path / "checkpoint.pt")
+    assert again.step == 2
+    assert validate(again.nets, store) == validate(run.nets, store)
+
+
+def test_torch_runs_the_papers_shipped_weights_as_onnx_does():
+    import torch
+
+    from models.paper.export import HERE, load_networks
+    from nlens_video.backends.reblur_paper import OnnxPaperNetworks
+    from nlens_video.model_store import find_model
+
+    rng = np.random.default_rng(3)
+    code = rng.random((48, 64, 3), dtype=np.float32)
+    defocus = rng.uniform(-1, 1, (48, 64)).astype(np.float32)
+    coarse = rng.random((24, 32, 3), dtype=np.float32)
+    nets = load_networks(HERE / "weights.pt")
+    parts = [torch.from_numpy(a).permute(2, 0, 1)[None] for a in (code, defocus[..., None], coarse)]
+    with torch.inference_mode():
+        rendered = nets.arnet(*parts[:2])[0].permute(1, 2, 0).numpy()
+        refined = nets.iunet(*parts)[0].permute(1, 2, 0).numpy()
+    shipped = OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
+    picture, error = shipped.render(code, defocus)
+    np.testing.assert_allclose(picture, rendered[..., :3], atol=1e-4)
+    np.testing.assert_allclose(error, rendered[..., 3], atol=1e-4)
+    np.testing.assert_allclose(shipped.refine(code, defocus, coarse), refined, atol=1e-4)
