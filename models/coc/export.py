@@ -63,8 +63,8 @@ def with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
-def export(network: CocNet, path: Path) -> None:
-    """Write the ONNX file."""
+def export(network: CocNet, path: Path, *, half_weights: bool = True) -> None:
+    """Write the ONNX file, its weights in half precision unless they are worked on further."""
     buffer = io.BytesIO()
     torch.onnx.export(
         Shipped(network).eval(),
@@ -76,7 +76,9 @@ def export(network: CocNet, path: Path) -> None:
         opset_version=18,
         dynamo=False,  # a hundred times faster than the new exporter, and the same graph here
     )
-    model = with_half_weights(onnx.load_from_string(buffer.getvalue()))
+    model = onnx.load_from_string(buffer.getvalue())
+    if half_weights:
+        model = with_half_weights(model)
     for node in model.graph.node:  # names of source files
         node.doc_string = ""
     model.doc_string = "CoC diameter of a picture; see the model card beside this file"
@@ -84,18 +86,18 @@ def export(network: CocNet, path: Path) -> None:
     onnx.save(model, path)
 
 
-def entry(weights: Path) -> str:
+def entry(name: str, weights: Path) -> str:
     """The manifest's entry: the file's hash and shapes, where the program looks them up."""
     shape = f"(1, H / {LABEL_STEP}, W / {LABEL_STEP})"
     return (
-        "[model.coc]\n"
+        f"[model.{name}]\n"
         f'file = "{weights.parent.name}/{weights.name}"\n'
         f'sha256 = "{sha256_of(weights)}"\n'
         'licence = "Apache-2.0"\n'
         'card = "coc/README.md"\n\n'
-        "[model.coc.inputs]\n"
+        f"[model.{name}.inputs]\n"
         f'rgb = "(1, H, W, 3) float32, sRGB code in [0, 1]; H, W multiples of {STRIDE}"\n\n'
-        "[model.coc.outputs]\n"
+        f"[model.{name}.outputs]\n"
         f'coc_px = "{shape} float32, CoC diameter, px of the input"\n'
         f'sigma_px = "{shape} float32, expected absolute error of it, px of the input"\n'
     )
@@ -112,7 +114,7 @@ def main() -> None:
     if options.out.parent == HERE:
         halves = {name: value.half() for name, value in network.state_dict().items()}
         torch.save(halves, HERE / "weights.pt")
-        write_entry(HERE.parent / "manifest.toml", "coc", entry(options.out))
+        write_entry(HERE.parent / "manifest.toml", "coc", entry("coc", options.out))
     print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
 
 

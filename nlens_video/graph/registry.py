@@ -47,7 +47,8 @@ class Tools:
 
     Attributes:
         objects: the object's place, geometry and picture.
-        estimate_coc: loads F; called only by a pipeline that needs it.
+        estimate_coc: loads F with the network of that name; called only by a pipeline that needs
+            it.
         ground_y: height of the ground plane, None for the object's lowest point at time 0.
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
@@ -58,7 +59,7 @@ class Tools:
     """
 
     objects: ObjectSource
-    estimate_coc: Callable[[], Callable[[Picture, Sequence[Picture]], CocMap]]
+    estimate_coc: Callable[[str], Callable[[Picture, Sequence[Picture]], CocMap]]
     ground_y: float | None
     fallback_constant: bool
     pixel_aspect: float
@@ -124,8 +125,8 @@ def _locate(tools: Tools) -> Made:
     return Made(run, "camera and depth bounds of the GLB")
 
 
-def _estimate_coc(tools: Tools) -> Made:
-    estimate = tools.estimate_coc()
+def _estimate_coc(tools: Tools, *, network: str = "coc") -> Made:
+    estimate = tools.estimate_coc(network)
 
     def run(
         picture: Picture, placement: Placement, following: tuple[Picture, ...] | None
@@ -133,7 +134,7 @@ def _estimate_coc(tools: Tools) -> Made:
         tools.record.plate_coc = estimate(picture, following or ())
         return tools.record.plate_coc
 
-    return Made(run, "F: CoC network, onnxruntime on the CPU")
+    return Made(run, f"F: network {network}, onnxruntime on the CPU")
 
 
 def _project(tools: Tools) -> Made:
