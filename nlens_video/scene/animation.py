@@ -11,15 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlens_video.errors import SceneError
 from nlens_video.frames import Float64
-from nlens_video.scene.accessors import AccessorReader
-from nlens_video.scene.document import Document
-from nlens_video.scene.fields import Fields
-from nlens_video.scene.nodes import Hierarchy, LocalPose, normalized
-
-_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
-_INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
+from nlens_video.scene.nodes import LocalPose, normalized
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +110,7 @@ def slerp(left: Float64, right: Float64, u: Float64) -> Float64:
 
 @dataclass(slots=True)
 class Animation:
-    """All clips that play.
+    """What plays.
 
     Attributes:
         tracks: animated properties; each node's property at most once.
@@ -155,99 +148,3 @@ class Animation:
     def weights(self, time_s: float) -> dict[int, Float64]:
         """Animated morph weights by node at a time [s]."""
         return {bank.nodes[0]: bank.sample(time_s)[0] for bank in self._weights}
-
-
-def read_animation(
-    document: Document, accessors: AccessorReader, hierarchy: Hierarchy, morphs: dict[int, int]
-) -> Animation:
-    """All clips of the file, played together.
-
-    A clip that moves what an earlier one moves is an alternative (walk, run) and is left out.
-
-    Args:
-        document: the file.
-        accessors: its accessors.
-        hierarchy: its nodes.
-        morphs: number of morph targets by node.
-
-    Raises:
-        SceneError: key times that do not increase, or values that do not fit them.
-    """
-    reader = _TrackReader(document, accessors, hierarchy, morphs)
-    tracks: dict[tuple[int, str], Track] = {}
-    for clip in document.items("animations"):
-        found = reader.clip(clip)
-        if any(key in tracks for key in found):
-            name = clip.text("name") or clip.place
-            document.warn(f"animation '{name}' moves what an earlier one moves and is not played")
-        else:
-            tracks.update(found)
-    return Animation(tuple(tracks.values()))
-
-
-@dataclass(slots=True)
-class _TrackReader:
-    document: Document
-    accessors: AccessorReader
-    hierarchy: Hierarchy
-    morphs: dict[int, int]
-    _times: dict[int, tuple[float, ...]] = field(default_factory=dict)
-
-    def clip(self, clip: Fields) -> dict[tuple[int, str], Track]:
-        """The clip's tracks by node and property."""
-        samplers = clip.children("samplers")
-        tracks = {}
-        for channel in clip.children("channels"):
-            target = channel.child("target")
-            path = target.text("path")
-            node = target.reference("node", len(self.hierarchy.has_matrix))
-            if not self._playable(channel, node, path) or node is None:
-                continue
-            sampler = samplers[channel.integer("sampler", below=len(samplers))]
-            width = self.morphs[node] if path == "weights" else _WIDTHS[path]
-            tracks[node, path] = self._track(sampler, node, path, width)
-        return tracks
-
-    def _playable(self, channel: Fields, node: int | None, path: str) -> bool:
-        if node is None or (path not in _WIDTHS and path != "weights"):
-            self.document.warn(f"{channel.place} animates '{path}' of no node and is not played")
-            return False
-        if path == "weights" and not self.morphs.get(node):
-            self.document.warn(f"{channel.place} animates weights of a node without morph targets")
-            return False
-        if path != "weights" and self.hierarchy.has_matrix[node]:
-            self.document.warn(f"{channel.place} animates a node with a matrix and is not played")
-            return False
-        return True
-
-    def _track(self, sampler: Fields, node: int, path: str, width: int) -> Track:
-        interpolation = sampler.text("interpolation", "LINEAR")
-        if interpolation not in _INTERPOLATIONS:
-            raise sampler.wrong("interpolation", "LINEAR, STEP or CUBICSPLINE")
-        times = self._key_times(sampler)
-        output = sampler.integer("output", below=self.accessors.count)
-        flat = self.accessors.floats(output, 1 if path == "weights" else width)
-        per_key = 3 if interpolation == "CUBICSPLINE" else 1
-        if flat.size != len(times) * per_key * width:
-            raise SceneError(
-                f"{sampler.place}.output has {flat.size} numbers, expected "
-                f"{len(times) * per_key * width} for {len(times)} keys; export the file again"
-            )
-        keys = flat.astype(np.float64).reshape(len(times), per_key, width)
-        if per_key == 1:
-            zero = np.zeros_like(keys)
-            keys = np.concatenate([zero, keys, zero], axis=1)
-        if path == "rotation" and per_key == 1:
-            keys[:, 1] = normalized(keys[:, 1])
-        return Track(node, path, interpolation, times, keys)
-
-    def _key_times(self, sampler: Fields) -> tuple[float, ...]:
-        index = sampler.integer("input", below=self.accessors.count)
-        if index not in self._times:
-            times = self.accessors.floats(index, 1)[:, 0].astype(np.float64)
-            if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
-                raise SceneError(
-                    f"{sampler.place}.input holds times that do not increase from 0; export again"
-                )
-            self._times[index] = tuple(times.tolist())
-        return self._times[index]

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.errors import SceneError
-from nlens_video.frames import Float64
+from nlens_video.playback import ONCE, Playback
 from nlens_video.scene.accessors import AccessorReader
-from nlens_video.scene.animation import Animation, read_animation
+from nlens_video.scene.animation import Animation
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.clips import Animations, listed, read_animations
 from nlens_video.scene.deform import Instance, Skin, read_skins
 from nlens_video.scene.document import Document, read_document
 from nlens_video.scene.lights import Light, pose_light, read_lights
@@ -34,39 +35,50 @@ class Scene:
     """
 
     path: Path
+    _playback: Playback
     _hierarchy: Hierarchy
     _animation: Animation
+    _camera_motion: Animation
     _instances: tuple[Instance, ...]
     _cameras: tuple[Perspective, ...]
     _lights: tuple[tuple[int, Light], ...]
     _warnings: list[str] = field(default_factory=list)
 
     @classmethod
-    def load(cls, path: Path) -> Scene:
+    def load(cls, path: Path, playback: Playback = ONCE) -> Scene:
         """Read a `.glb` or `.gltf` file.
 
+        Args:
+            path: the file.
+            playback: which of its animations play, and when.
+
         Raises:
-            SceneError: not readable, damaged, without a triangle, or in need of an extension that
-                is not supported.
+            SceneError: not readable, damaged, without a triangle, without the animation, or in
+                need of an extension that is not supported.
         """
         try:
-            return cls._assemble(path, read_document(path))
+            return cls._assemble(path, read_document(path), playback)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from error
 
     @classmethod
-    def _assemble(cls, path: Path, document: Document) -> Scene:
+    def _assemble(cls, path: Path, document: Document, playback: Playback) -> Scene:
         accessors = AccessorReader(document)
         hierarchy = read_hierarchy(document)
         meshes = read_meshes(document, accessors, read_materials(document))
         instances = _instances(document, hierarchy, meshes, read_skins(document, accessors))
         morphs = {i.node: len(i.weights) for i in instances}
+        animations = read_animations(document, accessors, hierarchy, morphs)
+        _name_alternatives(document, animations, playback)
+        cameras = read_cameras(document, hierarchy.visible)
         return cls(
             path,
+            playback,
             hierarchy,
-            read_animation(document, accessors, hierarchy, morphs),
+            animations.chosen(playback.animation),
+            animations.of_nodes(hierarchy.with_ancestors(camera.node for camera in cameras)),
             instances,
-            read_cameras(document, hierarchy.visible),
+            cameras,
             tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
             document.warnings,
         )
@@ -92,9 +104,13 @@ class Scene:
         return len(self._lights)
 
     def pose(self, time_s: float) -> PosedScene:
-        """Triangles and lights at a time [s]; before the first and after the last key they rest."""
-        world = self._world(time_s)
-        weights = self._animation.weights(time_s)
+        """Triangles and lights at a moment of the plate [s].
+
+        Before the first key of an animation they rest, and after its last unless it loops.
+        """
+        moment = self._playback.moment(time_s, self._animation.duration_s)
+        world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
+        weights = self._animation.weights(moment)
         meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
         return PosedScene(time_s, meshes, lights)
@@ -109,6 +125,7 @@ class Scene:
     ) -> Camera:
         """The virtual camera at a time, on a frame of a size.
 
+        It moves as the file has it, at the plate's own time, whatever the object's animation does.
         The vertical field of view is the file's; a camera made for another aspect ratio is
         reported in `warnings`.
 
@@ -133,7 +150,8 @@ class Scene:
             if line not in self._warnings:
                 self._warnings.append(line)
         try:
-            pose = rigid(self._world(time_s)[chosen.node])
+            moved = self._camera_motion.apply(self._hierarchy.rest, time_s)
+            pose = rigid(self._hierarchy.world(moved)[chosen.node])
         except SceneError as error:
             raise SceneError(f"{self.path}: camera '{chosen.name}': {error}") from error
         return Camera.from_yfov(pose, chosen.yfov, width, height, pixel_aspect)
@@ -152,8 +170,14 @@ class Scene:
         known = ", ".join(self.camera_names)
         raise SceneError(f"{self.path}: no camera is named '{name}'; expected one of {known}")
 
-    def _world(self, time_s: float) -> Float64:
-        return self._hierarchy.world(self._animation.apply(self._hierarchy.rest, time_s))
+
+def _name_alternatives(document: Document, animations: Animations, playback: Playback) -> None:
+    left_out = animations.left_out(playback.animation)
+    if left_out:
+        document.warn(
+            "not played, because they move what an earlier animation moves: "
+            f"{listed(left_out)}; choose one with --animation NAME"
+        )
 
 
 def _instances(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,7 @@ class Hierarchy:
         has_matrix: which nodes have one (N,).
         levels: pairs (nodes, their parents) from the roots' children downwards.
         visible: nodes of the default scene.
+        parents: parent of each node, -1 for a root.
     """
 
     rest: LocalPose
@@ -56,6 +58,24 @@ class Hierarchy:
     has_matrix: Bool
     levels: tuple[tuple[Indices, Indices], ...]
     visible: frozenset[int]
+    parents: tuple[int, ...]
+
+    def with_ancestors(self, nodes: Iterable[int]) -> frozenset[int]:
+        """Nodes, and all that carry them."""
+        found: set[int] = set()
+        for node in nodes:
+            while node >= 0 and node not in found:
+                found.add(node)
+                node = self.parents[node]
+        return frozenset(found)
+
+    def with_descendants(self, node: int) -> frozenset[int]:
+        """A node, and all that it carries."""
+        found = {node}
+        for children, parents in self.levels:
+            pairs = zip(children.tolist(), parents.tolist(), strict=True)
+            found.update(child for child, parent in pairs if parent in found)
+        return frozenset(found)
 
     def world(self, pose: LocalPose) -> Float64:
         """World matrices (N, 4, 4) of all nodes."""
@@ -112,7 +132,8 @@ def read_hierarchy(document: Document) -> Hierarchy:
         matrices=matrices,
         has_matrix=np.array(["matrix" in node for node in nodes], dtype=bool),
         levels=levels,
-        visible=_visible(document, parents),
+        visible=_visible(document, len(nodes), levels),
+        parents=tuple(parents),
     )
 
 
@@ -148,18 +169,15 @@ def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
     return tuple(levels)
 
 
-def _visible(document: Document, parents: list[int]) -> frozenset[int]:
+def _visible(
+    document: Document, count: int, levels: tuple[tuple[Indices, Indices], ...]
+) -> frozenset[int]:
     scenes = document.items("scenes")
     if not scenes:
-        return frozenset(range(len(parents)))
+        return frozenset(range(count))
     chosen = document.root.integer("scene", below=len(scenes), default=0)
-    roots = set(scenes[chosen].integers("nodes", len(parents)))
-    visible: set[int] = set()
-    for index in range(len(parents)):
-        path, node = [], index
-        while node >= 0 and node not in visible and node not in roots:
-            path.append(node)
-            node = parents[node]
-        if node >= 0:
-            visible.update(path, [node])
-    return frozenset(visible)
+    visible = np.zeros(count, dtype=bool)
+    visible[list(scenes[chosen].integers("nodes", count))] = True
+    for nodes, parents in levels:
+        visible[nodes] |= visible[parents]
+    return frozenset(np.flatnonzero(visible).tolist())
