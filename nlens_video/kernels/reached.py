@@ -11,7 +11,9 @@ from nlens_video.frames import Float32, Float64
 from nlens_video.kernels.extend import Band, Int32
 
 ALPHA_FLOOR = 1e-7
-"""Coverage below this is rounding left over by the running sum, and means 0 [1]."""
+WEIGHT_FLOOR = 1e-4
+"""Coverage and weight below these are rounding left over by the running sum, and mean 0 [1]. A ratio
+of two such remainders looks like any other."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -65,7 +67,8 @@ def normalise(
         low, high = columns[0][y + origin[0]], columns[1][y + origin[0]]
         for x in range(sums.shape[1]):
             alpha, weight = sums[y, x, 3], sums[y, x, 4]
-            if alpha < ALPHA_FLOOR or not low <= x + origin[1] <= high:
+            nothing = alpha < ALPHA_FLOOR or weight < WEIGHT_FLOOR
+            if nothing or not low <= x + origin[1] <= high:
                 for c in range(4):
                     out[y, x, c] = 0.0
                 continue
