@@ -9,6 +9,8 @@ from typing import NoReturn
 from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
 from nlens_video.errors import UsageError
+from nlens_video.placing import Placing
+from nlens_video.playback import ALL, Playback
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
 COMMANDS = ("render", "fit", "evaluate", "doctor")
@@ -73,9 +75,7 @@ def settings(words: argparse.Namespace) -> Settings:
             input_rate=words.input_rate,
             frames=words.range,
         ),
-        scene=ObjectSettings(
-            glb=words.glb, camera=words.camera, layers=words.layers, ground_y=words.ground_y
-        ),
+        scene=_object(words),
         output=output,
         preset=words.preset,
         effects="defocus" if words.command == "fit" else words.effects,
@@ -89,6 +89,43 @@ def settings(words: argparse.Namespace) -> Settings:
         aov=getattr(words, "aov", None),
         timings=getattr(words, "timings", None),
     )
+
+
+def _object(words: argparse.Namespace) -> ObjectSettings:
+    return ObjectSettings(
+        glb=words.glb,
+        camera=words.camera,
+        layers=words.layers,
+        ground_y=words.ground_y,
+        playback=Playback(
+            animation=words.animation,
+            loop=words.loop,
+            speed=words.animation_speed,
+            offset_s=words.animation_offset,
+        ),
+        placing=_placing(words),
+        footprint=words.footprint,
+    )
+
+
+def _placing(words: argparse.Namespace) -> Placing | None:
+    given = {"yaw_deg": words.yaw, "horizon": words.horizon}
+    given = {name: value for name, value in given.items() if value is not None}
+    if words.at is None and words.size is None and not given:
+        return None
+    if words.at is None or words.size is None:
+        raise UsageError("to place the object give both --at X,Y and --size S; see --help")
+    if words.camera is not None:
+        raise UsageError("--camera and --at place the object twice; leave one of them out")
+    return Placing(at=words.at, size=words.size, **given)
+
+
+def _point(text: str) -> tuple[float, float]:
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
+    return x, y
 
 
 def _frames(text: str) -> tuple[int, int | None]:
@@ -137,6 +174,9 @@ def _add_common(parser: _Parser) -> None:
     look.add_argument("--camera", metavar="NAME", help="the GLB's camera (default: its first)")
     look.add_argument("--layers", metavar="P.exr", help="pre-rendered RGBA + Z layers, or %%04d")
     look.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
+    look.add_argument("--footprint", metavar="NODE", help="fit under this object (default: all)")
+    _add_playback(parser)
+    _add_placing(parser)
     lens = parser.add_argument_group("the lens")
     lens.add_argument("--preset", default="standard", metavar="NAME", help="pipeline, or own .toml")
     lens.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
@@ -159,6 +199,26 @@ def _add_common(parser: _Parser) -> None:
     shown = parser.add_argument_group("what is shown")
     shown.add_argument("--report", metavar="DIR", type=Path, help="a self-contained HTML report")
     shown.add_argument("--no-progress", action="store_true")
+
+
+def _add_playback(parser: _Parser) -> None:
+    played = parser.add_argument_group("its animation (a moving camera keeps the plate's time)")
+    played.add_argument("--animation", metavar="NAME", default=ALL, help="name, number, or all")
+    played.add_argument("--loop", action="store_true", help="start again, not rest at the end")
+    played.add_argument("--animation-speed", metavar="S", type=_positive, default=1.0)
+    played.add_argument(
+        "--animation-offset", metavar="SEC", type=float, default=0.0, help="where it starts"
+    )
+
+
+def _add_placing(parser: _Parser) -> None:
+    placed = parser.add_argument_group(
+        "its place if the GLB has no camera (fractions of the frame)"
+    )
+    placed.add_argument("--at", metavar="X,Y", type=_point, help="where it touches the ground")
+    placed.add_argument("--size", metavar="S", type=float, help="its height")
+    placed.add_argument("--yaw", metavar="D", type=float, help="turn in degrees (default 0)")
+    placed.add_argument("--horizon", metavar="H", type=float, help="row of it (default 0.5: level)")
 
 
 def _render_parser() -> _Parser:

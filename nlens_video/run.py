@@ -20,6 +20,7 @@ from nlens_video.lens import LensFit
 from nlens_video.look_ahead import with_following
 from nlens_video.observers import Observer, Started, observers
 from nlens_video.outcome import FitOutcome, Outcome
+from nlens_video.placing import focal_35mm
 from nlens_video.settings import Settings
 from nlens_video.trim import Trim
 from nlens_video.video.atomic import check_folder, replacing
@@ -218,6 +219,7 @@ def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler) -> Asse
         height=info.height,
         pixel_aspect=info.pixel_aspect,
         camera=settings.scene.camera,
+        focal_35mm=focal_35mm(info.metadata),
     )
     return assemble(settings.scene, lens, view, profiler)
 

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from nlens_video.aperture import ROUND, Aperture
+from nlens_video.placing import Placing
+from nlens_video.playback import ONCE, Playback
 
 Device = Literal["auto", "cpu", "cuda"]
 Fallback = Literal["none", "constant"]
@@ -40,12 +42,18 @@ class ObjectSettings:
         camera: name of its camera, None for the first perspective one.
         layers: pattern of pre-rendered EXR layers, None to render the GLB.
         ground_y: height of the ground plane in the GLB's world, None to find it [scene unit].
+        playback: which of its animations play, and when.
+        placing: where it stands in the frame, None where its own camera tells.
+        footprint: name of the node whose footprint finds the lens, None for all that is drawn.
     """
 
     glb: Path
     camera: str | None = None
     layers: str | None = None
     ground_y: float | None = None
+    playback: Playback = ONCE
+    placing: Placing | None = None
+    footprint: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

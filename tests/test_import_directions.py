@@ -20,7 +20,7 @@ LAYERS = [
     ["stages"],
     ["model_store", "scene", "video"],
     ["kernels"],
-    ["aperture", "color", "lens", "playback", "v_fit"],
+    ["aperture", "color", "lens", "placing", "playback", "v_fit"],
     ["frames"],
     ["errors", "interrupts"],
 ]

@@ -12,12 +12,13 @@ from nlens_video.effects.planner import Decision, decide
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
-from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View
+from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.registry import ShotRecord, Tools
 from nlens_video.graph.stream import FrameSteps
 from nlens_video.lens import LensFit
+from nlens_video.placing import ASSUMED_FOCAL_MM
 from nlens_video.scene.gltf import Scene
 from nlens_video.settings import Device, Fallback, ObjectSettings
 from nlens_video.stages.protocols import ReblurNetwork
@@ -86,7 +87,8 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         raise UsageError("--device cuda: this version runs on the CPU only; use auto or cpu")
     pipeline = load_pipeline(lens.preset)
     decisions = decide(lens.effects)
-    scene = Scene.load(objects.glb)
+    scene = Scene.load(objects.glb, objects.playback)
+    view, placed_note = _stand(objects, scene, view)
     source, render_context, notes = _object_source(objects, scene, view)
     record = ShotRecord()
     tools = Tools(
@@ -110,11 +112,28 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         record=record,
         render_context=render_context,
         notes=lambda: (
+            *placed_note,
             *scene.warnings,
             *graph.notes,
             *notes(),
             *([record.note] if record.note else []),
         ),
+    )
+
+
+def _stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tuple[str, ...]]:
+    """The camera that sees the object: the file's, or one that sees it where it is placed."""
+    if objects.placing is None:
+        scene.camera(0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect)
+        return view, ()
+    if objects.layers is not None:
+        raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
+    focal = view.focal_35mm or ASSUMED_FOCAL_MM
+    known = "as the plate says" if view.focal_35mm else "assumed"
+    unused = "; the file's own camera is not used" if scene.camera_names else ""
+    return place(view, scene, objects.placing, focal, objects.ground_y), (
+        f"placed by {objects.placing.words()}, focal length {focal:g} mm "
+        f"(35 mm equivalent, {known}){unused}",
     )
 
 
@@ -125,17 +144,18 @@ def _object_source(
     Callable[[], AbstractContextManager[object]],
     Callable[[], tuple[str, ...]],
 ]:
-    scene.camera(0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect)
+    if objects.footprint is not None:
+        scene.triangles(0.0, objects.footprint)  # a wrong name speaks up before the run
     if objects.layers is not None:
         from nlens_video.video.exr import LayerReader
 
         layers = LayerReader(objects.layers, (view.width, view.height))
-        return LayeredObject(scene, layers, view), nullcontext, tuple
+        return LayeredObject(scene, layers, view, objects.footprint), nullcontext, tuple
     from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
 
     renderer = PyrenderObjectRenderer(scene)
     return (
-        RenderedObject(scene, renderer, view),
+        RenderedObject(scene, renderer, view, objects.footprint),
         lambda: renderer,
         lambda: (renderer.light_note,),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -11,8 +11,10 @@ import numpy as np
 from nlens_video.errors import InputError
 from nlens_video.frames import Box, Float32, Float64, ObjectLayer
 from nlens_video.lens import LensFit
+from nlens_video.placing import Placing
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
+from nlens_video.scene.placed import contact_point, place_camera
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
@@ -27,12 +29,16 @@ class View:
         height: rows [px].
         pixel_aspect: width of a pixel by its height [1].
         camera: name of the camera in the file, None for the first perspective one.
+        focal_35mm: 35 mm equivalent focal length of the plate, None where it is unknown [mm].
+        placed: a camera that stands in for those of the file, None where there is none.
     """
 
     width: int
     height: int
     pixel_aspect: float = 1.0
     camera: str | None = None
+    focal_35mm: float | None = None
+    placed: Camera | None = None
 
     @property
     def box(self) -> Box:
@@ -61,6 +67,31 @@ class Placement:
     layer: ObjectLayer | None = None
 
 
+def place(view: View, scene: Scene, placing: Placing, focal: float, ground_y: float | None) -> View:
+    """A view whose camera sees the object, as it is at first, where it is to stand.
+
+    Args:
+        view: the frame.
+        scene: the object.
+        placing: where it is to stand.
+        focal: 35 mm equivalent focal length [mm].
+        ground_y: height of the ground plane, None for the object's lowest point [scene unit].
+
+    Raises:
+        SceneError: no camera sees it so.
+    """
+    vertices = scene.pose(0.0).vertices()
+    camera = place_camera(
+        vertices,
+        contact_point(vertices, ground_y),
+        placing,
+        focal,
+        (view.width, view.height),
+        view.pixel_aspect,
+    )
+    return replace(view, placed=camera)
+
+
 class ObjectSource(Protocol):
     """Gives the object's place, geometry and picture on each frame."""
 
@@ -73,8 +104,8 @@ class ObjectSource(Protocol):
         """Where the object is on a frame; None when it is out of view."""
         ...
 
-    def triangles(self, time_s: float) -> Float64:
-        """World-space triangles (T, 3, 3) at a moment [scene unit]."""
+    def footprint(self, time_s: float) -> Float64:
+        """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         ...
 
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
@@ -92,11 +123,12 @@ class Renderer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RenderedObject:
-    """The object of a GLB, drawn by a renderer."""
+    """The objects of a GLB, drawn by a renderer."""
 
     scene: Scene
     renderer: Renderer
     view: View
+    standing: str | None = None  # the node whose footprint finds the lens; None: all objects
 
     @property
     def description(self) -> str:
@@ -115,9 +147,9 @@ class RenderedObject:
             return None
         return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
 
-    def triangles(self, time_s: float) -> Float64:
-        """World-space triangles (T, 3, 3) at a moment [scene unit]."""
-        return _triangles(self.scene, time_s)
+    def footprint(self, time_s: float) -> Float64:
+        """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
+        return self.scene.triangles(time_s, self.standing)
 
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         """Render with a margin for what the lens spreads into the frame from outside."""
@@ -136,6 +168,7 @@ class LayeredObject:
     scene: Scene
     layers: LayerReader
     view: View
+    standing: str | None = None
 
     @property
     def description(self) -> str:
@@ -162,9 +195,9 @@ class LayeredObject:
             layer=layer,
         )
 
-    def triangles(self, time_s: float) -> Float64:
-        """World-space triangles (T, 3, 3) at a moment [scene unit]."""
-        return _triangles(self.scene, time_s)
+    def footprint(self, time_s: float) -> Float64:
+        """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
+        return self.scene.triangles(time_s, self.standing)
 
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         """The layer that was read."""
@@ -194,14 +227,11 @@ def covered_part(layer: ObjectLayer) -> ObjectLayer | None:
 
 
 def _camera(scene: Scene, view: View, time_s: float) -> Camera:
+    if view.placed is not None:
+        return view.placed
     return scene.camera(
         time_s, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
     )
-
-
-def _triangles(scene: Scene, time_s: float) -> Float64:
-    vertices, faces = scene.pose(time_s).triangles()
-    return vertices.astype(np.float64)[faces]
 
 
 def _bounds(points: Float32, camera: Camera) -> tuple[Box, float, float] | None:

@@ -141,8 +141,8 @@ def _project(tools: Tools) -> Made:
     def run(placement: Placement) -> GroundProjection:
         ground_y = tools.ground_y
         if ground_y is None:
-            ground_y = float(tools.objects.triangles(0.0)[:, :, 1].min())
-        triangles = tools.objects.triangles(placement.time_s)
+            ground_y = float(tools.objects.footprint(0.0)[:, :, 1].min())
+        triangles = tools.objects.footprint(placement.time_s)
         tools.record.ground = project_to_ground(triangles, placement.camera, ground_y)
         return tools.record.ground
 

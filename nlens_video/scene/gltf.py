@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.errors import SceneError
+from nlens_video.frames import Float64
 from nlens_video.playback import ONCE, Playback
 from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.animation import Animation
@@ -42,6 +43,7 @@ class Scene:
     _instances: tuple[Instance, ...]
     _cameras: tuple[Perspective, ...]
     _lights: tuple[tuple[int, Light], ...]
+    _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
 
     @classmethod
@@ -80,6 +82,7 @@ class Scene:
             instances,
             cameras,
             tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
+            tuple(node.text("name") for node in document.items("nodes")),
             document.warnings,
         )
 
@@ -102,6 +105,32 @@ class Scene:
     def light_count(self) -> int:
         """Punctual lights of the scene."""
         return len(self._lights)
+
+    def triangles(self, time_s: float, node: str | None = None) -> Float64:
+        """World-space triangles (T, 3, 3) at a moment of the plate [scene unit].
+
+        Args:
+            time_s: moment of the plate [s].
+            node: name of a node; only it and what it carries. None for all.
+
+        Raises:
+            SceneError: no such node carries a mesh.
+        """
+        carried = self._carried_by(node) if node is not None else None
+        parts = [
+            mesh.positions.astype(np.float64)[mesh.faces]
+            for instance, mesh in zip(self._instances, self.pose(time_s).meshes, strict=True)
+            if carried is None or instance.node in carried
+        ]
+        if not parts:
+            drawn = dict.fromkeys(self._node_names[instance.node] for instance in self._instances)
+            known = listed([name for name in drawn if name])
+            raise SceneError(f"{self.path}: no object is named '{node}'; expected one of {known}")
+        return np.concatenate(parts)
+
+    def _carried_by(self, name: str) -> frozenset[int]:
+        named = (index for index, own in enumerate(self._node_names) if own == name)
+        return frozenset().union(*(self._hierarchy.with_descendants(index) for index in named))
 
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a moment of the plate [s].
@@ -159,7 +188,8 @@ class Scene:
     def _camera(self, name: str | None) -> Perspective:
         if not self._cameras:
             raise SceneError(
-                f"{self.path}: no perspective camera; "
+                f"{self.path}: no perspective camera; place the object with --at X,Y --size S "
+                "--yaw D --horizon H (`nlens-video place` shows choices), or "
                 "add one in the modelling program and export it"
             )
         if name is None:

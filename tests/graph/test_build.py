@@ -35,7 +35,7 @@ class Slab:
             time_s=time_s, camera=shots.camera(), box=BOX, nearest=self.near, farthest=self.far
         )
 
-    def triangles(self, time_s):
+    def footprint(self, time_s):
         square = np.array([[-0.2, 0, -1.5], [0.2, 0, -1.5], [0.2, 0, -1.9], [-0.2, 0, -1.9]])
         return square[[[0, 1, 2], [0, 2, 3]]]
 

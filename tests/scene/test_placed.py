@@ -1,0 +1,120 @@
+"""The virtual camera of an object that is placed in the frame."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nlens_video.errors import SceneError, UsageError
+from nlens_video.placing import Placing, focal_35mm
+from nlens_video.scene.placed import contact_point, place_camera
+
+BOX = np.array([[x, y, z] for x in (1.0, 2.0) for y in (3.0, 5.0) for z in (-1.0, 1.0)], np.float32)
+FOOT = np.array([1.5, 3.0, 0.0])
+
+
+def place(at=(0.5, 0.8), size=0.3, *, vertices=BOX, focal=35.0, frame=(96, 54), aspect=1.0, **k):
+    placing = Placing(at=at, size=size, **k)
+    return place_camera(vertices, contact_point(vertices), placing, focal, frame, aspect)
+
+
+def seen(camera, points):
+    return camera.pixels(camera.to_camera(np.atleast_2d(np.asarray(points, np.float64))))
+
+
+@given(
+    x=st.floats(0.0, 1.0),
+    below=st.floats(0.05, 0.7),
+    size=st.floats(0.02, 0.6),
+    yaw=st.floats(-180, 180),
+    horizon=st.floats(-0.5, 0.8),
+    focal=st.floats(14.0, 200.0),
+    aspect=st.sampled_from([1.0, 0.5, 4 / 3]),
+)
+def test_the_object_stands_where_it_was_told_as_high_as_told(
+    x, below, size, yaw, horizon, focal, aspect
+):
+    at = (x, horizon + below)
+    try:
+        camera = place(at, size, yaw_deg=yaw, horizon=horizon, focal=focal, aspect=aspect)
+    except SceneError as error:
+        assert "reach behind the camera" in str(error)
+        return
+    foot = seen(camera, FOOT)[0]
+    np.testing.assert_allclose(foot, [x * 96, at[1] * 54], atol=1e-6)
+    assert foot[1] - seen(camera, BOX)[:, 1].min() == pytest.approx(size * 54, abs=1e-6)
+    depth = -camera.to_camera(FOOT[None])[0, 2]
+    rows, columns = np.clip([foot[1], foot[0]], 0.5, [53.5, 95.5])
+    plane = camera.plane_disparity(3.0)
+    assert camera.world_from_camera[1, 3] > 3.0
+    if 1 < rows < 52 and 1 < columns < 94:
+        row, column = int(rows), int(columns)
+        around = plane[row - 1 : row + 2, column - 1 : column + 2]
+        assert around.min() - 1e-9 <= 1 / depth <= around.max() + 1e-9
+
+
+@pytest.mark.parametrize("horizon", [-0.3, 0.0, 0.5, 0.7])
+def test_the_ground_ends_at_the_horizon(horizon):
+    camera = place((0.3, 0.9), horizon=horizon)
+    far = camera.world_from_camera[:3, 3] * [1, 0, 1] + [0, 3, 0]
+    ahead = camera.world_from_camera[:3, :3] @ [0, 0, -1] * [1, 0, 1]
+    assert seen(camera, far + 1e7 * ahead)[0, 1] == pytest.approx(horizon * 54, abs=0.01)
+    np.testing.assert_allclose(camera.world_from_camera[1, 0], 0, atol=1e-12)  # not rolled
+
+
+def test_the_front_faces_the_viewer_and_yaw_turns_it_counter_clockwise_seen_from_above():
+    eye = place().world_from_camera[:3, 3] - FOOT
+    assert abs(eye[0]) < 1e-9
+    assert eye[2] > 0
+    # The front of the object, +Z, turned by 90 degrees towards +X, points to the viewer's right.
+    turned = place(yaw_deg=90)
+    front, back = seen(turned, [FOOT + [0, 0, 1], FOOT - [0, 0, 1]])
+    assert front[0] > back[0]
+
+
+def test_a_full_frame_diagonal_at_the_focal_length_is_the_field_of_view():
+    camera = place(focal=50.0, aspect=2.0)
+    assert camera.fy == pytest.approx(50 / math.hypot(36, 24) * math.hypot(192, 54))
+    assert camera.fx == pytest.approx(camera.fy / 2)
+
+
+def test_legs_stand_round_the_contact_point():
+    legs = [[0, 0, 0], [2, 0.005, 0], [2, 0, 4], [0, 0, 4], [9, 1, 9]]
+    np.testing.assert_allclose(contact_point(np.array(legs, np.float32)), [1, 0, 2])
+    np.testing.assert_allclose(contact_point(np.array(legs, np.float32), -1.0), [1, -1, 2])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        ({"at": (0.5, 0.5), "size": 0.2}, "lies above the horizon"),
+        ({"at": (0.5, 0.3), "size": 0.2, "horizon": 0.4}, "greater Y or a smaller --horizon"),
+        ({"at": (0.5, 0.9), "size": 0.0}, "--size 0 is a share"),
+        ({"at": (math.nan, 0.9), "size": 0.1}, "must be numbers"),
+    ],
+)
+def test_a_place_that_makes_no_sense_is_a_usage_error(wrong, line):
+    with pytest.raises(UsageError, match=line):
+        Placing(**wrong)
+
+
+def test_an_object_that_would_reach_behind_the_camera_is_refused():
+    with pytest.raises(SceneError, match="give a smaller --size or a higher horizon"):
+        place(size=1.0, vertices=BOX * [1, 1, 50])
+    with pytest.raises(SceneError, match="reach behind the camera"):
+        place(vertices=np.zeros((3, 3), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("metadata", "focal"),
+    [
+        ({"com.apple.quicktime.camera.focal_length.35mm_equivalent": "26"}, 26.0),
+        ({"FocalLengthIn35mmFilm": "50"}, 50.0),
+        ({"FocalLengthIn35mmFilm": "0"}, None),
+        ({"FocalLengthIn35mmFilm": "wide", "title": "26"}, None),
+    ],
+)
+def test_the_focal_length_is_read_from_the_recordings_metadata(metadata, focal):
+    assert focal_35mm(metadata) == focal
