@@ -93,6 +93,21 @@ class Picture(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CocPrior:
+    """The blur of the pictures that an estimator was trained on, roughly log-normal.
+
+    Attributes:
+        mean: of log(1 + CoC diameter [px that the estimator sees]) [1].
+        deviation: of it, > 0 [1].
+        scale: pixels of the frame by those that the estimator sees, > 0 [1].
+    """
+
+    mean: float
+    deviation: float
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CocMap:
     """Unsigned CoC of the plate and how far it may be off.
 
@@ -100,11 +115,13 @@ class CocMap:
         coc_px: CoC diameter (H, W), >= 0, without sign [px of the frame].
         sigma_px: expected absolute error of it (H, W), > 0 [px of the frame].
         frames: pictures of the plate that were averaged for it [1].
+        prior: what an unsure estimate is drawn to, None where it is drawn to nothing.
     """
 
     coc_px: Float32
     sigma_px: Float32
     frames: int = 1
+    prior: CocPrior | None = None
 
     def __post_init__(self) -> None:
         if self.coc_px.ndim != 2 or self.coc_px.shape != self.sigma_px.shape:

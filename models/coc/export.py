@@ -20,8 +20,11 @@ from torch import Tensor, nn
 
 from models.coc.network import LABEL_STEP, STRIDE, CocNet, coc_and_sigma
 from models.manifest import sha256_of, write_entry
+from nlens_video.backends.coc_onnx import PRIOR
 
 HERE = Path(__file__).parent
+# of log(1 + CoC) in training: four fifths drawn pictures (2.36, 1.05), one rendered (1.98, 0.73)
+LOG_COC_MEAN, LOG_COC_DEVIATION = 2.28, 1.0
 SMALLEST_HALVED = 64  # shorter tensors (biases, constants) stay in single precision
 
 
@@ -82,6 +85,7 @@ def export(network: CocNet, path: Path, *, half_weights: bool = True) -> None:
     for node in model.graph.node:  # names of source files
         node.doc_string = ""
     model.doc_string = "CoC diameter of a picture; see the model card beside this file"
+    helper.set_model_props(model, {PRIOR: f"{LOG_COC_MEAN} {LOG_COC_DEVIATION}"})
     onnx.checker.check_model(model, full_check=True)
     onnx.save(model, path)
 

@@ -9,10 +9,12 @@ import numpy as np
 import onnxruntime
 
 from nlens_video.backends.onnx_session import open_session
-from nlens_video.frames import CocMap, Float32
+from nlens_video.frames import CocMap, CocPrior, Float32
 
 THREADS = 2
 INPUT, OUTPUTS = "rgb", ("coc_px", "sigma_px")
+PRIOR = "log_coc_prior"
+"""Key of the file's metadata: mean and deviation of log(1 + CoC) in training, a blank between."""
 
 
 class OnnxCocNetwork:
@@ -34,6 +36,7 @@ class OnnxCocNetwork:
             path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py"
         )
         self._session: onnxruntime.InferenceSession | None = session
+        self._prior = _prior(session)
 
     @property
     def stride(self) -> int:
@@ -52,7 +55,7 @@ class OnnxCocNetwork:
             raise ValueError(f"{rgb.shape = } must be multiples of {self.stride}")
         batch = np.ascontiguousarray(rgb, dtype=np.float32)[None]
         coc, sigma = self._session.run(list(OUTPUTS), {INPUT: batch})
-        return CocMap(coc_px=coc[0], sigma_px=sigma[0])
+        return CocMap(coc_px=coc[0], sigma_px=sigma[0], prior=self._prior)
 
     def close(self) -> None:
         """Free the session and its memory; a second call does nothing."""
@@ -68,3 +71,12 @@ class OnnxCocNetwork:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _prior(session: onnxruntime.InferenceSession) -> CocPrior | None:
+    """What the network was trained on, if its file says so."""
+    text = session.get_modelmeta().custom_metadata_map.get(PRIOR)
+    if text is None:
+        return None
+    mean, deviation = (float(word) for word in text.split())
+    return CocPrior(mean=mean, deviation=deviation)

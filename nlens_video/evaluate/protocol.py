@@ -215,9 +215,14 @@ def _map_at_size(coc: CocMap, width: int, height: int) -> CocMap:
     scale = np.float32(width / coc.coc_px.shape[1])
     if coc.coc_px.shape == (height, width):
         return coc
-    return CocMap(
+    prior = coc.prior
+    if prior is not None:
+        prior = replace(prior, scale=prior.scale * float(scale))
+    return replace(
+        coc,
         coc_px=scale * cv2.resize(coc.coc_px, (width, height), interpolation=cv2.INTER_LINEAR),
         sigma_px=scale * cv2.resize(coc.sigma_px, (width, height), interpolation=cv2.INTER_LINEAR),
+        prior=prior,
     )
 
 

@@ -12,8 +12,8 @@ from nlens_video.kernels.extend import Band, Int32
 
 ALPHA_FLOOR = 1e-7
 WEIGHT_FLOOR = 1e-4
-"""Coverage and weight below these are rounding left over by the running sum, and mean 0 [1]. A ratio
-of two such remainders looks like any other."""
+"""Coverage and weight below these are rounding left over by the running sum, and mean 0 [1]. The
+ratio of two such remainders looks like any other."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -17,6 +17,7 @@ from nlens_video.errors import LensFitError
 from nlens_video.frames import Bool, CocMap, Float64
 from nlens_video.lens import LensFit, Sign
 from nlens_video.stages.p_projection import GroundProjection
+from nlens_video.stages.r_evidence import evidence
 from nlens_video.v_fit import Lens, VFit
 
 GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
@@ -36,7 +37,7 @@ class FitSamples:
 
     Attributes:
         disparity: of the ground plane [1 / scene unit].
-        coc_px: estimated unsigned diameter [px].
+        coc_px: unsigned diameter that the estimate is evidence of (`r_evidence`) [px].
         sigma_px: its expected error [px].
         anchor: whether the sample lies in the footprint.
         weight: what the robust loss left of it, 0 to 1 [1].
@@ -193,10 +194,13 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
             "--fit FILE.json or --fallback constant"
         )
     patch = step * _CLUSTER_SAMPLES
+    said, error = values[use].astype(np.float64), sigma[use].astype(np.float64)
+    if coc.prior is not None:
+        said, error = evidence(said, error, coc.prior)
     return FitSamples(
         disparity=disparity[use].astype(np.float64),
-        coc_px=values[use].astype(np.float64),
-        sigma_px=sigma[use].astype(np.float64),
+        coc_px=said,
+        sigma_px=error,
         anchor=anchor[use],
         weight=np.ones(int(use.sum())),
         cluster=((rows // patch) * width + columns // patch)[use].astype(np.int64),
