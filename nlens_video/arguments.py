@@ -13,8 +13,8 @@ from nlens_video.placing import Placing
 from nlens_video.playback import ALL, Playback
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
-COMMANDS = ("render", "fit", "evaluate", "doctor")
-PLANNED = ("bench", "farm", "merge", "place", "check", "study")
+COMMANDS = ("render", "fit", "evaluate", "bench", "doctor")
+PLANNED = ("farm", "merge", "place", "check", "study")
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
@@ -22,6 +22,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
   nlens-video evaluate coc FOLDER     accuracy of estimate and fit on rendered ground truth
+  nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video doctor                  what works on this machine, and what to install
 """
 
@@ -48,6 +49,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
         "render": _render_parser,
         "fit": _fit_parser,
         "evaluate": _evaluate_parser,
+        "bench": _bench_parser,
         "doctor": _doctor_parser,
     }
     parser = parsers[command]()
@@ -254,6 +256,17 @@ def _evaluate_parser() -> _Parser:
     parser.add_argument("what", choices=("coc",), help="coc: the plate's CoC and the lens fit")
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
     parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")
+    return parser
+
+
+def _bench_parser() -> _Parser:
+    about = "Measure every preset, and others' methods, against the sampled lens: what it costs."
+    parser = _base("nlens-video bench", about)
+    parser.add_argument(
+        "folder", metavar="FOLDER", type=Path, nargs="?", help="plates rendered with their object"
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="bench.md, bench.csv, bench.png")
+    parser.add_argument("--quick", action="store_true", help="a coarser truth, fewer frames")
     return parser
 
 

@@ -85,6 +85,12 @@ def _run(argv: list[str]) -> int:
         from nlens_video.evaluate.coc import evaluate_coc
 
         return evaluate_coc(words.folder, words.out, as_json=words.json, quiet=words.quiet)
+    if words.command == "bench":
+        from nlens_video.evaluate.bench import bench
+
+        return bench(
+            words.folder, words.out, quick=words.quick, as_json=words.json, quiet=words.quiet
+        )
     from nlens_video.show import Voice
 
     voice = Voice(
