@@ -9,18 +9,31 @@ from typing import NoReturn
 from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
 from nlens_video.errors import UsageError
-from nlens_video.placing import Placing
-from nlens_video.playback import ALL, Playback
-from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
+from nlens_video.object_arguments import (
+    add_placing,
+    add_playback,
+    object_settings,
+    placing,
+    playback,
+    positive,
+)
+from nlens_video.settings import (
+    ObjectSettings,
+    OutputSettings,
+    PlaceSettings,
+    Settings,
+    SourceSettings,
+)
 
-COMMANDS = ("render", "fit", "evaluate", "bench", "doctor")
-PLANNED = ("farm", "merge", "place", "check", "study")
+COMMANDS = ("render", "fit", "place", "evaluate", "bench", "doctor")
+PLANNED = ("farm", "merge", "check", "study")
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
+  nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video evaluate coc FOLDER     accuracy of estimate and fit on rendered ground truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video doctor                  what works on this machine, and what to install
@@ -48,6 +61,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
     parsers = {
         "render": _render_parser,
         "fit": _fit_parser,
+        "place": _place_parser,
         "evaluate": _evaluate_parser,
         "bench": _bench_parser,
         "doctor": _doctor_parser,
@@ -70,14 +84,8 @@ def settings(words: argparse.Namespace) -> Settings:
             keep_partial=words.keep_partial,
         )
     return Settings(
-        source=SourceSettings(
-            spec=words.input,
-            input_format=words.input_format,
-            input_size=words.input_size,
-            input_rate=words.input_rate,
-            frames=words.range,
-        ),
-        scene=_object(words),
+        source=_source(words),
+        scene=object_settings(words),
         output=output,
         preset=words.preset,
         effects="defocus" if words.command == "fit" else words.effects,
@@ -93,41 +101,24 @@ def settings(words: argparse.Namespace) -> Settings:
     )
 
 
-def _object(words: argparse.Namespace) -> ObjectSettings:
-    return ObjectSettings(
-        glb=words.glb,
-        camera=words.camera,
-        layers=words.layers,
-        ground_y=words.ground_y,
-        playback=Playback(
-            animation=words.animation,
-            loop=words.loop,
-            speed=words.animation_speed,
-            offset_s=words.animation_offset,
-        ),
-        placing=_placing(words),
-        footprint=words.footprint,
+def place_settings(words: argparse.Namespace) -> PlaceSettings:
+    """Settings of `place`."""
+    return PlaceSettings(
+        source=_source(words),
+        scene=ObjectSettings(glb=words.glb, ground_y=words.ground_y, playback=playback(words)),
+        start=placing(words, at=(0.5, 0.8), size=0.35, horizon=0.4),
+        output=words.output,
     )
 
 
-def _placing(words: argparse.Namespace) -> Placing | None:
-    given = {"yaw_deg": words.yaw, "horizon": words.horizon}
-    given = {name: value for name, value in given.items() if value is not None}
-    if words.at is None and words.size is None and not given:
-        return None
-    if words.at is None or words.size is None:
-        raise UsageError("to place the object give both --at X,Y and --size S; see --help")
-    if words.camera is not None:
-        raise UsageError("--camera and --at place the object twice; leave one of them out")
-    return Placing(at=words.at, size=words.size, **given)
-
-
-def _point(text: str) -> tuple[float, float]:
-    try:
-        x, y = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
-    return x, y
+def _source(words: argparse.Namespace) -> SourceSettings:
+    return SourceSettings(
+        spec=words.input,
+        input_format=words.input_format,
+        input_size=words.input_size,
+        input_rate=words.input_rate,
+        frames=words.range,
+    )
 
 
 def _frames(text: str) -> tuple[int, int | None]:
@@ -146,16 +137,6 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
         raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, such as 960x512")
     return int(width), int(height)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
-    return value
 
 
 def _base(prog: str, description: str) -> _Parser:
@@ -177,8 +158,8 @@ def _add_common(parser: _Parser) -> None:
     look.add_argument("--layers", metavar="P.exr", help="pre-rendered RGBA + Z layers, or %%04d")
     look.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
     look.add_argument("--footprint", metavar="NODE", help="fit under this object (default: all)")
-    _add_playback(parser)
-    _add_placing(parser)
+    add_playback(parser)
+    add_placing(parser)
     lens = parser.add_argument_group("the lens")
     lens.add_argument("--preset", default="standard", metavar="NAME", help="pipeline, or own .toml")
     lens.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
@@ -191,6 +172,13 @@ def _add_common(parser: _Parser) -> None:
     lens.add_argument(
         "--cat-eye", default=0.0, metavar="S", type=float, help="towards corners, 0 to 1"
     )
+    _add_source(parser)
+    shown = parser.add_argument_group("what is shown")
+    shown.add_argument("--report", metavar="DIR", type=Path, help="a self-contained HTML report")
+    shown.add_argument("--no-progress", action="store_true")
+
+
+def _add_source(parser: _Parser) -> None:
     raw = parser.add_argument_group("the plate")
     raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")
     raw.add_argument("--input-size", metavar="WxH", type=_size, help="of raw video")
@@ -198,29 +186,6 @@ def _add_common(parser: _Parser) -> None:
     raw.add_argument(
         "--range", metavar="A:B", type=_frames, default=(0, None), help="frames A to B-1"
     )
-    shown = parser.add_argument_group("what is shown")
-    shown.add_argument("--report", metavar="DIR", type=Path, help="a self-contained HTML report")
-    shown.add_argument("--no-progress", action="store_true")
-
-
-def _add_playback(parser: _Parser) -> None:
-    played = parser.add_argument_group("its animation (a moving camera keeps the plate's time)")
-    played.add_argument("--animation", metavar="NAME", default=ALL, help="name, number, or all")
-    played.add_argument("--loop", action="store_true", help="start again, not rest at the end")
-    played.add_argument("--animation-speed", metavar="S", type=_positive, default=1.0)
-    played.add_argument(
-        "--animation-offset", metavar="SEC", type=float, default=0.0, help="where it starts"
-    )
-
-
-def _add_placing(parser: _Parser) -> None:
-    placed = parser.add_argument_group(
-        "its place if the GLB has no camera (fractions of the frame)"
-    )
-    placed.add_argument("--at", metavar="X,Y", type=_point, help="where it touches the ground")
-    placed.add_argument("--size", metavar="S", type=float, help="its height")
-    placed.add_argument("--yaw", metavar="D", type=float, help="turn in degrees (default 0)")
-    placed.add_argument("--horizon", metavar="H", type=float, help="row of it (default 0.5: level)")
 
 
 def _render_parser() -> _Parser:
@@ -229,7 +194,7 @@ def _render_parser() -> _Parser:
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
     run = parser.add_argument_group("the run")
     run.add_argument("--effects", default="auto", metavar="E", help="auto, none, or: defocus")
-    run.add_argument("--budget-ms", metavar="MS", type=_positive, default=180.0)
+    run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")
     run.add_argument("--aov", metavar="DIR", type=Path, help="EXR layers of each frame")
@@ -247,6 +212,19 @@ def _fit_parser() -> _Parser:
     parser = _base("nlens-video fit", "Find the lens of a plate and keep it as JSON.")
     _add_common(parser)
     parser.add_argument("save_fit", metavar="FIT.json", type=Path)
+    return parser
+
+
+def _place_parser() -> _Parser:
+    about = "Draw choices of --at, --size, --yaw, --horizon, round those given, on the first frame."
+    parser = _base("nlens-video place", about)
+    parser.add_argument("input", metavar="IN", help="the plate, as of nlens-video")
+    parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the object (glTF 2.0)")
+    parser.add_argument("output", metavar="OUT.png", type=Path, help="the contact sheet")
+    parser.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
+    add_playback(parser)
+    add_placing(parser)
+    _add_source(parser)
     return parser
 
 

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator
 
 from nlens_video import interrupts
-from nlens_video.arguments import parse, settings
+from nlens_video.arguments import parse, place_settings, settings
 from nlens_video.errors import NlensError, ReaderGone
 
 INTERRUPTED = 130
@@ -96,9 +96,15 @@ def _run(argv: list[str]) -> int:
     voice = Voice(
         quiet=words.quiet,
         as_json=words.json,
-        progress=not words.no_progress,
+        progress=not getattr(words, "no_progress", True),
         stdout_taken=getattr(words, "output", None) == "-",
     )
+    if words.command == "place":
+        from nlens_video.place import write_contact_sheet
+
+        write_contact_sheet(place_settings(words))
+        voice.saved(words.output)
+        return 0
     run = settings(words)
     if getattr(words, "plan", False):
         from nlens_video.run import plan

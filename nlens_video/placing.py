@@ -11,6 +11,8 @@ from nlens_video.errors import UsageError
 ASSUMED_FOCAL_MM = 35.0
 """35 mm equivalent focal length of plates that do not tell theirs [mm]."""
 FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
+LEVEL = 0.5
+"""Row of the horizon of a camera that is not pitched [frame height]."""
 _FOCAL_KEYS = ("focal_length.35mm_equivalent", "focallengthin35mmfilm")
 
 
@@ -29,7 +31,7 @@ class Placing:
     at: tuple[float, float]
     size: float
     yaw_deg: float = 0.0
-    horizon: float = 0.5
+    horizon: float = LEVEL
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon))):

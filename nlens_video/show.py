@@ -15,6 +15,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from nlens_video.errors import ReaderGone
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from nlens_video.lens import LensFit
     from nlens_video.outcome import FitOutcome, Outcome
 
@@ -77,6 +79,13 @@ class Voice:
             self._say("lens", fit_line(outcome.fit))
             self._notes(outcome.notes)
             self._say("saved", str(outcome.path))
+
+    def saved(self, path: Path) -> None:
+        """Show that a file was written."""
+        if self._json:
+            self._emit({"saved": str(path)})
+        elif not self._quiet:
+            self._say("saved", str(path))
 
     def outcome(self, outcome: Outcome) -> None:
         """Show how a run went."""

@@ -12,9 +12,10 @@ PACKAGE = Path(__file__).parents[1] / "nlens_video"
 LAYERS = [
     ["__main__"],
     ["cli"],
-    ["compositor", "doctor", "evaluate", "run", "show"],
+    ["compositor", "doctor", "evaluate", "place", "run", "show"],
     ["look_ahead", "observers", "outcome", "report", "trim"],
     ["arguments", "graph"],
+    ["object_arguments"],
     ["effects", "settings"],
     ["backends"],
     ["stages"],

@@ -1,0 +1,97 @@
+"""The command line's words about the object: which animation plays, and where it stands."""
+
+from __future__ import annotations
+
+import argparse
+
+from nlens_video.errors import UsageError
+from nlens_video.placing import LEVEL, Placing
+from nlens_video.playback import ALL, Playback
+from nlens_video.settings import ObjectSettings
+
+
+def add_playback(parser: argparse.ArgumentParser) -> None:
+    """The words of `playback`."""
+    played = parser.add_argument_group("its animation (a moving camera keeps the plate's time)")
+    played.add_argument("--animation", metavar="NAME", default=ALL, help="name, number, or all")
+    played.add_argument("--loop", action="store_true", help="start again, not rest at the end")
+    played.add_argument("--animation-speed", metavar="S", type=positive, default=1.0)
+    played.add_argument(
+        "--animation-offset", metavar="SEC", type=float, default=0.0, help="where it starts"
+    )
+
+
+def add_placing(parser: argparse.ArgumentParser) -> None:
+    """The words of `placing`."""
+    placed = parser.add_argument_group(
+        "its place if the GLB has no camera (fractions of the frame)"
+    )
+    placed.add_argument("--at", metavar="X,Y", type=_point, help="where it touches the ground")
+    placed.add_argument("--size", metavar="S", type=float, help="its height")
+    placed.add_argument("--yaw", metavar="D", type=float, help="turn in degrees (default 0)")
+    placed.add_argument("--horizon", metavar="H", type=float, help="row of it (default 0.5: level)")
+
+
+def object_settings(words: argparse.Namespace) -> ObjectSettings:
+    """The object of `render` and `fit`."""
+    return ObjectSettings(
+        glb=words.glb,
+        camera=words.camera,
+        layers=words.layers,
+        ground_y=words.ground_y,
+        playback=playback(words),
+        placing=_own_place(words),
+        footprint=words.footprint,
+    )
+
+
+def playback(words: argparse.Namespace) -> Playback:
+    """Which animation plays, and when."""
+    return Playback(
+        animation=words.animation,
+        loop=words.loop,
+        speed=words.animation_speed,
+        offset_s=words.animation_offset,
+    )
+
+
+def placing(
+    words: argparse.Namespace, at: tuple[float, float], size: float, horizon: float
+) -> Placing:
+    """Where the object stands, and what stands in for words that were not given."""
+    return Placing(
+        at=at if words.at is None else words.at,
+        size=size if words.size is None else words.size,
+        yaw_deg=0.0 if words.yaw is None else words.yaw,
+        horizon=horizon if words.horizon is None else words.horizon,
+    )
+
+
+def _own_place(words: argparse.Namespace) -> Placing | None:
+    given = (words.at, words.size, words.yaw, words.horizon)
+    if given == (None,) * 4:
+        return None
+    if words.at is None or words.size is None:
+        raise UsageError("to place the object give both --at X,Y and --size S; see --help")
+    if words.camera is not None:
+        raise UsageError("--camera and --at place the object twice; leave one of them out")
+    return placing(words, words.at, words.size, LEVEL)
+
+
+def _point(text: str) -> tuple[float, float]:
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
+    return x, y
+
+
+def positive(text: str) -> float:
+    """A number above 0, from a word."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value

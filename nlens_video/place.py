@@ -1,0 +1,173 @@
+"""The command `place`: a contact sheet of places where an object without a camera could stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.errors import OutputError, SceneError, UsageError
+from nlens_video.frames import Box, Float32, Float64
+from nlens_video.placing import ASSUMED_FOCAL_MM, Placing, focal_35mm
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf import Scene
+from nlens_video.scene.placed import contact_point, place_camera
+from nlens_video.settings import PlaceSettings, SourceSettings
+from nlens_video.trim import Trim
+from nlens_video.video.atomic import check_folder, replacing
+from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.source import open_source
+
+if TYPE_CHECKING:
+    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+
+_LONG_SIDE = 480  # of a choice [px]
+_CAPTION = 44  # height of the words under it [px]
+_GRID = np.arange(-4, 5)  # lines of the ground grid, in heights of the object
+_HORIZON_STEP, _SIZE_FACTOR, _YAW_STEP = 0.12, 1.5, 45.0
+_LINE, _PAPER, _INK = (255, 200, 60), 24, (235, 235, 235)  # BGR
+
+Bgr = npt.NDArray[np.uint8]
+
+
+def choices(start: Placing) -> tuple[tuple[Placing, ...], ...]:
+    """Rows of places that differ from `start` in horizon, in size and in yaw, `start` amid each."""
+    lowest = 0.5 * (start.horizon + start.at[1])  # a horizon must lie above the contact point
+    horizons = (start.horizon - _HORIZON_STEP, min(start.horizon + _HORIZON_STEP, lowest))
+    sizes = (start.size / _SIZE_FACTOR, start.size * _SIZE_FACTOR)
+    yaws = (start.yaw_deg - _YAW_STEP, start.yaw_deg + _YAW_STEP)
+    return (
+        (replace(start, horizon=horizons[0]), start, replace(start, horizon=horizons[1])),
+        (replace(start, size=sizes[0]), start, replace(start, size=sizes[1])),
+        (replace(start, yaw_deg=yaws[0]), start, replace(start, yaw_deg=yaws[1])),
+    )
+
+
+def write_contact_sheet(settings: PlaceSettings) -> None:
+    """Draw the sharp object on the plate's first frame at each choice, with the words for it.
+
+    Raises:
+        UsageError: the sheet is no PNG, or the range holds no frame.
+        InputError: the plate cannot be read.
+        SceneError: the GLB cannot be used.
+        OutputError: the sheet cannot be written.
+    """
+    if settings.output.suffix.lower() != ".png":
+        raise UsageError(f"{settings.output}: the contact sheet is a PNG; name it OUT.png")
+    check_folder(settings.output)
+    scene = Scene.load(settings.scene.glb, settings.scene.playback)
+    plate, focal = _first_frame(settings.source)
+    sheet = _drawn(scene, plate, focal or ASSUMED_FOCAL_MM, settings)
+    with replacing(settings.output) as partial:
+        if not cv2.imwrite(str(partial), sheet):
+            raise OutputError(f"{settings.output}: cannot be written; is the disk full?")
+
+
+def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None]:
+    """The plate as small as a choice (H, W, 3), and its 35 mm equivalent focal length."""
+    size = f"{source.input_size[0]}x{source.input_size[1]}" if source.input_size else None
+    with open_source(
+        source.spec,
+        input_format=source.input_format,
+        input_size=size,
+        input_rate=source.input_rate,
+    ) as opened:
+        for item in Trim(opened, source.frames).items():
+            if isinstance(item, SourceFrame):
+                return _shrunk(item.picture.srgb(), opened.info), focal_35mm(opened.info.metadata)
+    raise UsageError(f"--range {source.frames[0]}:{source.frames[1] or ''}: no such frames")
+
+
+def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:
+    """The picture with square pixels, no side longer than a choice's."""
+    wide, high = info.width * info.pixel_aspect, float(info.height)
+    scale = min(1.0, _LONG_SIDE / max(wide, high))
+    size = (max(1, round(wide * scale)), max(1, round(high * scale)))
+    small = cv2.resize(srgb, size, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(np.round(255.0 * small[..., ::-1]).clip(0, 255).astype(np.uint8))
+
+
+def _drawn(scene: Scene, plate: Bgr, focal: float, settings: PlaceSettings) -> Bgr:
+    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+
+    vertices = scene.pose(0.0).vertices()
+    ground = contact_point(vertices, settings.scene.ground_y)
+    with PyrenderObjectRenderer(scene) as renderer:
+        stand = _Stand(vertices, ground, plate, focal, renderer)
+        made: dict[Placing, Bgr] = {}
+        for row in choices(settings.start):
+            for placing in row:
+                if placing not in made:
+                    made[placing] = stand.choice(placing)
+    rows = [np.hstack([made[placing] for placing in row]) for row in choices(settings.start)]
+    return np.vstack(rows)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stand:
+    """What all choices share."""
+
+    vertices: Float32
+    contact: Float64
+    plate: Bgr
+    focal: float
+    renderer: PyrenderObjectRenderer
+
+    def choice(self, placing: Placing) -> Bgr:
+        """One place: plate, ground grid, horizon, object, and the words under it."""
+        picture = self.plate.copy()
+        height, width = picture.shape[:2]
+        try:
+            camera = place_camera(self.vertices, self.contact, placing, self.focal, (width, height))
+        except SceneError:
+            camera = None
+        if camera is not None:
+            self._draw_ground(picture, camera, placing)
+            self._draw_object(picture, camera)
+        return np.vstack([picture, _caption(width, placing, shown=camera is not None)])
+
+    def _draw_ground(self, picture: Bgr, camera: Camera, placing: Placing) -> None:
+        height, width = picture.shape[:2]
+        row = round(placing.horizon * height)
+        cv2.line(picture, (0, row), (width, row), _LINE, 1)
+        for line in _grid_lines(self.contact, float(np.ptp(self.vertices[:, 1])) or 1.0):
+            seen = camera.to_camera(line)
+            before = seen[:, 2] < -1e-3 * float(-seen[:, 2].min())
+            spots = camera.pixels(np.where(before[:, None], seen, [0.0, 0.0, -1.0]))
+            whole = np.round(spots.clip(-1e4, 1e4)).astype(int)
+            for here in np.flatnonzero(before[:-1] & before[1:]):
+                ends = tuple(whole[here].tolist()), tuple(whole[here + 1].tolist())
+                cv2.line(picture, *ends, _LINE, 1, cv2.LINE_AA)
+
+    def _draw_object(self, picture: Bgr, camera: Camera) -> None:
+        layer = self.renderer.render(0.0, camera)
+        if layer is None:
+            return
+        inside = layer.box.intersection(Box(0, 0, camera.width, camera.height))
+        rows, columns = inside.slices_in(layer.box)
+        ArrayPicture(picture).over(inside, np.ascontiguousarray(layer.rgba[rows, columns]))
+
+
+def _grid_lines(contact: Float64, spacing: float) -> Iterator[Float64]:
+    """Lines (N, 3) of a square grid on the ground round a point."""
+    along = np.linspace(_GRID[0], _GRID[-1], 33)
+    for offset in _GRID:
+        across = np.full_like(along, offset)
+        for x, z in ((along, across), (across, along)):
+            yield contact + spacing * np.stack([x, np.zeros_like(x), z], axis=1)
+
+
+def _caption(width: int, placing: Placing, *, shown: bool) -> Bgr:
+    caption = np.full((_CAPTION, width, 3), _PAPER, np.uint8)
+    words = placing.words()
+    half = words.index(" --yaw")
+    lines = (words[:half], words[half + 1 :] if shown else "reaches behind the camera")
+    for number, line in enumerate(lines):
+        spot = (6, 17 + 19 * number)
+        cv2.putText(caption, line, spot, cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+    return caption

@@ -1,0 +1,148 @@
+"""Objects without a camera: the words that place them, and the contact sheet of choices."""
+
+import contextlib
+import io
+import json
+from types import SimpleNamespace
+
+import av
+import cv2
+import numpy as np
+import pytest
+import shots
+from scene.glb_builder import GlbBuilder
+
+from nlens_video.cli import main
+from nlens_video.place import choices
+from nlens_video.placing import Placing
+
+pytestmark = pytest.mark.needs_gl
+WORDS = ["--at", "0.3,0.8", "--size", "0.4", "--horizon", "0.2"]
+
+
+def nlens(*words):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(word) for word in words])
+    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("place")
+    shots.write_png(folder / "plate.png", shots.grey())
+    shots.cube_glb(folder / "cube.glb", camera=False)
+    shots.cube_glb(folder / "camera.glb")
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+def changed(before, after):
+    """First and last column and row that differ, as fractions of the picture."""
+    height, width = before.shape[:2]
+    seen = np.abs(before.astype(int) - after).max(axis=2) > 8
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    return columns[0] / width, columns[-1] / width, rows[0] / height, rows[-1] / height
+
+
+def test_the_object_is_drawn_where_the_words_put_it(files, tmp_path):
+    run = nlens(
+        files / "plate.png", files / "cube.glb", tmp_path / "out.png", *WORDS, "--effects", "none"
+    )
+    assert run.code == 0, run.err
+    left, right, top, bottom = changed(
+        cv2.imread(str(files / "plate.png")), cv2.imread(str(tmp_path / "out.png"))
+    )
+    assert 0.5 * (left + right) == pytest.approx(0.3, abs=0.03)
+    assert top == pytest.approx(0.8 - 0.4, abs=0.01)
+    assert 0.8 < bottom < 0.95  # the cube's near edge lies below the middle of its foot
+
+
+def test_the_plan_says_how_it_is_placed_and_that_the_focal_length_is_assumed(files, tmp_path):
+    run = nlens(files / "plate.png", files / "camera.glb", tmp_path / "o.png", *WORDS, "--plan")
+    assert run.code == 0, run.err
+    assert "placed by --at 0.3,0.8 --size 0.4 --yaw 0 --horizon 0.2, focal length 35 mm" in run.out
+    assert "assumed" in run.out and "the file's own camera is not used" in run.out
+
+
+def test_the_plates_own_focal_length_is_used_where_it_tells(files, tmp_path):
+    key = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
+    options = {"movflags": "use_metadata_tags"}
+    with av.open(str(tmp_path / "in.mov"), "w", options=options) as container:
+        container.metadata[key] = "52"
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        grey = np.full((48, 64, 3), 119, np.uint8)
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, "rgb24")))
+        container.mux(stream.encode())
+    run = nlens(tmp_path / "in.mov", files / "cube.glb", tmp_path / "o.mov", *WORDS, "--plan")
+    assert "focal length 52 mm (35 mm equivalent, as the plate says)" in run.out, run.err
+
+
+@pytest.mark.parametrize(
+    ("glb", "words", "code", "line"),
+    [
+        ("cube.glb", [], 4, "place the object with --at X,Y --size S --yaw D --horizon H"),
+        ("cube.glb", ["--at", "0.5,0.9"], 2, "give both --at X,Y and --size S"),
+        ("cube.glb", ["--yaw", "20"], 2, "give both --at X,Y and --size S"),
+        ("cube.glb", ["--at", "0.5", "--size", "1"], 2, "is not X,Y"),
+        ("cube.glb", ["--at", "0.5,0.4", "--size", "1"], 2, "lies above the horizon"),
+        ("camera.glb", [*WORDS, "--camera", "Plate"], 2, "leave one of them out"),
+        ("camera.glb", [*WORDS, "--layers", "l.exr"], 2, "leave --at out"),
+        ("camera.glb", ["--footprint", "car"], 4, "no object is named 'car'; expected one of"),
+        ("camera.glb", ["--animation", "run"], 4, "the file has none"),
+        ("camera.glb", ["--animation-speed", "0"], 2, "not a positive number"),
+        ("camera.glb", ["--animation-offset", "inf"], 2, "must be a number of seconds"),
+    ],
+)
+def test_words_that_cannot_be_followed_are_answered_with_one_line(
+    files, tmp_path, glb, words, code, line
+):
+    run = nlens(files / "plate.png", files / glb, tmp_path / "o.png", *words)
+    assert run.code == code, run.err
+    assert line in run.err and run.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_choices_differ_in_horizon_size_and_yaw_round_the_start():
+    start = Placing(at=(0.5, 0.8), size=0.3, yaw_deg=10.0, horizon=0.75)
+    rows = choices(start)
+    assert [row[1] for row in rows] == [start] * 3
+    assert [p.horizon for p in rows[0]] == pytest.approx([0.63, 0.75, 0.775])
+    assert [p.size for p in rows[1]] == pytest.approx([0.2, 0.3, 0.45])
+    assert [p.yaw_deg for p in rows[2]] == [-35.0, 10.0, 55.0]
+
+
+def test_the_contact_sheet_shows_the_object_at_each_choice(files, tmp_path):
+    run = nlens(
+        "place", files / "plate.png", files / "cube.glb", tmp_path / "s.png", *WORDS, "--json"
+    )
+    assert run.code == 0, run.err
+    assert json.loads(run.out) == {"saved": str(tmp_path / "s.png")}
+    sheet = cv2.imread(str(tmp_path / "s.png"))
+    high = sheet.shape[0] // 3
+    cells = [row[:270, 480 * n : 480 * n + 480] for row in np.split(sheet, 3) for n in range(3)]
+    assert (high, sheet.shape[1]) == (270 + 44, 3 * 480)
+    assert np.array_equal(cells[1], cells[4]) and np.array_equal(cells[1], cells[7])
+    orange = [((c[..., 2] > 1.6 * c[..., 0]) & (c[..., 2] > 40)).sum() for c in cells]
+    assert min(orange) > 500
+    assert orange[3] < 0.6 * orange[4] < 0.36 * orange[5]  # smaller, as told, larger
+
+
+def test_a_contact_sheet_needs_no_sound_choice_everywhere(files, tmp_path):
+    builder = GlbBuilder()
+    plank = shots.CUBE * [1, 0.1, 40]
+    builder.node(mesh=builder.mesh(plank, shots.CUBE_FACES))
+    builder.write(tmp_path / "plank.glb")
+    run = nlens("place", files / "plate.png", tmp_path / "plank.glb", tmp_path / "s.png")
+    assert run.code == 0, run.err
+
+
+@pytest.mark.parametrize(
+    ("output", "code", "line"),
+    [("s.jpg", 2, "is a PNG"), ("none/s.png", 6, "does not exist"), ("s.png/", 6, "folder")],
+)
+def test_a_sheet_that_cannot_be_written_is_told_first(files, tmp_path, output, code, line):
+    (tmp_path / "s.png").mkdir()
+    run = nlens("place", files / "plate.png", files / "cube.glb", tmp_path / output)
+    assert (run.code, line in run.err) == (code, True), run.err
