@@ -176,13 +176,12 @@ class Run:
         self.rng = np.random.default_rng([self.recipe.seed, self.step])
 
     def begin_from(self, path: Path) -> None:
-        """Take the shipped half-precision weights as the beginning of a new run.
+        """Take shipped weights, or a checkpoint's averaged ones, as the beginning of a new run.
 
         Residual blocks that those weights lack begin as the identity.
         """
-        weights = {
-            name: value.float() for name, value in torch.load(path, weights_only=True).items()
-        }
+        state = torch.load(path, weights_only=True)
+        weights = {name: value.float() for name, value in state.get("average", state).items()}
         state = self.network.state_dict()
         for name, value in state.items():
             if name not in weights:
@@ -259,12 +258,13 @@ def main() -> None:
     parser.add_argument("--plates", type=Path, help="rendered plates, for the log only")
     parser.add_argument("--minutes", type=float, default=Recipe().minutes)
     parser.add_argument("--rate", type=float, default=Recipe().rate)
-    parser.add_argument("--begin-from", type=Path, help="shipped weights (checkpoint.pt)")
+    parser.add_argument("--crop", type=int, default=Recipe().crop, help="of the first half [px]")
+    parser.add_argument("--begin-from", type=Path, help="weights.pt or a checkpoint")
     options = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     options.out.mkdir(parents=True, exist_ok=True)
-    run = Run(Recipe(minutes=options.minutes, rate=options.rate))
+    run = Run(Recipe(minutes=options.minutes, rate=options.rate, crop=options.crop))
     if (options.out / "checkpoint.pt").exists():
         run.load(options.out / "checkpoint.pt")
     elif options.begin_from:
