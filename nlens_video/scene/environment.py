@@ -1,0 +1,176 @@
+"""An environment map, reduced to a few lights with a direction and smooth light from around."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from nlens_video.errors import InputError
+from nlens_video.frames import Float32, Float64
+from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
+
+_WIDTH = 512  # columns that the reduction looks at: 0.7 degrees
+_PEAK = 4.0  # times the mean radiance: what is brighter belongs to a light
+_FAINT = 0.02  # share of all light below which the peaks are no lights
+_SMALL = math.radians(4.0)  # a part this wide is one light
+_MAX_LIGHTS = 6
+# Weights of the terms of `polynomial`: a cosine's convolution, 1, 2/3 and 1/4 (Ramamoorthi and
+# Hanrahan 2001), times the squared factor of each real spherical harmonic.
+_WEIGHTS = np.array([1.0, 2.0, 2.0, 2.0, 3.75, 3.75, 0.3125, 3.75, 0.9375]) / (4.0 * math.pi)
+
+
+def load_environment(path: Path, rotation_deg: float, exposure_ev: float) -> Illumination:
+    """Read and reduce an equirectangular map.
+
+    Args:
+        path: `.hdr` or `.exr`, twice as wide as high, scene-linear.
+        rotation_deg: turn about the up axis, counter-clockwise seen from above [deg].
+        exposure_ev: brightness in stops, 0 as the file has it [EV].
+
+    Raises:
+        InputError: the file cannot be read, is no equirectangular map, or is not finite.
+    """
+    image = _read(path)
+    height, width = image.shape[:2]
+    if width != 2 * height or height < 2:
+        raise InputError(
+            f"{path}: {width}x{height} pixels; an equirectangular map is twice as wide as high"
+        )
+    if not np.isfinite(image).all():
+        raise InputError(f"{path}: holds values that are not finite; write it anew")
+    return reduce_environment(np.maximum(image, 0.0), rotation_deg, exposure_ev)
+
+
+def reduce_environment(
+    radiance: Float32, rotation_deg: float = 0.0, exposure_ev: float = 0.0
+) -> Illumination:
+    """Split a map into lights and ambient light; together they are all of it.
+
+    The middle column looks along +X, row 0 straight up. What exceeds a multiple of the mean goes to
+    lights by a median cut (Debevec 2005), the rest to spherical harmonics of order 2.
+
+    Args:
+        radiance: scene-linear (h, w, 3), w = 2 h.
+        rotation_deg: as of `load_environment` [deg].
+        exposure_ev: as of `load_environment` [EV].
+    """
+    size = (min(_WIDTH, radiance.shape[1]), min(_WIDTH // 2, radiance.shape[0]))
+    small = cv2.resize(radiance, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], 3)
+    light = small.astype(np.float64) * 2.0**exposure_ev
+    sphere = _Sphere.of(size[1], size[0], math.radians(rotation_deg))
+    bright = light @ LUMINANCE
+    mean = float((bright * sphere.solid_angle).sum()) / (4.0 * math.pi)
+    limit = _PEAK * mean
+    kept = np.minimum(1.0, limit / np.maximum(bright, np.finfo(np.float64).tiny))[..., None]
+    peaks = light * (1.0 - kept) * sphere.solid_angle[..., None]
+    if float((peaks @ LUMINANCE).sum()) <= _FAINT * 4.0 * math.pi * mean:
+        return Illumination((), sphere.harmonics(light))
+    return Illumination(_median_cut(peaks, sphere), sphere.harmonics(light * kept))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sphere:
+    """Direction (h, w, 3) and solid angle (h, w) [sr] of each pixel."""
+
+    directions: Float64
+    solid_angle: Float64
+
+    @classmethod
+    def of(cls, height: int, width: int, turn: float) -> _Sphere:
+        edges = np.sin(math.pi * (0.5 - np.arange(height + 1) / height))
+        up = math.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
+        round_ = 2.0 * math.pi * ((np.arange(width) + 0.5) / width - 0.5)[None] - turn
+        x, z = np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_)
+        directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
+        area = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
+        return cls(directions, np.repeat(area[:, None], width, axis=1))
+
+    def harmonics(self, light: Float64) -> Float64:
+        """Irradiance / pi (9, 3) of radiance (h, w, 3), as `Illumination.ambient` holds it."""
+        energy = (light * self.solid_angle[..., None]).reshape(-1, 3)
+        return np.asarray(
+            _WEIGHTS[:, None] * (polynomial(self.directions.reshape(-1, 3)).T @ energy)
+        )
+
+
+def _median_cut(peaks: Float64, sphere: _Sphere) -> tuple[Lamp, ...]:
+    """Lights of the energy (h, w, 3) of the peaks; the widest part is halved first."""
+    bright = peaks @ LUMINANCE
+    parts = [_Part.of(bright, sphere, (0, 0, *bright.shape))]
+    while len(parts) < _MAX_LIGHTS:
+        widest = max(parts, key=lambda part: part.diameter * part.energy)
+        halves = [] if widest.diameter < _SMALL else widest.halved(bright, sphere)
+        if len(halves) < 2:
+            break
+        parts.remove(widest)
+        parts += halves
+    lamps = []
+    for part in parts:
+        y0, x0, y1, x1 = part.area
+        color = peaks[y0:y1, x0:x1].sum((0, 1))
+        lamps.append(Lamp(sun(color, -part.direction), part.diameter))
+    return tuple(lamps)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """A rectangle of the map (y0, x0, y1, x1): its energy, middle and apparent size [rad]."""
+
+    area: tuple[int, int, int, int]
+    energy: float
+    direction: Float64
+    diameter: float
+
+    @classmethod
+    def of(cls, bright: Float64, sphere: _Sphere, area: tuple[int, int, int, int]) -> _Part:
+        y0, x0, y1, x1 = area
+        weight = bright[y0:y1, x0:x1]
+        energy = float(weight.sum())
+        middle = np.einsum("hw,hwc->c", weight, sphere.directions[y0:y1, x0:x1])
+        length = float(np.linalg.norm(middle))
+        if energy <= 0.0 or length <= 0.0:
+            return cls(area, energy, np.array([0.0, 1.0, 0.0]), 0.0)
+        # The mean of unit vectors is shorter the wider they spread: by a^2 / 4 for a disc of
+        # angular radius a.
+        spread = 2.0 * math.sqrt(max(0.0, 1.0 - length / energy))
+        return cls(area, energy, middle / length, 2.0 * spread)
+
+    def halved(self, bright: Float64, sphere: _Sphere) -> list[_Part]:
+        """Two parts of nearly equal energy, cut across the longer side; fewer if there is none."""
+        y0, x0, y1, x1 = self.area
+        weight = bright[y0:y1, x0:x1]
+        shrink = float(sphere.solid_angle[y0:y1].mean() / sphere.solid_angle.max())
+        across = (x1 - x0) * shrink > (y1 - y0)
+        sums = np.cumsum(weight.sum(axis=0 if across else 1))
+        if len(sums) < 2:
+            return []
+        cut = int(np.clip(np.searchsorted(sums, 0.5 * sums[-1]) + 1, 1, len(sums) - 1))
+        if across:
+            areas = [(y0, x0, y1, x0 + cut), (y0, x0 + cut, y1, x1)]
+        else:
+            areas = [(y0, x0, y0 + cut, x1), (y0 + cut, x0, y1, x1)]
+        parts = [_Part.of(bright, sphere, area) for area in areas]
+        return [part for part in parts if part.energy > 0.0]
+
+
+def _read(path: Path) -> Float32:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected an environment map, .hdr or .exr")
+    if path.suffix.lower() == ".exr":
+        from nlens_video.video.exr import read_exr
+
+        channels = read_exr(path).channels
+        if not {"R", "G", "B"} <= set(channels):
+            raise InputError(f"{path}: has no channels R, G, B (has {', '.join(sorted(channels))})")
+        return np.stack([channels[name] for name in "RGB"], axis=-1)
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (cv2.error, OSError):
+        image = None
+    if image is None or image.dtype != np.float32 or image.ndim != 3:
+        raise InputError(f"{path}: cannot be read as an environment map; expected .hdr or .exr")
+    return np.ascontiguousarray(image[..., 2::-1])
