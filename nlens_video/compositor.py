@@ -20,8 +20,6 @@ from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler, Summary
 from nlens_video.lens import LensFit
-from nlens_video.placing import Placing
-from nlens_video.playback import ONCE, Playback
 from nlens_video.settings import Fallback, ObjectSettings
 
 if TYPE_CHECKING:
@@ -49,16 +47,14 @@ class Compositor:
     frames are processed in the order of the calls.
 
     Args:
-        glb: the animated object, with a perspective camera or a `placing`.
+        glb: the animated object, with a perspective camera; or `settings.ObjectSettings`, which
+            also say where it stands (`placing`) and which animation plays (`playback`).
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
         effects: `auto`, `none`, or names separated by commas.
         fit: the lens, when it is known beforehand; a fit or the path of a saved one.
         ground_y: height of the ground plane, None for the object's lowest point [scene unit].
         camera: name of the GLB's camera, None for its first.
-        placing: where the object stands in the frame, for a GLB without a camera.
-        playback: which of its animations play, and when.
-        footprint: name of the object whose footprint finds the lens, None for all.
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
         budget_ms: what a frame may cost [ms].
 
@@ -70,7 +66,7 @@ class Compositor:
 
     def __init__(
         self,
-        glb: str | Path,
+        glb: str | Path | ObjectSettings,
         *,
         preset: str = "standard",
         fps: float = 30.0,
@@ -78,9 +74,6 @@ class Compositor:
         fit: LensFit | str | Path | None = None,
         ground_y: float | None = None,
         camera: str | None = None,
-        placing: Placing | None = None,
-        playback: Playback = ONCE,
-        footprint: str | None = None,
         fallback: Fallback = "none",
         budget_ms: float = 180.0,
     ) -> None:
@@ -90,14 +83,11 @@ class Compositor:
         decide(effects)
         if fit is not None and not isinstance(fit, LensFit):
             fit = LensFit.load(Path(fit))
-        self._objects = ObjectSettings(
-            glb=Path(glb),
-            camera=camera,
-            ground_y=ground_y,
-            placing=placing,
-            playback=playback,
-            footprint=footprint,
-        )
+        if not isinstance(glb, ObjectSettings):
+            glb = ObjectSettings(glb=Path(glb), camera=camera, ground_y=ground_y)
+        elif camera is not None or ground_y is not None:
+            raise UsageError("camera and ground_y stand in the ObjectSettings; leave them out")
+        self._objects = glb
         self._lens = Lens(preset=preset, effects=effects, fit=fit, fallback=fallback)
         self._fps = fps
         self._profiler = Profiler(budget_ms)

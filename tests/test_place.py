@@ -12,9 +12,12 @@ import pytest
 import shots
 from scene.glb_builder import GlbBuilder
 
+from nlens_video import Compositor
 from nlens_video.cli import main
+from nlens_video.errors import UsageError
 from nlens_video.place import choices
 from nlens_video.placing import Placing
+from nlens_video.settings import ObjectSettings
 
 pytestmark = pytest.mark.needs_gl
 WORDS = ["--at", "0.3,0.8", "--size", "0.4", "--horizon", "0.2"]
@@ -146,3 +149,15 @@ def test_a_sheet_that_cannot_be_written_is_told_first(files, tmp_path, output, c
     (tmp_path / "s.png").mkdir()
     run = nlens("place", files / "plate.png", files / "cube.glb", tmp_path / output)
     assert (run.code, line in run.err) == (code, True), run.err
+
+
+def test_the_python_interface_takes_a_place_and_an_animation(files):
+    objects = ObjectSettings(
+        glb=files / "cube.glb", placing=Placing(at=(0.3, 0.8), size=0.4, horizon=0.2)
+    )
+    plate = shots.grey()
+    with Compositor(objects, effects="none") as lens:
+        left, right, top, _ = changed(plate, lens.process(plate))
+    assert (0.5 * (left + right), top) == pytest.approx((0.3, 0.4), abs=0.03)
+    with pytest.raises(UsageError, match="leave them out"):
+        Compositor(objects, ground_y=1.0)
