@@ -14,7 +14,7 @@ from nlens_video.frames import Float32
 
 CRF = 28
 NOISE = 0.02  # standard deviation, part of the full code range
-WIDTHS = (480, 1920)
+WIDTHS = (480, 640, 1920, 3840)
 _SEED = 20  # of the noise: every run sees the same
 
 

@@ -99,6 +99,14 @@ def test_the_same_picture_gives_the_same_bits(network):
     np.testing.assert_array_equal(first.sigma_px, second.sigma_px)
 
 
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
+def test_what_is_clipped_or_flat_is_unsure_not_sharp(network, value):
+    picture = noise_picture(8.0, size=384)
+    picture[120:264, 120:264] = value
+    sigma = estimate_coc(network, picture).sigma_px
+    assert np.median(sigma[160:224, 160:224]) > 10 * np.median(sigma[:90])
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (17, 31), (31, 1000), (33, 64), (270, 480)])
 def test_every_size_gives_maps_of_that_size(network, shape):
     rgb = np.random.default_rng(0).random((*shape, 3), dtype=np.float32)

@@ -75,7 +75,8 @@ def test_each_ablation_and_each_condition_is_measured_on_each_plate(measured):
         "shipped", "no confidence", "no V-fit (the paper's line)", "footprint only",
     ]  # fmt: skip
     assert list(summary(measured, "conditions")) == [
-        "as rendered", "H.264, crf 28", "noise of 2%", "480 px wide", "1920 px wide",
+        "as rendered", "H.264, crf 28", "noise of 2%", "480 px wide", "640 px wide",
+        "1920 px wide", "3840 px wide",
         "field of view -15 %", "field of view +15 %",
     ]  # fmt: skip
     for table in ("ablations", "conditions"):
@@ -104,7 +105,7 @@ def test_tables_and_plots_are_written(measured):
     text = (measured.out / "coc.md").read_text()
     assert "ours (network)" in text and "nan" not in text
     lines = (measured.out / "conditions.csv").read_text().splitlines()
-    assert lines[0].startswith("row,plate,") and len(lines) == 1 + 2 * 7
+    assert lines[0].startswith("row,plate,") and len(lines) == 1 + 2 * 9
 
 
 def test_a_plates_own_folder_is_enough_and_tables_go_to_standard_output(folder):
