@@ -21,10 +21,6 @@ _DTYPES: dict[int, npt.DTypeLike] = {
     5126: "<f4",
 }
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-# A few bytes of JSON can declare an accessor of zeros (no buffer view) or decode the same bytes
-# again and again: neither may take more memory than this beyond the file's own bytes.
-_FREE_BYTES = 256 << 20
-_GROWTH = 16
 
 Array = npt.NDArray[np.generic]
 
@@ -41,7 +37,6 @@ class AccessorReader:
     _items: tuple[Fields, ...] = field(init=False)
     _cache: dict[int, Array] = field(default_factory=dict)
     _floats: dict[int, Float32] = field(default_factory=dict)
-    _spent: int = 0
 
     def __post_init__(self) -> None:
         self._items = self.document.items("accessors")
@@ -57,6 +52,10 @@ class AccessorReader:
         if kind not in _WIDTHS:
             raise self._items[index].wrong("type", f"one of {', '.join(_WIDTHS)}")
         return _WIDTHS[kind]
+
+    def length(self, index: int) -> int:
+        """Elements of an accessor."""
+        return self._items[index].integer("count")
 
     def integers(self, index: int) -> npt.NDArray[np.int64]:
         """The values of an integer accessor (count, width).
@@ -85,7 +84,7 @@ class AccessorReader:
 
     def _to_float(self, index: int) -> Float32:
         item, raw = self._items[index], self._raw(index)
-        self._spend(raw.size * 4, item)
+        self.document.spend(raw.size * 4, item.place)
         if raw.dtype.kind == "f":
             values = raw.astype(np.float32)
             if not np.isfinite(values).all():
@@ -112,7 +111,7 @@ class AccessorReader:
             raise item.wrong("count", "an integer of 1 or more")
         view = item.reference("bufferView", len(self.document.items("bufferViews")))
         if view is None:
-            self._spend(count * width * dtype.itemsize, item)
+            self.document.spend(count * width * dtype.itemsize, item.place)
             values: Array = np.zeros((count, width), dtype)
         else:
             values = self._strided(item, view, dtype, (count, width))
@@ -147,7 +146,7 @@ class AccessorReader:
 
     def _substitute(self, sparse: Fields, values: Array) -> Array:
         count = sparse.integer("count", below=len(values) + 1)
-        self._spend(values.nbytes, sparse)
+        self.document.spend(values.nbytes, sparse.place)
         values = values.copy()
         if count == 0:
             return values
@@ -164,12 +163,3 @@ class AccessorReader:
             what, what.integer("bufferView", below=views), values.dtype, shape
         )
         return values
-
-    def _spend(self, size: int, item: Fields) -> None:
-        self._spent += size
-        held = self.document.held_bytes
-        if self._spent > _FREE_BYTES + _GROWTH * held:
-            raise SceneError(
-                f"{item.place} would grow {held} bytes of data to {self._spent} in memory "
-                f"(more than {_FREE_BYTES >> 20} MiB beyond {_GROWTH} times); not loaded"
-            )

@@ -157,6 +157,7 @@ class _TrackReader:
             raise sampler.wrong("interpolation", "LINEAR, STEP or CUBICSPLINE")
         times = self._key_times(sampler)
         output = sampler.integer("output", below=self.accessors.count)
+        self.document.spend(2 * 8 * 3 * len(times) * width, sampler.place)
         flat = self.accessors.floats(output, 1 if path == "weights" else width)
         per_key = 3 if interpolation == "CUBICSPLINE" else 1
         if flat.size != len(times) * per_key * width:
@@ -175,6 +176,7 @@ class _TrackReader:
     def _key_times(self, sampler: Fields) -> tuple[float, ...]:
         index = sampler.integer("input", below=self.accessors.count)
         if index not in self._times:
+            self.document.spend(48 * self.accessors.length(index), sampler.place)
             times = self.accessors.floats(index, 1)[:, 0].astype(np.float64)
             if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
                 raise SceneError(

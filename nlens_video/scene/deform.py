@@ -51,14 +51,14 @@ def read_skins(document: Document, accessors: AccessorReader) -> tuple[Skin, ...
         if index is None:
             inverse = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
         else:
-            flat = accessors.floats(index, 16).astype(np.float64)
+            flat = accessors.floats(index, 16)[: len(joints)].astype(np.float64)
             inverse = np.swapaxes(flat.reshape(-1, 4, 4), 1, 2)
         if len(inverse) < len(joints):
             raise SceneError(
                 f"{item.place} has {len(joints)} joints and {len(inverse)} inverse bind matrices; "
                 "export the file again"
             )
-        skins.append(Skin(joints, inverse[: len(joints)]))
+        skins.append(Skin(joints, inverse))
     return tuple(skins)
 
 

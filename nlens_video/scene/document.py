@@ -36,6 +36,14 @@ _REMEDY = {
     "KHR_meshopt_compression": _DECODE,
     "KHR_texture_basisu": "decode it first: gltf-transform ktxdecompress IN.glb OUT.glb",
 }
+# Bounds of what a file may cost, however it lies about itself.
+MAX_FILE_BYTES = 1 << 30  # of the file and all that lies beside it
+MAX_JSON_PARTS = 2_000_000  # members and elements; each takes some 200 bytes once parsed
+MAX_TEXTURE_BYTES = 2 << 30  # of all pictures, decoded
+# The same bytes can be decoded again and again, and accessors of zeros need none at all.
+_FREE_BYTES, _GROWTH = 512 << 20, 16
+_MOST_WARNINGS = 100
+_CHUNK = 1 << 20
 _GLB_MAGIC = b"glTF"
 _JSON_CHUNK, _BIN_CHUNK = 0x4E4F534A, 0x004E4942
 
@@ -56,6 +64,9 @@ class Document:
     binary: bytes | None
     warnings: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _files: dict[Path, bytes] = field(default_factory=dict)
+    _spent: int = 0
+    _texture_bytes: int = 0
     _items: dict[str, tuple[Fields, ...]] = field(default_factory=dict)
 
     def items(self, key: str) -> tuple[Fields, ...]:
@@ -65,8 +76,8 @@ class Document:
         return self._items[key]
 
     def warn(self, line: str) -> None:
-        """Keep a line for the user, once."""
-        if line not in self.warnings:
+        """Keep a line for the user, once; a hundred at most."""
+        if len(self.warnings) < _MOST_WARNINGS and line not in self.warnings:
             self.warnings.append(line)
 
     def buffer(self, index: int) -> bytes:
@@ -79,10 +90,36 @@ class Document:
             self._buffers[index] = self._load_buffer(index)
         return self._buffers[index]
 
-    @property
-    def held_bytes(self) -> int:
-        """Bytes of the buffers that have been read."""
-        return sum(map(len, self._buffers.values()))
+    def spend(self, size: int, place: str) -> None:
+        """Count memory that is about to be taken for a part of the file.
+
+        Args:
+            size: of the arrays [byte].
+            place: the part, for the message.
+
+        Raises:
+            SceneError: the file would take far more than its own bytes justify.
+        """
+        self._spent += size
+        held = sum(map(len, self._buffers.values()))
+        if self._spent > _FREE_BYTES + _GROWTH * held:
+            raise SceneError(
+                f"{place} would grow {held} bytes of data to {self._spent} in memory "
+                f"(more than {_FREE_BYTES >> 20} MiB beyond {_GROWTH} times); not loaded"
+            )
+
+    def spend_texture(self, width: int, height: int, place: str) -> None:
+        """Count a picture that is about to be decoded.
+
+        Raises:
+            SceneError: all pictures together are beyond what is decoded.
+        """
+        self._texture_bytes += 4 * width * height
+        if self._texture_bytes > MAX_TEXTURE_BYTES:
+            raise SceneError(
+                f"{place} ({width}x{height}) brings the pictures to {self._texture_bytes >> 20} "
+                f"MiB, at most {MAX_TEXTURE_BYTES >> 20}; make the textures smaller"
+            )
 
     def _load_buffer(self, index: int) -> bytes:
         declared = self.items("buffers")[index]
@@ -142,9 +179,28 @@ class Document:
                 raise SceneError(
                     f"{place}.uri names {name[:60]!r}, which is missing beside the scene"
                 )
-            return target.read_bytes()
+            return self._read_once(target, place)
         except (OSError, ValueError, RuntimeError) as error:
             raise SceneError(f"{place}.uri cannot be read ({error})") from error
+
+    def _read_once(self, target: Path, place: str) -> bytes:
+        if target not in self._files:
+            room = MAX_FILE_BYTES - sum(map(len, self._files.values()))
+            self._files[target] = _read(target, room, f"{place}.uri: {target.name[:60]!r}")
+        return self._files[target]
+
+
+def _read(path: Path, room: int, place: str) -> bytes:
+    data = bytearray()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            data += chunk
+            if len(data) > room:
+                raise SceneError(
+                    f"{place} brings the file to more than {MAX_FILE_BYTES >> 20} MiB; "
+                    "make it smaller"
+                )
+    return bytes(data)
 
 
 def _decode_data_uri(uri: str, place: str) -> bytes:
@@ -164,7 +220,7 @@ def read_document(path: Path) -> Document:
         SceneError: not readable, no glTF 2, truncated, or it requires an unsupported extension.
     """
     try:
-        data = path.read_bytes()
+        data = _read(path, MAX_FILE_BYTES, "it")
     except OSError as error:
         reason = error.strerror or str(error)
         raise SceneError(f"cannot be read ({reason}); expected a .glb or .gltf file") from error
@@ -209,6 +265,11 @@ def _reject_constant(name: str) -> float:
 
 
 def _parse_json(text: bytes) -> Fields:
+    parts = sum(map(text.count, (b"{", b"[", b",")))
+    if parts > MAX_JSON_PARTS:
+        raise SceneError(
+            f"its JSON has {parts} parts, at most {MAX_JSON_PARTS}; simplify the scene"
+        )
     try:
         raw = json.loads(text.decode("utf-8-sig"), parse_constant=_reject_constant)
     except (ValueError, RecursionError) as error:

@@ -24,7 +24,7 @@ from nlens_video.scene.perspective import Perspective, read_cameras, rigid
 from nlens_video.scene.posed import PosedScene
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
-MAX_VERTICES = 20_000_000
+MAX_VERTICES = 5_000_000
 
 
 @dataclass(slots=True)
@@ -214,23 +214,24 @@ def _instances(
     document: Document, hierarchy: Hierarchy, meshes: tuple[Mesh, ...], skins: tuple[Skin, ...]
 ) -> tuple[Instance, ...]:
     found: list[Instance] = []
+    vertices = 0
     for index, node in enumerate(document.items("nodes")):
         number = node.reference("mesh", len(meshes))
         skin = node.reference("skin", len(skins))
         if number is None or index not in hierarchy.visible:
             continue
         mesh = meshes[number]
+        vertices += sum(len(geometry.positions) for geometry in mesh.geometries)
+        if vertices > MAX_VERTICES:
+            raise SceneError(
+                f"more than {MAX_VERTICES} vertices after instancing; simplify the scene"
+            )
         weights = node.numbers("weights") or mesh.weights
         for geometry in mesh.geometries:
             targets = 0 if geometry.targets is None else len(geometry.targets)
             rest = (*weights, *np.zeros(targets))[:targets]
             carrier = None if skin is None else skins[skin]
             found.append(Instance(geometry, index, carrier, tuple(map(float, rest))))
-    vertices = sum(len(instance.geometry.positions) for instance in found)
     if not found:
         raise SceneError("no triangles in its scene; expected an object to draw")
-    if vertices > MAX_VERTICES:
-        raise SceneError(
-            f"{vertices} vertices after instancing, at most {MAX_VERTICES}; simplify it"
-        )
     return tuple(found)

@@ -14,6 +14,8 @@ from nlens_video.errors import SceneError
 from nlens_video.scene.document import Document
 from nlens_video.scene.fields import Fields
 
+# Pillow reads many more; some of them run other programs.
+_FORMATS = ("PNG", "JPEG", "WEBP")
 NEAREST, LINEAR = 9728, 9729
 _MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
 _WRAPS = (33071, 33648, 10497)
@@ -103,7 +105,8 @@ class ImageReader:
             with warnings.catch_warnings():
                 # Pillow warns of pictures beyond 89 megapixels: here they are refused.
                 warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
-                with PIL.Image.open(io.BytesIO(data)) as picture:
+                with PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
+                    self.document.spend_texture(*picture.size, image.place)
                     return _rgba(picture)
         except (
             OSError,

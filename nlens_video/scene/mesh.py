@@ -120,6 +120,7 @@ class _PrimitiveReader:
             return None
         if item.extension("KHR_draco_mesh_compression") is not None:
             self.document.warn(f"mesh '{name}': Draco is not read, its fallback data is drawn")
+        self._spend(item, attributes)
         positions = self._floats(attributes, "POSITION", 3)
         count = len(positions)
         faces = self._faces(item, mode, count)
@@ -144,6 +145,16 @@ class _PrimitiveReader:
             target_normals=None if normals is None else self._targets(item, "NORMAL", count),
         )
         return _unwelded(geometry) if geometry.flat else geometry
+
+    def _spend(self, item: Fields, attributes: Fields) -> None:
+        """Count what the primitive will take: many can share the same few accessors."""
+        count = self.accessors.length(self._index(attributes, "POSITION"))
+        corners = count
+        if "indices" in item:
+            corners = self.accessors.length(self._index(item, "indices"))
+        split = 0 if "NORMAL" in attributes else corners  # a vertex for each corner
+        each = 64 + 24 * len(item.children("targets")) + 8 * len(attributes.data)
+        self.document.spend((count + split) * each + 16 * corners, item.place)
 
     def _index(self, owner: Fields, key: str) -> int:
         return owner.integer(key, below=self.accessors.count)

@@ -14,6 +14,7 @@ from nlens_video.scene.document import Document
 from nlens_video.scene.fields import Fields
 
 Indices = npt.NDArray[np.intp]
+_DEEPEST = 2000  # each level costs time on each frame
 _EYE = tuple(float(v) for v in np.eye(4).ravel())
 
 
@@ -159,9 +160,11 @@ def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
             children[parent].append(child)
     current = [index for index, parent in enumerate(parents) if parent < 0]
     seen = len(current)
-    levels = []
+    levels: list[tuple[Indices, Indices]] = []
     while current := [child for index in current for child in children[index]]:
         seen += len(current)
+        if len(levels) == _DEEPEST:
+            raise SceneError(f"nodes are nested more than {_DEEPEST} deep; flatten the scene")
         nodes = np.array(current, dtype=np.intp)
         levels.append((nodes, np.array([parents[i] for i in current], dtype=np.intp)))
     if seen != len(parents):
