@@ -16,7 +16,7 @@ SIGMA_PER_COC = 0.25
 
 _REACH = 3.0  # a Gaussian's end [sigma]
 _STEP_PX = 1.0  # between the sigmas of the layered Gaussian
-_FAINT = 1e-4  # coverage below which a colour is noise
+_FAINT = 1e-9  # coverage below which nothing is near
 
 Rival = Callable[[DefocusedLayer, Box], BlurredLayer]
 
@@ -45,12 +45,12 @@ def layered_gaussian(defocused: DefocusedLayer, frame: Box) -> BlurredLayer:
     sigma by 64 px. It dilates and erodes the mask where the real scene hides the object, which no
     scene of `bench` does.
     """
-    sigma_most = SIGMA_PER_COC * defocused.largest_coc_px
+    last = math.ceil(SIGMA_PER_COC * defocused.largest_coc_px / _STEP_PX)
+    sigma_most = _STEP_PX * last
     rgba, coc, box = _padded(defocused, sigma_most)
     own = np.float32(SIGMA_PER_COC) * np.abs(coc)
     sigma = _painted_on(own, rgba[..., 3], sigma_most)
     out = np.zeros_like(rgba)
-    last = math.ceil(sigma_most / _STEP_PX)
     for at in range(last + 1):
         layer = _blurred(rgba, _STEP_PX * at)
         share = np.maximum(1.0 - np.abs(sigma / _STEP_PX - at), 0.0)

@@ -1,0 +1,202 @@
+import contextlib
+import io
+import json
+import math
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from evaluate.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, camera, cube_depth, write_plate
+
+from nlens_video.cli import main
+from nlens_video.evaluate import bench
+from nlens_video.evaluate.bench_case import built_case, plate_case
+from nlens_video.evaluate.bench_measure import Effort, OneCase, RungRun
+from nlens_video.evaluate.bench_plot import Point, pareto
+from nlens_video.evaluate.bench_rungs import all_rungs
+from nlens_video.evaluate.bench_scenes import write_scenes
+from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
+from nlens_video.kernels.scatter import blur_reach, scatter
+from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.video.exr import write_layers
+from nlens_video.video.picture import ArrayPicture
+
+TINY = Effort(size=(240, 128), views=64, frames=3, seconds=0.1)
+RUN = ("naive", "realtime", "lens, 8 views")
+
+
+def nlens(*words):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(word) for word in words])
+    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue().strip())
+
+
+def write_rendered(folder):
+    """A plate, its object as a layer, and the two blurred together with the true CoC."""
+    write_plate(folder)
+    depth = cube_depth(camera()).astype(np.float32)
+    there = depth < 1e9
+    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    rgba[there] = (0.6, 0.1, 0.02, 1.0)
+    channels = {name: rgba[..., at] for at, name in enumerate("RGBA")} | {"Z": depth}
+    write_layers(folder / "object.exr", channels)
+    frame = Box(0, 0, WIDTH, HEIGHT)
+    layer = ObjectLayer(box=frame, rgba=rgba, depth=np.where(there, depth, np.float32(np.inf)))
+    coc = np.where(there, SLOPE / depth + INTERCEPT, 0).astype(np.float32)
+    stage = ReblurLayer(scatter=scatter, reach=blur_reach)
+    blurred = stage(DefocusedLayer(layer=layer, coc_px=coc), frame)
+    codes = cv2.imread(str(folder / "bg.png"))
+    ArrayPicture(codes, "bgr").over(blurred.box, blurred.rgba)
+    assert cv2.imwrite(str(folder / "gt_noshadow.png"), codes)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """The command with three rungs and two scenes, on small frames."""
+    home = tmp_path_factory.mktemp("bench")
+    write_rendered(home / "plates" / "one_a")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench, "QUICK", TINY)
+        patch.setattr(
+            bench, "all_rungs", lambda to: [rung for rung in all_rungs(to) if rung.name in RUN]
+        )
+        patch.setattr(bench, "write_scenes", lambda to, size: write_scenes(to, size)[:2])
+        run = nlens("bench", home / "plates", "--quick", "--out", home / "deep" / "out", "--json")
+    assert run.code == 0, run.err
+    return SimpleNamespace(figures=json.loads(run.out), out=home / "deep" / "out")
+
+
+def rows(measured, table):
+    return {row["name"]: row for row in measured.figures[table]["summary"]}
+
+
+@pytest.mark.needs_gl
+def test_accuracy_rises_from_rung_to_rung(measured):
+    found = [rows(measured, "bench")[name]["psnr_db"] for name in RUN]
+    assert found == sorted(found) and found[0] < 25 and found[-1] > 35
+    likeness = [rows(measured, "bench")[name]["ssim"] for name in RUN]
+    assert likeness == sorted(likeness) and likeness[-1] > 0.98
+
+
+@pytest.mark.needs_gl
+def test_each_rung_tells_its_time_memory_and_start(measured):
+    for row in rows(measured, "bench").values():
+        assert 0 < row["median_ms"] and 0 < row["p95_ms_worst"]
+        assert row["startup_s"] > 0.1 and 50 < row["peak_mib_worst"] < 4000
+    times = [rows(measured, "bench")[name]["median_ms"] for name in RUN]
+    assert times[0] < times[2]
+
+
+@pytest.mark.needs_gl
+def test_layers_are_measured_with_their_true_coc_by_all_that_need_one_view(measured):
+    found = rows(measured, "bench_plates")
+    assert list(found) == ["naive", "realtime"]  # a layer cannot be seen from elsewhere
+    assert found["naive"]["psnr_db"] < 35
+    psnr_db = found["realtime"]["psnr_db"]
+    assert psnr_db is None or psnr_db > 50  # None: to the bit
+
+
+@pytest.mark.needs_gl
+def test_files_tell_the_figures_and_the_machine_but_not_its_name(measured):
+    import platform
+
+    names = ["bench.csv", "bench.md", "bench.png", "bench_plates.csv"]
+    assert sorted(path.name for path in measured.out.iterdir()) == names
+    text = (measured.out / "bench.md").read_text()
+    assert "- processor: " in text and "- cores: " in text and "nan" not in text
+    assert "| lens, 8 views" in text and "near over far" in text
+    lines = (measured.out / "bench.csv").read_text().splitlines()
+    told = [line for line in lines if line.startswith("#")]
+    assert any(line.startswith("# cores: ") for line in told)
+    table = [line for line in lines if not line.startswith("#")]
+    assert table[0].startswith("row,plate,psnr_db,ssim,median_ms,p95_ms") and len(table) == 1 + 6
+    assert len(platform.node()) < 4 or platform.node() not in text + "".join(lines)
+    picture = cv2.imread(str(measured.out / "bench.png"))
+    assert picture is not None and picture.shape[0] > 300 and picture.std() > 5
+
+
+@pytest.mark.needs_gl
+def test_the_truth_is_the_plate_out_of_the_objects_reach_and_not_within(tmp_path):
+    scene = write_scenes(tmp_path, TINY.size)[0]
+    case = built_case(scene, TINY.size, views=16)
+    assert case.region == Box(95, 14, 145, 114)  # of 380 to 580 and 56 to 456, at a quarter
+    changed = (case.truth != case.plate).any(axis=2)
+    assert changed[20:108, 100:140].mean() > 0.95
+    assert not changed[:, :85].any() and not changed[:, 155:].any()
+    naive = case.score(case.plate)
+    assert naive["psnr_db"] < 25 and case.score(case.truth)["psnr_db"] == math.inf
+
+
+def test_every_shipped_preset_and_every_rival_is_a_rung(tmp_path):
+    names = [rung.name for rung in all_rungs(tmp_path)]
+    assert names[:5] == ["naive", "one Gaussian", "layered Gaussian", "draft", "realtime"]
+    assert {"standard", "lens, 8 views", "lens, 32 views", "reference"} <= set(names)
+    sampled = [rung.name for rung in all_rungs(tmp_path) if rung.needs_views]
+    assert sampled == ["lens, 8 views", "lens, 32 views", "reference"]
+
+
+def test_a_plate_gives_the_lens_that_blurred_its_object(tmp_path):
+    case = plate_case(write_rendered(tmp_path / "one_a"))
+    assert (case.fit.slope, case.fit.intercept) == pytest.approx((SLOPE, INTERCEPT), abs=0.05)
+
+
+def test_figures_of_a_rung_as_worked_by_hand(tmp_path):
+    case = plate_case(write_rendered(tmp_path / "one_a"))
+    times = tuple(float(ms) for ms in range(1, 22))
+    run = RungRun(
+        cases={"one_a": OneCase(picture=case.plate, blur_ms=times)}, startup_s=2.0, peak_mib=300.0
+    )
+    found = run.figures(case)
+    assert (found["median_ms"], found["p95_ms"]) == (11.0, 20.0)
+    rows, columns = np.nonzero(cv2.imread(str(tmp_path / "one_a/object_rgba.png"), -1)[..., 3])
+    box = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    mean = np.mean((case.plate[box].astype(float) - case.truth[box]) ** 2)
+    assert found["psnr_db"] == pytest.approx(10 * math.log10(255**2 / mean))
+
+
+def test_the_front_holds_what_none_beats_in_both():
+    slow, quick, bad = (
+        Point("slow", 9.0, 50.0, ours=True), Point("quick", 1.0, 40.0, ours=True),
+        Point("bad", 5.0, 39.0, ours=False),
+    )  # fmt: skip
+    assert pareto([slow, bad, quick]) == [quick, slow]
+
+
+def one_line(run, code):
+    assert run.code == code, run.err
+    assert run.err.startswith("nlens-video: ") and "\n" not in run.err and run.out == ""
+    return run.err
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path):
+    assert "no such folder" in one_line(nlens("bench", tmp_path / "gone"), 3)
+
+
+@pytest.mark.parametrize("name", ["object.exr", "gt_noshadow.png", "object_coc.npy"])
+def test_a_plate_without_one_of_its_files_is_one_line(tmp_path, name):
+    (write_rendered(tmp_path / "one_a") / name).unlink()
+    assert name in one_line(nlens("bench", tmp_path), 3)
+
+
+def test_a_truth_of_another_size_is_one_line(tmp_path):
+    path = write_rendered(tmp_path / "one_a") / "gt_noshadow.png"
+    assert cv2.imwrite(str(path), np.zeros((9, 9, 3), np.uint8))
+    assert "gt_noshadow.png" in one_line(nlens("bench", tmp_path), 3)
+
+
+def test_a_coc_that_no_lens_gives_is_one_line(tmp_path):
+    path = write_rendered(tmp_path / "one_a") / "object_coc.npy"
+    np.save(path, np.random.default_rng(0).normal(0, 5, (HEIGHT, WIDTH)).astype(np.float16))
+    assert "object_coc.npy" in one_line(nlens("bench", tmp_path), 3)
+
+
+def test_an_out_that_is_a_file_is_one_line(tmp_path):
+    (tmp_path / "taken").write_text("")
+    assert "cannot be made" in one_line(nlens("bench", "--out", tmp_path / "taken"), 6)
+
+
+def test_wrong_words_are_one_line():
+    one_line(nlens("bench", "a", "b"), 2)
