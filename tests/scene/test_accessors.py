@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scene.glb_builder import GlbBuilder
 
 from nlens_video.errors import SceneError
-from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene import document
+from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
 from nlens_video.scene.fields import Fields
 
