@@ -9,6 +9,7 @@ from typing import NoReturn
 from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
 from nlens_video.errors import UsageError
+from nlens_video.light_arguments import add_light
 from nlens_video.object_arguments import (
     add_placing,
     add_playback,
@@ -160,6 +161,7 @@ def _add_common(parser: _Parser) -> None:
     look.add_argument("--footprint", metavar="NODE", help="fit under this object (default: all)")
     add_playback(parser)
     add_placing(parser)
+    add_light(parser)
     lens = parser.add_argument_group("the lens")
     lens.add_argument("--preset", default="standard", metavar="NAME", help="pipeline, or own .toml")
     lens.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
@@ -193,7 +195,9 @@ def _render_parser() -> _Parser:
     _add_common(parser)
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
     run = parser.add_argument_group("the run")
-    run.add_argument("--effects", default="auto", metavar="E", help="auto, none, or: defocus")
+    run.add_argument(
+        "--effects", default="auto", metavar="E", help="auto, none, or: defocus,shadow"
+    )
     run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from nlens_video.errors import UsageError
+from nlens_video.light_arguments import light
 from nlens_video.placing import LEVEL, Placing
 from nlens_video.playback import ALL, Playback
 from nlens_video.settings import ObjectSettings
@@ -42,6 +43,7 @@ def object_settings(words: argparse.Namespace) -> ObjectSettings:
         playback=playback(words),
         placing=_own_place(words),
         footprint=words.footprint,
+        light=light(words),
     )
 
 

@@ -34,6 +34,23 @@ class SourceSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LightSettings:
+    """What lights the object beside its file's lights, and how dark its shadow is.
+
+    Attributes:
+        env: equirectangular map of the surroundings, None for none.
+        env_rotation_deg: turn of the map about the up axis, counter-clockwise from above [deg].
+        env_exposure_ev: brightness of the map in stops, 0 as it is [EV].
+        shadow_strength: 1 as the light has it, 0 none [1].
+    """
+
+    env: Path | None = None
+    env_rotation_deg: float = 0.0
+    env_exposure_ev: float = 0.0
+    shadow_strength: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectSettings:
     """The object and how the frame sees it.
 
@@ -45,6 +62,7 @@ class ObjectSettings:
         playback: which of its animations play, and when.
         placing: where it stands in the frame, None where its own camera tells.
         footprint: name of the node whose footprint finds the lens, None for all that is drawn.
+        light: what lights it, and its shadow.
     """
 
     glb: Path
@@ -54,6 +72,7 @@ class ObjectSettings:
     playback: Playback = ONCE
     placing: Placing | None = None
     footprint: str | None = None
+    light: LightSettings = LightSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

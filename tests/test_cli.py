@@ -88,7 +88,7 @@ def test_lens_is_found_from_the_plate_alone(files, tmp_path):
 def test_samples_outside_the_object_are_the_sources_bit_for_bit(files, tmp_path):
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", pix_fmt="yuv420p", frames=4)
     run = nlens(
-        tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv",
+        tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv", "--effects", "defocus",
         "--fit", files / "fit.json", "--aov", tmp_path / "aov",
     )  # fmt: skip
     assert run.returncode == 0, run.stderr

@@ -16,6 +16,7 @@ LAYERS = [
     ["look_ahead", "observers", "outcome", "report", "trim"],
     ["arguments", "graph"],
     ["object_arguments"],
+    ["light_arguments"],
     ["effects", "settings"],
     ["backends"],
     ["stages"],

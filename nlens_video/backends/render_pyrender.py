@@ -18,6 +18,7 @@ from nlens_video.frames import Box, Float32, Float64, ObjectLayer
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
     from nlens_video.backends.gl_platform import HeadlessPlatform
@@ -32,10 +33,15 @@ class PyrenderObjectRenderer:
     """Renders a scene's object on the box of the frame that it covers.
 
     The OpenGL context belongs to the thread that renders first; call `close` there.
+
+    Args:
+        scene: the object.
+        light: what lights it; by default the file's lights, or a plausible light.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
         self._scene = scene
+        self._light = light or SceneLight(scene.light_count)
         self._platform: HeadlessPlatform | None = None
         self._renderer: LinearRenderer | None = None
         self._posed: PosedScene | None = None
@@ -56,9 +62,7 @@ class PyrenderObjectRenderer:
     @property
     def light_note(self) -> str:
         """What lights the object, in words."""
-        from nlens_video.backends.gl_lighting import light_note
-
-        return light_note(self._scene.light_count)
+        return self._light.note
 
     def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
         """The object at a time, sharp.
@@ -111,7 +115,7 @@ class PyrenderObjectRenderer:
         )
         size = f"{box.width}x{box.height}"
         with refusals(f"cannot draw a picture of {size} pixels", "use a smaller frame"):
-            return renderer.draw(posed, view, Lighting.of(posed.lights))
+            return renderer.draw(posed, view, Lighting.of(self._light.on_object(posed.lights)))
 
     def _open(self, posed: PosedScene) -> LinearRenderer:
         if self._closed:

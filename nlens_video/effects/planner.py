@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from nlens_video.errors import UsageError
 
 DEFOCUS = "defocus"
-EFFECTS = (DEFOCUS,)
+SHADOW = "shadow"
+EFFECTS = (DEFOCUS, SHADOW)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,18 +20,35 @@ class Decision:
     reason: str
 
 
-def decide(requested: str) -> tuple[Decision, ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Circumstances:
+    """What a scene calls for.
+
+    Attributes:
+        lamps: lights of the file or the environment map that shine on the ground from above.
+        pre_rendered: whether the object comes as layers that something else has rendered.
+        strength: of the shadow, 0 to 1 [1].
+    """
+
+    lamps: int = 0
+    pre_rendered: bool = False
+    strength: float = 1.0
+
+
+def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision, ...]:
     """Resolve `--effects`.
 
     Args:
         requested: `auto`, `none`, or effect names separated by commas.
+        scene: what the scene calls for; by default nothing but its lens.
 
     Raises:
         UsageError: a name that is no effect of this version.
     """
     if requested == "auto":
         reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
-        return (Decision(effect=DEFOCUS, wanted=True, reason=reason),)
+        defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
+        return (defocus, _shadow(scene or Circumstances()))
     names = [] if requested == "none" else [name.strip() for name in requested.split(",")]
     for name in names:
         if name not in EFFECTS:
@@ -46,3 +64,24 @@ def decide(requested: str) -> tuple[Decision, ...]:
         )
         for effect in EFFECTS
     )
+
+
+def _shadow(scene: Circumstances) -> Decision:
+    wanted = False
+    if scene.strength <= 0.0:
+        reason = "--shadow-strength 0"
+    elif scene.pre_rendered:
+        reason = (
+            "the light that the layers were rendered in is not known; "
+            "--effects defocus,shadow casts one by the GLB's lights"
+        )
+    elif not scene.lamps:
+        reason = (
+            "no light is known to fall on the ground, from the GLB or --env; "
+            "--effects defocus,shadow darkens the contact only"
+        )
+    else:
+        wanted = True
+        count = f"{scene.lamps} light{'s' if scene.lamps > 1 else ''}"
+        reason = f"cast on the ground by {count}, dim parts by the light around"
+    return Decision(effect=SHADOW, wanted=wanted, reason=reason)

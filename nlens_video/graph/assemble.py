@@ -8,18 +8,20 @@ from dataclasses import dataclass
 from functools import partial
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.effects.planner import Decision, decide
+from nlens_video.effects.planner import Circumstances, Decision, decide
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.registry import ShotRecord, Tools
 from nlens_video.graph.stream import FrameSteps
+from nlens_video.graph.tools import LitGround, ShotRecord, Tools
 from nlens_video.lens import LensFit
 from nlens_video.placing import ASSUMED_FOCAL_MM
 from nlens_video.scene.gltf import Scene
+from nlens_video.scene.irradiance import reaches
+from nlens_video.scene.scene_light import SceneLight
 from nlens_video.settings import Device, Fallback, ObjectSettings
 from nlens_video.stages.protocols import ReblurNetwork
 
@@ -86,10 +88,11 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
     if lens.device == "cuda":
         raise UsageError("--device cuda: this version runs on the CPU only; use auto or cpu")
     pipeline = load_pipeline(lens.preset)
-    decisions = decide(lens.effects)
     scene = Scene.load(objects.glb, objects.playback)
     view, placed_note = _stand(objects, scene, view)
-    source, render_context, notes = _object_source(objects, scene, view)
+    ground = _lit_ground(objects, scene)
+    decisions = decide(lens.effects, _circumstances(ground, objects.ground_y))
+    source, render_context, notes = _object_source(objects, scene, view, ground.light)
     record = ShotRecord()
     tools = Tools(
         objects=source,
@@ -101,6 +104,7 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         aperture=lens.aperture,
         views=source.renderer if isinstance(source, RenderedObject) else None,
         repair=_repair(view.pixel_aspect),
+        ground=ground,
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     graph = build(pipeline, decisions, tools, fit_given=fit is not None)
@@ -137,8 +141,37 @@ def _stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tup
     )
 
 
+def _lit_ground(objects: ObjectSettings, scene: Scene) -> LitGround:
+    environment = None
+    if objects.light.env is not None:
+        from nlens_video.scene.environment import load_environment
+
+        light = objects.light
+        environment = load_environment(
+            objects.light.env, light.env_rotation_deg, light.env_exposure_ev
+        )
+    return LitGround(
+        pose=scene.pose,
+        light=SceneLight(scene.light_count, environment),
+        pre_rendered=objects.layers is not None,
+        strength=objects.light.shadow_strength,
+    )
+
+
+def _circumstances(ground: LitGround, ground_y: float | None) -> Circumstances:
+    """What the scene, as it is at first, calls for."""
+    posed = ground.pose(0.0)
+    height = float(posed.bounds()[0, 1]) if ground_y is None else ground_y
+    lamps = ground.light.on_ground(posed.lights).lamps
+    return Circumstances(
+        lamps=sum(reaches(lamp, height) for lamp in lamps),
+        pre_rendered=ground.pre_rendered,
+        strength=ground.strength,
+    )
+
+
 def _object_source(
-    objects: ObjectSettings, scene: Scene, view: View
+    objects: ObjectSettings, scene: Scene, view: View, light: SceneLight
 ) -> tuple[
     ObjectSource,
     Callable[[], AbstractContextManager[object]],
@@ -153,7 +186,7 @@ def _object_source(
         return LayeredObject(scene, layers, view, objects.footprint), nullcontext, tuple
     from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
 
-    renderer = PyrenderObjectRenderer(scene)
+    renderer = PyrenderObjectRenderer(scene, light)
     return (
         RenderedObject(scene, renderer, view, objects.footprint),
         lambda: renderer,

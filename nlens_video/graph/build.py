@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from nlens_video.effects.planner import Decision
 from nlens_video.graph.node import LaneName, Node
 from nlens_video.graph.pipeline_file import PipelineFile
-from nlens_video.graph.registry import Tools, Unavailable, check_ports, make_stage
+from nlens_video.graph.registry import check_ports, make_stage
+from nlens_video.graph.tools import Tools, Unavailable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

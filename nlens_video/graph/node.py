@@ -21,12 +21,14 @@ PORTS: dict[str, str] = {
     "frame_box": "Box",
     "following": "tuple[Picture, ...]",
     "placement": "Placement",
+    "illumination": "Illumination",
     "plate_coc": "CocMap",
     "ground": "GroundProjection",
     "fit": "LensFit",
     "layer": "ObjectLayer",
     "defocused": "DefocusedLayer",
     "blurred": "BlurredLayer",
+    "shadow": "Shadow",
 }
 STEP_PX = 2.0  # between neighbours: less than that, parts of the object do not hide others visibly
 GIVEN = ("frame", "picture", "frame_box", "following")

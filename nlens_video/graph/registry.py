@@ -2,83 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
-from nlens_video.aperture import ROUND, Aperture
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
-from nlens_video.graph.objects import ObjectSource, Placement
+from nlens_video.graph.objects import Placement
+from nlens_video.graph.shadow_stages import make_darken, make_light, make_shadow
+from nlens_video.graph.tools import Made, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
-from nlens_video.stages.protocols import ReblurNetwork, ViewRenderer
-from nlens_video.stages.r_regression import FitLens, Regression, constant_fit
+from nlens_video.stages.r_regression import FitLens, constant_fit
 
 if TYPE_CHECKING:
     from nlens_video.graph.stream import StreamFrame
 
 Options = dict[str, object]
-
-
-@dataclass(slots=True, kw_only=True)
-class ShotRecord:
-    """What the shot's fit was made from, kept for reports; one shot's worth.
-
-    Attributes:
-        plate_coc: the plate's CoC, once estimated.
-        ground: footprint and plane, once projected.
-        regression: the fit and its samples, once fitted.
-        note: what a person should know about the fit, empty if nothing.
-    """
-
-    plate_coc: CocMap | None = None
-    ground: GroundProjection | None = None
-    regression: Regression | None = None
-    note: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tools:
-    """What stages are made from.
-
-    Attributes:
-        objects: the object's place, geometry and picture.
-        estimate_coc: loads F with the network of that name; called only by a pipeline that needs
-            it.
-        ground_y: height of the ground plane, None for the object's lowest point at time 0.
-        fallback_constant: whether a constant CoC may stand in for a fit that fails.
-        pixel_aspect: width of a pixel by its height [1].
-        record: where the shot's intermediate results are kept.
-        aperture: shape of the lens' aperture.
-        views: draws the object from points of the lens, None where only one view of it is there.
-        repair: the network that repairs the scatter, None where there is none.
-    """
-
-    objects: ObjectSource
-    estimate_coc: Callable[[str], Callable[[Picture, Sequence[Picture]], CocMap]]
-    ground_y: float | None
-    fallback_constant: bool
-    pixel_aspect: float
-    record: ShotRecord
-    aperture: Aperture = ROUND
-    views: ViewRenderer | None = None
-    repair: ReblurNetwork | None = None
-
-
-class Unavailable(Exception):
-    """A stage that this installation cannot run, and why."""
-
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """A stage ready to run, and what runs it, in words."""
-
-    run: Callable[..., object]
-    backend: str
 
 
 def make_stage(stage: str, options: Options, tools: Tools) -> Made:
@@ -292,5 +235,8 @@ STAGES: dict[str, Stage] = {
     "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
     "paper-reblur": Stage(_paper, ("picture", "defocused", "frame_box"), "blurred"),
     "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
+    "light": Stage(make_light, ("picture",), "illumination"),
+    "shadow": Stage(make_shadow, ("placement", "fit?"), "shadow"),
+    "darken": Stage(make_darken, ("picture", "shadow", "frame_box"), "picture"),
     "composite": Stage(_composite, ("picture", "blurred"), "picture"),
 }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from nlens_video.frames import DefocusedLayer
 from nlens_video.graph.assemble import Assembly
 from nlens_video.graph.profiler import FrameTiming, Summary
-from nlens_video.graph.registry import ShotRecord
+from nlens_video.graph.tools import ShotRecord
 from nlens_video.lens import LensFit
 from nlens_video.report.pictures import Image
 from nlens_video.report.thinning import TimingBin

@@ -11,8 +11,8 @@ from nlens_video.graph.build import build
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.registry import ShotRecord, Tools
 from nlens_video.graph.stream import FrameSteps
+from nlens_video.graph.tools import ShotRecord, Tools
 from nlens_video.lens import LensFit
 from nlens_video.video.picture import ArrayPicture
 

@@ -46,7 +46,8 @@ def composite(files, out, *words):
 
 @pytest.mark.needs_gl
 def test_lens_is_sampled_and_the_plate_out_of_reach_is_untouched(files, tmp_path):
-    summary = composite(files, tmp_path / "out.png", "--timings", tmp_path / "t.json")
+    words = ("--effects", "defocus", "--timings", tmp_path / "t.json")
+    summary = composite(files, tmp_path / "out.png", *words)
     frames = json.loads((tmp_path / "t.json").read_text())["frames"]
     assert "lens" in frames[0]["nodes"] and "reblur" not in frames[0]["nodes"]
     assert not any(STANDS_IN in note for note in summary["notes"])

@@ -9,8 +9,7 @@ centroid in vec4 tint;
 layout(std140, row_major) uniform FrameBlock {
     mat4 clip_from_relative;
     vec4 eye;
-    vec4 sky;
-    vec4 ground;
+    vec4 ambient[9];
     vec4 lamps[LAMP_ROWS];
 };
 
@@ -84,6 +83,18 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
     return nl * mix(plastic, metal, metallic);
 }
 
+#ifdef USE_AMBIENT
+// Irradiance / pi of a normal: spherical harmonics of order 2, factors multiplied in.
+vec3 from_around(vec3 n)
+{
+    vec3 sum = ambient[0].rgb + ambient[1].rgb * n.y + ambient[2].rgb * n.z + ambient[3].rgb * n.x
+        + ambient[4].rgb * (n.x * n.y) + ambient[5].rgb * (n.y * n.z)
+        + ambient[6].rgb * (3.0 * n.z * n.z - 1.0) + ambient[7].rgb * (n.x * n.z)
+        + ambient[8].rgb * (n.x * n.x - n.y * n.y);
+    return max(sum, vec3(0.0));
+}
+#endif
+
 vec3 lit(vec3 base, float metallic, float roughness)
 {
     vec3 n = shading_normal();
@@ -110,8 +121,8 @@ vec3 lit(vec3 base, float metallic, float roughness)
     occlusion = 1.0 + uv_rows[7].w * (texture(occlusion_map, map_uv(3)).r - 1.0);
 #endif
     vec3 r = reflect(-v, n);
-    vec3 around = mix(ground.rgb, sky.rgb, 0.5 + 0.5 * n.y);
-    vec3 ahead = mix(mix(ground.rgb, sky.rgb, 0.5 + 0.5 * r.y), around, roughness);
+    vec3 around = from_around(n);
+    vec3 ahead = mix(from_around(r), around, roughness);
     sum += occlusion * (around * base * (1.0 - metallic)
                         + ahead * mix(dielectric.rgb, base, metallic));
 #endif

@@ -8,8 +8,7 @@ layout(location = 3) in vec4 vertex_color;
 layout(std140, row_major) uniform FrameBlock {
     mat4 clip_from_relative;
     vec4 eye;
-    vec4 sky;
-    vec4 ground;
+    vec4 ambient[9];
     vec4 lamps[LAMP_ROWS];
 };
 

@@ -1,0 +1,91 @@
+"""What stages are made from, and what is kept of a shot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from nlens_video.aperture import ROUND, Aperture
+from nlens_video.frames import CocMap, Picture
+from nlens_video.graph.objects import ObjectSource
+from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene_light import SceneLight
+from nlens_video.stages.p_projection import GroundProjection
+from nlens_video.stages.protocols import ReblurNetwork, ViewRenderer
+from nlens_video.stages.r_regression import Regression
+
+
+@dataclass(slots=True, kw_only=True)
+class ShotRecord:
+    """What the shot's fit was made from, kept for reports; one shot's worth.
+
+    Attributes:
+        plate_coc: the plate's CoC, once estimated.
+        ground: footprint and plane, once projected.
+        regression: the fit and its samples, once fitted.
+        note: what a person should know about the fit, empty if nothing.
+    """
+
+    plate_coc: CocMap | None = None
+    ground: GroundProjection | None = None
+    regression: Regression | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LitGround:
+    """What a shadow is cast from.
+
+    Attributes:
+        pose: the scene at a time [s].
+        light: what lights it.
+        pre_rendered: whether the object comes with its own light, as layers do.
+        strength: of the shadow, 0 to 1 [1].
+    """
+
+    pose: Callable[[float], PosedScene]
+    light: SceneLight
+    pre_rendered: bool
+    strength: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tools:
+    """What stages are made from.
+
+    Attributes:
+        objects: the object's place, geometry and picture.
+        estimate_coc: loads F with the network of that name; called only by a pipeline that needs
+            it.
+        ground_y: height of the ground plane, None for the object's lowest point at time 0.
+        fallback_constant: whether a constant CoC may stand in for a fit that fails.
+        pixel_aspect: width of a pixel by its height [1].
+        record: where the shot's intermediate results are kept.
+        aperture: shape of the lens' aperture.
+        views: draws the object from points of the lens, None where only one view of it is there.
+        repair: the network that repairs the scatter, None where there is none.
+        ground: what stands on the ground, and its light, None where there is no shadow to cast.
+    """
+
+    objects: ObjectSource
+    estimate_coc: Callable[[str], Callable[[Picture, Sequence[Picture]], CocMap]]
+    ground_y: float | None
+    fallback_constant: bool
+    pixel_aspect: float
+    record: ShotRecord
+    aperture: Aperture = ROUND
+    views: ViewRenderer | None = None
+    repair: ReblurNetwork | None = None
+    ground: LitGround | None = None
+
+
+class Unavailable(Exception):
+    """A stage that this installation cannot run, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A stage ready to run, and what runs it, in words."""
+
+    run: Callable[..., object]
+    backend: str

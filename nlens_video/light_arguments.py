@@ -1,0 +1,58 @@
+"""The command line's words about light and shadow."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from nlens_video.errors import UsageError
+from nlens_video.settings import LightSettings
+
+
+def add_light(parser: argparse.ArgumentParser) -> None:
+    """The words of `light`."""
+    lit = parser.add_argument_group("its light, beside the lights of its file")
+    lit.add_argument("--env", metavar="MAP.hdr", type=Path, help="equirectangular, .hdr or .exr")
+    lit.add_argument("--env-rotation", metavar="D", type=_finite, help="about up, degrees")
+    lit.add_argument("--env-exposure", metavar="EV", type=_finite, help="of the map, in stops")
+    lit.add_argument(
+        "--shadow-strength", metavar="S", type=_share, default=1.0, help="0 none to 1 full"
+    )
+
+
+def light(words: argparse.Namespace) -> LightSettings:
+    """What lights the object.
+
+    Raises:
+        UsageError: a map is turned or exposed, and there is none.
+    """
+    for word in ("env_rotation", "env_exposure"):
+        if words.env is None and getattr(words, word) is not None:
+            raise UsageError(f"--{word.replace('_', '-')} needs a map; give --env MAP.hdr too")
+    return LightSettings(
+        env=words.env,
+        env_rotation_deg=words.env_rotation or 0.0,
+        env_exposure_ev=words.env_exposure or 0.0,
+        shadow_strength=words.shadow_strength,
+    )
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.inf
+    if not abs(value) <= 1e4:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of usual size")
+    return value
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1")
+    return value
