@@ -53,6 +53,18 @@ class AccessorReader:
             raise self._items[index].wrong("type", f"one of {', '.join(_WIDTHS)}")
         return _WIDTHS[kind]
 
+    def provide(self, index: int, values: Array) -> None:
+        """Give an accessor values (count, width) that its buffer view does not hold.
+
+        Raises:
+            SceneError: they are not as wide as it says.
+        """
+        item = self._items[index]
+        if values.shape[1] != self.width(index):
+            raise item.wrong("type", f"{values.shape[1]} components, as its data have")
+        self.document.spend(values.nbytes, item.place)
+        self._cache[index] = values.astype(self._dtype(item))
+
     def length(self, index: int) -> int:
         """Elements of an accessor."""
         return self._items[index].integer("count")

@@ -20,6 +20,7 @@ from nlens_video.scene.fields import Fields
 SUPPORTED_EXTENSIONS = frozenset(
     {
         "EXT_texture_webp",
+        "KHR_draco_mesh_compression",
         "KHR_lights_punctual",
         "KHR_materials_emissive_strength",
         "KHR_materials_ior",
@@ -29,11 +30,10 @@ SUPPORTED_EXTENSIONS = frozenset(
         "KHR_texture_transform",
     }
 )
-_DECODE = "decode it first: gltf-transform cp IN.glb OUT.glb"
+DECODE_FIRST = "decode it first: gltf-transform cp IN.glb OUT.glb"
 _REMEDY = {
-    "KHR_draco_mesh_compression": _DECODE,
-    "EXT_meshopt_compression": _DECODE,
-    "KHR_meshopt_compression": _DECODE,
+    "EXT_meshopt_compression": DECODE_FIRST,
+    "KHR_meshopt_compression": DECODE_FIRST,
     "KHR_texture_basisu": "decode it first: gltf-transform ktxdecompress IN.glb OUT.glb",
 }
 # Bounds of what a file may cost, however it lies about itself.

@@ -11,6 +11,7 @@ from nlens_video.errors import SceneError
 from nlens_video.frames import Float32
 from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
+from nlens_video.scene.draco import EXTENSION, DracoReader
 from nlens_video.scene.fields import Fields
 from nlens_video.scene.materials import Material
 
@@ -94,7 +95,7 @@ def read_meshes(
     Raises:
         SceneError: attributes missing, of the wrong kind or length, or indices out of range.
     """
-    reader = _PrimitiveReader(document, accessors, materials)
+    reader = _PrimitiveReader(document, accessors, materials, DracoReader(document, accessors))
     return tuple(reader.mesh(item) for item in document.items("meshes"))
 
 
@@ -103,6 +104,7 @@ class _PrimitiveReader:
     document: Document
     accessors: AccessorReader
     materials: tuple[Material, ...]
+    draco: DracoReader
 
     def mesh(self, item: Fields) -> Mesh:
         name = item.text("name") or item.place
@@ -118,8 +120,9 @@ class _PrimitiveReader:
         if "POSITION" not in attributes:
             self.document.warn(f"mesh '{name}': a primitive without POSITION is not drawn")
             return None
-        if item.extension("KHR_draco_mesh_compression") is not None:
-            self.document.warn(f"mesh '{name}': Draco is not read, its fallback data is drawn")
+        compressed = item.extension(EXTENSION)
+        if compressed is not None:
+            self.draco.provide(item, compressed)
         self._spend(item, attributes)
         positions = self._floats(attributes, "POSITION", 3)
         count = len(positions)
