@@ -1,0 +1,159 @@
+"""Environment maps: what becomes a light, what stays around, and what cannot be read."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from nlens_video.effects.planner import SHADOW, Circumstances, decide
+from nlens_video.errors import InputError
+from nlens_video.scene.environment import load_environment, reduce_environment
+from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.scene_light import SceneLight
+
+
+def even(level=0.5, width=128):
+    return np.full((width // 2, width, 3), level, np.float32)
+
+
+def with_sun(row=16, column=64):
+    """Dim all round, and one texel with the light of a sun: 45 degrees up, towards +X."""
+    sky = even(0.01)
+    sky[row, column] = 5000.0
+    return sky
+
+
+def irradiance_of(sky, normal):
+    """Brute force: every texel's radiance by its cosine and solid angle."""
+    height, width = sky.shape[:2]
+    up = math.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
+    turn = 2 * math.pi * ((np.arange(width) + 0.5) / width - 0.5)[None]
+    x, z = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn)
+    toward = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
+    cosine = np.maximum(toward @ normal, 0.0) * np.cos(up) * (math.pi / height) ** 2
+    return (sky * cosine[..., None]).sum((0, 1))
+
+
+def test_one_bright_texel_is_one_light_from_there():
+    light = reduce_environment(with_sun())
+    (lamp,) = light.lamps
+    expected = np.array([-1.0, -1.0, 0.0]) / math.sqrt(2.0)
+    assert lamp.posed.direction == pytest.approx(expected, abs=0.04)
+    assert lamp.diameter < 0.05
+    assert lamp.posed.light.intensity == pytest.approx(
+        5000.0 * math.cos(math.pi / 4) * (math.pi / 64) ** 2, rel=0.03
+    )
+
+
+def test_rotation_turns_it_counter_clockwise_seen_from_above():
+    (lamp,) = reduce_environment(with_sun(), rotation_deg=90.0).lamps
+    expected = np.array([0.0, -1.0, 1.0]) / math.sqrt(2.0)  # it stands over -Z now
+    assert lamp.posed.direction == pytest.approx(expected, abs=0.04)
+
+
+def test_exposure_counts_in_stops():
+    one, eight = (reduce_environment(with_sun(), exposure_ev=ev) for ev in (0.0, 3.0))
+    assert eight.ambient == pytest.approx(8.0 * one.ambient)
+    assert eight.lamps[0].posed.light.intensity == pytest.approx(
+        8.0 * one.lamps[0].posed.light.intensity
+    )
+
+
+def test_even_surroundings_have_no_light_and_their_own_irradiance():
+    light = reduce_environment(even(0.5))
+    assert light.lamps == ()
+    for normal in np.vstack([np.eye(3), -np.eye(3)]):
+        assert light.irradiance_around(normal) == pytest.approx(np.full(3, 0.5 * math.pi), rel=1e-3)
+
+
+def test_lights_and_light_around_are_together_the_whole_map():
+    rng = np.random.default_rng(3)
+    sky = cv2.GaussianBlur(rng.random((64, 128, 3)).astype(np.float32) ** 4, (0, 0), 4)
+    sky[10:16, 20:30] += 8.0
+    light = reduce_environment(sky)
+    assert 1 <= len(light.lamps) <= 6
+    for normal in np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.6, 0.8]]):
+        total = light.irradiance_around(normal)
+        for lamp in light.lamps:
+            posed = lamp.posed
+            facing = max(0.0, -float(posed.direction @ normal))
+            total = total + np.array(posed.light.color) * posed.light.intensity * facing
+        assert total == pytest.approx(irradiance_of(sky, normal), rel=0.06)
+
+
+def test_black_surroundings_give_no_light():
+    light = reduce_environment(even(0.0))
+    assert light.lamps == () and not light.ambient.any()
+
+
+def test_hdr_file_is_read_as_it_was_written(tmp_path):
+    sky = with_sun()
+    cv2.imwrite(str(tmp_path / "sky.hdr"), sky)
+    light = load_environment(tmp_path / "sky.hdr", 0.0, 0.0)
+    assert light.lamps[0].posed.direction == pytest.approx(
+        reduce_environment(sky).lamps[0].posed.direction, abs=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("none.hdr", lambda path: None, "no such file"),
+        ("text.hdr", lambda path: path.write_text("no map"), "cannot be read"),
+        ("empty.hdr", lambda path: path.write_bytes(b""), "cannot be read"),
+        ("text.exr", lambda path: path.write_text("no map"), "cannot be read"),
+        ("wide.hdr", lambda path: cv2.imwrite(str(path), even()[:10]), "twice as wide"),
+    ],
+)
+def test_what_is_no_map_gives_one_clear_line(tmp_path, name, write, words):
+    write(tmp_path / name)
+    with pytest.raises(InputError, match=words) as caught:
+        load_environment(tmp_path / name, 0.0, 0.0)
+    assert "\n" not in str(caught.value)
+
+
+def test_plate_gives_level_tint_and_a_sky_brighter_than_the_ground():
+    plate = np.zeros((90, 160, 3), np.float32)
+    plate[:45], plate[45:] = (0.3, 0.35, 0.5), (0.12, 0.1, 0.08)
+    light, double = Illumination.of_plate(plate), Illumination.of_plate(plate * 1.5)
+    up, down = (light.irradiance_around(np.array([0.0, s, 0.0])) for s in (1.0, -1.0))
+    assert up.sum() > down.sum() and up[2] > up[0] and down[0] > down[2]
+    assert double.irradiance_around(np.array([0.0, 1.0, 0.0])).sum() > 1.3 * up.sum()
+    assert light.lamps[0].posed.direction[1] < 0.0
+
+
+def test_plate_is_looked_at_once_and_only_where_no_file_tells_the_light():
+    looked = []
+
+    def plate():
+        looked.append(1)
+        return np.full((9, 16, 3), 0.4, np.float32)
+
+    guessed, told = SceneLight(0), SceneLight(0, Illumination((), np.zeros((9, 3))))
+    for _ in range(3):
+        guessed.look_at(plate)
+        told.look_at(plate)
+    assert len(looked) == 1
+    assert "estimated from the plate" in guessed.note and "environment map" in told.note
+    assert guessed.on_object(()).lamps and not guessed.on_ground(()).lamps
+
+
+@pytest.mark.parametrize(
+    ("scene", "wanted", "words"),
+    [
+        (Circumstances(lamps=2), True, "2 lights"),
+        (Circumstances(lamps=0), False, "no light is known"),
+        (Circumstances(lamps=1, pre_rendered=True), False, "layers"),
+        (Circumstances(lamps=1, strength=0.0), False, "--shadow-strength 0"),
+    ],
+)
+def test_auto_casts_a_shadow_only_by_a_light_that_is_known(scene, wanted, words):
+    (decision,) = (one for one in decide("auto", scene) if one.effect == SHADOW)
+    assert decision.wanted is wanted and words in decision.reason
+
+
+def test_a_shadow_can_be_asked_for_and_left_out():
+    layers = Circumstances(lamps=1, pre_rendered=True)
+    for asked, wanted in (("defocus,shadow", True), ("defocus", False), ("none", False)):
+        assert [d.wanted for d in decide(asked, layers) if d.effect == SHADOW] == [wanted]
