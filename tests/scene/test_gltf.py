@@ -276,4 +276,4 @@ def test_every_published_broken_file_loads_or_gives_one_line(shared):
             loaded += 1
         except SceneError as error:
             assert "\n" not in str(error)
-    assert loaded >= 68
+    assert loaded >= 71
