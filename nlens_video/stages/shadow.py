@@ -105,15 +105,19 @@ class CastShadow:
             return None
         box = Box(inner.x0 - margin, inner.y0 - margin, inner.x1 - margin, inner.y1 - margin)
         part = Stage(above, _cut(camera, box), ground_y)
-        given = [from_lamp(lamp, part.ground) for lamp in lamps]
-        given.append(np.broadcast_to(around, part.size))
         at = inner.slices_in(_frame(stage.camera))
-        lost = np.sum([g * h[at][..., None] for g, h in zip(given, hidden, strict=False)], axis=0)
-        total = np.sum(given, axis=0)
-        share = np.divide(lost, total, out=np.zeros(part.size), where=total > 0.0)
+        ground = part.ground
+        lost, total = np.zeros(part.size), np.broadcast_to(around, part.size).copy()
+        for lamp, share in zip(lamps, hidden, strict=False):
+            given = from_lamp(lamp, ground)
+            total += given
+            lost += given * share[at][..., None]
+        if around.any():
+            lost += around * hidden[-1][at][..., None]
+        gone = np.divide(lost, total, out=np.zeros(part.size), where=total > 0.0)
         disparity = part.camera.plane_disparity(ground_y).astype(np.float32)
-        share[disparity <= 0.0] = 0.0
-        loss = np.minimum(share * self.strength, _BLACKEST).astype(np.float32)
+        gone[disparity <= 0.0] = 0.0
+        loss = np.minimum(gone * self.strength, _BLACKEST).astype(np.float32)
         coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
         return Shadow(box=box, loss=loss, coc_px=coc)
 
