@@ -46,7 +46,7 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
         check_matplotlib()
         _make(out)
     rendered = [plate_case(folder) for folder in find_plates(plates)[0]] if plates else []
-    show = _Show(quiet=quiet)
+    show = Progress(quiet=quiet)
     effort = QUICK if quick else FULL
     with tempfile.TemporaryDirectory() as folder:
         scenes = write_scenes(Path(folder), effort.size)
@@ -60,7 +60,7 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
     return 0
 
 
-class _Show:
+class Progress:
     """Progress on standard error, where a person looks at it."""
 
     def __init__(self, *, quiet: bool) -> None:
@@ -81,7 +81,7 @@ def measure(
     plates: Sequence[Case],
     rungs: Sequence[Rung],
     effort: Effort,
-    show: _Show,
+    show: Progress,
 ) -> Report:
     """Make the scenes' truth, run the rungs one after another, collect their figures.
 
