@@ -26,11 +26,13 @@ class Circumstances:
 
     Attributes:
         lamps: lights of the file or the environment map that shine on the ground from above.
+        surroundings: whether an environment map tells the light from around.
         pre_rendered: whether the object comes as layers that something else has rendered.
         strength: of the shadow, 0 to 1 [1].
     """
 
     lamps: int = 0
+    surroundings: bool = False
     pre_rendered: bool = False
     strength: float = 1.0
 
@@ -75,7 +77,7 @@ def _shadow(scene: Circumstances) -> Decision:
             "the light that the layers were rendered in is not known; "
             "--effects defocus,shadow casts one by the GLB's lights"
         )
-    elif not scene.lamps:
+    elif not (scene.lamps or scene.surroundings):
         reason = (
             "no light is known to fall on the ground, from the GLB or --env; "
             "--effects defocus,shadow darkens the contact only"
@@ -83,5 +85,9 @@ def _shadow(scene: Circumstances) -> Decision:
     else:
         wanted = True
         count = f"{scene.lamps} light{'s' if scene.lamps > 1 else ''}"
-        reason = f"cast on the ground by {count}, dim parts by the light around"
+        reason = (
+            f"cast on the ground by {count}, where it touches by the light around too"
+            if scene.lamps
+            else "where it touches the ground, by the light around; no light casts another"
+        )
     return Decision(effect=SHADOW, wanted=wanted, reason=reason)

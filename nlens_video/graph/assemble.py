@@ -162,9 +162,10 @@ def _circumstances(ground: LitGround, ground_y: float | None) -> Circumstances:
     """What the scene, as it is at first, calls for."""
     posed = ground.pose(0.0)
     height = float(posed.bounds()[0, 1]) if ground_y is None else ground_y
-    lamps = ground.light.on_ground(posed.lights).lamps
+    light = ground.light.on_ground(posed.lights)
     return Circumstances(
-        lamps=sum(reaches(lamp, height) for lamp in lamps),
+        lamps=sum(reaches(lamp, height) for lamp in light.lamps),
+        surroundings=ground.light.known and light.ambient is not None,
         pre_rendered=ground.pre_rendered,
         strength=ground.strength,
     )

@@ -144,6 +144,7 @@ def test_plate_is_looked_at_once_and_only_where_no_file_tells_the_light():
     [
         (Circumstances(lamps=2), True, "2 lights"),
         (Circumstances(lamps=0), False, "no light is known"),
+        (Circumstances(lamps=0, surroundings=True), True, "light around"),
         (Circumstances(lamps=1, pre_rendered=True), False, "layers"),
         (Circumstances(lamps=1, strength=0.0), False, "--shadow-strength 0"),
     ],
