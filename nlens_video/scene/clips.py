@@ -108,7 +108,7 @@ def read_animations(
     reader = _TrackReader(document, accessors, hierarchy, morphs)
     items = document.items("animations")
     return Animations(
-        names=tuple(item.text("name") for item in items),
+        names=tuple(item.name for item in items),
         clips=tuple(reader.clip(item) for item in items),
     )
 

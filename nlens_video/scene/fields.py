@@ -93,6 +93,11 @@ class Fields:
             raise self.wrong(key, "a string")
         return value
 
+    @property
+    def name(self) -> str:
+        """Its name, possibly empty; control characters, which would break a line, as blanks."""
+        return "".join(c if c.isprintable() else " " for c in self.text("name"))
+
     def texts(self, key: str) -> tuple[str, ...]:
         """A list of strings; empty where it is absent."""
         value = self.data.get(key, [])

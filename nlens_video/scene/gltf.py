@@ -82,7 +82,7 @@ class Scene:
             instances,
             cameras,
             tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
-            tuple(node.text("name") for node in document.items("nodes")),
+            tuple(node.name for node in document.items("nodes")),
             document.warnings,
         )
 

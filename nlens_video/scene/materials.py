@@ -93,7 +93,7 @@ def _read_material(document: Document, images: ImageReader, item: Fields) -> Mat
         return _texture_use(document, images, owner, key, strength_key, srgb=srgb)
 
     return Material(
-        name=item.text("name"),
+        name=item.name,
         base_color=pbr.vector("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)),
         metallic=pbr.number("metallicFactor", 1.0),
         roughness=pbr.number("roughnessFactor", 1.0),

@@ -107,7 +107,7 @@ class _PrimitiveReader:
     draco: DracoReader
 
     def mesh(self, item: Fields) -> Mesh:
-        name = item.text("name") or item.place
+        name = item.name or item.place
         made = (self.primitive(primitive, name) for primitive in item.children("primitives"))
         return Mesh(tuple(g for g in made if g is not None), item.numbers("weights"))
 

@@ -54,10 +54,10 @@ def read_cameras(document: Document, visible: frozenset[int]) -> tuple[Perspecti
         aspect = lens.number("aspectRatio") if "aspectRatio" in lens else None
         if aspect is not None and aspect <= 0.0:
             raise lens.wrong("aspectRatio", "a number above 0")
-        node_name = node.text("name")
+        node_name = node.name
         cameras.append(
             Perspective(
-                name=item.text("name") or node_name or f"camera {number}",
+                name=item.name or node_name or f"camera {number}",
                 node_name=node_name,
                 node=index,
                 yfov=yfov,

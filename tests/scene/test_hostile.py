@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scene.glb_builder import QUAD, QUAD_UV, GlbBuilder
 
 from nlens_video.errors import SceneError
+from nlens_video.playback import Playback
 from nlens_video.scene import Scene, document
 
 NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
@@ -291,3 +292,11 @@ def test_a_link_in_the_folder_cannot_lead_out_of_it(tmp_path):
         path.write_text(json.dumps({**builder.document, "buffers": buffers}))
         with pytest.raises(SceneError, match=line):
             Scene.load(path)
+
+
+def test_a_name_cannot_break_the_line_that_it_stands_in(tmp_path):
+    builder = rich()
+    builder.document["animations"][0]["name"] = "a\nb\x1b[31m"
+    (tmp_path / "scene.glb").write_bytes(builder.bytes())
+    with pytest.raises(SceneError, match=r"one of a b \[31m$"):
+        Scene.load(tmp_path / "scene.glb", Playback(animation="c"))
