@@ -68,6 +68,35 @@ def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision
     )
 
 
+def within(
+    decisions: tuple[Decision, ...], there: frozenset[str], pipeline: str, requested: str
+) -> tuple[Decision, ...]:
+    """The decisions that a pipeline can carry out.
+
+    Args:
+        decisions: what the scene calls for.
+        there: effects that the pipeline has nodes for.
+        pipeline: its name.
+        requested: what `--effects` said.
+
+    Raises:
+        UsageError: an effect is asked for by name that the pipeline has no node for.
+    """
+    kept = []
+    for decision in decisions:
+        if not decision.wanted or decision.effect in there:
+            kept.append(decision)
+            continue
+        if requested != "auto":
+            raise UsageError(
+                f"--effects {requested}: the pipeline {pipeline!r} has no node for "
+                f"{decision.effect}; use --preset standard"
+            )
+        reason = f"the pipeline {pipeline} leaves it out"
+        kept.append(Decision(effect=decision.effect, wanted=False, reason=reason))
+    return tuple(kept)
+
+
 def _shadow(scene: Circumstances) -> Decision:
     wanted = False
     if scene.strength <= 0.0:

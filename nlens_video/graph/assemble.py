@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.effects.planner import Circumstances, Decision, decide
+from nlens_video.effects.planner import Circumstances, Decision, decide, within
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
@@ -91,7 +91,9 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
     scene = Scene.load(objects.glb, objects.playback)
     view, placed_note = _stand(objects, scene, view)
     ground = _lit_ground(objects, scene)
-    decisions = decide(lens.effects, _circumstances(ground, objects.ground_y))
+    called_for = decide(lens.effects, _circumstances(ground, objects.ground_y))
+    there = frozenset(node.effect for node in pipeline.nodes if node.effect)
+    decisions = within(called_for, there, pipeline.name, lens.effects)
     source, render_context, notes = _object_source(objects, scene, view, ground.light)
     record = ShotRecord()
     tools = Tools(

@@ -71,8 +71,8 @@ def changed(files, out):
 
 @pytest.mark.needs_gl
 def test_it_comes_close_to_the_scatter_where_an_object_hides_little_of_itself(files, tmp_path):
-    composite(files, tmp_path / "reference.png")
-    composite(files, tmp_path / "realtime.png", "--preset", "realtime")
+    composite(files, tmp_path / "reference.png", "--effects", "defocus")
+    composite(files, tmp_path / "realtime.png", "--effects", "defocus", "--preset", "realtime")
     pictures = [
         cv2.imread(str(tmp_path / f"{preset}.png")).astype(float)
         for preset in ("reference", "realtime")
