@@ -66,8 +66,8 @@ def with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
-def export(network: CocNet, path: Path, *, half_weights: bool = True) -> None:
-    """Write the ONNX file, its weights in half precision unless they are worked on further."""
+def export(network: CocNet, path: Path) -> None:
+    """Write the ONNX file."""
     buffer = io.BytesIO()
     torch.onnx.export(
         Shipped(network).eval(),
@@ -79,9 +79,7 @@ def export(network: CocNet, path: Path, *, half_weights: bool = True) -> None:
         opset_version=18,
         dynamo=False,  # a hundred times faster than the new exporter, and the same graph here
     )
-    model = onnx.load_from_string(buffer.getvalue())
-    if half_weights:
-        model = with_half_weights(model)
+    model = with_half_weights(onnx.load_from_string(buffer.getvalue()))
     for node in model.graph.node:  # names of source files
         node.doc_string = ""
     model.doc_string = "CoC diameter of a picture; see the model card beside this file"
@@ -90,18 +88,18 @@ def export(network: CocNet, path: Path, *, half_weights: bool = True) -> None:
     onnx.save(model, path)
 
 
-def entry(name: str, weights: Path) -> str:
+def entry(weights: Path) -> str:
     """The manifest's entry: the file's hash and shapes, where the program looks them up."""
     shape = f"(1, H / {LABEL_STEP}, W / {LABEL_STEP})"
     return (
-        f"[model.{name}]\n"
+        "[model.coc]\n"
         f'file = "{weights.parent.name}/{weights.name}"\n'
         f'sha256 = "{sha256_of(weights)}"\n'
         'licence = "Apache-2.0"\n'
         'card = "coc/README.md"\n\n'
-        f"[model.{name}.inputs]\n"
+        "[model.coc.inputs]\n"
         f'rgb = "(1, H, W, 3) float32, sRGB code in [0, 1]; H, W multiples of {STRIDE}"\n\n'
-        f"[model.{name}.outputs]\n"
+        "[model.coc.outputs]\n"
         f'coc_px = "{shape} float32, CoC diameter, px of the input"\n'
         f'sigma_px = "{shape} float32, expected absolute error of it, px of the input"\n'
     )
@@ -118,7 +116,7 @@ def main() -> None:
     if options.out.parent == HERE:
         halves = {name: value.half() for name, value in network.state_dict().items()}
         torch.save(halves, HERE / "weights.pt")
-        write_entry(HERE.parent / "manifest.toml", "coc", entry("coc", options.out))
+        write_entry(HERE.parent / "manifest.toml", "coc", entry(options.out))
     print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
 
 

@@ -219,9 +219,7 @@ def _repair(pixel_aspect: float) -> ReblurNetwork:
     return repair
 
 
-def _load_estimator(
-    pixel_aspect: float, network: str
-) -> Callable[[Picture, Sequence[Picture]], CocMap]:
+def _load_estimator(pixel_aspect: float) -> Callable[[Picture, Sequence[Picture]], CocMap]:
     from nlens_video.backends.coc_onnx import OnnxCocNetwork
     from nlens_video.model_store import find_model
     from nlens_video.stages.f_coc import EstimateCoc
@@ -231,7 +229,7 @@ def _load_estimator(
     def estimate(picture: Picture, following: Sequence[Picture]) -> CocMap:
         nonlocal estimator
         if estimator is None:  # loading takes as long as a few frames: only when it is needed
-            estimator = EstimateCoc(OnnxCocNetwork(find_model(network).path), pixel_aspect)
+            estimator = EstimateCoc(OnnxCocNetwork(find_model("coc").path), pixel_aspect)
         return estimator(picture, following)
 
     return estimate

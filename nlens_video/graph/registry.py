@@ -68,8 +68,8 @@ def _locate(tools: Tools) -> Made:
     return Made(run, "camera and depth bounds of the GLB")
 
 
-def _estimate_coc(tools: Tools, *, network: str = "coc") -> Made:
-    estimate = tools.estimate_coc(network)
+def _estimate_coc(tools: Tools) -> Made:
+    estimate = tools.estimate_coc()
 
     def run(
         picture: Picture, placement: Placement, following: tuple[Picture, ...] | None
@@ -77,7 +77,7 @@ def _estimate_coc(tools: Tools, *, network: str = "coc") -> Made:
         tools.record.plate_coc = estimate(picture, following or ())
         return tools.record.plate_coc
 
-    return Made(run, f"F: network {network}, onnxruntime on the CPU")
+    return Made(run, "F: CoC network, onnxruntime on the CPU")
 
 
 def _project(tools: Tools) -> Made:

@@ -55,8 +55,7 @@ class Tools:
 
     Attributes:
         objects: the object's place, geometry and picture.
-        estimate_coc: loads F with the network of that name; called only by a pipeline that needs
-            it.
+        estimate_coc: loads F; called only by a pipeline that needs it.
         ground_y: height of the ground plane, None for the object's lowest point at time 0.
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
@@ -68,7 +67,7 @@ class Tools:
     """
 
     objects: ObjectSource
-    estimate_coc: Callable[[str], Callable[[Picture, Sequence[Picture]], CocMap]]
+    estimate_coc: Callable[[], Callable[[Picture, Sequence[Picture]], CocMap]]
     ground_y: float | None
     fallback_constant: bool
     pixel_aspect: float

@@ -62,7 +62,7 @@ def steps(preset="standard", effects="auto", fit=None, **tools):
     record = ShotRecord()
     made = Tools(
         **{
-            "objects": Slab(), "estimate_coc": lambda network: exact_coc, "ground_y": None,
+            "objects": Slab(), "estimate_coc": lambda: exact_coc, "ground_y": None,
             "fallback_constant": False, "pixel_aspect": 1.0, "record": record, **tools,
         }
     )  # fmt: skip
@@ -155,10 +155,10 @@ def unknowing(picture, following):
 
 
 def test_estimate_that_knows_nothing_stops_unless_a_constant_may_stand_in():
-    runner, _ = steps(estimate_coc=lambda network: unknowing)
+    runner, _ = steps(estimate_coc=lambda: unknowing)
     with pytest.raises(LensFitError):
         run(runner, 0)
-    runner, record = steps(estimate_coc=lambda network: unknowing, fallback_constant=True)
+    runner, record = steps(estimate_coc=lambda: unknowing, fallback_constant=True)
     run(runner, 0)
     assert (runner.fit.slope, runner.fit.intercept) == (0.0, -9.0)
     assert "constant CoC" in record.note
