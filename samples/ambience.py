@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, sosfilt
-from shots import SECONDS, Shot
+from shot_list import SECONDS, Shot
 
 SOUND_HZ = 48000
 Floats = npt.NDArray[np.float64]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
-from shots import NOISE_SHARE
+from shot_list import NOISE_SHARE
 
 Floats = npt.NDArray[np.float64]
 

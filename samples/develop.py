@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 from denoise import denoise, noise_variance
-from shots import FRAMES, HEIGHT, RATE, WIDTH, Shot, bulbs
+from shot_list import FRAMES, HEIGHT, RATE, WIDTH, Shot, bulbs
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pygltflib as gl
 from PIL import Image
-from shots import HEIGHT, WIDTH, Shot
+from shot_list import HEIGHT, WIDTH, Shot
 
 Floats = npt.NDArray[np.float64]
 _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}

@@ -21,7 +21,7 @@ import blender_kit as kit
 import bpy
 import numpy as np
 from mathutils import Vector
-from shots import HEIGHT, NOISE_SHARE, SENSOR_MM, SHOTS, WIDTH, Shot
+from shot_list import HEIGHT, NOISE_SHARE, SENSOR_MM, SHOTS, WIDTH, Shot
 
 GROUPS = ("sun", "sky", "lamps", "candle")
 PROBE_M = 0.05

@@ -22,7 +22,7 @@ import develop
 import make_object
 import numpy as np
 from scipy.optimize import nnls
-from shots import FRAMES, HEIGHT, RATE, SENSOR_MM, SHOTS, WIDTH, Shot
+from shot_list import FRAMES, HEIGHT, RATE, SENSOR_MM, SHOTS, WIDTH, Shot
 
 HERE = Path(__file__).parent
 PROBE_M = 0.05

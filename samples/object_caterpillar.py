@@ -14,7 +14,7 @@ from caterpillar_paint import BODY, EYE, FACE, HORN, SHOE, SPINE, TIP, paint
 from glb import Floats, Glb, quaternions, smooth_normals
 from scipy.interpolate import CubicSpline
 from shapes import Part, ball, merge, spot, tube, turned
-from shots import FRAMES, RATE, TERRACE
+from shot_list import FRAMES, RATE, TERRACE
 
 SPACING = 0.036
 HEAD, TAIL = 0, SPINE - 1

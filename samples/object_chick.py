@@ -13,7 +13,7 @@ import pygltflib as gl
 from glb import Floats, Glb, smooth_normals
 from scipy.interpolate import CubicSpline
 from shapes import Part, ball, merge, spot, tube, turned
-from shots import FRAMES, PARK, RATE
+from shot_list import FRAMES, PARK, RATE
 from textures import put, spectral_noise
 
 HOP_HZ, HOP_M = 1.75, 0.085

@@ -8,7 +8,7 @@ import blender_kit as kit
 import bpy
 import numpy as np
 import textures
-from shots import PARK
+from shot_list import PARK
 
 SKY = ((0.90, 0.93, 0.96), (0.22, 0.38, 0.68))
 SKY_STRENGTH = 0.80

@@ -8,7 +8,7 @@ import blender_kit as kit
 import bpy
 import numpy as np
 import textures
-from shots import TERRACE, bulbs
+from shot_list import TERRACE, bulbs
 
 SKY = ((0.50, 0.36, 0.30), (0.16, 0.24, 0.42))
 SKY_STRENGTH = 0.55
