@@ -19,6 +19,7 @@ STILL_PX = 0.25  # a mean over a larger shift would soften the picture measurabl
 _WINDOW_PX = 7  # noise averages out over it, motion does not
 _NOISES = 5.0  # a change of the window's mean beyond so many deviations is no noise
 _LEAST_CHANGE = 1.5 / 255  # nor is a smaller change than this motion [sRGB code]
+QUIET = 1.2 / 255  # less noise than that costs the estimate nothing [sRGB code]
 _LUMA = np.array([0.3, 0.6, 0.1], np.float32)
 
 
@@ -27,7 +28,8 @@ def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
 
     Args:
         first: display-coded sRGB in [0, 1] (H, W, 3).
-        following: later pictures of the same size, in order; none is read after the camera moved.
+        following: later pictures of the same size, in order; none is read after the camera moved,
+            nor after the first where that shows hardly any noise.
 
     Returns:
         The mean (H, W, 3), and how many pictures are in it (1: the first alone).
@@ -38,13 +40,18 @@ def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
     used = 1
     for picture in following:
         other = np.asarray(picture @ _LUMA, dtype=np.float32)
-        if not _still(luma, other, window):
+        if (used == 1 and _noise(luma, other) < QUIET) or not _still(luma, other, window):
             break
-        same = ~_moving(luma, other)
-        total[same] += picture[same]
-        count[same] += 1
+        same = (~_moving(luma, other)).astype(np.uint8)
+        cv2.accumulate(picture, total, mask=same)
+        count += same
         used += 1
     return total / count[..., None], used
+
+
+def _noise(luma: Float32, other: Float32) -> float:
+    """Deviation of the noise in each of two pictures of the same scene [sRGB code]."""
+    return 1.4826 * float(np.median(np.abs(other - luma)[::2, ::2])) / math.sqrt(2.0)
 
 
 def _still(luma: Float32, other: Float32, window: Float32) -> bool:
@@ -59,8 +66,10 @@ def _still(luma: Float32, other: Float32, window: Float32) -> bool:
 def _moving(luma: Float32, other: Float32) -> Bool:
     """Where something moves, its surroundings included (H, W)."""
     change = cv2.blur(other - luma, (_WINDOW_PX, _WINDOW_PX), borderType=cv2.BORDER_REFLECT)
-    change = change - np.median(change)  # a change of the light as a whole is no motion
-    noise = 1.4826 * float(np.median(np.abs(change)))
+    some = change[::3, ::3]
+    whole = np.median(some)  # a change of the light as a whole is no motion
+    noise = 1.4826 * float(np.median(np.abs(some - whole)))
+    change = change - whole
     moved = np.abs(change) > max(_NOISES * noise, _LEAST_CHANGE)
     around = np.ones((2 * _WINDOW_PX + 1, 2 * _WINDOW_PX + 1), np.uint8)
     return np.asarray(cv2.dilate(moved.astype(np.uint8), around) > 0)
