@@ -12,6 +12,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from models.blocks import Residual
+
 STRIDE = 32  # height and width must be multiples of it [px]
 LABEL_STEP = 4
 WIDTHS = (24, 48, 64, 80, 88)
@@ -20,23 +22,6 @@ DECODER_DEPTHS = (2, 2, 2)  # at 1/16, 1/8 and 1/4 of the size
 MIN_LOG_SCALE, MAX_LOG_SCALE = -5.0, 1.5
 CONTRAST_FLOOR = 0.004  # a code value: fainter contrast is not amplified further
 CONTRAST_STEP = 8  # cell of the local contrast; it is gathered over five cells [px]
-
-
-class Residual(nn.Module):
-    """Two 3x3 convolutions beside the identity; begins as nearly the identity."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.first = nn.Conv2d(width, width, 3, padding=1)
-        self.second = nn.Conv2d(width, width, 3, padding=1)
-        nn.init.kaiming_normal_(self.first.weight, nonlinearity="relu")
-        nn.init.normal_(self.second.weight, std=0.1 / (3 * width**0.5))
-        nn.init.zeros_(self.first.bias)
-        nn.init.zeros_(self.second.bias)
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Features (N, width, h, w) in and out."""
-        return features + self.second(F.relu(self.first(F.relu(features))))
 
 
 def with_contrast(picture: Tensor) -> Tensor:

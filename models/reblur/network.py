@@ -11,29 +11,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from models.blocks import Residual
 from nlens_video.stages.l_repair import CELL, CHANNELS
 
 WIDTH = 40
 BLOCKS = 2  # of two convolutions; with stem and answer they look 6 cells = HALO_PX around
 ANSWERS = 2
 BEGINNING = 2.0  # logit of the ordered layers' share before any training
-
-
-class Block(nn.Module):
-    """Two 3x3 convolutions beside the identity; begins as nearly the identity."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.first = nn.Conv2d(width, width, 3, padding=1)
-        self.second = nn.Conv2d(width, width, 3, padding=1)
-        nn.init.kaiming_normal_(self.first.weight, nonlinearity="relu")
-        nn.init.normal_(self.second.weight, std=0.1 / (3 * width**0.5))
-        nn.init.zeros_(self.first.bias)
-        nn.init.zeros_(self.second.bias)
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Features (N, width, h, w) in and out."""
-        return features + self.second(F.relu(self.first(F.relu(features))))
 
 
 class RepairNet(nn.Module):
@@ -46,7 +30,7 @@ class RepairNet(nn.Module):
     def __init__(self, width: int = WIDTH, blocks: int = BLOCKS) -> None:
         super().__init__()
         self.stem = nn.Conv2d(CHANNELS * CELL**2, width, 3, padding=1)
-        self.blocks = nn.Sequential(*(Block(width) for _ in range(blocks)))
+        self.blocks = nn.Sequential(*(Residual(width) for _ in range(blocks)))
         self.answer = nn.Conv2d(width, ANSWERS * CELL**2, 3, padding=1)
         nn.init.normal_(self.answer.weight, std=0.003)
         with torch.no_grad():

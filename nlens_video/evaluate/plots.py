@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,12 +31,8 @@ def check_matplotlib() -> None:
     Raises:
         UsageError: matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise UsageError(
-            "--out needs matplotlib, which is not installed; pip install matplotlib"
-        ) from error
+    if importlib.util.find_spec("matplotlib") is None:
+        raise UsageError("--out needs matplotlib, which is not installed; pip install matplotlib")
 
 
 def plot_reliability(errors: Sequence[PlateErrors], path: Path) -> None:
