@@ -118,7 +118,7 @@ def resampled(rng: Rng, code: Float32) -> Float32:
     return np.clip(cv2.resize(small, (width, height), interpolation=way), 0, 1)
 
 
-def through_h264(picture: Uint8, crf: int) -> Uint8:
+def through_h264(picture: Uint8, crf: int, preset: str) -> Uint8:
     """One intra frame of H.264, yuv420p, and back."""
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="nut") as container:
@@ -126,7 +126,7 @@ def through_h264(picture: Uint8, crf: int) -> Uint8:
         stream.height, stream.width = picture.shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.thread_count = 1
-        stream.options = {"crf": str(crf), "preset": "veryfast"}
+        stream.options = {"crf": str(crf), "preset": preset}
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         for packet in [*stream.encode(frame), *stream.encode(None)]:
             container.mux(packet)
@@ -136,10 +136,11 @@ def through_h264(picture: Uint8, crf: int) -> Uint8:
 
 
 def compressed(rng: Rng, picture: Uint8) -> Uint8:
-    """JPEG (two fifths of the pictures), H.264 (a quarter) or nothing."""
+    """H.264 (two fifths of the pictures), JPEG (a quarter) or nothing."""
     kind = rng.random()
-    if kind < 0.25:
-        return through_h264(picture, int(rng.integers(12, 33)))
+    if kind < 0.4:
+        preset = "medium" if rng.random() < 0.5 else "veryfast"
+        return through_h264(picture, int(rng.integers(14, 33)), preset)
     if kind < 0.65:
         quality = int(100 - 40 * rng.random() ** 1.7 - 2)
         _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
