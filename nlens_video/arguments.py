@@ -8,6 +8,7 @@ from typing import NoReturn
 
 from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
+from nlens_video.effect_arguments import add_effects
 from nlens_video.errors import UsageError
 from nlens_video.light_arguments import add_light
 from nlens_video.object_arguments import (
@@ -93,6 +94,7 @@ def settings(words: argparse.Namespace) -> Settings:
         budget_ms=getattr(words, "budget_ms", 180.0),
         device=words.device,
         aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
+        shutter_deg=getattr(words, "shutter", None),
         fit=getattr(words, "fit", None),
         save_fit=words.save_fit,
         fallback=words.fallback,
@@ -194,10 +196,8 @@ def _render_parser() -> _Parser:
     parser = _base("nlens-video", _ABOUT)
     _add_common(parser)
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
+    add_effects(parser)
     run = parser.add_argument_group("the run")
-    run.add_argument(
-        "--effects", default="auto", metavar="E", help="auto, none, or: defocus,shadow"
-    )
     run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.effects.planner import decide
+from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import UsageError
 from nlens_video.graph.assemble import Assembly, Lens, assemble
 from nlens_video.graph.objects import View
@@ -57,6 +57,7 @@ class Compositor:
         camera: name of the GLB's camera, None for its first.
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
         budget_ms: what a frame may cost [ms].
+        shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
 
     Raises:
         UsageError: an argument makes no sense.
@@ -76,11 +77,12 @@ class Compositor:
         camera: str | None = None,
         fallback: Fallback = "none",
         budget_ms: float = 180.0,
+        shutter_deg: float | None = None,
     ) -> None:
         if not fps > 0:
             raise UsageError(f"{fps = } must be above 0")
         load_pipeline(preset)  # both speak up here rather than at the first frame
-        decide(effects)
+        requested_effects(effects)
         if fit is not None and not isinstance(fit, LensFit):
             fit = LensFit.load(Path(fit))
         if not isinstance(glb, ObjectSettings):
@@ -88,7 +90,10 @@ class Compositor:
         elif camera is not None or ground_y is not None:
             raise UsageError("camera and ground_y stand in the ObjectSettings; leave them out")
         self._objects = glb
-        self._lens = Lens(preset=preset, effects=effects, fit=fit, fallback=fallback)
+        self._lens = Lens(
+            preset=preset, effects=effects, fit=fit, fallback=fallback, frame_s=1.0 / fps,
+            shutter_deg=shutter_deg,
+        )  # fmt: skip
         self._fps = fps
         self._profiler = Profiler(budget_ms)
         self._assembly: Assembly | None = None
@@ -217,7 +222,9 @@ class Compositor:
         size = (picture.width, picture.height)
         if self._assembly is None:
             view = View(width=size[0], height=size[1], camera=self._objects.camera)
-            self._assembly = assemble(self._objects, self._lens, view, self._profiler)
+            self._assembly = assemble(
+                self._objects, self._lens, view, self._profiler, lambda: (picture,)
+            )
             self._stack.enter_context(self._assembly.render_context())
             self._size = size
         if size != self._size:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from nlens_video.frames import Picture
 from nlens_video.video.info import SourceFrame
@@ -14,41 +14,54 @@ FRAMES = 7  # with the frame itself eight: the noise of their mean is a third of
 Item = TypeVar("Item")
 
 
-def with_following(
-    items: Iterator[Item], wanted: Callable[[], bool]
-) -> Iterator[tuple[Item, tuple[Picture, ...]]]:
-    """Each item and the pictures of the frames that come after it.
+class LookAhead(Generic[Item]):
+    """Items of a source, some of them read before their turn.
 
     Args:
         items: frames and packets, in order.
-        wanted: whether foresight is still of use; once it is not, no more than the item itself is
-            read, and what was read ahead is handed out first.
-
-    Yields:
-        Item and up to `FRAMES` later pictures, none where the item is not a frame.
     """
-    ahead: deque[Item] = deque()
-    while True:
-        if wanted():
-            _fill(ahead, items)
-        item = ahead.popleft() if ahead else next(items, None)
-        if item is None:
-            return
-        following = _pictures(ahead) if _picture(item) is not None else ()
-        yield item, following[:FRAMES]
 
+    def __init__(self, items: Iterator[Item]) -> None:
+        self._items = items
+        self._ahead: deque[Item] = deque()
 
-def _fill(ahead: deque[Item], items: Iterator[Item]) -> None:
-    """Read on until the item at the head has its frames, or the source ends."""
-    while len(_pictures(ahead)) <= FRAMES:
-        item = next(items, None)
-        if item is None:
-            return
-        ahead.append(item)
+    def peek(self, count: int) -> tuple[Picture, ...]:
+        """The pictures of the next `count` frames, fewer where the source ends."""
+        self._fill(count)
+        return self._pictures()[:count]
 
+    def with_following(
+        self, wanted: Callable[[], bool]
+    ) -> Iterator[tuple[Item, tuple[Picture, ...]]]:
+        """Each item and the pictures of the frames that come after it.
 
-def _pictures(items: deque[Item]) -> tuple[Picture, ...]:
-    return tuple(picture for item in items if (picture := _picture(item)) is not None)
+        Args:
+            wanted: whether foresight is still of use; once it is not, no more than the item itself
+                is read, and what was read ahead is handed out first.
+
+        Yields:
+            Item and up to `FRAMES` later pictures, none where the item is not a frame.
+        """
+        while True:
+            foreseen = wanted()
+            if foreseen:
+                self._fill(FRAMES + 1)
+            item = self._ahead.popleft() if self._ahead else next(self._items, None)
+            if item is None:
+                return
+            following = self._pictures() if foreseen and _picture(item) is not None else ()
+            yield item, following[:FRAMES]
+
+    def _fill(self, count: int) -> None:
+        """Read on until so many frames are held, or the source ends."""
+        while len(self._pictures()) < count:
+            item = next(self._items, None)
+            if item is None:
+                return
+            self._ahead.append(item)
+
+    def _pictures(self) -> tuple[Picture, ...]:
+        return tuple(picture for item in self._ahead if (picture := _picture(item)) is not None)
 
 
 def _picture(item: object) -> Picture | None:

@@ -10,23 +10,18 @@ from typing import TYPE_CHECKING, Any, cast
 from nlens_video import interrupts
 from nlens_video.errors import LensFitError, UsageError
 from nlens_video.frames import BlurredLayer
-from nlens_video.graph.assemble import Assembly, Lens, assemble
-from nlens_video.graph.lanes import apart, run_lanes, still_reading
-from nlens_video.graph.objects import View
+from nlens_video.graph.lanes import run_lanes
 from nlens_video.graph.plan import describe
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameState
+from nlens_video.intake import taken_in
 from nlens_video.lens import LensFit
-from nlens_video.look_ahead import with_following
-from nlens_video.observers import Observer, Started, observers
+from nlens_video.observers import Started, observers
 from nlens_video.outcome import FitOutcome, Outcome
-from nlens_video.placing import focal_35mm
 from nlens_video.settings import Settings
-from nlens_video.trim import Trim
 from nlens_video.video.atomic import check_folder, replacing
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.sink import Sink, open_sink
-from nlens_video.video.source import Source, open_source
 
 if TYPE_CHECKING:
     import av
@@ -38,14 +33,13 @@ _ENOUGH_FOR_A_FIT = 240  # frames that `fit` looks through for the object
 
 
 def plan(settings: Settings) -> tuple[str, ...]:
-    """The resolved graph in words; reads the source's head and the GLB, renders nothing.
+    """The resolved graph in words; reads the GLB and the source's first frames, renders nothing.
 
     Raises:
         NlensError: as `render`.
     """
-    with _opened(settings) as source:
-        assembly = _assembled(settings, source.info, Profiler(settings.budget_ms))
-        return (*_describe_source(source.info), *describe(assembly))
+    with taken_in(settings, Profiler(settings.budget_ms)) as intake:
+        return (*_describe_source(intake.info), *describe(intake.assembly))
 
 
 def find_fit(settings: Settings) -> FitOutcome:
@@ -59,9 +53,9 @@ def find_fit(settings: Settings) -> FitOutcome:
     check_folder(settings.save_fit)
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
-        source = stack.enter_context(_opened(settings))
-        assembly = _assembled(settings, source.info, profiler)
-        watching = observers(settings, Started(source.info, assembly, profiler), None)
+        intake = stack.enter_context(taken_in(settings, profiler))
+        assembly = intake.assembly
+        watching = observers(settings, Started(intake.info, assembly, profiler), None)
         for observer in watching:
             stack.enter_context(observer)
         shot = tuple(
@@ -70,8 +64,7 @@ def find_fit(settings: Settings) -> FitOutcome:
             if node.stage == "locate" or node.cadence == "shot"
         )
         seen = 0
-        trim = Trim(source, settings.source.frames)
-        for state in _items(trim, source.info, assembly, watching):
+        for state in intake.items(watching):
             if not isinstance(state, FrameState):
                 continue
             seen += 1
@@ -116,9 +109,9 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         check_folder(settings.save_fit)
     composited = written = 0
     with ExitStack() as stack:
-        source = stack.enter_context(_opened(settings))
         profiler = Profiler(settings.budget_ms)
-        assembly = _assembled(settings, source.info, profiler)
+        intake = stack.enter_context(taken_in(settings, profiler))
+        source, assembly = intake.source, intake.assembly
         watching = observers(settings, Started(source.info, assembly, profiler), settings.output)
         for observer in watching:
             stack.enter_context(observer)
@@ -129,9 +122,8 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         stack.enter_context(_telling_what_is_kept(sink))
         stack.enter_context(sink)
         total = _expected(source.info, settings)
-        trim = Trim(source, settings.source.frames)
         lanes = assembly.steps.lanes(assembly.render_context)
-        items = run_lanes(_items(trim, source.info, assembly, watching), lanes)
+        items = run_lanes(intake.items(watching), lanes)
         stack.callback(items.close)
         for item in items:
             interrupts.look()
@@ -185,45 +177,6 @@ def _save(fit: LensFit, path: Path) -> None:
         partial.write_text(fit.to_json())
 
 
-@contextmanager
-def _opened(settings: Settings) -> Iterator[Source]:
-    """The source; left open where its reader still blocks in a read."""
-    given = settings.source
-    size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
-    source = apart(
-        lambda: open_source(
-            given.spec,
-            input_format=given.input_format,
-            input_size=size,
-            input_rate=given.input_rate,
-        )
-    )
-    try:
-        yield source
-    finally:
-        if not still_reading():
-            source.__exit__(None, None, None)
-
-
-def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler) -> Assembly:
-    lens = Lens(
-        preset=settings.preset,
-        effects=settings.effects,
-        fit=LensFit.load(settings.fit) if settings.fit is not None else None,
-        fallback=settings.fallback,
-        device=settings.device,
-        aperture=settings.aperture,
-    )
-    view = View(
-        width=info.width,
-        height=info.height,
-        pixel_aspect=info.pixel_aspect,
-        camera=settings.scene.camera,
-        focal_35mm=focal_35mm(info.metadata),
-    )
-    return assemble(settings.scene, lens, view, profiler)
-
-
 def _describe_source(info: SourceInfo) -> Iterator[str]:
     rate = f"{float(info.average_rate):.3f} fps" if info.average_rate else "unknown rate"
     yield (
@@ -238,40 +191,6 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
     )
     for note in info.notes:
         yield f"note: {note}"
-
-
-def _items(
-    trim: Trim, info: SourceInfo, assembly: Assembly, watching: list[Observer]
-) -> Iterator[FrameState | Packet]:
-    """Frames as the graph takes them, and packets, in the source's order."""
-    steps = assembly.steps
-    # a stream is somebody's live picture: waiting for later frames would delay it
-    foresight = info.kind in ("video", "sequence") and steps.graph.has("estimate-coc")
-    decoded = _decoded(trim, steps.profiler)
-    for item, following in with_following(decoded, lambda: foresight and steps.fit is None):
-        if not isinstance(item, SourceFrame):
-            yield item
-            continue
-        state = steps.enter(item, following)
-        for observer in watching:
-            observer.entering(state)
-        yield state
-
-
-def _decoded(trim: Trim, profiler: Profiler) -> Iterator[SourceFrame | Packet]:
-    """The source's items; the time that each frame took goes to the profiler."""
-    items = trim.items()
-    spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
-    while True:
-        with profiler.clock() as clock:
-            item = next(items, None)
-        spent_ms += clock.elapsed_ms
-        if item is None:
-            return
-        if isinstance(item, SourceFrame):
-            profiler.add(item.index, "decode", spent_ms)
-            spent_ms = 0.0
-        yield item
 
 
 def _missing(written: int, expected: int | None) -> tuple[str, ...]:

@@ -124,6 +124,7 @@ class Settings:
         budget_ms: what a frame may cost [ms].
         device: where networks and kernels run.
         aperture: shape of the lens' aperture.
+        shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what stands in for a fit that fails.
@@ -140,6 +141,7 @@ class Settings:
     budget_ms: float = 180.0
     device: Device = "auto"
     aperture: Aperture = ROUND
+    shutter_deg: float | None = None
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"

@@ -2,22 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
 from nlens_video.errors import UsageError
+from nlens_video.shutter import Shutter
 
 DEFOCUS = "defocus"
 SHADOW = "shadow"
-EFFECTS = (DEFOCUS, SHADOW)
+MOTION_BLUR = "motion-blur"
+EFFECTS = (DEFOCUS, SHADOW, MOTION_BLUR, *PLATE_EFFECTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """Whether an effect is simulated, and the reason in words."""
+    """Whether an effect is simulated, and the reason in words.
+
+    Attributes:
+        effect: its name.
+        wanted: whether it is simulated.
+        reason: why.
+        measured: how strong it is, None where that is told on each frame [`unit`].
+        threshold: from where on it is called for [`unit`].
+        unit: of both.
+        cost_ms: what a frame is expected to cost, None where nobody knows yet [ms].
+    """
 
     effect: str
     wanted: bool
     reason: str
+    measured: float | None = None
+    threshold: float | None = None
+    unit: str = ""
+    cost_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,12 +47,39 @@ class Circumstances:
         surroundings: whether an environment map tells the light from around.
         pre_rendered: whether the object comes as layers that something else has rendered.
         strength: of the shadow, 0 to 1 [1].
+        moves: whether object or camera are animated.
+        shutter: of the plate.
+        measured: what the plate's first pictures say, by effect.
     """
 
     lamps: int = 0
     surroundings: bool = False
     pre_rendered: bool = False
     strength: float = 1.0
+    moves: bool = False
+    shutter: Shutter = Shutter()
+    measured: Mapping[str, Measurement] = field(default_factory=dict)
+
+
+def requested_effects(requested: str) -> tuple[str, ...]:
+    """The effects that `--effects` leaves open or asks for.
+
+    Args:
+        requested: `auto`, `none`, or effect names separated by commas.
+
+    Raises:
+        UsageError: a name that is no effect of this version.
+    """
+    if requested == "auto":
+        return EFFECTS
+    names = [] if requested == "none" else [name.strip() for name in requested.split(",")]
+    for name in names:
+        if name not in EFFECTS:
+            raise UsageError(
+                f"--effects: {name!r} is not an effect of this version; there are: auto, none, "
+                f"{', '.join(EFFECTS)}"
+            )
+    return tuple(dict.fromkeys(names))
 
 
 def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision, ...]:
@@ -47,17 +92,13 @@ def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision
     Raises:
         UsageError: a name that is no effect of this version.
     """
+    names = requested_effects(requested)
     if requested == "auto":
+        scene = scene or Circumstances()
         reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
         defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
-        return (defocus, _shadow(scene or Circumstances()))
-    names = [] if requested == "none" else [name.strip() for name in requested.split(",")]
-    for name in names:
-        if name not in EFFECTS:
-            raise UsageError(
-                f"--effects: {name!r} is not an effect of this version; there are: auto, none, "
-                f"{', '.join(EFFECTS)}"
-            )
+        on_plate = (_measured(effect, scene.measured.get(effect)) for effect in PLATE_EFFECTS)
+        return (defocus, _shadow(scene), _motion_blur(scene), *on_plate)
     return tuple(
         Decision(
             effect=effect,
@@ -95,6 +136,45 @@ def within(
         reason = f"the pipeline {pipeline} leaves it out"
         kept.append(Decision(effect=decision.effect, wanted=False, reason=reason))
     return tuple(kept)
+
+
+def _measured(effect: str, found: Measurement | None) -> Decision:
+    """An effect of the plate's own camera."""
+    if found is None:
+        return Decision(effect=effect, wanted=False, reason="the plate was not looked at")
+    bound = "reaches" if found.value >= found.threshold else "stays below"
+    reason = found.evidence
+    if found.model is not None:
+        reason += f": {found.value:.3g} {found.unit} {bound} {found.threshold:.3g}"
+    return Decision(
+        effect=effect,
+        wanted=found.called_for,
+        reason=reason,
+        measured=found.value,
+        threshold=found.threshold,
+        unit=found.unit,
+        cost_ms=found.cost_ms if found.called_for else None,
+    )
+
+
+def _motion_blur(scene: Circumstances) -> Decision:
+    shutter = scene.shutter
+    wanted = False
+    if scene.pre_rendered:
+        reason = "pre-rendered layers bring their motion blur with them"
+    elif not scene.moves:
+        reason = "neither object nor camera moves"
+    elif not shutter.frame_s:
+        reason = "a still has no frame time"
+    elif not shutter.open_s:
+        reason = "--shutter 0"
+    else:
+        wanted = True
+        reason = (
+            "decided on each frame: called for where the object moves by 1 px while the shutter "
+            f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source})"
+        )
+    return Decision(effect=MOTION_BLUR, wanted=wanted, reason=reason)
 
 
 def _shadow(scene: Circumstances) -> Decision:

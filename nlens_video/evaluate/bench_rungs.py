@@ -89,6 +89,7 @@ def opened(rung: Rung, case: Case, profiler: Profiler) -> Iterator[FrameSteps]:
         Lens(preset=rung.preset, effects="defocus", fit=case.fit),
         View(width=width, height=height),
         profiler,
+        lambda: (),
     )
     steps = assembly.steps
     if rung.rival is not None:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.effects.planner import Circumstances, Decision, decide, within
+from nlens_video.effects.planner import Decision
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
+from nlens_video.graph.call_for import Shot, call_for
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
@@ -20,9 +21,9 @@ from nlens_video.graph.tools import LitGround, ShotRecord, Tools
 from nlens_video.lens import LensFit
 from nlens_video.placing import ASSUMED_FOCAL_MM
 from nlens_video.scene.gltf import Scene
-from nlens_video.scene.irradiance import reaches
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.settings import Device, Fallback, ObjectSettings
+from nlens_video.shutter import ASSUMED_ANGLE_DEG, Shutter
 from nlens_video.stages.protocols import ReblurNetwork
 
 
@@ -37,6 +38,8 @@ class Lens:
         fallback: what stands in for a fit that fails.
         device: where networks and kernels run.
         aperture: shape of its aperture.
+        shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
+        frame_s: from one frame to the next, 0 for a still [s].
     """
 
     preset: str = "standard"
@@ -45,6 +48,15 @@ class Lens:
     fallback: Fallback = "none"
     device: Device = "auto"
     aperture: Aperture = ROUND
+    shutter_deg: float | None = None
+    frame_s: float = 0.0
+
+    @property
+    def shutter(self) -> Shutter:
+        """The plate's shutter."""
+        if self.shutter_deg is None:
+            return Shutter(angle_deg=ASSUMED_ANGLE_DEG, frame_s=self.frame_s, source="assumed")
+        return Shutter(angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +82,13 @@ class Assembly:
     notes: Callable[[], tuple[str, ...]]
 
 
-def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler) -> Assembly:
+def assemble(
+    objects: ObjectSettings,
+    lens: Lens,
+    view: View,
+    profiler: Profiler,
+    plate: Callable[[], Sequence[Picture]],
+) -> Assembly:
     """Load the scene, choose the backends and build the graph.
 
     Args:
@@ -78,6 +96,7 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         lens: how the lens is found and simulated.
         view: the frame that sees it.
         profiler: times the nodes.
+        plate: reads the shot's first pictures, on which effects of its camera are looked for.
 
     Raises:
         UsageError: preset, effects, device or pipeline make no sense.
@@ -91,9 +110,18 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
     scene = Scene.load(objects.glb, objects.playback)
     view, placed_note = _stand(objects, scene, view)
     ground = _lit_ground(objects, scene)
-    called_for = decide(lens.effects, _circumstances(ground, objects.ground_y))
-    there = frozenset(node.effect for node in pipeline.nodes if node.effect)
-    decisions = within(called_for, there, pipeline.name, lens.effects)
+    called_for = call_for(
+        lens.effects,
+        pipeline,
+        Shot(
+            scene=scene,
+            ground=ground,
+            ground_y=objects.ground_y,
+            shutter=lens.shutter,
+            pictures=plate,
+        ),
+        profiler,
+    )
     source, render_context, notes = _object_source(objects, scene, view, ground.light)
     record = ShotRecord()
     tools = Tools(
@@ -107,14 +135,16 @@ def assemble(objects: ObjectSettings, lens: Lens, view: View, profiler: Profiler
         views=source.renderer if isinstance(source, RenderedObject) else None,
         repair=_repair(view.pixel_aspect),
         ground=ground,
+        shutter=lens.shutter,
+        measured=called_for.measured,
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
-    graph = build(pipeline, decisions, tools, fit_given=fit is not None)
+    graph = build(pipeline, called_for.decisions, tools, fit_given=fit is not None)
     return Assembly(
         scene=scene,
         graph=graph,
         steps=FrameSteps(graph, profiler, fit),
-        decisions=decisions,
+        decisions=called_for.decisions,
         record=record,
         render_context=render_context,
         notes=lambda: (
@@ -157,19 +187,6 @@ def _lit_ground(objects: ObjectSettings, scene: Scene) -> LitGround:
         light=SceneLight(scene.light_count, environment),
         pre_rendered=objects.layers is not None,
         strength=objects.light.shadow_strength,
-    )
-
-
-def _circumstances(ground: LitGround, ground_y: float | None) -> Circumstances:
-    """What the scene, as it is at first, calls for."""
-    posed = ground.pose(0.0)
-    height = float(posed.bounds()[0, 1]) if ground_y is None else ground_y
-    light = ground.light.on_ground(posed.lights)
-    return Circumstances(
-        lamps=sum(reaches(lamp, height) for lamp in light.lamps),
-        surroundings=ground.light.known and light.ambient is not None,
-        pre_rendered=ground.pre_rendered,
-        strength=ground.strength,
     )
 
 

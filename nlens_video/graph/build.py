@@ -80,7 +80,7 @@ def build(
                 Node(
                     name=spec.name, stage=spec.stage, inputs=spec.inputs, optional=spec.optional,
                     output=spec.output, cadence=spec.cadence, lane=spec.lane, effect=spec.effect,
-                    when=spec.when, backend=made.backend, run=made.run,
+                    when=spec.when, without=spec.without, backend=made.backend, run=made.run,
                 )
             )  # fmt: skip
     return Graph(

@@ -29,6 +29,8 @@ PORTS: dict[str, str] = {
     "defocused": "DefocusedLayer",
     "blurred": "BlurredLayer",
     "shadow": "Shadow",
+    "motion": "Motion",
+    "exposed": "BlurredLayer",
 }
 STEP_PX = 2.0  # between neighbours: less than that, parts of the object do not hide others visibly
 GIVEN = ("frame", "picture", "frame_box", "following")
@@ -76,6 +78,7 @@ class Node:
         lane: the thread it runs on.
         effect: the effect it belongs to, or none.
         when: name of the condition that a frame must meet, or none.
+        without: port that a frame must not hold, or none.
         backend: what runs it and why, in words.
         run: the stage, called with the inputs and then the optional ports, in order.
     """
@@ -89,12 +92,15 @@ class Node:
     lane: LaneName
     effect: str | None
     when: str | None
+    without: str | None
     backend: str
     run: Callable[..., object]
 
     def called_for(self, values: Mapping[str, object]) -> bool:
         """Whether this frame needs the node."""
         if any(values.get(port) is None for port in self.inputs):
+            return False
+        if self.without is not None and values.get(self.without) is not None:
             return False
         return self.when is None or CONDITIONS[self.when][0](values)
 

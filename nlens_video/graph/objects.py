@@ -104,6 +104,10 @@ class ObjectSource(Protocol):
         """Where the object is on a frame; None when it is out of view."""
         ...
 
+    def places(self, time_s: float) -> Float64 | None:
+        """Its vertices on the frame (V, 2) [px]; None where one lies behind the camera."""
+        ...
+
     def footprint(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         ...
@@ -134,6 +138,12 @@ class RenderedObject:
     def description(self) -> str:
         """What makes the layers, in words."""
         return "pyrender, headless OpenGL, the object's box only"
+
+    def places(self, time_s: float) -> Float64 | None:
+        """Its vertices on the frame (V, 2) [px]; None where one lies behind the camera."""
+        camera = _camera(self.scene, self.view, time_s)
+        seen = camera.to_camera(self.scene.pose(time_s).vertices().astype(np.float64))
+        return camera.pixels(seen) if (seen[:, 2] < 0.0).all() else None
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
@@ -174,6 +184,10 @@ class LayeredObject:
     def description(self) -> str:
         """What makes the layers, in words."""
         return "pre-rendered OpenEXR layers"
+
+    def places(self, time_s: float) -> Float64 | None:
+        """Not known from a picture."""
+        return None
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Read the frame's layer, cut to what it covers."""

@@ -20,6 +20,7 @@ _KEYS = {
     "lane",
     "effect",
     "when",
+    "without",
     "unless",
     "options",
 }
@@ -42,6 +43,7 @@ class NodeSpec:
     lane: LaneName
     effect: str | None = None
     when: str | None = None
+    without: str | None = None
     unless: str | None = None
     options: dict[str, object] = field(default_factory=dict)
 
@@ -112,6 +114,7 @@ def _node(entry: object, path: Path) -> NodeSpec:
         lane=entry["lane"],
         effect=entry.get("effect"),
         when=entry.get("when"),
+        without=entry.get("without"),
         unless=entry.get("unless"),
         options=options,
     )
@@ -134,6 +137,7 @@ def _checked(entry: dict[str, object], where: str) -> tuple[list[str], dict[str,
         ("cadence", CADENCES),
         ("lane", LANES),
         ("when", (None, *CONDITIONS)),
+        ("without", (None, *PORTS)),
         ("effect", (None, *EFFECTS)),
     ):
         if entry.get(key) not in allowed:
@@ -145,7 +149,7 @@ def _checked(entry: dict[str, object], where: str) -> tuple[list[str], dict[str,
 
 
 def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
-    """Each port is written before it is read, and lanes only go forward."""
+    """Each port is written before it is read, unless it may be missing; lanes only go forward."""
     written = set(GIVEN)
     names: set[str] = set()
     lane = 0
@@ -157,7 +161,7 @@ def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
                 f"{path}: node {node.name!r} stands in for {node.unless!r}, which is none above"
             )
         names.add(node.name)
-        for port in (*node.inputs, *node.optional):
+        for port in node.inputs:
             if port not in written:
                 raise UsageError(
                     f"{path}: node {node.name!r} reads {port!r}, which none above writes"

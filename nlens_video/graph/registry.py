@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
+from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.shadow_stages import make_darken, make_light, make_shadow
 from nlens_video.graph.tools import Made, Tools, Unavailable
@@ -235,6 +236,9 @@ STAGES: dict[str, Stage] = {
     "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
     "paper-reblur": Stage(_paper, ("picture", "defocused", "frame_box"), "blurred"),
     "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
+    "motion": Stage(make_motion, ("placement", "fit?"), "motion"),
+    "expose": Stage(make_expose, ("placement", "motion", "layer", "frame_box", "fit?"), "exposed"),
+    "smear": Stage(make_smear, ("motion", "frame_box", "blurred?", "exposed?"), "blurred"),
     "light": Stage(make_light, ("picture",), "illumination"),
     "shadow": Stage(make_shadow, ("placement", "fit?"), "shadow"),
     "darken": Stage(make_darken, ("picture", "shadow", "frame_box"), "picture"),

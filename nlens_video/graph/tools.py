@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from nlens_video.aperture import ROUND, Aperture
+from nlens_video.effects.measurement import Measurement
 from nlens_video.frames import CocMap, Picture
 from nlens_video.graph.objects import ObjectSource
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.shutter import Shutter
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.protocols import ReblurNetwork, ViewRenderer
 from nlens_video.stages.r_regression import Regression
@@ -64,6 +66,8 @@ class Tools:
         views: draws the object from points of the lens, None where only one view of it is there.
         repair: the network that repairs the scatter, None where there is none.
         ground: what stands on the ground, and its light, None where there is no shadow to cast.
+        shutter: of the plate.
+        measured: what the plate's first pictures say, by effect.
     """
 
     objects: ObjectSource
@@ -76,6 +80,8 @@ class Tools:
     views: ViewRenderer | None = None
     repair: ReblurNetwork | None = None
     ground: LitGround | None = None
+    shutter: Shutter = Shutter()
+    measured: Mapping[str, Measurement] = field(default_factory=dict)
 
 
 class Unavailable(Exception):

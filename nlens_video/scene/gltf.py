@@ -92,6 +92,11 @@ class Scene:
         return self._animation.duration_s
 
     @property
+    def moves(self) -> bool:
+        """Whether anything in it, the camera included, changes with time."""
+        return max(self._animation.duration_s, self._camera_motion.duration_s) > 0.0
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What the file has that is not drawn or does not fit, one line each."""
         return tuple(self._warnings)

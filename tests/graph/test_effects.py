@@ -9,7 +9,8 @@ SUNLIT = Circumstances(lamps=1)
 
 
 def test_pipeline_without_a_shadow_leaves_it_out_and_says_so():
-    defocus, shadow = within(decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto")
+    decisions = within(decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto")
+    defocus, shadow = decisions[:2]
     assert defocus.wanted and not shadow.wanted
     assert "realtime" in shadow.reason
 

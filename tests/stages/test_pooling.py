@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlens_video.look_ahead import FRAMES, with_following
+from nlens_video.look_ahead import FRAMES, LookAhead
 from nlens_video.stages.f_pool import pooled
 
 HEIGHT, WIDTH = 120, 160
@@ -108,7 +108,7 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
             yield f"packet {index}"
 
     seen, ahead = [], {}
-    for item, following in with_following(items(), lambda: 2 not in ahead):
+    for item, following in LookAhead(items()).with_following(lambda: 2 not in ahead):
         if isinstance(item, str):
             seen.append(item)
             assert following == ()
@@ -123,7 +123,14 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
 
 
 def test_foresight_at_the_end_of_a_clip_shows_what_is_left():
-    lengths = [len(following) for _, following in with_following(
-        (frame(i) for i in range(3)), lambda: True
-    )]  # fmt: skip
+    frames = LookAhead(frame(i) for i in range(3))
+    lengths = [len(following) for _, following in frames.with_following(lambda: True)]
     assert lengths == [2, 1, 0]
+
+
+def test_peeking_takes_nothing_away():
+    frames = LookAhead(iter([frame(0), "packet", frame(1), frame(2)]))
+    assert len(frames.peek(2)) == 2
+    assert len(frames.peek(9)) == 3
+    items = [item for item, _ in frames.with_following(lambda: False)]
+    assert [item if item == "packet" else item.index for item in items] == [0, "packet", 1, 2]

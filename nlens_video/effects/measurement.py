@@ -1,0 +1,67 @@
+"""What a shot's first pictures say about the camera beside its focus.
+
+Each effect has a module that measures it and nothing else; a module is imported when its effect is
+asked about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import cast
+
+from nlens_video.frames import Picture
+
+PLATE_EFFECTS: Mapping[str, str] = {}
+"""Effect to the module whose `measure(pictures)` looks for it."""
+
+MOST_PICTURES = 8
+"""How many pictures of a shot are looked at, the first one included."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measurement:
+    """How strong an effect is on the plate.
+
+    Attributes:
+        effect: its name.
+        value: how strong, in `unit`.
+        threshold: from where on it would be missed.
+        unit: of both, in visible terms.
+        evidence: what was looked at and found, in words.
+        model: what the stage simulates with, None where the plate does not show enough.
+        cost_ms: what a frame of this size is expected to cost [ms].
+    """
+
+    effect: str
+    value: float
+    threshold: float
+    unit: str
+    evidence: str
+    model: object | None
+    cost_ms: float
+
+    @property
+    def called_for(self) -> bool:
+        """Whether a person would miss it."""
+        return self.model is not None and self.value >= self.threshold
+
+
+def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[str, Measurement]:
+    """Look for some effects on a shot's first pictures.
+
+    Args:
+        effects: names of `PLATE_EFFECTS`.
+        pictures: the first ones, in order; left as they are.
+
+    Returns:
+        A measurement of each, in the order of `PLATE_EFFECTS`; none where there is no picture.
+    """
+    found = {}
+    for effect in PLATE_EFFECTS:
+        if effect in effects and pictures:
+            module = import_module(PLATE_EFFECTS[effect])
+            measure = cast("Callable[[Sequence[Picture]], Measurement]", module.measure)
+            found[effect] = measure(pictures)
+    return found

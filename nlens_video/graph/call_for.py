@@ -1,0 +1,89 @@
+"""What a scene calls for: the effects that this run simulates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate
+from nlens_video.effects.planner import (
+    Circumstances,
+    Decision,
+    decide,
+    requested_effects,
+    within,
+)
+from nlens_video.frames import Picture
+from nlens_video.graph.pipeline_file import PipelineFile
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.tools import LitGround
+from nlens_video.scene.gltf import Scene
+from nlens_video.scene.irradiance import reaches
+from nlens_video.shutter import Shutter
+
+
+@dataclass(frozen=True, slots=True)
+class CalledFor:
+    """Effects, and what the plate showed of them."""
+
+    decisions: tuple[Decision, ...]
+    measured: Mapping[str, Measurement]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shot:
+    """What can be known of a shot before its first frame is composited.
+
+    Attributes:
+        scene: the object.
+        ground: what it stands on and what lights it.
+        ground_y: height of the ground, None for the object's lowest point [scene unit].
+        shutter: of the plate.
+        pictures: reads the plate's first ones; called only where an effect asks for them.
+    """
+
+    scene: Scene
+    ground: LitGround
+    ground_y: float | None
+    shutter: Shutter
+    pictures: Callable[[], Sequence[Picture]]
+
+
+def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profiler) -> CalledFor:
+    """Decide on every effect.
+
+    Args:
+        requested: `auto`, `none`, or effect names separated by commas.
+        pipeline: what can be simulated.
+        shot: what is looked at.
+        profiler: times the look at the plate.
+
+    Raises:
+        UsageError: an effect that does not exist, or that the pipeline has no node for.
+    """
+    there = frozenset(node.effect for node in pipeline.nodes if node.effect)
+    looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
+    measured: Mapping[str, Measurement] = {}
+    if looked_for:
+        pictures = shot.pictures()
+        with profiler.timed(0, "measure"):
+            measured = measure_plate(looked_for, pictures)
+    wanted = decide(requested, _circumstances(shot, measured))
+    return CalledFor(within(wanted, there, pipeline.name, requested), measured)
+
+
+def _circumstances(shot: Shot, measured: Mapping[str, Measurement]) -> Circumstances:
+    """What the scene, as it is at first, calls for."""
+    ground = shot.ground
+    posed = ground.pose(0.0)
+    height = float(posed.bounds()[0, 1]) if shot.ground_y is None else shot.ground_y
+    light = ground.light.on_ground(posed.lights)
+    return Circumstances(
+        lamps=sum(reaches(lamp, height) for lamp in light.lamps),
+        surroundings=ground.light.known and light.ambient is not None,
+        pre_rendered=ground.pre_rendered,
+        strength=ground.strength,
+        moves=shot.scene.moves,
+        shutter=shot.shutter,
+        measured=measured,
+    )

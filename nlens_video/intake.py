@@ -1,0 +1,146 @@
+"""From settings to frames that the graph can take: source, foresight and assembly joined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from nlens_video.effects.measurement import MOST_PICTURES
+from nlens_video.frames import Picture
+from nlens_video.graph.assemble import Assembly, Lens, assemble
+from nlens_video.graph.lanes import apart, still_reading
+from nlens_video.graph.objects import View
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.stream import FrameState
+from nlens_video.lens import LensFit
+from nlens_video.look_ahead import LookAhead
+from nlens_video.observers import Observer
+from nlens_video.placing import focal_35mm
+from nlens_video.settings import Settings
+from nlens_video.trim import Trim
+from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.source import Source, open_source
+
+if TYPE_CHECKING:
+    import av
+
+    Packet = av.Packet[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """A source that is open, and the graph that will take its frames."""
+
+    source: Source
+    frames: LookAhead[SourceFrame | Packet]
+    assembly: Assembly
+
+    @property
+    def info(self) -> SourceInfo:
+        """What is known about the source."""
+        return self.source.info
+
+    def items(self, watching: Sequence[Observer]) -> Iterator[FrameState | Packet]:
+        """Frames as the graph takes them, and packets, in the source's order."""
+        steps = self.assembly.steps
+        foresight = _may_wait(self.info) and steps.graph.has("estimate-coc")
+        for item, following in self.frames.with_following(lambda: foresight and steps.fit is None):
+            if not isinstance(item, SourceFrame):
+                yield item
+                continue
+            state = steps.enter(item, following)
+            for observer in watching:
+                observer.entering(state)
+            yield state
+
+
+@contextmanager
+def taken_in(settings: Settings, profiler: Profiler) -> Iterator[Intake]:
+    """Open the source and build the graph for it; the source closes at the end.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    with _opened(settings) as source:
+        frames = LookAhead(_decoded(Trim(source, settings.source.frames), profiler))
+        yield Intake(source, frames, _assembled(settings, source.info, profiler, frames))
+
+
+@contextmanager
+def _opened(settings: Settings) -> Iterator[Source]:
+    """The source; left open where its reader still blocks in a read."""
+    given = settings.source
+    size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
+    source = apart(
+        lambda: open_source(
+            given.spec,
+            input_format=given.input_format,
+            input_size=size,
+            input_rate=given.input_rate,
+        )
+    )
+    try:
+        yield source
+    finally:
+        if not still_reading():
+            source.__exit__(None, None, None)
+
+
+def _assembled(
+    settings: Settings,
+    info: SourceInfo,
+    profiler: Profiler,
+    frames: LookAhead[SourceFrame | Packet],
+) -> Assembly:
+    lens = Lens(
+        preset=settings.preset,
+        effects=settings.effects,
+        fit=LensFit.load(settings.fit) if settings.fit is not None else None,
+        fallback=settings.fallback,
+        device=settings.device,
+        aperture=settings.aperture,
+        shutter_deg=settings.shutter_deg,
+        frame_s=_frame_s(info),
+    )
+    view = View(
+        width=info.width,
+        height=info.height,
+        pixel_aspect=info.pixel_aspect,
+        camera=settings.scene.camera,
+        focal_35mm=focal_35mm(info.metadata),
+    )
+
+    def pictures() -> tuple[Picture, ...]:
+        return apart(lambda: frames.peek(MOST_PICTURES if _may_wait(info) else 1))
+
+    return assemble(settings.scene, lens, view, profiler, pictures)
+
+
+def _may_wait(info: SourceInfo) -> bool:
+    """Whether later frames may be waited for: a stream is somebody's live picture."""
+    return info.kind in ("video", "sequence")
+
+
+def _frame_s(info: SourceInfo) -> float:
+    """From one frame to the next, 0 for a still [s]."""
+    if info.kind == "still" or not info.average_rate:
+        return 0.0
+    return float(1 / info.average_rate)
+
+
+def _decoded(trim: Trim, profiler: Profiler) -> Iterator[SourceFrame | Packet]:
+    """The source's items; the time that each frame took goes to the profiler."""
+    items = trim.items()
+    spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
+    while True:
+        with profiler.clock() as clock:
+            item = next(items, None)
+        spent_ms += clock.elapsed_ms
+        if item is None:
+            return
+        if isinstance(item, SourceFrame):
+            profiler.add(item.index, "decode", spent_ms)
+            spent_ms = 0.0
+        yield item

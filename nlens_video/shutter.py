@@ -1,0 +1,35 @@
+"""How long the plate's shutter is open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+ASSUMED_ANGLE_DEG = 180.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shutter:
+    """A shutter that opens once a frame, centred on the frame's moment.
+
+    Attributes:
+        angle_deg: share of the frame's time that it is open, 360 for all of it [deg].
+        frame_s: from one frame to the next, 0 where there is only one [s].
+        source: where the angle is from, in words.
+    """
+
+    angle_deg: float = ASSUMED_ANGLE_DEG
+    frame_s: float = 0.0
+    source: str = "assumed"
+
+    @property
+    def open_s(self) -> float:
+        """How long it is open [s]."""
+        return self.angle_deg / 360.0 * self.frame_s
+
+    def edges(self, time_s: float, count: int) -> tuple[float, ...]:
+        """Borders of `count` equal parts of the time that it is open round a frame's moment [s]."""
+        return tuple(time_s + self.open_s * (i / count - 0.5) for i in range(count + 1))
+
+    def middles(self, time_s: float, count: int) -> tuple[float, ...]:
+        """Middles of those parts [s]."""
+        return tuple(time_s + self.open_s * ((i + 0.5) / count - 0.5) for i in range(count))
