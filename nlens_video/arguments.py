@@ -19,6 +19,7 @@ from nlens_video.object_arguments import (
     playback,
     positive,
 )
+from nlens_video.real_arguments import add_real
 from nlens_video.settings import (
     ObjectSettings,
     OutputSettings,
@@ -108,7 +109,13 @@ def place_settings(words: argparse.Namespace) -> PlaceSettings:
     """Settings of `place`."""
     return PlaceSettings(
         source=_source(words),
-        scene=ObjectSettings(glb=words.glb, ground_y=words.ground_y, playback=playback(words)),
+        scene=ObjectSettings(
+            glb=words.glb,
+            ground_y=words.ground_y,
+            playback=playback(words),
+            scene=words.scene,
+            fov_deg=words.fov,
+        ),
         start=placing(words, at=(0.5, 0.8), size=0.35, horizon=0.4),
         output=words.output,
     )
@@ -158,12 +165,14 @@ def _add_common(parser: _Parser) -> None:
     parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the animated object (glTF 2.0)")
     look = parser.add_argument_group("the object")
     look.add_argument("--camera", metavar="NAME", help="the GLB's camera (default: its first)")
+    look.add_argument("--scene", metavar="NAME", help="the GLB's scene (default: as it says)")
     look.add_argument("--layers", metavar="P.exr", help="pre-rendered RGBA + Z layers, or %%04d")
     look.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
     look.add_argument("--footprint", metavar="NODE", help="fit under this object (default: all)")
     add_playback(parser)
     add_placing(parser)
     add_light(parser)
+    add_real(parser)
     lens = parser.add_argument_group("the lens")
     lens.add_argument("--preset", default="standard", metavar="NAME", help="pipeline, or own .toml")
     lens.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
@@ -226,6 +235,7 @@ def _place_parser() -> _Parser:
     parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the object (glTF 2.0)")
     parser.add_argument("output", metavar="OUT.png", type=Path, help="the contact sheet")
     parser.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
+    parser.add_argument("--scene", metavar="NAME", help="the GLB's scene (default: as it says)")
     add_playback(parser)
     add_placing(parser)
     _add_source(parser)

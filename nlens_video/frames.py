@@ -199,3 +199,30 @@ class BlurredLayer:
     def __post_init__(self) -> None:
         if self.rgba.shape != (self.box.height, self.box.width, 4):
             raise ValueError(f"{self.rgba.shape = } does not fit {self.box}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matte:
+    """What really stands in front, as a matte has it.
+
+    Attributes:
+        coverage: share of each pixel (H, W) that it covers, 0 to 1 [1].
+    """
+
+    coverage: Float32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthMap:
+    """Where the real things of the plate are, as the sharp picture would show them.
+
+    Attributes:
+        depth: camera-space depth along the optical axis (H, W), > 0, +inf where none is known
+            [scene unit].
+    """
+
+    depth: Float32
+
+
+Front = Matte | DepthMap | CocMap
+"""What tells where real things hide the object."""

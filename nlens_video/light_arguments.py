@@ -17,7 +17,7 @@ def add_light(parser: argparse.ArgumentParser) -> None:
     lit.add_argument("--env-rotation", metavar="D", type=_finite, help="about up, degrees")
     lit.add_argument("--env-exposure", metavar="EV", type=_finite, help="of the map, in stops")
     lit.add_argument(
-        "--shadow-strength", metavar="S", type=_share, default=1.0, help="0 none to 1 full"
+        "--shadow-strength", metavar="S", type=share, default=1.0, help="0 none to 1 full"
     )
 
 
@@ -48,7 +48,8 @@ def _finite(text: str) -> float:
     return value
 
 
-def _share(text: str) -> float:
+def share(text: str) -> float:
+    """A number from 0 to 1, from a word."""
     try:
         value = float(text)
     except ValueError:

@@ -8,6 +8,7 @@ from nlens_video.errors import UsageError
 from nlens_video.light_arguments import light
 from nlens_video.placing import LEVEL, Placing
 from nlens_video.playback import ALL, Playback
+from nlens_video.real_arguments import real
 from nlens_video.settings import ObjectSettings
 
 
@@ -30,6 +31,7 @@ def add_placing(parser: argparse.ArgumentParser) -> None:
     placed.add_argument("--at", metavar="X,Y", type=_point, help="where it touches the ground")
     placed.add_argument("--size", metavar="S", type=float, help="its height")
     placed.add_argument("--yaw", metavar="D", type=float, help="turn in degrees (default 0)")
+    placed.add_argument("--fov", metavar="DEG", type=_angle, help="field of view across the frame")
     placed.add_argument("--horizon", metavar="H", type=float, help="row of it (default 0.5: level)")
 
 
@@ -44,6 +46,9 @@ def object_settings(words: argparse.Namespace) -> ObjectSettings:
         placing=_own_place(words),
         footprint=words.footprint,
         light=light(words),
+        real=real(words),
+        scene=words.scene,
+        fov_deg=words.fov,
     )
 
 
@@ -72,12 +77,24 @@ def placing(
 def _own_place(words: argparse.Namespace) -> Placing | None:
     given = (words.at, words.size, words.yaw, words.horizon)
     if given == (None,) * 4:
+        if words.fov is not None:
+            raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
         return None
     if words.at is None or words.size is None:
         raise UsageError("to place the object give both --at X,Y and --size S; see --help")
     if words.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
     return placing(words, words.at, words.size, LEVEL)
+
+
+def _angle(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 1.0 <= value <= 170.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not an angle from 1 to 170 degrees")
+    return value
 
 
 def _point(text: str) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from nlens_video.errors import OutputError, SceneError, UsageError
 from nlens_video.frames import Box, Float32, Float64
-from nlens_video.placing import ASSUMED_FOCAL_MM, Placing, focal_35mm
+from nlens_video.placing import ASSUMED_FOCAL_MM, Placing, focal_35mm, focal_of_fov
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
@@ -60,8 +60,10 @@ def write_contact_sheet(settings: PlaceSettings) -> None:
     if settings.output.suffix.lower() != ".png":
         raise UsageError(f"{settings.output}: the contact sheet is a PNG; name it OUT.png")
     check_folder(settings.output)
-    scene = Scene.load(settings.scene.glb, settings.scene.playback)
+    scene = Scene.load(settings.scene.glb, settings.scene.playback, settings.scene.scene)
     plate, focal = _first_frame(settings.source)
+    if settings.scene.fov_deg is not None:
+        focal = focal_of_fov(settings.scene.fov_deg, (plate.shape[1], plate.shape[0]))
     sheet = _drawn(scene, plate, focal or ASSUMED_FOCAL_MM, settings)
     with replacing(settings.output) as partial:
         if not cv2.imwrite(str(partial), sheet):

@@ -53,6 +53,19 @@ class Placing:
         )
 
 
+def focal_of_fov(fov_deg: float, size: tuple[int, int], pixel_aspect: float = 1.0) -> float:
+    """35 mm equivalent focal length, by the frame's diagonal, of a field of view [mm].
+
+    Args:
+        fov_deg: across the frame's width, above 0 and below 180 [deg].
+        size: columns and rows of the frame [px].
+        pixel_aspect: width of a pixel by its height [1].
+    """
+    width = size[0] * pixel_aspect
+    distance = 0.5 * width / math.tan(0.5 * math.radians(fov_deg))  # in rows
+    return distance * FULL_FRAME_DIAGONAL_MM / math.hypot(width, size[1])
+
+
 def focal_35mm(metadata: Mapping[str, str]) -> float | None:
     """35 mm equivalent focal length that a recording's metadata tell [mm], None if they do not."""
     for key, value in metadata.items():

@@ -12,6 +12,9 @@ from nlens_video.playback import ONCE, Playback
 
 Device = Literal["auto", "cpu", "cuda"]
 Fallback = Literal["none", "constant"]
+Occlusion = Literal["none", "auto"]
+REFLECTANCE = 0.04
+"""Of glass, water, polished stone and lacquer (a refractive index of 1.5), from straight above."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +54,22 @@ class LightSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RealSettings:
+    """What the plate's own things do to the object.
+
+    Attributes:
+        holdout: matte or depth of what stands in front of the object, None for none.
+        occlusion: `auto` finds that by the plate's blur; `none` does not.
+        reflectance: share of the light that the ground mirrors seen from straight above, 0 to 1;
+            None where nothing is said of it: then 0, or `REFLECTANCE` where `--effects` asks [1].
+    """
+
+    holdout: str | None = None
+    occlusion: Occlusion = "none"
+    reflectance: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectSettings:
     """The object and how the frame sees it.
 
@@ -63,6 +82,9 @@ class ObjectSettings:
         placing: where it stands in the frame, None where its own camera tells.
         footprint: name of the node whose footprint finds the lens, None for all that is drawn.
         light: what lights it, and its shadow.
+        real: what the plate's own things do to it.
+        scene: name or number of the file's scene, None for its default one.
+        fov_deg: field of view across the frame's width of a placed object, None to find it [deg].
     """
 
     glb: Path
@@ -73,6 +95,9 @@ class ObjectSettings:
     placing: Placing | None = None
     footprint: str | None = None
     light: LightSettings = LightSettings()
+    real: RealSettings = RealSettings()
+    scene: str | None = None
+    fov_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

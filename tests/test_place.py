@@ -82,6 +82,18 @@ def test_the_plates_own_focal_length_is_used_where_it_tells(files, tmp_path):
     assert "focal length 52 mm (35 mm equivalent, as the plate says)" in run.out, run.err
 
 
+def test_a_field_of_view_replaces_the_guess(files, tmp_path):
+    words = (*WORDS, "--fov", "60")
+    run = nlens(files / "plate.png", files / "cube.glb", tmp_path / "o.png", *words, "--plan")
+    # half of 480 px by tan 30 degrees, in frame diagonals of 550.73 px, times 43.267 mm
+    assert "focal length 32.66 mm (35 mm equivalent, by --fov 60)" in run.out, run.err
+
+
+def test_a_scene_is_chosen_by_name(files, tmp_path):
+    run = nlens(files / "plate.png", files / "camera.glb", tmp_path / "o.png", "--scene", "dusk")
+    assert run.code == 4 and "no scene is named 'dusk'; expected one of 0" in run.err
+
+
 @pytest.mark.parametrize(
     ("glb", "words", "code", "line"),
     [
@@ -89,6 +101,8 @@ def test_the_plates_own_focal_length_is_used_where_it_tells(files, tmp_path):
         ("cube.glb", ["--at", "0.5,0.9"], 2, "give both --at X,Y and --size S"),
         ("cube.glb", ["--yaw", "20"], 2, "give both --at X,Y and --size S"),
         ("cube.glb", ["--at", "0.5", "--size", "1"], 2, "is not X,Y"),
+        ("camera.glb", ["--fov", "60"], 2, "--fov is of a placed object; give --at X,Y"),
+        ("cube.glb", [*WORDS, "--fov", "180"], 2, "not an angle from 1 to 170 degrees"),
         ("cube.glb", ["--at", "0.5,0.4", "--size", "1"], 2, "lies above the horizon"),
         ("camera.glb", [*WORDS, "--camera", "Plate"], 2, "leave one of them out"),
         ("camera.glb", [*WORDS, "--layers", "l.exr"], 2, "leave --at out"),

@@ -12,7 +12,9 @@ from nlens_video.shutter import Shutter
 DEFOCUS = "defocus"
 SHADOW = "shadow"
 MOTION_BLUR = "motion-blur"
-EFFECTS = (DEFOCUS, SHADOW, MOTION_BLUR, *PLATE_EFFECTS)
+REFLECTION = "reflection"
+OCCLUSION = "occlusion"
+EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, *PLATE_EFFECTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +52,9 @@ class Circumstances:
         moves: whether object or camera are animated.
         shutter: of the plate.
         measured: what the plate's first pictures say, by effect.
+        reflectance: of the ground seen from straight above, 0 to 1 [1].
+        holdout: what tells what really stands in front, in words; empty where nothing does.
+        occlusion_by_coc: whether the plate's own blur is to tell it.
     """
 
     lamps: int = 0
@@ -59,6 +64,9 @@ class Circumstances:
     moves: bool = False
     shutter: Shutter = Shutter()
     measured: Mapping[str, Measurement] = field(default_factory=dict)
+    reflectance: float = 0.0
+    holdout: str = ""
+    occlusion_by_coc: bool = False
 
 
 def requested_effects(requested: str) -> tuple[str, ...]:
@@ -98,7 +106,8 @@ def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision
         reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
         defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
         on_plate = (_measured(effect, scene.measured.get(effect)) for effect in PLATE_EFFECTS)
-        return (defocus, _shadow(scene), _motion_blur(scene), *on_plate)
+        on_ground = (_shadow(scene), _reflection(scene), _occlusion(scene))
+        return (defocus, *on_ground, _motion_blur(scene), *on_plate)
     return tuple(
         Decision(
             effect=effect,
@@ -200,3 +209,31 @@ def _shadow(scene: Circumstances) -> Decision:
             else "where it touches the ground, by the light around; no light casts another"
         )
     return Decision(effect=SHADOW, wanted=wanted, reason=reason)
+
+
+def _reflection(scene: Circumstances) -> Decision:
+    if scene.reflectance <= 0.0:
+        wanted, reason = False, "nothing says that the ground is glossy; --reflect makes it so"
+    elif scene.pre_rendered:
+        wanted, reason = False, "layers show the object from above only; the GLB is not drawn"
+    else:
+        wanted = True
+        reason = (
+            f"--reflect: the ground mirrors {scene.reflectance:g} of the light seen from straight "
+            "above, more towards grazing (Schlick)"
+        )
+    return Decision(effect=REFLECTION, wanted=wanted, reason=reason)
+
+
+def _occlusion(scene: Circumstances) -> Decision:
+    if scene.holdout:
+        wanted, reason = True, f"--holdout {scene.holdout}"
+    elif scene.occlusion_by_coc:
+        wanted, reason = (
+            True,
+            "--occlusion auto: where the plate's CoC is certainly of nearer things",
+        )
+    else:
+        wanted = False
+        reason = "nothing tells what stands in front; give --holdout PATH or --occlusion auto"
+    return Decision(effect=OCCLUSION, wanted=wanted, reason=reason)

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.effects.planner import Decision
+from nlens_video.effects.planner import OCCLUSION, Decision
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
 from nlens_video.graph.call_for import Shot, call_for
+from nlens_video.graph.front import closing, open_front
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameSteps
-from nlens_video.graph.tools import LitGround, ShotRecord, Tools
+from nlens_video.graph.tools import FrontSource, LitGround, ShotRecord, Tools
 from nlens_video.lens import LensFit
-from nlens_video.placing import ASSUMED_FOCAL_MM
+from nlens_video.placing import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.scene_light import SceneLight
-from nlens_video.settings import Device, Fallback, ObjectSettings
+from nlens_video.settings import REFLECTANCE, Device, Fallback, ObjectSettings
 from nlens_video.shutter import ASSUMED_ANGLE_DEG, Shutter
 from nlens_video.stages.protocols import ReblurNetwork
 
@@ -107,9 +108,13 @@ def assemble(
     if lens.device == "cuda":
         raise UsageError("--device cuda: this version runs on the CPU only; use auto or cpu")
     pipeline = load_pipeline(lens.preset)
-    scene = Scene.load(objects.glb, objects.playback)
+    scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, placed_note = _stand(objects, scene, view)
     ground = _lit_ground(objects, scene)
+    named = {name.strip() for name in lens.effects.split(",")}
+    estimator = cache(partial(_load_estimator, view.pixel_aspect))
+    size = (view.width, view.height)
+    front = open_front(objects.real, size, estimator, asked_for=OCCLUSION in named)
     called_for = call_for(
         lens.effects,
         pipeline,
@@ -119,6 +124,8 @@ def assemble(
             ground_y=objects.ground_y,
             shutter=lens.shutter,
             pictures=plate,
+            real=objects.real,
+            front="" if front is None else front.description,
         ),
         profiler,
     )
@@ -126,7 +133,7 @@ def assemble(
     record = ShotRecord()
     tools = Tools(
         objects=source,
-        estimate_coc=partial(_load_estimator, view.pixel_aspect),
+        estimate_coc=estimator,
         ground_y=objects.ground_y,
         fallback_constant=lens.fallback == "constant",
         pixel_aspect=view.pixel_aspect,
@@ -137,6 +144,8 @@ def assemble(
         ground=ground,
         shutter=lens.shutter,
         measured=called_for.measured,
+        front=front,
+        reflectance=_reflectance(objects),
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     graph = build(pipeline, called_for.decisions, tools, fit_given=fit is not None)
@@ -146,7 +155,7 @@ def assemble(
         steps=FrameSteps(graph, profiler, fit),
         decisions=called_for.decisions,
         record=record,
-        render_context=render_context,
+        render_context=lambda: _with(render_context, front),
         notes=lambda: (
             *placed_note,
             *scene.warnings,
@@ -155,6 +164,19 @@ def assemble(
             *([record.note] if record.note else []),
         ),
     )
+
+
+@contextmanager
+def _with(
+    render_context: Callable[[], AbstractContextManager[object]], front: FrontSource | None
+) -> Iterator[None]:
+    with closing(front), render_context():
+        yield
+
+
+def _reflectance(objects: ObjectSettings) -> float:
+    given = objects.real.reflectance
+    return REFLECTANCE if given is None else given
 
 
 def _stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tuple[str, ...]]:
@@ -166,9 +188,12 @@ def _stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tup
         raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
     focal = view.focal_35mm or ASSUMED_FOCAL_MM
     known = "as the plate says" if view.focal_35mm else "assumed"
+    if objects.fov_deg is not None:
+        focal = focal_of_fov(objects.fov_deg, (view.width, view.height), view.pixel_aspect)
+        known = f"by --fov {objects.fov_deg:g}"
     unused = "; the file's own camera is not used" if scene.camera_names else ""
     return place(view, scene, objects.placing, focal, objects.ground_y), (
-        f"placed by {objects.placing.words()}, focal length {focal:g} mm "
+        f"placed by {objects.placing.words()}, focal length {focal:.4g} mm "
         f"(35 mm equivalent, {known}){unused}",
     )
 

@@ -19,6 +19,7 @@ from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.tools import LitGround
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.irradiance import reaches
+from nlens_video.settings import RealSettings
 from nlens_video.shutter import Shutter
 
 
@@ -40,6 +41,8 @@ class Shot:
         ground_y: height of the ground, None for the object's lowest point [scene unit].
         shutter: of the plate.
         pictures: reads the plate's first ones; called only where an effect asks for them.
+        real: what the user says of the plate's own things.
+        front: what tells which of them stand in front, in words.
     """
 
     scene: Scene
@@ -47,6 +50,8 @@ class Shot:
     ground_y: float | None
     shutter: Shutter
     pictures: Callable[[], Sequence[Picture]]
+    real: RealSettings
+    front: str
 
 
 def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profiler) -> CalledFor:
@@ -86,4 +91,7 @@ def _circumstances(shot: Shot, measured: Mapping[str, Measurement]) -> Circumsta
         moves=shot.scene.moves,
         shutter=shot.shutter,
         measured=measured,
+        reflectance=shot.real.reflectance or 0.0,
+        holdout="" if shot.real.holdout is None else shot.front,
+        occlusion_by_coc=shot.real.occlusion == "auto",
     )

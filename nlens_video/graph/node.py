@@ -31,6 +31,9 @@ PORTS: dict[str, str] = {
     "shadow": "Shadow",
     "motion": "Motion",
     "exposed": "BlurredLayer",
+    "reflection": "DefocusedLayer",
+    "front": "Front",
+    "foreground": "Foreground",
 }
 STEP_PX = 2.0  # between neighbours: less than that, parts of the object do not hide others visibly
 GIVEN = ("frame", "picture", "frame_box", "following")

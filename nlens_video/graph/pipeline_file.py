@@ -149,8 +149,12 @@ def _checked(entry: dict[str, object], where: str) -> tuple[list[str], dict[str,
 
 
 def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
-    """Each port is written before it is read, unless it may be missing; lanes only go forward."""
+    """Each port is written before it is read, and lanes only go forward.
+
+    One that may be missing may be written nowhere at all.
+    """
     written = set(GIVEN)
+    ever_written = {node.output for node in nodes}
     names: set[str] = set()
     lane = 0
     for node in nodes:
@@ -161,7 +165,8 @@ def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
                 f"{path}: node {node.name!r} stands in for {node.unless!r}, which is none above"
             )
         names.add(node.name)
-        for port in node.inputs:
+        awaited = (port for port in node.optional if port in ever_written)
+        for port in (*node.inputs, *awaited):
             if port not in written:
                 raise UsageError(
                     f"{path}: node {node.name!r} reads {port!r}, which none above writes"

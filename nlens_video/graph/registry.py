@@ -11,6 +11,12 @@ from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
 from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
 from nlens_video.graph.objects import Placement
+from nlens_video.graph.real_stages import (
+    make_hold_out,
+    make_lay_reflection,
+    make_matte,
+    make_reflect,
+)  # fmt: skip
 from nlens_video.graph.shadow_stages import make_darken, make_light, make_shadow
 from nlens_video.graph.tools import Made, Tools, Unavailable
 from nlens_video.lens import LensFit
@@ -83,11 +89,9 @@ def _estimate_coc(tools: Tools) -> Made:
 
 def _project(tools: Tools) -> Made:
     def run(placement: Placement) -> GroundProjection:
-        ground_y = tools.ground_y
-        if ground_y is None:
-            ground_y = float(tools.objects.footprint(0.0)[:, :, 1].min())
         triangles = tools.objects.footprint(placement.time_s)
-        tools.record.ground = project_to_ground(triangles, placement.camera, ground_y)
+        height = tools.ground_height()
+        tools.record.ground = project_to_ground(triangles, placement.camera, height)
         return tools.record.ground
 
     return Made(run, "P: footprint cast down on the ground plane")
@@ -241,6 +245,19 @@ STAGES: dict[str, Stage] = {
     "smear": Stage(make_smear, ("motion", "frame_box", "blurred?", "exposed?"), "blurred"),
     "light": Stage(make_light, ("picture",), "illumination"),
     "shadow": Stage(make_shadow, ("placement", "fit?"), "shadow"),
-    "darken": Stage(make_darken, ("picture", "shadow", "frame_box"), "picture"),
-    "composite": Stage(_composite, ("picture", "blurred"), "picture"),
+    "matte": Stage(make_matte, ("frame", "picture", "placement", "plate_coc?"), "front"),
+    "reflect": Stage(make_reflect, ("placement", "fit?"), "reflection"),
+    "hold-out": Stage(
+        make_hold_out,
+        (
+            *("front", "picture", "placement", "frame_box"),
+            *("fit?", "layer?", "blurred?", "shadow?", "reflection?"),
+        ),
+        "foreground",
+    ),
+    "darken": Stage(make_darken, ("picture", "shadow", "frame_box", "foreground?"), "picture"),
+    "lay-reflection": Stage(
+        make_lay_reflection, ("picture", "reflection", "frame_box", "foreground?"), "picture"
+    ),
+    "composite": Stage(_composite, ("picture", "blurred", "foreground?"), "picture"),
 }

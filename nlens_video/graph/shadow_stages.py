@@ -11,6 +11,7 @@ from nlens_video.graph.objects import Placement
 from nlens_video.graph.tools import LitGround, Made, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.scene.illumination import Illumination
+from nlens_video.stages.occlusion import Foreground
 from nlens_video.stages.shadow import CastShadow, Darken, Shadow
 
 
@@ -35,16 +36,13 @@ def make_shadow(tools: Tools, *, lamp_points: int = 24, ambient_directions: int 
     cast = CastShadow(
         strength=ground.strength, lamp_points=lamp_points, ambient_directions=ambient_directions
     )
-    ground_y = tools.ground_y
 
     def run(placement: Placement, fit: LensFit | None) -> Shadow | None:
-        nonlocal ground_y
-        if ground_y is None:
-            ground_y = float(tools.objects.footprint(0.0)[:, :, 1].min())
         posed = ground.pose(placement.time_s)
         vertices, faces = posed.triangles()
         light = ground.light.on_ground(posed.lights)
-        return cast(vertices.astype(np.float64), faces, light, placement.camera, ground_y, fit)
+        height = tools.ground_height()
+        return cast(vertices.astype(np.float64), faces, light, placement.camera, height, fit)
 
     points = f"{lamp_points} points a lamp, {ambient_directions} directions around"
     return Made(run, f"triangles cast on the ground, {points}, numba")
@@ -60,8 +58,11 @@ def make_darken(tools: Tools) -> Made:
         pixel_aspect=tools.pixel_aspect,
     )
 
-    def run(picture: Picture, shadow: Shadow, frame_box: Box) -> Picture:
-        return stage(picture, shadow, frame_box)
+    def run(
+        picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None
+    ) -> Picture:
+        cover = None if foreground is None else foreground.before_ground
+        return stage(picture, shadow, frame_box, cover)
 
     return Made(run, "plate times what is left of its light, blurred as the ground")
 

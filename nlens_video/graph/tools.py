@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.measurement import Measurement
-from nlens_video.frames import CocMap, Picture
+from nlens_video.frames import CocMap, Front, Picture
 from nlens_video.graph.objects import ObjectSource
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
@@ -26,12 +27,14 @@ class ShotRecord:
         ground: footprint and plane, once projected.
         regression: the fit and its samples, once fitted.
         note: what a person should know about the fit, empty if nothing.
+        ground_y: height of the ground plane, once asked for [scene unit].
     """
 
     plate_coc: CocMap | None = None
     ground: GroundProjection | None = None
     regression: Regression | None = None
     note: str = ""
+    ground_y: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +54,25 @@ class LitGround:
     strength: float
 
 
+class FrontSource(Protocol):
+    """Tells what really stands before the object, frame by frame."""
+
+    @property
+    def description(self) -> str:
+        """What tells it, in words."""
+        ...
+
+    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
+        """What is known of a frame, its picture as it was decoded.
+
+        Args:
+            index: of the frame.
+            picture: the plate.
+            plate_coc: its CoC, where this very frame's is known already.
+        """
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tools:
     """What stages are made from.
@@ -68,6 +90,8 @@ class Tools:
         ground: what stands on the ground, and its light, None where there is no shadow to cast.
         shutter: of the plate.
         measured: what the plate's first pictures say, by effect.
+        front: tells what really stands before the object, None where nothing does.
+        reflectance: of the ground seen from straight above, 0 to 1 [1].
     """
 
     objects: ObjectSource
@@ -82,6 +106,16 @@ class Tools:
     ground: LitGround | None = None
     shutter: Shutter = Shutter()
     measured: Mapping[str, Measurement] = field(default_factory=dict)
+    front: FrontSource | None = None
+    reflectance: float = 0.0
+
+    def ground_height(self) -> float:
+        """Height of the ground plane: as given, else the object's lowest point at time 0."""
+        if self.record.ground_y is None:
+            given = self.ground_y
+            lowest = float(self.objects.footprint(0.0)[:, :, 1].min()) if given is None else given
+            self.record.ground_y = lowest
+        return self.record.ground_y
 
 
 class Unavailable(Exception):

@@ -47,26 +47,29 @@ class Scene:
     _warnings: list[str] = field(default_factory=list)
 
     @classmethod
-    def load(cls, path: Path, playback: Playback = ONCE) -> Scene:
+    def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
         """Read a `.glb` or `.gltf` file.
 
         Args:
             path: the file.
             playback: which of its animations play, and when.
+            scene: name of its scene, else its number from 0; None for the file's default.
 
         Raises:
             SceneError: not readable, damaged, without a triangle, without the animation, or in
                 need of an extension that is not supported.
         """
         try:
-            return cls._assemble(path, read_document(path), playback)
+            return cls._assemble(path, read_document(path), playback, scene)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from error
 
     @classmethod
-    def _assemble(cls, path: Path, document: Document, playback: Playback) -> Scene:
+    def _assemble(
+        cls, path: Path, document: Document, playback: Playback, scene: str | None
+    ) -> Scene:
         accessors = AccessorReader(document)
-        hierarchy = read_hierarchy(document)
+        hierarchy = read_hierarchy(document, scene)
         meshes = read_meshes(document, accessors, read_materials(document))
         instances = _instances(document, hierarchy, meshes, read_skins(document, accessors))
         morphs = {i.node: len(i.weights) for i in instances}

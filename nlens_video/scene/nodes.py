@@ -50,7 +50,7 @@ class Hierarchy:
         matrices: local matrices (N, 4, 4) of nodes that have one.
         has_matrix: which nodes have one (N,).
         levels: pairs (nodes, their parents) from the roots' children downwards.
-        visible: nodes of the default scene.
+        visible: nodes of the chosen scene.
         parents: parent of each node, -1 for a root.
     """
 
@@ -113,11 +113,15 @@ def normalized(quaternions: Float64) -> Float64:
     return np.where(length > 0.0, quaternions / np.where(length > 0.0, length, 1.0), identity)
 
 
-def read_hierarchy(document: Document) -> Hierarchy:
+def read_hierarchy(document: Document, scene: str | None = None) -> Hierarchy:
     """All nodes of the file.
 
+    Args:
+        document: the file.
+        scene: name of the scene that is visible, else its number from 0; None for its default.
+
     Raises:
-        SceneError: a node has two parents, lies in a cycle, or holds wrong numbers.
+        SceneError: a node has two parents, lies in a cycle, or holds wrong numbers; no such scene.
     """
     nodes = document.items("nodes")
     parents = _parents(nodes)
@@ -133,7 +137,7 @@ def read_hierarchy(document: Document) -> Hierarchy:
         matrices=matrices,
         has_matrix=np.array(["matrix" in node for node in nodes], dtype=bool),
         levels=levels,
-        visible=_visible(document, len(nodes), levels),
+        visible=_visible(document, len(nodes), levels, scene),
         parents=tuple(parents),
     )
 
@@ -173,14 +177,42 @@ def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
 
 
 def _visible(
-    document: Document, count: int, levels: tuple[tuple[Indices, Indices], ...]
+    document: Document,
+    count: int,
+    levels: tuple[tuple[Indices, Indices], ...],
+    scene: str | None,
 ) -> frozenset[int]:
     scenes = document.items("scenes")
     if not scenes:
+        if scene is not None:
+            raise SceneError(f"it has no scenes, so none is '{scene}'; leave --scene out")
         return frozenset(range(count))
     chosen = document.root.integer("scene", below=len(scenes), default=0)
+    names = [item.name for item in scenes]
+    if scene is not None:
+        chosen = _chosen(names, scene)
+    elif len(scenes) > 1:
+        others = ", ".join(_called(names, at) for at in range(len(names)) if at != chosen)
+        document.warn(
+            f"of {len(names)} scenes {_called(names, chosen)} is shown; "
+            f"--scene NAME shows another: {others}"
+        )
     visible = np.zeros(count, dtype=bool)
     visible[list(scenes[chosen].integers("nodes", count))] = True
     for nodes, parents in levels:
         visible[nodes] |= visible[parents]
     return frozenset(np.flatnonzero(visible).tolist())
+
+
+def _chosen(names: list[str], scene: str) -> int:
+    if scene in names:
+        return names.index(scene)
+    if scene.isdecimal() and int(scene) < len(names):
+        return int(scene)
+    known = ", ".join(_called(names, at) for at in range(len(names)))
+    raise SceneError(f"no scene is named '{scene}'; expected one of {known}")
+
+
+def _called(names: list[str], at: int) -> str:
+    """A scene as one can ask for it."""
+    return names[at] if names[at] and names.index(names[at]) == at else str(at)

@@ -30,6 +30,7 @@ from nlens_video.scene.irradiance import from_around, from_lamp, reaches
 from nlens_video.scene.mesh import Int32
 from nlens_video.scene.solid import Solid
 from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
+from nlens_video.stages.occlusion import Cover
 from nlens_video.stages.shadow_cast import Stage
 
 _RETURNED = 0.4  # of the light from around that a body hides, by its own bright surface
@@ -122,6 +123,21 @@ class CastShadow:
         return Shadow(box=box, loss=loss, coc_px=coc)
 
 
+def _behind(loss: Float32, plate: Float32, box: Box, cover: Cover) -> Float32:
+    """Loss and its mean (h, w, 4) on a box, where only what lies behind the cover loses light."""
+    common = box.intersection(cover.box)
+    if common.empty:
+        return loss
+    light = np.zeros_like(plate)
+    light[common.slices_in(box)] = cover.light[common.slices_in(cover.box)]
+    share = np.ones_like(plate)
+    np.divide(plate - light, plate, out=share, where=plate > 0.0)
+    hidden = cover.coverage[common.slices_in(cover.box)] >= 1.0
+    share[common.slices_in(box)][hidden] = 0.0
+    behind = loss[..., :3] * np.clip(share, 0.0, 1.0)
+    return np.concatenate([behind, behind.mean(axis=2, keepdims=True)], axis=2)
+
+
 def _bounds(hidden: list[Float64], ground: Bool) -> Box:
     """The pixels of the ground (h, w) on which any map is not 0; empty if there are none."""
     seen = np.zeros_like(ground)
@@ -169,19 +185,26 @@ class Darken:
     reach: Callable[[Float32, Float32, float], int]
     pixel_aspect: float = 1.0
 
-    def __call__(self, picture: Picture, shadow: Shadow, frame: Box) -> Picture:
+    def __call__(
+        self, picture: Picture, shadow: Shadow, frame: Box, cover: Cover | None = None
+    ) -> Picture:
         """Multiply the plate in place by what the shadow leaves; the picture itself comes back.
 
         Args:
             picture: the plate; changed where the blurred shadow reaches, and only there.
             shadow: the light that is gone.
             frame: the frame's own box.
+            cover: what really stands before the ground.
         """
         box, loss = self._blurred(shadow, frame)
         if not box.empty and loss.any():
             mean = loss[..., 3:]
             # Over has one alpha for all channels: what is coloured about the loss is added back.
-            rgb = (mean - loss[..., :3]) * picture.linear(box)
+            plate = picture.linear(box)
+            if cover is not None:
+                loss = _behind(loss, plate, box, cover)
+                mean = loss[..., 3:]
+            rgb = (mean - loss[..., :3]) * plate
             picture.over(box, np.concatenate([rgb, mean], axis=2))
         return picture
 

@@ -9,10 +9,10 @@ SUNLIT = Circumstances(lamps=1)
 
 
 def test_pipeline_without_a_shadow_leaves_it_out_and_says_so():
-    decisions = within(decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto")
-    defocus, shadow = decisions[:2]
-    assert defocus.wanted and not shadow.wanted
-    assert "realtime" in shadow.reason
+    decided = within(decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto")
+    by_name = {decision.effect: decision for decision in decided}
+    assert by_name["defocus"].wanted and not by_name["shadow"].wanted
+    assert "realtime" in by_name["shadow"].reason
 
 
 def test_effect_asked_for_by_name_that_a_pipeline_lacks_is_an_error():
@@ -24,3 +24,21 @@ def test_effect_asked_for_by_name_that_a_pipeline_lacks_is_an_error():
 def test_pipeline_with_every_node_changes_no_decision():
     decisions = decide("auto", SUNLIT)
     assert within(decisions, frozenset({"defocus", "shadow"}), "standard", "auto") == decisions
+
+
+@pytest.mark.parametrize(
+    ("scene", "effect", "wanted", "reason"),
+    [
+        (Circumstances(), "reflection", False, "--reflect makes it so"),
+        (Circumstances(reflectance=0.2), "reflection", True, "mirrors 0.2"),
+        (Circumstances(reflectance=0.2, pre_rendered=True), "reflection", False, "not drawn"),
+        (Circumstances(), "occlusion", False, "give --holdout PATH or --occlusion auto"),
+        (Circumstances(holdout="m.png, by its alpha"), "occlusion", True, "m.png, by its alpha"),
+        (Circumstances(occlusion_by_coc=True), "occlusion", True, "certainly of nearer things"),
+    ],
+)
+def test_what_the_plates_own_things_do_is_decided_by_what_is_said_of_them(
+    scene, effect, wanted, reason
+):
+    decision = next(one for one in decide("auto", scene) if one.effect == effect)
+    assert decision.wanted == wanted and reason in decision.reason

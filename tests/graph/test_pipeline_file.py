@@ -37,12 +37,19 @@ def test_own_pipeline_file_is_used_by_its_path(tmp_path):
     assert [spec.name for spec in load_pipeline(str(path)).nodes] == ["a"]
 
 
+def test_port_that_may_be_missing_need_not_be_written_at_all(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(node(inputs='["frame", "shadow?"]'))
+    assert load_pipeline(str(path)).nodes[0].optional == ("shadow",)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "no \\[\\[node\\]\\]"),
         ("not toml [", "cannot be read"),
         (node(inputs='["layer"]'), "reads 'layer', which none above writes"),
+        (node(inputs='["layer?"]') + node(name="b", output="layer"), "reads 'layer', which none"),
         (node(inputs='["nothing"]'), "no port 'nothing'"),
         (node(cadence="sometimes"), "'cadence' is 'sometimes'"),
         (node(lane="fast"), "'lane' is 'fast'"),

@@ -1,0 +1,152 @@
+"""The stages of the plate's own things, as a pipeline file names them: occlusion, reflection."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nlens_video.frames import (
+    BlurredLayer,
+    Box,
+    CocMap,
+    DefocusedLayer,
+    DepthMap,
+    Float32,
+    Front,
+    Matte,
+    ObjectLayer,
+    Picture,
+)  # fmt: skip
+from nlens_video.graph.objects import Placement
+from nlens_video.graph.tools import Made, Tools, Unavailable
+from nlens_video.lens import LensFit
+from nlens_video.stages.in_front import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.stages.occlusion import Foreground, cover_of
+from nlens_video.stages.reflection import LayReflection, MirrorObject
+from nlens_video.stages.shadow import Shadow
+
+if TYPE_CHECKING:
+    from nlens_video.graph.stream import StreamFrame
+
+_SPREAD_PX = 16  # beyond half a CoC: what discs on coarser pixels take more [px]
+
+
+def make_matte(tools: Tools) -> Made:
+    """What is known of things in front."""
+    front = tools.front
+    if front is None:
+        raise Unavailable("nothing tells what stands in front")
+
+    def run(
+        frame: StreamFrame, picture: Picture, placement: Placement, plate_coc: CocMap | None
+    ) -> Front:
+        return front.read(frame.index, picture, plate_coc)
+
+    return Made(run, front.description)
+
+
+def make_hold_out(tools: Tools) -> Made:
+    """What of them hides the object and what it does to the ground."""
+    from nlens_video.kernels.scatter import scatter
+
+    if tools.front is None:
+        raise Unavailable("nothing tells what stands in front")
+    by_depth = CoverByDepth(
+        scatter=partial(scatter, aperture=tools.aperture), pixel_aspect=tools.pixel_aspect
+    )
+    by_coc = CoverByCoc()
+
+    def covering(
+        front: DepthMap | CocMap, disparity: Float32, region: Box, fit: LensFit | None,
+        picture: Picture,
+    ) -> Float32:  # fmt: skip
+        if isinstance(front, DepthMap):
+            return by_depth(front, disparity, region, fit)
+        if fit is None:
+            return np.zeros(disparity.shape, np.float32)
+        return by_coc(front, disparity, region, fit, picture.srgb())
+
+    def run(
+        front: Front, picture: Picture, placement: Placement, frame_box: Box, fit: LensFit | None,
+        layer: ObjectLayer | None, blurred: BlurredLayer | None, shadow: Shadow | None,
+        reflection: DefocusedLayer | None,
+    ) -> Foreground | None:  # fmt: skip
+        object_region = Box(0, 0, 0, 0) if blurred is None else blurred.box
+        ground_region = _on_ground(shadow, reflection, frame_box)
+        if isinstance(front, Matte):
+            region = _around(object_region, ground_region)
+            cover = cover_of(picture, region, front.coverage)
+            return None if cover is None else Foreground(before_object=cover, before_ground=cover)
+        over_object = over_ground = None
+        if layer is not None and not object_region.empty:
+            surface = object_disparity(layer, frame_box)
+            share = covering(front, surface, object_region, fit, picture)
+            over_object = cover_of(picture, object_region, share)
+        if not ground_region.empty:
+            surface = placement.camera.plane_disparity(tools.ground_height()).astype(np.float32)
+            share = covering(front, surface, ground_region, fit, picture)
+            over_ground = cover_of(picture, ground_region, share)
+        return Foreground(before_object=over_object, before_ground=over_ground)
+
+    return Made(run, "hidden behind it, its light told apart from the background's in soft edges")
+
+
+def make_reflect(tools: Tools) -> Made:
+    """The object's mirror image in the ground."""
+    if tools.views is None:
+        raise Unavailable("pre-rendered layers do not show the object from below")
+    draw = MirrorObject(renderer=tools.views, reflectance=tools.reflectance)
+
+    def run(placement: Placement, fit: LensFit | None) -> DefocusedLayer | None:
+        # The virtual image lies farther off than the object: up to infinity, to be on the safe side
+        ends = np.array([1.0 / placement.nearest, 0.0], np.float32)
+        reach = 0.0 if fit is None else 0.5 * float(np.abs(fit.coc_px(ends)).max())
+        reach *= max(1.0, tools.pixel_aspect)
+        return draw(placement.time_s, placement.camera, tools.ground_height(), fit, reach)
+
+    return Made(run, f"the mirrored camera's picture, {tools.reflectance:g} from straight above")
+
+
+def make_lay_reflection(tools: Tools) -> Made:
+    """The mirror image on the plate."""
+    from nlens_video.kernels.scatter import blur_reach, scatter
+
+    stage = LayReflection(
+        scatter=partial(scatter, aperture=tools.aperture),
+        reach=partial(blur_reach, aperture=tools.aperture),
+        pixel_aspect=tools.pixel_aspect,
+    )
+
+    def run(
+        picture: Picture, reflection: DefocusedLayer, frame_box: Box, foreground: Foreground | None
+    ) -> Picture:
+        cover = None if foreground is None else foreground.before_ground
+        return stage(picture, reflection, frame_box, cover)
+
+    return Made(run, "over the ground and under the object, blurred by its own depth")
+
+
+def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: Box) -> Box:
+    """The pixels of the frame that shadow and reflection reach."""
+    found = Box(0, 0, 0, 0)
+    for box, coc in (
+        (shadow.box, shadow.coc_px) if shadow is not None else (found, None),
+        (reflection.layer.box, reflection.coc_px) if reflection is not None else (found, None),
+    ):
+        if coc is not None:
+            reach = math.ceil(0.5 * float(np.abs(coc).max(initial=0.0))) + _SPREAD_PX
+            found = _around(found, box.grown(reach).intersection(frame))
+    return found
+
+
+def _around(first: Box, second: Box) -> Box:
+    """The smallest box that holds both."""
+    if first.empty or second.empty:
+        return second if first.empty else first
+    return Box(
+        min(first.x0, second.x0), min(first.y0, second.y0),
+        max(first.x1, second.x1), max(first.y1, second.y1),
+    )  # fmt: skip

@@ -1,0 +1,125 @@
+"""Mattes and depth maps: real files through real codecs, frame by frame."""
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from nlens_video.errors import InputError
+from nlens_video.frames import DepthMap
+from nlens_video.video.exr import write_layers
+from nlens_video.video.matte import open_holdout
+
+SIZE = (64, 48)
+
+
+def steps():
+    """A staircase of grey from 0 to 255, 8 columns each."""
+    return np.tile(np.repeat(np.linspace(0, 255, 8).round().astype(np.uint8), 8), (48, 1))
+
+
+def png(path, pixels):
+    assert cv2.imwrite(str(path), pixels)
+    return str(path)
+
+
+@pytest.mark.parametrize("kind", ["grey", "rgb", "16 bit", "opaque alpha"])
+def test_white_of_a_picture_is_in_front_and_codes_are_shares(tmp_path, kind):
+    grey = steps()
+    pixels = {
+        "grey": grey,
+        "rgb": cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR),
+        "16 bit": grey.astype(np.uint16) * 257,
+        "opaque alpha": cv2.cvtColor(grey, cv2.COLOR_GRAY2BGRA),
+    }[kind]
+    matte = open_holdout(png(tmp_path / "m.png", pixels), SIZE)
+    assert "luminance" in matte.description
+    coverage = matte.read(0).coverage
+    assert coverage == pytest.approx(grey / 255.0, abs=2e-3)
+    assert coverage.min() == 0.0 and coverage.max() == 1.0
+    assert matte.read(7) is matte.read(0)  # a still serves all frames
+
+
+def test_alpha_counts_where_there_is_any(tmp_path):
+    pixels = np.full((48, 64, 4), 255, np.uint8)
+    pixels[..., 3] = steps()
+    matte = open_holdout(png(tmp_path / "m.png", pixels), SIZE)
+    assert "alpha" in matte.description
+    assert matte.read(0).coverage == pytest.approx(steps() / 255.0, abs=1e-6)
+
+
+def write_video(path, values, codec="libx264", pix_fmt="yuv420p"):
+    """One flat grey a frame, as the display code."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, pix_fmt
+        for value in values:
+            rgb = np.full((SIZE[1], SIZE[0], 3), value, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, "rgb24")))
+        container.mux(stream.encode())
+    return str(path)
+
+
+def test_a_video_is_read_frame_by_frame_and_its_black_and_white_are_exact(tmp_path):
+    matte = open_holdout(write_video(tmp_path / "m.mp4", (0, 255, 128, 0, 255)), SIZE)
+    assert matte.read(0).coverage.max() == 0.0
+    assert matte.read(1).coverage.min() == 1.0
+    assert matte.read(2).coverage.mean() == pytest.approx(128 / 255, abs=0.01)
+    assert matte.read(2).coverage.mean() == pytest.approx(128 / 255, abs=0.01)  # asked for again
+    assert matte.read(4).coverage.min() == 1.0  # frames may be left out
+    with pytest.raises(InputError, match="ends before frame 5 of the plate; make it as long"):
+        matte.read(5)
+    matte.close()
+
+
+def test_a_numbered_sequence_begins_with_its_smallest_number(tmp_path):
+    for number in range(3):
+        png(tmp_path / f"m_{number + 11:04d}.png", np.full((48, 64), 100 * number, np.uint8))
+    matte = open_holdout(str(tmp_path / "m_%04d.png"), SIZE)
+    shares = [float(matte.read(index).coverage.mean()) for index in range(3)]
+    assert shares == pytest.approx([0, 100 / 255, 200 / 255], abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["m.png", "m.exr"])
+def test_another_size_is_refused_in_one_line(tmp_path, name):
+    if name.endswith("png"):
+        png(tmp_path / name, steps())
+    else:
+        write_layers(tmp_path / name, {"Z": np.ones((48, 64), np.float32)})
+    with pytest.raises(InputError, match="64x48 pixels, the plate has 64x50; make the holdout"):
+        open_holdout(str(tmp_path / name), (64, 50))
+
+
+def test_depth_of_an_exr_is_taken_as_it_is_and_far_is_nowhere(tmp_path):
+    depth = np.full((48, 64), 2.5, np.float32)
+    depth[:, 32:], depth[0], depth[1] = 1e10, -1.0, np.nan
+    write_layers(tmp_path / "z.exr", {"Z": depth, "A": np.ones_like(depth)})
+    holdout = open_holdout(str(tmp_path / "z.exr"), SIZE)
+    assert "Z is nearer" in holdout.description
+    read = holdout.read(3)
+    assert isinstance(read, DepthMap)
+    assert (read.depth[2:, :32] == 2.5).all()
+    assert np.isinf(read.depth[:, 32:]).all() and np.isinf(read.depth[:2]).all()
+
+
+@pytest.mark.parametrize("channels", ["A", "Y", "RGB", "RGBA"])
+def test_a_matte_may_be_an_exr(tmp_path, channels):
+    share = steps().astype(np.float32) / 255
+    values = dict.fromkeys(channels, share)
+    if channels == "RGBA":
+        values |= dict.fromkeys("RGB", 0.3 * share)
+    for number in range(2):
+        write_layers(tmp_path / f"m_{number}.exr", {k: v / (1 + number) for k, v in values.items()})
+    matte = open_holdout(str(tmp_path / "m_%d.exr"), SIZE)
+    assert matte.read(0).coverage == pytest.approx(share, abs=2e-3)
+    assert matte.read(1).coverage == pytest.approx(share / 2, abs=2e-3)
+    with pytest.raises(InputError, match="ends before frame 2"):
+        matte.read(2)
+
+
+def test_what_is_no_matte_is_refused_in_one_line(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        open_holdout(str(tmp_path / "none.png"), SIZE)
+    write_layers(tmp_path / "m.exr", {"U": np.ones((48, 64), np.float32)})
+    with pytest.raises(InputError, match="has no channel R .found U.; a holdout needs Z"):
+        open_holdout(str(tmp_path / "m.exr"), SIZE)
