@@ -90,8 +90,17 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, data.nbytes, data, GL.GL_STATIC_DRAW)
         return {material: stride * index for index, material in enumerate(materials)}
 
-    def draw(self, posed: PosedScene, view: View, lighting: Lighting) -> tuple[Float32, Float32]:
-        """Premultiplied linear RGBA (height, width, 4) and depth (height, width), +inf if empty."""
+    def draw(
+        self, posed: PosedScene, view: View, lighting: Lighting, *, nearest: bool = False
+    ) -> tuple[Float32, Float32]:
+        """Premultiplied linear RGBA (height, width, 4) and depth (height, width), +inf if empty.
+
+        Args:
+            posed: what is drawn.
+            view: from where.
+            lighting: what lights it.
+            nearest: take the depth of each pixel's nearest sample, which is quicker.
+        """
         for primitive, mesh in zip(self._primitives, posed.meshes, strict=True):
             primitive.update(mesh)
         rotation = view.camera_from_world.copy()
@@ -102,7 +111,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._begin(view)
         self._draw_opaque(lighting)
         self._draw_blended(view, lighting)
-        self._resolve(view)
+        self._resolve(view, "resolve_nearest" if nearest else "resolve")
         return self._target.read(view.width, view.height)
 
     def _begin(self, view: View) -> None:
@@ -169,21 +178,24 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glFrontFace(GL.GL_CCW if primitive.mirrored else GL.GL_CW)
         primitive.draw()
 
-    def _resolve(self, view: View) -> None:
-        program = self._program("resolve", {})
+    def _resolve(self, view: View, name: str) -> None:
+        program = self._program(name, {})
         program._bind()
         self._target.bind_resolved()
         GL.glDisable(GL.GL_DEPTH_TEST)
         GL.glDisable(GL.GL_CULL_FACE)
         number = program._program_id
         GL.glUniform2f(GL.glGetUniformLocation(number, "clip_range"), view.near, view.far)
-        GL.glUniform2i(GL.glGetUniformLocation(number, "size"), view.width, view.height)
+        size = GL.glGetUniformLocation(number, "size")
+        if size >= 0:
+            GL.glUniform2i(size, view.width, view.height)
         GL.glBindVertexArray(self._empty)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
         program._unbind()
 
     def _program(self, name: str, defines: dict[str, int]) -> ShaderProgram:
-        program = self._program_cache.get_program(f"{name}.vert", f"{name}.frag", defines=defines)
+        vertex = name.partition("_")[0]
+        program = self._program_cache.get_program(f"{vertex}.vert", f"{name}.frag", defines=defines)
         if program not in self._ready:
             program._add_to_context()
             self._connect(program._program_id)

@@ -64,7 +64,9 @@ class PyrenderObjectRenderer:
         """What lights the object, in words."""
         return self._light.note
 
-    def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
+    def render(
+        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+    ) -> ObjectLayer | None:
         """The object at a time, sharp.
 
         `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
@@ -74,6 +76,7 @@ class PyrenderObjectRenderer:
             time_s: time of the animation [s].
             camera: where from, on which frame.
             margin: how far beyond the frame the object is still rendered [px].
+            nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
 
         Returns:
             The layer on the box of the object's bounds on the screen, one pixel larger, inside the
@@ -86,19 +89,16 @@ class PyrenderObjectRenderer:
         """
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
-        return self._render_posed(self._posed, camera, margin)
-
-    def _render_posed(self, posed: PosedScene, camera: Camera, margin: int) -> ObjectLayer | None:
-        seen = _project(posed.vertices(), camera, margin)
+        seen = _project(self._posed.vertices(), camera, margin)
         if seen is None:
             return None
-        box, near, far = seen
-        rgba, depth = self._draw(posed, camera, box, near, far)
-        return ObjectLayer(box=box, rgba=rgba, depth=depth)
+        rgba, depth = self._draw(self._posed, camera, seen, nearest=nearest)
+        return ObjectLayer(box=seen[0], rgba=rgba, depth=depth)
 
     def _draw(
-        self, posed: PosedScene, camera: Camera, box: Box, near: float, far: float
+        self, posed: PosedScene, camera: Camera, seen: tuple[Box, float, float], *, nearest: bool
     ) -> tuple[Float32, Float32]:
+        box, near, far = seen
         renderer = self._open(posed)
         from nlens_video.backends.gl_lighting import Lighting
         from nlens_video.backends.gl_platform import refusals
@@ -115,7 +115,8 @@ class PyrenderObjectRenderer:
         )
         size = f"{box.width}x{box.height}"
         with refusals(f"cannot draw a picture of {size} pixels", "use a smaller frame"):
-            return renderer.draw(posed, view, Lighting.of(self._light.on_object(posed.lights)))
+            lighting = Lighting.of(self._light.on_object(posed.lights))
+            return renderer.draw(posed, view, lighting, nearest=nearest)
 
     def _open(self, posed: PosedScene) -> LinearRenderer:
         if self._closed:

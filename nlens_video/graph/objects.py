@@ -120,8 +120,13 @@ class ObjectSource(Protocol):
 class Renderer(Protocol):
     """Draws a scene; see `backends`."""
 
-    def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
-        """The layer on the object's box, at most `margin` px beyond the frame; None if empty."""
+    def render(
+        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+    ) -> ObjectLayer | None:
+        """The layer on the object's box, at most `margin` px beyond the frame; None if empty.
+
+        With `nearest`, depth may be that of a pixel's nearest sample, which is quicker.
+        """
         ...
 
 

@@ -163,7 +163,7 @@ def _scatter(tools: Tools, *, detail: str = "fine") -> Made:
 
 def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
     from nlens_video.kernels.scatter import blur_reach, scatter
-    from nlens_video.stages.l_lens import Reblur, SampleLens, Shot, view_count
+    from nlens_video.stages.l_lens import BlurCell, Reblur, SampleLens, Shot, view_count
 
     if tools.views is None:
         raise Unavailable(
@@ -171,10 +171,11 @@ def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
             "blur of the preset standard stands in"
         )
     count = view_count(accuracy_db)
+    wide = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect)
     stage = SampleLens(
         renderer=tools.views,
         whole=cast("Reblur", _scatter(tools).run),
-        cell=ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect),
+        cell=BlurCell(wide, tools.pixel_aspect),
         count=count,
         aperture=tools.aperture,
     )

@@ -1,9 +1,8 @@
 """L by the lens itself: the object is drawn from many points of the aperture.
 
-Each point stands for a cell of the aperture, so its picture is scattered over that cell's own
-small disc of confusion before the mean is taken. What scatter cannot know, the order inside the
-object, goes wrong by no more than the parallax within one cell: 8 such views of an animated figure,
-or 24 of a narrow card before another, come as close to a thousand bare ones as 64 bare ones do.
+Each point stands for a cell of the aperture, so its picture is blurred over that cell's own small
+disc of confusion before the mean is taken. What one view cannot know, what the object hides of
+itself, goes wrong by no more than the parallax within one cell.
 """
 
 from __future__ import annotations
@@ -17,10 +16,11 @@ import numpy as np
 
 from nlens_video.aperture import ROUND, Aperture
 from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.kernels.cell import LARGEST_RADIUS_PX, blur_cell, cell_reach
 from nlens_video.kernels.shape import barrel_centre, outer_radius
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.l_reblur import crop_to_frame, object_coc
+from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
 from nlens_video.stages.lens_points import LensPoints, lens_points
 from nlens_video.stages.protocols import ViewRenderer
 
@@ -36,10 +36,10 @@ def view_count(accuracy_db: float) -> int:
     """How many views bring the result as close to a thousand bare ones as is wanted.
 
     Both the cells' discs and the parallax within them shrink with the root of the count, so the
-    mean square error falls in proportion to it, and hardly depends on the CoC. Measured with CoC
-    from 7 to 56 px, the PSNR is at least 35.5 + 10 log10(count) dB; that is what a narrow card
-    before another one gives, two animated figures give 4 to 10 dB more. Fewer than 8 cells do not
-    tile a disc well.
+    mean square error falls at least in proportion to it, and hardly depends on the CoC. Measured
+    on the scenes of `bench`, the PSNR is at least 35.5 + 10 log10(count) dB; that is what a narrow
+    blurred card before one in focus gives with 8 views, a figure gives 8 dB more. Fewer than 8
+    cells do not tile a disc well.
 
     Args:
         accuracy_db: wanted PSNR in the object's region, display-coded [dB].
@@ -113,7 +113,7 @@ def lens_views(
         renderer: draws the object; called on this thread only.
         shot: what is seen.
         points: where from, and how much each counts.
-        cell: scatters a picture over its cell's disc; None takes the pictures as they are, the
+        cell: blurs a picture over its cell's disc; None takes the pictures as they are, the
             plain truth, for which a thousand points are enough.
         margin: how far beyond the frame the pictures are drawn, for what `cell` spreads [px].
         aperture: for its cat's eye; the rest of its shape is in the points.
@@ -146,7 +146,7 @@ def lens_views(
         before: Future[None] | None = None
         for at, (u, v) in enumerate(points.places.tolist()):
             view = lens_camera(shot.camera, shot.fit, u, v)
-            layer = renderer.render(shot.time_s, view, margin)
+            layer = renderer.render(shot.time_s, view, margin, nearest=cell is not None)
             if before is not None:
                 before.result()
             before = blurring.submit(add, layer, at)
@@ -156,6 +156,40 @@ def lens_views(
     return BlurredLayer(box=box, rgba=total[box.slices_in(frame)])
 
 
+@dataclass(frozen=True, slots=True)
+class BlurCell:
+    """Blurs a view over the disc of its cell.
+
+    Attributes:
+        scatter: blurs discs that are too large to gather.
+        pixel_aspect: width of a pixel by its height [1].
+    """
+
+    scatter: Reblur
+    pixel_aspect: float = 1.0
+
+    def __call__(self, defocused: DefocusedLayer, frame: Box) -> BlurredLayer:
+        """Blur one view.
+
+        Args:
+            defocused: the view and the CoC that its cell makes.
+            frame: the frame's own box, which bounds the result.
+        """
+        layer, largest = defocused.layer, defocused.largest_coc_px
+        if largest < NEGLIGIBLE_COC_PX:
+            return crop_to_frame(layer, frame)
+        if largest > 2.0 * LARGEST_RADIUS_PX:
+            return self.scatter(defocused, frame)
+        box = layer.box.grown(cell_reach(largest, self.pixel_aspect)).intersection(frame)
+        x, y = layer.box.x0, layer.box.y0
+        target = Box(box.x0 - x, box.y0 - y, max(box.x0, box.x1) - x, max(box.y0, box.y1) - y)
+        rgba = blur_cell(
+            layer.rgba, layer.rgba[..., 3] > 0.0, defocused.coc_px, target,
+            pixel_aspect=self.pixel_aspect,
+        )  # fmt: skip
+        return BlurredLayer(box=box, rgba=rgba)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SampleLens:
     """L as a stage: the aperture sampled.
@@ -163,7 +197,7 @@ class SampleLens:
     Attributes:
         renderer: draws the object from a point of the lens.
         whole: blurs a layer by the whole aperture at once: right where nothing hides anything.
-        cell: blurs a layer by a round disc.
+        cell: blurs a view by a round disc.
         count: views [1].
         aperture: its shape.
     """

@@ -47,7 +47,9 @@ class ReblurNetwork(Protocol):
 class ViewRenderer(Protocol):
     """Draws the object from wherever it is asked to."""
 
-    def render(self, time_s: float, camera: Camera, margin: int = 0) -> ObjectLayer | None:
+    def render(
+        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+    ) -> ObjectLayer | None:
         """Draw it once.
 
         Args:
@@ -55,6 +57,7 @@ class ViewRenderer(Protocol):
             camera: any pinhole camera; moved and with a shifted principal point it is a point of
                 the lens' aperture.
             margin: how far beyond the frame the object is still drawn [px].
+            nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
 
         Returns:
             The sharp layer; None where the object is out of view.

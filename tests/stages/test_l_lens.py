@@ -20,6 +20,7 @@ from nlens_video.kernels.shape import contains
 from nlens_video.lens import LensFit
 from nlens_video.scene import Camera, Scene
 from nlens_video.stages.l_lens import (
+    BlurCell,
     SampleLens,
     Shot,
     lens_camera,
@@ -97,7 +98,7 @@ def whole(blurred):
 
 def sampled(drawn, accuracy_db=50.0, fit=FIT, **changes):
     stage = SampleLens(
-        renderer=drawn, whole=BLUR, cell=BLUR, count=view_count(accuracy_db), **changes
+        renderer=drawn, whole=BLUR, cell=BlurCell(BLUR), count=view_count(accuracy_db), **changes
     )
     return whole(stage(centre(drawn, fit), shot(fit)))
 
@@ -221,6 +222,25 @@ def test_error_falls_with_the_count_as_the_law_says(near_over_far, near_over_far
         reached.append(psnr_over_plate(sampled(near_over_far, wanted), near_over_far_truth))
         assert reached[-1] > wanted
     assert reached == sorted(reached)
+
+
+@pytest.mark.needs_gl
+def test_law_holds_for_a_narrow_sharp_card_before_a_blurred_one(renderer):
+    # in focus at 1.4, so the wide card behind is blurred by 26 px
+    fit = LensFit(slope=56.0, intercept=-40.0, width=WIDTH, height=HEIGHT)
+    drawn = renderer(*NEAR_OVER_FAR)
+    views = truth(drawn, 512, fit)
+    for wanted in (44.6, 50.6):
+        assert psnr_over_plate(sampled(drawn, wanted, fit=fit), views) > wanted
+
+
+@pytest.mark.needs_gl
+def test_discs_too_large_to_gather_are_scattered(near_over_far):
+    wide = LensFit(slope=300.0, intercept=-100.0, width=WIDTH, height=HEIGHT)  # 114 px, cells 40
+    assert (
+        psnr_over_plate(sampled(near_over_far, 40.0, fit=wide), truth(near_over_far, 256, fit=wide))
+        > 40.0
+    )
 
 
 @pytest.mark.needs_gl
