@@ -16,6 +16,7 @@ import numpy.typing as npt
 from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import UsageError
 from nlens_video.graph.assemble import Assembly, Lens, assemble
+from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler, Summary
@@ -223,7 +224,7 @@ class Compositor:
         if self._assembly is None:
             view = View(width=size[0], height=size[1], camera=self._objects.camera)
             self._assembly = assemble(
-                self._objects, self._lens, view, self._profiler, lambda: (picture,)
+                self._objects, self._lens, view, self._profiler, Plate(lambda: (picture,))
             )
             self._stack.enter_context(self._assembly.render_context())
             self._size = size

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.frames import Picture
 from nlens_video.graph.assemble import Assembly, Lens, assemble
+from nlens_video.graph.call_for import Plate
 from nlens_video.graph.lanes import apart, still_reading
 from nlens_video.graph.objects import View
 from nlens_video.graph.profiler import Profiler
@@ -64,8 +65,9 @@ def taken_in(settings: Settings, profiler: Profiler) -> Iterator[Intake]:
         NlensError: as `run.render`.
     """
     with _opened(settings) as source:
-        frames = LookAhead(_decoded(Trim(source, settings.source.frames), profiler))
-        yield Intake(source, frames, _assembled(settings, source.info, profiler, frames))
+        trim = Trim(source, settings.source.frames)
+        assembly = _assembled(settings, source.info, profiler, trim)
+        yield Intake(source, LookAhead(_decoded(trim, profiler)), assembly)
 
 
 @contextmanager
@@ -88,12 +90,7 @@ def _opened(settings: Settings) -> Iterator[Source]:
             source.__exit__(None, None, None)
 
 
-def _assembled(
-    settings: Settings,
-    info: SourceInfo,
-    profiler: Profiler,
-    frames: LookAhead[SourceFrame | Packet],
-) -> Assembly:
+def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler, trim: Trim) -> Assembly:
     lens = Lens(
         preset=settings.preset,
         effects=settings.effects,
@@ -113,9 +110,11 @@ def _assembled(
     )
 
     def pictures() -> tuple[Picture, ...]:
-        return apart(lambda: frames.peek(MOST_PICTURES if _may_wait(info) else 1))
+        return apart(lambda: trim.peek(MOST_PICTURES if _may_wait(info) else 1))
 
-    return assemble(settings.scene, lens, view, profiler, pictures)
+    return assemble(
+        settings.scene, lens, view, profiler, Plate(pictures, settings.source.frames[0])
+    )
 
 
 def _may_wait(info: SourceInfo) -> bool:

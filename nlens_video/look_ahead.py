@@ -25,11 +25,6 @@ class LookAhead(Generic[Item]):
         self._items = items
         self._ahead: deque[Item] = deque()
 
-    def peek(self, count: int) -> tuple[Picture, ...]:
-        """The pictures of the next `count` frames, fewer where the source ends."""
-        self._fill(count)
-        return self._pictures()[:count]
-
     def with_following(
         self, wanted: Callable[[], bool]
     ) -> Iterator[tuple[Item, tuple[Picture, ...]]]:

@@ -6,8 +6,10 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from nlens_video.frames import Picture
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.source import Source
 
@@ -30,15 +32,25 @@ class Trim:
     def __init__(self, source: Source, frames: tuple[int, int | None]) -> None:
         self._source = source
         self._first, self._end = frames
+        self._frames = iter(source)
+        self._ahead: deque[SourceFrame] = deque()
         self._packets: deque[Packet] = deque()
         self._start_s: Fraction | None = None if self._first else Fraction(0)
         self._start_pts = 0
         self._end_s: Fraction | None = None
         source.packet_sink = self._packets.append
 
+    def peek(self, count: int) -> tuple[Picture, ...]:
+        """The pictures of the source's first `count` frames, whatever the range; before `items`.
+
+        What a shot is like must not depend on which part of it is asked for.
+        """
+        self._ahead.extend(islice(self._frames, count - len(self._ahead)))
+        return tuple(frame.picture for frame in self._ahead)
+
     def items(self) -> Iterator[SourceFrame | Packet]:
         """Frames and packets in the order in which the source holds them."""
-        for frame in self._source:
+        for frame in self._in_order():
             moment = frame.pts * frame.time_base
             if self._end is not None and frame.index >= self._end:
                 if self._end_s is None:
@@ -53,6 +65,11 @@ class Trim:
                     yield from self._released(moment)
                 yield replace(frame, pts=frame.pts - self._start_pts)
         yield from self._released(None)
+
+    def _in_order(self) -> Iterator[SourceFrame]:
+        while self._ahead:
+            yield self._ahead.popleft()
+        yield from self._frames
 
     def _released(self, moment: Fraction | None) -> Iterator[Packet]:
         """The packets that may go; those before the beginning wait until it is known."""

@@ -13,7 +13,9 @@ from typing import cast
 
 from nlens_video.frames import Picture
 
-PLATE_EFFECTS: Mapping[str, str] = {}
+PLATE_EFFECTS: Mapping[str, str] = {
+    "grain": "nlens_video.effects.grain",
+}
 """Effect to the module whose `measure(pictures)` looks for it."""
 
 MOST_PICTURES = 8

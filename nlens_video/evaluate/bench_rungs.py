@@ -12,6 +12,7 @@ from nlens_video.evaluate.bench_case import Case
 from nlens_video.evaluate.bench_rivals import RIVALS
 from nlens_video.graph.assemble import Lens, assemble
 from nlens_video.graph.build import Graph
+from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import shipped_pipelines
 from nlens_video.graph.profiler import Profiler
@@ -89,7 +90,7 @@ def opened(rung: Rung, case: Case, profiler: Profiler) -> Iterator[FrameSteps]:
         Lens(preset=rung.preset, effects="defocus", fit=case.fit),
         View(width=width, height=height),
         profiler,
-        lambda: (),
+        Plate(lambda: ()),
     )
     steps = assembly.steps
     if rung.rival is not None:

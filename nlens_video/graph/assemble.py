@@ -12,7 +12,7 @@ from nlens_video.effects.planner import OCCLUSION, Decision
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
-from nlens_video.graph.call_for import Shot, call_for
+from nlens_video.graph.call_for import Plate, Shot, call_for
 from nlens_video.graph.front import closing, open_front
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.pipeline_file import load_pipeline
@@ -88,7 +88,7 @@ def assemble(
     lens: Lens,
     view: View,
     profiler: Profiler,
-    plate: Callable[[], Sequence[Picture]],
+    plate: Plate,
 ) -> Assembly:
     """Load the scene, choose the backends and build the graph.
 
@@ -97,7 +97,7 @@ def assemble(
         lens: how the lens is found and simulated.
         view: the frame that sees it.
         profiler: times the nodes.
-        plate: reads the shot's first pictures, on which effects of its camera are looked for.
+        plate: the shot's first pictures, on which effects of its camera are looked for.
 
     Raises:
         UsageError: preset, effects, device or pipeline make no sense.
@@ -123,7 +123,7 @@ def assemble(
             ground=ground,
             ground_y=objects.ground_y,
             shutter=lens.shutter,
-            pictures=plate,
+            plate=plate,
             real=objects.real,
             front="" if front is None else front.description,
         ),

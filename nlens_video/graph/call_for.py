@@ -31,6 +31,19 @@ class CalledFor:
     measured: Mapping[str, Measurement]
 
 
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """What can be seen of a shot before its first frame is composited.
+
+    Attributes:
+        pictures: reads the first ones, perhaps only one; called where an effect asks for them.
+        first: number of the frame that the look at them is counted to [1].
+    """
+
+    pictures: Callable[[], Sequence[Picture]]
+    first: int = 0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
     """What can be known of a shot before its first frame is composited.
@@ -40,7 +53,7 @@ class Shot:
         ground: what it stands on and what lights it.
         ground_y: height of the ground, None for the object's lowest point [scene unit].
         shutter: of the plate.
-        pictures: reads the plate's first ones; called only where an effect asks for them.
+        plate: its first pictures.
         real: what the user says of the plate's own things.
         front: what tells which of them stand in front, in words.
     """
@@ -49,7 +62,7 @@ class Shot:
     ground: LitGround
     ground_y: float | None
     shutter: Shutter
-    pictures: Callable[[], Sequence[Picture]]
+    plate: Plate
     real: RealSettings
     front: str
 
@@ -70,9 +83,8 @@ def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profi
     looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
     measured: Mapping[str, Measurement] = {}
     if looked_for:
-        pictures = shot.pictures()
-        with profiler.timed(0, "measure"):
-            measured = measure_plate(looked_for, pictures)
+        with profiler.timed(shot.plate.first, "measure"):
+            measured = measure_plate(looked_for, shot.plate.pictures())
     wanted = decide(requested, _circumstances(shot, measured))
     return CalledFor(within(wanted, there, pipeline.name, requested), measured)
 

@@ -20,7 +20,8 @@ _WINDOW_PX = 7  # noise averages out over it, motion does not
 _NOISES = 5.0  # a change of the window's mean beyond so many deviations is no noise
 _LEAST_CHANGE = 1.5 / 255  # nor is a smaller change than this motion [sRGB code]
 QUIET = 1.2 / 255  # less noise than that costs the estimate nothing [sRGB code]
-_LUMA = np.array([0.3, 0.6, 0.1], np.float32)
+LUMA = np.array([0.3, 0.6, 0.1], np.float32)
+"""Weights of red, green and blue in a picture's brightness."""
 
 
 def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
@@ -34,15 +35,15 @@ def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
     Returns:
         The mean (H, W, 3), and how many pictures are in it (1: the first alone).
     """
-    luma = np.asarray(first @ _LUMA, dtype=np.float32)
+    luma = np.asarray(first @ LUMA, dtype=np.float32)
     window = np.asarray(cv2.createHanningWindow(luma.shape[::-1], cv2.CV_32F), np.float32)
     total, count = first.astype(np.float32), np.ones(luma.shape, np.float32)
     used = 1
     for picture in following:
-        other = np.asarray(picture @ _LUMA, dtype=np.float32)
-        if (used == 1 and _noise(luma, other) < QUIET) or not _still(luma, other, window):
+        other = np.asarray(picture @ LUMA, dtype=np.float32)
+        if (used == 1 and _noise(luma, other) < QUIET) or not is_still(luma, other, window):
             break
-        same = (~_moving(luma, other)).astype(np.uint8)
+        same = (~moving(luma, other)).astype(np.uint8)
         cv2.accumulate(picture, total, mask=same)
         count += same
         used += 1
@@ -54,8 +55,14 @@ def _noise(luma: Float32, other: Float32) -> float:
     return 1.4826 * float(np.median(np.abs(other - luma)[::2, ::2])) / math.sqrt(2.0)
 
 
-def _still(luma: Float32, other: Float32, window: Float32) -> bool:
-    """Whether the picture as a whole is where it was."""
+def is_still(luma: Float32, other: Float32, window: Float32) -> bool:
+    """Whether the picture as a whole is where it was.
+
+    Args:
+        luma: brightness of the first (H, W).
+        other: of the second (H, W).
+        window: weights that hide the borders (H, W).
+    """
     if min(luma.shape) < 2 * _WINDOW_PX:
         return False
     # with a window of its own phaseCorrelate writes into both pictures
@@ -63,8 +70,13 @@ def _still(luma: Float32, other: Float32, window: Float32) -> bool:
     return math.hypot(across, down) <= STILL_PX
 
 
-def _moving(luma: Float32, other: Float32) -> Bool:
-    """Where something moves, its surroundings included (H, W)."""
+def moving(luma: Float32, other: Float32) -> Bool:
+    """Where something moves, its surroundings included (H, W).
+
+    Args:
+        luma: brightness of the first picture (H, W).
+        other: of the second (H, W).
+    """
     change = cv2.blur(other - luma, (_WINDOW_PX, _WINDOW_PX), borderType=cv2.BORDER_REFLECT)
     some = change[::3, ::3]
     whole = np.median(some)  # a change of the light as a whole is no motion

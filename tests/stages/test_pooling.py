@@ -126,11 +126,3 @@ def test_foresight_at_the_end_of_a_clip_shows_what_is_left():
     frames = LookAhead(frame(i) for i in range(3))
     lengths = [len(following) for _, following in frames.with_following(lambda: True)]
     assert lengths == [2, 1, 0]
-
-
-def test_peeking_takes_nothing_away():
-    frames = LookAhead(iter([frame(0), "packet", frame(1), frame(2)]))
-    assert len(frames.peek(2)) == 2
-    assert len(frames.peek(9)) == 3
-    items = [item for item, _ in frames.with_following(lambda: False)]
-    assert [item if item == "packet" else item.index for item in items] == [0, "packet", 1, 2]

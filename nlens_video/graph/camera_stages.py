@@ -1,0 +1,38 @@
+"""What the plate's camera does beside its focus, as a pipeline file names it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from nlens_video.frames import BlurredLayer, Picture
+from nlens_video.graph.tools import Made, Tools, Unavailable
+
+if TYPE_CHECKING:
+    from nlens_video.graph.stream import StreamFrame
+
+
+def model_of(tools: Tools, effect: str) -> object:
+    """What an effect is simulated with.
+
+    Raises:
+        Unavailable: the plate did not show it.
+    """
+    found = tools.measured.get(effect)
+    if found is None:
+        raise Unavailable("the plate was not looked at")
+    if found.model is None:
+        raise Unavailable(found.evidence)
+    return found.model
+
+
+def make_grain(tools: Tools) -> Made:
+    """The plate's noise on the object."""
+    from nlens_video.stages.grain import AddGrain, GrainModel
+
+    model = cast("GrainModel", model_of(tools, "grain"))
+    stage = AddGrain(model)
+
+    def run(picture: Picture, blurred: BlurredLayer, frame: StreamFrame) -> BlurredLayer:
+        return stage(picture, blurred, frame.index)
+
+    return Made(run, f"noise by level, {model.persistence:.0%} of it lasting, numba")

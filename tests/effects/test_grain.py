@@ -1,0 +1,174 @@
+"""Grain: measured on known noise, made again within a tenth of it."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import shots
+from effects.shots_of_effects import HEIGHT, WIDTH, noise, pictures, scene
+
+from nlens_video.cli import main
+from nlens_video.effects.grain import measure
+from nlens_video.frames import BlurredLayer, Box
+from nlens_video.kernels import regrain, white_noise
+from nlens_video.stages.grain import AddGrain, past_shares
+
+FRAME = Box(0, 0, WIDTH, HEIGHT)
+INSIDE = (slice(150, 165), slice(232, 248))  # of the cube, which stands still
+
+
+def test_white_noise_is_that_of_its_definition_and_a_part_of_a_larger_one():
+    small = white_noise.white_noise((-3, 7), (5, 9), 12, 3)
+    definition = white_noise.reference((-3, 7), (5, 9), 12, 3)
+    assert small == pytest.approx(definition, abs=1e-6)
+    large = white_noise.white_noise((-8, 0), (40, 50), 12, 3)
+    assert np.array_equal(large[5:10, 7:16], small)
+
+
+def test_white_noise_is_white_and_normal_and_new_on_every_frame():
+    first, second = (white_noise.white_noise((0, 0), (400, 500), at, 1) for at in (5, 6))
+    assert first.mean() == pytest.approx(0, abs=0.01)
+    assert first.std() == pytest.approx(1, abs=0.01)
+    assert np.abs(first).max() < 4
+    for other in (
+        second,
+        np.roll(first, 1, 0),
+        np.roll(first, 1, 1),
+        np.roll(first, (1, 1), (0, 1)),
+    ):
+        assert np.corrcoef(first.ravel(), other.ravel())[0, 1] == pytest.approx(0, abs=0.01)
+
+
+def test_regrain_is_its_reference():
+    rng = np.random.default_rng(0)
+    alpha = rng.choice([0.0, 0.3, 1.0], (30, 40, 1))
+    rgba = np.concatenate([alpha * rng.uniform(0, 1.3, (30, 40, 3)), alpha], 2).astype(np.float32)
+    plate = rng.uniform(0, 1, (30, 40, 3)).astype(np.float32)
+    unit = rng.standard_normal((30, 40, 3)).astype(np.float32)
+    curve = np.linspace([0.01, 0.02, 0.03], [0.03, 0.02, 0.01], 256).astype(np.float32)
+    fast = regrain.regrain(rgba, plate, unit, curve)
+    assert fast == pytest.approx(regrain.reference(rgba, plate, unit, curve), abs=2e-4)
+    assert np.array_equal(fast[alpha[..., 0] == 0], rgba[alpha[..., 0] == 0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clean_plate_has_no_grain(seed):
+    for frames in (1, 4):
+        assert not measure(pictures(scene(seed, slope=0.9 + 0.2 * seed), frames)).called_for
+
+
+@pytest.mark.parametrize("levels", [1.5, 4.0])
+@pytest.mark.parametrize(
+    "kind",
+    [{}, {"tint": 1.0}, {"spread_px": 0.7}, {"persistence": 0.5}, {"tint": 0.5, "spread_px": 1.0}],
+    ids=str,
+)
+def test_strength_of_known_grain_is_found(levels, kind):
+    grain = noise(1, 5, levels / 255, **kind)
+    found = measure(pictures(scene(2), 5, grain))
+    assert found.called_for
+    rounding = 1 / 12  # of 8 bits, which the plate shows too
+    assert found.value == pytest.approx(np.sqrt(levels**2 + rounding), rel=0.1)
+    wanted = kind.get("persistence", 0.0)
+    assert found.model.persistence == pytest.approx(wanted, abs=0.1)
+
+
+def test_single_picture_with_smooth_parts_shows_its_grain():
+    grain = noise(1, 1, 4.0 / 255)
+    found = measure(pictures(scene(2, slope=2.2, soft_px=6.0), 1, grain))
+    assert found.called_for
+    assert found.value == pytest.approx(4.0, rel=0.15)
+
+
+def test_moving_camera_is_not_read_as_grain():
+    views = [np.roll(scene(3), 4 * at, axis=1) for at in range(4)]
+    shot = [pictures(view, 1)[0] for view in views]
+    assert not measure(shot).called_for
+
+
+def spectrum(values):
+    """Power by radial frequency, of many frames."""
+    power = np.mean([np.abs(np.fft.fft2(v)) ** 2 for v in values], axis=0) / values[0].size
+    radius = np.hypot(np.fft.fftfreq(power.shape[0])[:, None], np.fft.fftfreq(power.shape[1])[None])
+    bins = np.digitize(radius, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    return np.array([power[bins == b].mean() for b in range(1, 6)])
+
+
+@pytest.mark.parametrize("kind", [{}, {"spread_px": 0.8, "tint": 0.6}], ids=str)
+def test_grained_object_has_the_plates_spectrum_and_level_curve(kind):
+    base = scene(4, slope=2.0)
+    code = regrain.to_code(base)
+    frames = 6
+    signal = (0.5 + 1.2 * code)[None]  # more noise where it is bright
+    grain = noise(5, frames, 3.0 / 255, **kind) * signal
+    shot = pictures(base, frames, grain)
+    stage = AddGrain(measure(shot).model)
+    for level in (0.25, 0.6):
+        light = float(regrain.to_linear(np.float32(level)))
+        layer = BlurredLayer(
+            box=FRAME, rgba=np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([light] * 3 + [1])
+        )
+        shown = [regrain.to_code(stage(shot[0], layer, at).rgba[..., :3]) for at in range(frames)]
+        made = np.stack(shown) - level
+        wanted = (3.0 / 255) * (0.5 + 1.2 * level)
+        assert made.std() == pytest.approx(wanted, rel=0.1)
+        plain = noise(9, frames, 1.0, **kind)
+        ratio = spectrum(made[..., 1] / made.std()) / spectrum(plain[..., 1] / plain.std())
+        strong = spectrum(plain[..., 1]) > 0.05 * spectrum(plain[..., 1]).max()
+        assert ratio[strong] == pytest.approx(1, abs=0.1)
+        between = np.corrcoef(made[..., 0].ravel(), made[..., 2].ravel())[0, 1]
+        expected = np.corrcoef(plain[..., 0].ravel(), plain[..., 2].ravel())[0, 1]
+        assert between == pytest.approx(expected, abs=0.05)
+
+
+def test_grain_lasts_as_long_as_the_plates():
+    shares = np.array(past_shares(0.6))
+    assert (shares**2).sum() == pytest.approx(1)
+    assert (shares[1:] * shares[:-1]).sum() == pytest.approx(0.6, abs=0.02)
+    assert past_shares(0.0) == (1.0,)
+
+
+def test_part_of_the_plate_that_shows_through_brings_its_own_noise():
+    grain = noise(5, 1, 4.0 / 255)
+    shot = pictures(np.full((HEIGHT, WIDTH, 3), 0.2, np.float32), 1, grain)
+    stage = AddGrain(measure(shot).model)
+    half = np.float32([0.1, 0.1, 0.1, 0.5])
+    layer = BlurredLayer(box=FRAME, rgba=np.ones((HEIGHT, WIDTH, 4), np.float32) * half)
+    grained = stage(shot[0], layer, 0).rgba
+    composite = grained[..., :3] + 0.5 * shot[0].linear(FRAME)
+    assert regrain.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
+
+
+def test_same_frame_gets_the_same_grain_whatever_the_box():
+    shot = pictures(scene(1), 4, noise(1, 4, 3 / 255, spread_px=0.7))
+    stage = AddGrain(measure(shot).model)
+
+    def grained(box, index):
+        rgba = np.ones((box.height, box.width, 4), np.float32) * np.float32(0.4)
+        return stage(shot[0], BlurredLayer(box=box, rgba=rgba), index).rgba
+
+    whole, part = grained(FRAME, 3), grained(Box(50, 60, 120, 100), 3)
+    assert part == pytest.approx(whole[60:100, 50:120], abs=1e-6)
+    assert np.abs(grained(FRAME, 4) - whole).max() > 0.01
+
+
+@pytest.mark.needs_gl
+def test_command_grains_the_object_on_a_noisy_plate_only(tmp_path):
+    glb = shots.cube_glb(tmp_path / "cube.glb")
+    fit = shots.fit_json(tmp_path / "fit.json")
+    rng = np.random.default_rng(2)
+    spreads = {}
+    for name, levels in (("clean", 0.0), ("noisy", 5.0)):
+        for at in range(4):
+            grain = levels * rng.standard_normal(shots.grey().shape)
+            shots.write_png(tmp_path / f"{name}_{at:04d}.png", np.uint8(shots.plate() + grain))
+        out, timings = tmp_path / f"{name}_out_%04d.png", tmp_path / f"{name}.json"
+        words = ["--fit", str(fit), "--timings", str(timings), "-q"]
+        assert main([str(tmp_path / f"{name}_%04d.png"), str(glb), str(out), *words]) == 0
+        rows = json.loads(timings.read_text())["frames"]
+        assert ("grain" in rows[1]["nodes"]) is (name == "noisy")
+        pair = [cv2.imread(str(out) % at).astype(np.float32) for at in (1, 2)]
+        spreads[name] = np.std((pair[0] - pair[1])[INSIDE]) / np.sqrt(2)
+    assert spreads["clean"] == 0.0
+    assert spreads["noisy"] == pytest.approx(5.0, rel=0.15)
