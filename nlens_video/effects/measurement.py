@@ -14,6 +14,7 @@ from typing import cast
 from nlens_video.frames import Picture
 
 PLATE_EFFECTS: Mapping[str, str] = {
+    "softness": "nlens_video.effects.softness",
     "grain": "nlens_video.effects.grain",
 }
 """Effect to the module whose `measure(pictures)` looks for it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
-from nlens_video.frames import BlurredLayer, Picture
+from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Picture
 from nlens_video.graph.tools import Made, Tools, Unavailable
 
 if TYPE_CHECKING:
@@ -23,6 +23,20 @@ def model_of(tools: Tools, effect: str) -> object:
     if found.model is None:
         raise Unavailable(found.evidence)
     return found.model
+
+
+def make_soften(tools: Tools) -> Made:
+    """The plate's least softness on the object."""
+    from nlens_video.stages.softness import Floor, missing_sigma, softened
+
+    floor = cast("Floor", model_of(tools, "softness"))
+
+    def run(
+        blurred: BlurredLayer, frame_box: Box, defocused: DefocusedLayer | None
+    ) -> BlurredLayer:
+        return softened(blurred, missing_sigma(floor, defocused), frame_box)
+
+    return Made(run, f"as soft as the plate's sharpest edges, sigma {floor.sigma_px:.2f} px")
 
 
 def make_grain(tools: Tools) -> Made:

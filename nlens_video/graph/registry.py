@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
-from nlens_video.graph.camera_stages import make_grain
+from nlens_video.graph.camera_stages import make_grain, make_soften
 from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.real_stages import (
@@ -261,6 +261,7 @@ STAGES: dict[str, Stage] = {
     "lay-reflection": Stage(
         make_lay_reflection, ("picture", "reflection", "frame_box", "foreground?"), "picture"
     ),
+    "soften": Stage(make_soften, ("blurred", "frame_box", "defocused?"), "blurred"),
     "grain": Stage(make_grain, ("picture", "blurred", "frame"), "blurred"),
     "composite": Stage(_composite, ("picture", "blurred", "foreground?"), "picture"),
 }
