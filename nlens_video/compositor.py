@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.aperture import Aperture, parse_aperture
 from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import UsageError
+from nlens_video.graph.ahead import Ahead
 from nlens_video.graph.assemble import Assembly, Lens, assemble
 from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
@@ -59,6 +61,8 @@ class Compositor:
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
         budget_ms: what a frame may cost [ms].
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
+        aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
+        cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
 
     Raises:
         UsageError: an argument makes no sense.
@@ -66,7 +70,7 @@ class Compositor:
         SceneError: the GLB cannot be used; raised at the first frame.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  the command line's options, by name
         self,
         glb: str | Path | ObjectSettings,
         *,
@@ -79,6 +83,8 @@ class Compositor:
         fallback: Fallback = "none",
         budget_ms: float = 180.0,
         shutter_deg: float | None = None,
+        aperture: Aperture | str = "round",
+        cat_eye: float = 0.0,
     ) -> None:
         if not fps > 0:
             raise UsageError(f"{fps = } must be above 0")
@@ -93,7 +99,7 @@ class Compositor:
         self._objects = glb
         self._lens = Lens(
             preset=preset, effects=effects, fit=fit, fallback=fallback, frame_s=1.0 / fps,
-            shutter_deg=shutter_deg,
+            shutter_deg=shutter_deg, aperture=_aperture(aperture, cat_eye),
         )  # fmt: skip
         self._fps = fps
         self._profiler = Profiler(budget_ms)
@@ -227,6 +233,7 @@ class Compositor:
                 self._objects, self._lens, view, self._profiler, Plate(lambda: (picture,))
             )
             self._stack.enter_context(self._assembly.render_context())
+            self._stack.enter_context(Ahead(self._assembly.graph))
             self._size = size
         if size != self._size:
             raise UsageError(
@@ -234,6 +241,14 @@ class Compositor:
                 "takes one size; make another for other frames"
             )
         return self._assembly
+
+
+def _aperture(given: Aperture | str, cat_eye: float) -> Aperture:
+    if isinstance(given, str):
+        return parse_aperture(given, cat_eye=cat_eye)
+    if cat_eye:
+        raise UsageError("the cat's eye stands in the Aperture; leave cat_eye out")
+    return given
 
 
 def _copied(frame: av.VideoFrame) -> av.VideoFrame:

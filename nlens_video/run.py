@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 from nlens_video import interrupts
 from nlens_video.errors import LensFitError, UsageError
 from nlens_video.frames import BlurredLayer
+from nlens_video.graph.ahead import Ahead
 from nlens_video.graph.lanes import run_lanes
 from nlens_video.graph.plan import describe
 from nlens_video.graph.profiler import Profiler
@@ -112,6 +113,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         profiler = Profiler(settings.budget_ms)
         intake = stack.enter_context(taken_in(settings, profiler))
         source, assembly = intake.source, intake.assembly
+        ahead = stack.enter_context(Ahead(assembly.graph))
         watching = observers(settings, Started(source.info, assembly, profiler), settings.output)
         for observer in watching:
             stack.enter_context(observer)
@@ -149,6 +151,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
             notes=(
                 *source.info.notes,
                 *assembly.notes(),
+                *ahead.notes,
                 *sink.notes,
                 *_missing(written, total),
             ),

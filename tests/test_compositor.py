@@ -10,6 +10,7 @@ import pytest
 import shots
 
 from nlens_video import Compositor
+from nlens_video.aperture import Aperture
 from nlens_video.errors import LensFitError, SceneError, UsageError
 from nlens_video.lens import LensFit
 
@@ -155,3 +156,21 @@ def test_saved_fit_is_taken_by_its_path(tmp_path, glb):
     with Compositor(glb, fit=shots.fit_json(tmp_path / "fit.json")) as compositor:
         compositor.process(bgr())
         assert compositor.fit == FIT
+
+
+def test_aperture_shapes_the_blur_as_the_command_line_does(glb):
+    pictures = []
+    for changes in ({}, {"aperture": "3:20"}, {"aperture": Aperture(blades=3, rotation_deg=20.0)}):
+        with Compositor(glb, preset="realtime", fit=FIT, fps=25, **changes) as compositor:
+            pictures.append(compositor.process(bgr(), time=0.0))
+    plain, words, typed = pictures
+    assert np.array_equal(words, typed) and not np.array_equal(words, plain)
+
+
+def test_aperture_that_makes_no_sense_is_refused_at_once(glb):
+    with pytest.raises(UsageError, match="is not round"):
+        Compositor(glb, aperture="oval")
+    with pytest.raises(UsageError, match="cat-eye"):
+        Compositor(glb, cat_eye=2.0)
+    with pytest.raises(UsageError, match="leave cat_eye out"):
+        Compositor(glb, aperture=Aperture(blades=5), cat_eye=0.5)

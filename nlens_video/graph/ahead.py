@@ -1,0 +1,129 @@
+"""Kernels compiled, and networks loaded, while the source opens and the lens is looked for.
+
+numba compiles a kernel when it is first called, some ten seconds for all of them after an
+installation, and reads it from its cache after that, a fraction of one. Both happen here, on a
+thread of their own, with inputs of a few pixels; frames wait for no more than what is not ready
+when they need it. What is computed does not depend on any of it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
+from nlens_video.graph.build import Graph
+from nlens_video.graph.node import Node
+
+_SIDE = 24  # of what is computed [px]
+_FRAME = Box(0, 0, _SIDE, _SIDE)
+_WORTH_SAYING_S = 2.0
+
+Work = Callable[[], object]
+
+
+class Ahead:
+    """Makes a graph's kernels ready from `__enter__` on; `__exit__` ends it after the one at hand.
+
+    Args:
+        graph: what will run.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self._work = _works(graph.nodes)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="nlens-ahead", daemon=True)
+        self._seconds = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know: that compiling took a while, which happens once."""
+        if self._seconds < _WORTH_SAYING_S:
+            return ()
+        return (
+            f"kernels were compiled or loaded in {self._seconds:.0f} s; they are kept, so the next "
+            "run starts sooner",
+        )
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        start = time.perf_counter()
+        for work in self._work:
+            if self._stop.is_set():
+                return
+            try:
+                work()
+            except Exception:  # noqa: BLE001  the frame that needs it says what is wrong
+                return
+            self._seconds = time.perf_counter() - start
+
+
+def _works(nodes: Sequence[Node]) -> list[Work]:
+    """What to call for the nodes, in their order, each once."""
+    works: dict[str, Work] = {}
+    for node in nodes:
+        if node.stage in ("scatter", "lens", "expose"):
+            works["scatter"] = _scatter
+        if node.stage == "lens":
+            works["cell"] = _cell
+        if node.stage == "scatter":  # its own aperture's tables too
+            works[node.name] = partial(node.run, _sharp(), _FRAME)
+        if node.stage == "repair":
+            works[node.name] = partial(node.run, _sharp(), _blurred())
+        if node.stage in ("composite", "darken"):
+            works["blend"] = _blend
+    return list(works.values())
+
+
+def _sharp() -> DefocusedLayer:
+    """A layer with a step of depth, whose discs take every kind of drawing."""
+    rgba = np.ones((_SIDE, _SIDE, 4), np.float32)
+    coc = np.repeat(np.linspace(-44.0, 0.0, _SIDE, dtype=np.float32)[:, None], _SIDE, axis=1)
+    coc[:, _SIDE // 2 :] = 3.0
+    layer = ObjectLayer(box=_FRAME, rgba=rgba, depth=np.ones_like(coc))
+    return DefocusedLayer(layer=layer, coc_px=coc)
+
+
+def _blurred() -> BlurredLayer:
+    return BlurredLayer(box=_FRAME, rgba=_sharp().layer.rgba)
+
+
+def _scatter() -> None:
+    from nlens_video.kernels.scatter import scatter
+
+    sharp = _sharp()
+    scatter(sharp.layer.rgba, sharp.coc_px)
+
+
+def _cell() -> None:
+    from nlens_video.kernels.cell import blur_cell
+
+    sharp = _sharp()
+    rgba = sharp.layer.rgba
+    blur_cell(rgba, rgba[..., 3] > 0.0, np.clip(sharp.coc_px, -4.0, 4.0), _FRAME)
+
+
+def _blend() -> None:
+    from nlens_video.video.picture import ArrayPicture
+
+    picture = ArrayPicture(np.zeros((_SIDE, _SIDE, 3), np.uint8))
+    picture.linear(_FRAME)
+    picture.over(_FRAME, _sharp().layer.rgba)
