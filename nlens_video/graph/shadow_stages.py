@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
 from functools import partial
 
 import numpy as np
 
-from nlens_video.frames import Box, Picture
+from nlens_video.frames import BlurredLayer, Box, Picture
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.tools import LitGround, Made, Tools, Unavailable
 from nlens_video.lens import LensFit
+from nlens_video.scene.casters import Casters, Opacity
 from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.mesh import Geometry
 from nlens_video.stages.occlusion import Foreground
 from nlens_video.stages.shadow import CastShadow, Darken, Shadow
 
@@ -36,16 +39,22 @@ def make_shadow(tools: Tools, *, lamp_points: int = 24, ambient_directions: int 
     cast = CastShadow(
         strength=ground.strength, lamp_points=lamp_points, ambient_directions=ambient_directions
     )
+    opacities: dict[Geometry, Opacity | None] = {}
+    before: tuple[tuple[object, ...], Shadow | None] | None = None
 
     def run(placement: Placement, fit: LensFit | None) -> Shadow | None:
+        nonlocal before
         posed = ground.pose(placement.time_s)
-        vertices, faces = posed.triangles()
+        casters = Casters.of(posed, opacities)
         light = ground.light.on_ground(posed.lights)
-        height = tools.ground_height()
-        return cast(vertices.astype(np.float64), faces, light, placement.camera, height, fit)
+        given = (casters, light, placement.camera, fit)
+        if before is None or not alike(before[0], given):
+            height = tools.ground_height()
+            before = given, cast(casters, light, placement.camera, height, fit)
+        return before[1]
 
     points = f"{lamp_points} points a lamp, {ambient_directions} directions around"
-    return Made(run, f"triangles cast on the ground, {points}, numba")
+    return Made(run, f"triangles cast on the ground, {points}, numba; again when something moves")
 
 
 def make_darken(tools: Tools) -> Made:
@@ -58,13 +67,33 @@ def make_darken(tools: Tools) -> Made:
         pixel_aspect=tools.pixel_aspect,
     )
 
+    before: tuple[Shadow, BlurredLayer] | None = None  # a resting object's is the same one
+
     def run(
         picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None
     ) -> Picture:
+        nonlocal before
+        if before is None or before[0] is not shadow:
+            before = shadow, stage.blurred(shadow, frame_box)
         cover = None if foreground is None else foreground.before_ground
-        return stage(picture, shadow, frame_box, cover)
+        return stage.taken(picture, before[1], cover)
 
     return Made(run, "plate times what is left of its light, blurred as the ground")
+
+
+def alike(first: object, second: object) -> bool:
+    """Whether two values hold the same numbers: arrays, tuples, and dataclasses of them."""
+    if first is second:
+        return True
+    if type(first) is not type(second):
+        return False
+    if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
+        return bool(np.array_equal(first, second))
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return len(first) == len(second) and all(map(alike, first, second))
+    if is_dataclass(first):
+        return all(alike(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
+    return bool(first == second)
 
 
 def _ground(tools: Tools) -> LitGround:

@@ -12,7 +12,12 @@ from nlens_video.scene.mesh import Int32
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solid:
-    """Triangles, all of them above the ground: vertices (V, 3) and faces (T, 3)."""
+    """Triangles, all of them above the ground.
+
+    Attributes:
+        vertices: in the world (V, 3), and after that whatever else each vertex carries (V, 3 + C).
+        faces: vertex indices (T, 3).
+    """
 
     vertices: Float64
     faces: Int32
@@ -25,6 +30,16 @@ class Solid:
     def below(self, height: float) -> Solid:
         """What lies below a height; triangles that cross it are cut."""
         return self._kept(self.vertices, self.faces, height - self.vertices[:, 1])
+
+    @property
+    def points(self) -> Float64:
+        """Where the vertices are (V, 3)."""
+        return self.vertices[:, :3]
+
+    @property
+    def used(self) -> Float64:
+        """Where the corners of its triangles are (3 T, 3)."""
+        return np.asarray(self.points[self.faces.ravel()])
 
     @classmethod
     def _kept(cls, vertices: Float64, faces: Int32, distance: Float64) -> Solid:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.frames import (
+    BlurredLayer,
     Bool,
     Box,
     DefocusedLayer,
@@ -25,9 +26,9 @@ from nlens_video.frames import (
 )  # fmt: skip
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.casters import Casters
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.irradiance import from_around, from_lamp, reaches
-from nlens_video.scene.mesh import Int32
 from nlens_video.scene.solid import Solid
 from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
 from nlens_video.stages.occlusion import Cover
@@ -69,8 +70,7 @@ class CastShadow:
 
     def __call__(
         self,
-        vertices: Float64,
-        faces: Int32,
+        casters: Casters,
         light: Illumination,
         camera: Camera,
         ground_y: float,
@@ -79,8 +79,7 @@ class CastShadow:
         """Cast one moment's shadow.
 
         Args:
-            vertices: in the world (V, 3) [scene unit].
-            faces: vertex indices of triangles (T, 3).
+            casters: what throws it.
             light: what lights the ground.
             camera: that moment's camera.
             ground_y: height of the plane [scene unit].
@@ -91,11 +90,18 @@ class CastShadow:
         """
         if camera.world_from_camera[1, 3] <= ground_y:
             return None
-        above = Solid.above(vertices, faces, ground_y)
-        if not len(above.faces) or self.strength <= 0.0:
-            return None
         margin = _margin(camera, ground_y, fit)
-        stage = Stage(above, _cut(camera, _frame(camera).grown(margin)), ground_y)
+        stage = Stage(
+            Solid.above(casters.vertices, casters.faces, ground_y),
+            _cut(camera, _frame(camera).grown(margin)),
+            ground_y,
+            tuple(
+                (Solid.above(veil.vertices, veil.faces, ground_y), veil.opacity)
+                for veil in casters.veils
+            ),
+        )
+        if stage.empty or self.strength <= 0.0:
+            return None
         lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
         hidden = [stage.hidden(lamp, self.lamp_points) for lamp in lamps]
         around = from_around(light, stage.base)
@@ -105,7 +111,7 @@ class CastShadow:
         if inner.empty:
             return None
         box = Box(inner.x0 - margin, inner.y0 - margin, inner.x1 - margin, inner.y1 - margin)
-        part = Stage(above, _cut(camera, box), ground_y)
+        part = replace(stage, camera=_cut(camera, box))
         at = inner.slices_in(_frame(stage.camera))
         ground = part.ground
         lost, total = np.zeros(part.size), np.broadcast_to(around, part.size).copy()
@@ -196,20 +202,28 @@ class Darken:
             frame: the frame's own box.
             cover: what really stands before the ground.
         """
-        box, loss = self._blurred(shadow, frame)
+        return self.taken(picture, self.blurred(shadow, frame), cover)
+
+    def taken(self, picture: Picture, blurred: BlurredLayer, cover: Cover | None) -> Picture:
+        """Take a blurred shadow's light from the plate, in place; the picture itself comes back.
+
+        Args:
+            picture: the plate; changed where the shadow reaches, and only there.
+            blurred: from `blurred`.
+            cover: what really stands before the ground.
+        """
+        box, loss = blurred.box, blurred.rgba
         if not box.empty and loss.any():
-            mean = loss[..., 3:]
-            # Over has one alpha for all channels: what is coloured about the loss is added back.
             plate = picture.linear(box)
             if cover is not None:
                 loss = _behind(loss, plate, box, cover)
-                mean = loss[..., 3:]
-            rgb = (mean - loss[..., :3]) * plate
-            picture.over(box, np.concatenate([rgb, mean], axis=2))
+            mean = loss[..., 3:]
+            # Over has one alpha for all channels: what is coloured about the loss is added back.
+            picture.over(box, np.concatenate([(mean - loss[..., :3]) * plate, mean], axis=2))
         return picture
 
-    def _blurred(self, shadow: Shadow, frame: Box) -> tuple[Box, Float32]:
-        """Loss and its mean (h, w, 4) on a box inside the frame."""
+    def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
+        """Loss in each channel and its mean, as the lens shows them, on a box inside the frame."""
         mean = shadow.loss.mean(axis=2, keepdims=True)
         layer = ObjectLayer(
             box=shadow.box,
@@ -217,5 +231,4 @@ class Darken:
             depth=np.ones(mean.shape[:2], np.float32),
         )
         blur = ReblurLayer(scatter=self.scatter, reach=self.reach, pixel_aspect=self.pixel_aspect)
-        blurred = blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
-        return blurred.box, blurred.rgba
+        return blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 
 from nlens_video.frames import Float64
-from nlens_video.kernels.cast import Int32, count_covered, new_counts
+from nlens_video.kernels.cast import count_covered, new_counts
+from nlens_video.kernels.cast_veils import count_veiled, new_veiled
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.casters import Opacity
 from nlens_video.scene.illumination import Lamp
 from nlens_video.scene.solid import Solid
 
@@ -29,11 +31,22 @@ class Stage:
         solid: the body, above the ground.
         camera: the camera.
         ground_y: height of the ground plane [scene unit].
+        veils: what of the body is not opaque, above the ground, and how much light it stops.
     """
 
     solid: Solid
     camera: Camera
     ground_y: float
+    veils: tuple[tuple[Solid, Opacity], ...] = ()
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing stands on it."""
+        return not any(len(body.faces) for body in self._bodies)
+
+    @property
+    def _bodies(self) -> tuple[Solid, ...]:
+        return (self.solid, *(veil for veil, _ in self.veils))
 
     @property
     def size(self) -> tuple[int, int, int]:
@@ -43,7 +56,7 @@ class Stage:
     @property
     def middle(self) -> Float64:
         """Middle of the body's bounds (3,)."""
-        seen = self.solid.vertices[self.solid.faces.ravel()]
+        seen = np.concatenate([body.used for body in self._bodies])
         return np.asarray(0.5 * (seen.min(axis=0) + seen.max(axis=0)))
 
     @property
@@ -74,7 +87,7 @@ class Stage:
         turn, sine = number * _GOLDEN, np.sqrt(squared_sine)
         up = np.sqrt(1.0 - squared_sine)
         toward = np.stack([sine * np.cos(turn), up, sine * np.sin(turn), 0.0 * up], axis=1)
-        small = Stage(self.solid, _coarser(self.camera), self.ground_y)
+        small = replace(self, camera=_coarser(self.camera))
         counts = small._counts(toward[squared_sine <= _LOWEST])
         faint = max(_FAINT, min(1.0 / directions, 0.5))
         coarse = np.maximum(counts / directions - faint, 0.0).astype(np.float32) / (1.0 - faint)
@@ -82,29 +95,29 @@ class Stage:
         fine = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR)
         return fine[: self.camera.height, : self.camera.width].astype(np.float64)
 
-    def _counts(self, lights: Float64) -> Int32:
+    def _counts(self, lights: Float64) -> Float64:
         """How many of the lights (N, 4) the body hides from each pixel's ground (h, w).
 
-        A light is a point (x, y, z, 1) or the direction towards one far away, (x, y, z, 0).
+        A light is a point (x, y, z, 1) or the direction towards one far away, (x, y, z, 0). What
+        is not opaque hides a part of one.
         """
         counts = new_counts(self.camera.height, self.camera.width)
+        veiled = new_veiled(self.camera.height, self.camera.width)
         for call, light in enumerate(lights, start=1):
             if light[1] <= light[3] * self.ground_y:
                 continue
-            solid = self.solid if light[3] == 0.0 else self.solid.below(light[1])
             pixels = _pixels_from_world(self.camera) @ _flattened(light, self.ground_y)
-            points = solid.vertices @ pixels[:, :3].T + pixels[:, 3]
             at = ((call * _R2[0]) % 1.0, (call * _R2[1]) % 1.0)
+            solid = self.solid if light[3] == 0.0 else self.solid.below(light[1])
+            points = solid.points @ pixels[:, :3].T + pixels[:, 3]
             count_covered(counts, points, solid.faces, call, at)
-        return np.asarray(counts[0])
-
-
-@dataclass(frozen=True, slots=True)
-class _Widened:
-    """A camera whose frame has a margin, from which blur reaches into the frame [px]."""
-
-    camera: Camera
-    margin: int
+            for whole, opacity in self.veils:
+                veil = whole if light[3] == 0.0 else whole.below(light[1])
+                points = veil.points @ pixels[:, :3].T + pixels[:, 3]
+                surface = np.ascontiguousarray(veil.vertices[:, 3:])
+                texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
+                count_veiled(veiled, counts, points, surface, veil.faces, texture, call, at)
+        return np.asarray(counts[0] + veiled.taken, dtype=np.float64)
 
 
 def _coarser(camera: Camera) -> Camera:

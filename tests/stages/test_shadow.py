@@ -14,6 +14,7 @@ from nlens_video.kernels.cast_ref import covered
 from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.casters import Casters
 from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.irradiance import from_around, from_lamp
 from nlens_video.scene.lights import Light, PosedLight
@@ -56,7 +57,8 @@ def loss(shadow):
 
 
 def cast(light, camera=None, fit=None, vertices=CARD, **given):
-    return CastShadow(**given)(vertices, FACES, light, camera or looking_down(), 0.0, fit)
+    casters = Casters(vertices, FACES)
+    return CastShadow(**given)(casters, light, camera or looking_down(), 0.0, fit)
 
 
 def test_shadow_of_a_card_under_a_sun_at_45_degrees_lies_its_height_aside():
@@ -239,11 +241,10 @@ def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
     folder = shared / "data" / "cycles" / "dev" / scene
     loaded = Scene.load(folder / "object.glb")
     posed = loaded.pose(0.0)
-    vertices, faces = posed.triangles()
     without, truth = (cv2.imread(str(folder / f"{n}.png")) for n in ("gt_noshadow", "gt"))
     camera = loaded.camera(0.0, 960, 512)
     light = SceneLight(loaded.light_count).on_ground(posed.lights)
-    shadow = CastShadow()(vertices.astype(np.float64), faces, light, camera, 0.0, None)
+    shadow = CastShadow()(Casters.of(posed, {}), light, camera, 0.0, None)
     picture = without.copy()
     frame = Box(0, 0, 960, 512)
     Darken(scatter=scatter, reach=blur_reach)(ArrayPicture(picture), shadow, frame)
