@@ -31,6 +31,7 @@ from nlens_video.stages.shadow import Shadow
 if TYPE_CHECKING:
     from nlens_video.graph.stream import StreamFrame
 
+_SOFTENED_PX = 16  # what later stages may spread the object by [px]
 _SPREAD_PX = 16  # beyond half a CoC: what discs on coarser pixels take more [px]
 
 
@@ -74,7 +75,9 @@ def make_hold_out(tools: Tools) -> Made:
         layer: ObjectLayer | None, blurred: BlurredLayer | None, shadow: Shadow | None,
         reflection: DefocusedLayer | None,
     ) -> Foreground | None:  # fmt: skip
-        object_region = Box(0, 0, 0, 0) if blurred is None else blurred.box
+        object_region = Box(0, 0, 0, 0)
+        if blurred is not None and not blurred.box.empty:
+            object_region = blurred.box.grown(_SOFTENED_PX).intersection(frame_box)
         ground_region = _on_ground(shadow, reflection, frame_box)
         if isinstance(front, Matte):
             region = _around(object_region, ground_region)
