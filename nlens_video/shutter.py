@@ -15,11 +15,13 @@ class Shutter:
         angle_deg: share of the frame's time that it is open, 360 for all of it [deg].
         frame_s: from one frame to the next, 0 where there is only one [s].
         source: where the angle is from, in words.
+        given: whether the user says it.
     """
 
     angle_deg: float = ASSUMED_ANGLE_DEG
     frame_s: float = 0.0
     source: str = "assumed"
+    given: bool = False
 
     @property
     def open_s(self) -> float:

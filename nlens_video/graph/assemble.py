@@ -57,7 +57,7 @@ class Lens:
         """The plate's shutter."""
         if self.shutter_deg is None:
             return Shutter(angle_deg=ASSUMED_ANGLE_DEG, frame_s=self.frame_s, source="assumed")
-        return Shutter(angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given")
+        return Shutter(angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given", given=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +142,7 @@ def assemble(
         views=source.renderer if isinstance(source, RenderedObject) else None,
         repair=_repair(view.pixel_aspect),
         ground=ground,
-        shutter=lens.shutter,
+        shutter=called_for.shutter,
         measured=called_for.measured,
         front=front,
         reflectance=_reflectance(objects),

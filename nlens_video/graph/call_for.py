@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate
 from nlens_video.effects.planner import (
+    MOTION_BLUR,
     Circumstances,
     Decision,
     decide,
@@ -25,10 +26,11 @@ from nlens_video.shutter import Shutter
 
 @dataclass(frozen=True, slots=True)
 class CalledFor:
-    """Effects, and what the plate showed of them."""
+    """Effects, what the plate showed of them, and its shutter."""
 
     decisions: tuple[Decision, ...]
     measured: Mapping[str, Measurement]
+    shutter: Shutter
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class Shot:
         scene: the object.
         ground: what it stands on and what lights it.
         ground_y: height of the ground, None for the object's lowest point [scene unit].
-        shutter: of the plate.
+        shutter: of the plate, as far as it is given.
         plate: its first pictures.
         real: what the user says of the plate's own things.
         front: what tells which of them stand in front, in words.
@@ -82,14 +84,31 @@ def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profi
     there = frozenset(node.effect for node in pipeline.nodes if node.effect)
     looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
     measured: Mapping[str, Measurement] = {}
-    if looked_for:
+    shutter, smears = shot.shutter, MOTION_BLUR in there.intersection(requested_effects(requested))
+    reads_shutter = smears and shot.scene.moves and not shutter.given and shutter.frame_s > 0.0
+    if looked_for or reads_shutter:
         with profiler.timed(shot.plate.first, "measure"):
-            measured = measure_plate(looked_for, shot.plate.pictures())
-    wanted = decide(requested, _circumstances(shot, measured))
-    return CalledFor(within(wanted, there, pipeline.name, requested), measured)
+            pictures = shot.plate.pictures()
+            measured = measure_plate(looked_for, pictures)
+            if reads_shutter:
+                shutter = _read_shutter(shutter, pictures)
+    wanted = decide(requested, _circumstances(shot, shutter, measured))
+    return CalledFor(within(wanted, there, pipeline.name, requested), measured, shutter)
 
 
-def _circumstances(shot: Shot, measured: Mapping[str, Measurement]) -> Circumstances:
+def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
+    """The shutter as the plate's own smear tells it, if it does."""
+    from nlens_video.effects.shutter_angle import shutter_angle
+
+    angle = shutter_angle(pictures)
+    if angle is None:
+        return assumed
+    return replace(assumed, angle_deg=angle, source="read off the plate's own smear")
+
+
+def _circumstances(
+    shot: Shot, shutter: Shutter, measured: Mapping[str, Measurement]
+) -> Circumstances:
     """What the scene, as it is at first, calls for."""
     ground = shot.ground
     posed = ground.pose(0.0)
@@ -101,7 +120,7 @@ def _circumstances(shot: Shot, measured: Mapping[str, Measurement]) -> Circumsta
         pre_rendered=ground.pre_rendered,
         strength=ground.strength,
         moves=shot.scene.moves,
-        shutter=shot.shutter,
+        shutter=shutter,
         measured=measured,
         reflectance=shot.real.reflectance or 0.0,
         holdout="" if shot.real.holdout is None else shot.front,

@@ -1,0 +1,70 @@
+"""The shutter read off a panning camera's smear; and that smear is no defocus."""
+
+import cv2
+import numpy as np
+import pytest
+import shots
+from effects.shots_of_effects import pictures, scene
+
+from nlens_video.effects.shutter_angle import shutter_angle
+from nlens_video.kernels.regrain import to_code, to_linear
+from nlens_video.lens import LensFit
+from nlens_video.stages.motion_blur import way_kernel
+from nlens_video.stages.p_projection import project_to_ground
+from nlens_video.stages.r_regression import FitLens
+
+MARGIN = 100
+
+
+def panned(base, way_px, share, frames=3):
+    """Pictures of a camera that pans evenly, its shutter open for a share of the time."""
+    wide = cv2.copyMakeBorder(base, *[MARGIN] * 4, cv2.BORDER_REFLECT)
+    rng = np.random.default_rng(0)
+    shot = []
+    for at in range(frames):
+        shift = np.float32([[1, 0, at * way_px[0]], [0, 1, at * way_px[1]]])
+        view = cv2.warpAffine(
+            wide, shift, wide.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
+        if share:
+            view = cv2.filter2D(view, -1, way_kernel(share * np.asarray(way_px)))
+        view = np.maximum(view[MARGIN:-MARGIN, MARGIN:-MARGIN], 0)
+        shot += pictures(view, 1, rng.normal(0, 1 / 255, (1, *view.shape)))
+    return shot
+
+
+@pytest.mark.parametrize("way", [(12.0, 0.0), (0.0, 14.0), (-9.0, 12.0), (25.0, 0.0)], ids=str)
+@pytest.mark.parametrize("share", [0.5, 0.75])
+def test_shutter_of_a_panning_camera_is_read(way, share):
+    angle = shutter_angle(panned(scene(0, slope=0.9), way, share))
+    assert angle == pytest.approx(360 * share, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("way", "share"), [((0.0, 0.0), 0.0), ((3.0, 0.0), 0.5), ((14.0, 0.0), 0.0)], ids=str
+)
+def test_plate_that_shows_no_smear_tells_nothing(way, share):
+    for seed in range(3):
+        assert shutter_angle(panned(scene(seed), way, share)) is None
+
+
+def test_single_picture_tells_nothing():
+    assert shutter_angle(pictures(scene(1), 1)) is None
+
+
+def test_panning_camera_is_not_read_as_defocus():
+    from nlens_video.backends.coc_onnx import OnnxCocNetwork
+    from nlens_video.model_store import find_model
+    from nlens_video.stages.f_coc import estimate_coc
+
+    network = OnnxCocNetwork(find_model("coc").path)
+    square = np.array([[-0.3, 0, -1.4], [0.3, 0, -1.4], [0.3, 0, -2.0], [-0.3, 0, -2.0]])
+    ground = project_to_ground(square[[[0, 1, 2], [0, 2, 3]]], shots.camera(), 0.0)
+    still = shots.plate().astype(np.float32) / 255
+    light = cv2.filter2D(to_linear(still), -1, way_kernel(np.array([8.0, 0.0])))
+    lenses: list[LensFit] = [
+        FitLens()(estimate_coc(network, rgb), ground, 0).fit for rgb in (still, to_code(light))
+    ]
+    disparity = np.linspace(0.3, 0.8, 20, dtype=np.float32)
+    change = lenses[1].coc_px(disparity) - lenses[0].coc_px(disparity)
+    assert np.abs(change).max() < 1.0
