@@ -46,16 +46,14 @@ def shutter_angle(pictures: Sequence[Picture]) -> float | None:
     if move is None or again is None or math.dist(move, again) > _STEADY * math.hypot(*move):
         return None
     along = [_along_rows(luma, move) for luma in (first, second, third)]
-    pairs = [(*along[:2], math.hypot(*move)), (*along[1:], math.hypot(*again))]
+    ways = (math.hypot(*move), math.hypot(*again))
+    pairs = list(zip(along[:2], along[1:], ways, strict=True))
     # a valley that is the texture's own moves with the order of the derivative
-    smears = [_smear_px(pairs, order) for order in (2, 3)]
-    if None in smears:
-        return None
-    smear, other = (float(found or 0.0) for found in smears)
-    if abs(smear - other) > _AGREEMENT * smear:
+    smear, other = (_smear_px(pairs, order) for order in (2, 3))
+    if smear is None or other is None or abs(smear - other) > _AGREEMENT * smear:
         return None
     # the second picture lies in the middle of both motions
-    return min(360.0, 360.0 * smear / (0.5 * (pairs[0][2] + pairs[1][2])))
+    return min(360.0, 360.0 * smear / (0.5 * sum(ways)))
 
 
 def _common_move(first: Float32, second: Float32) -> tuple[float, float] | None:
