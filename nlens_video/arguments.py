@@ -8,7 +8,7 @@ from typing import NoReturn
 
 from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
-from nlens_video.effect_arguments import add_effects
+from nlens_video.effect_arguments import add_effects, optics
 from nlens_video.errors import UsageError
 from nlens_video.light_arguments import add_light
 from nlens_video.object_arguments import (
@@ -96,6 +96,7 @@ def settings(words: argparse.Namespace) -> Settings:
         device=words.device,
         aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
         shutter_deg=getattr(words, "shutter", None),
+        optics=optics(words),
         fit=getattr(words, "fit", None),
         save_fit=words.save_fit,
         fallback=words.fallback,

@@ -23,6 +23,7 @@ from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler, Summary
 from nlens_video.lens import LensFit
+from nlens_video.optics import NOTHING_SAID, Optics
 from nlens_video.settings import Fallback, ObjectSettings
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ class Compositor:
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
+        optics: what is known of the lens beside its focus: vignetting, distortion.
 
     Raises:
         UsageError: an argument makes no sense.
@@ -85,6 +87,7 @@ class Compositor:
         shutter_deg: float | None = None,
         aperture: Aperture | str = "round",
         cat_eye: float = 0.0,
+        optics: Optics = NOTHING_SAID,
     ) -> None:
         if not fps > 0:
             raise UsageError(f"{fps = } must be above 0")
@@ -99,7 +102,7 @@ class Compositor:
         self._objects = glb
         self._lens = Lens(
             preset=preset, effects=effects, fit=fit, fallback=fallback, frame_s=1.0 / fps,
-            shutter_deg=shutter_deg, aperture=_aperture(aperture, cat_eye),
+            shutter_deg=shutter_deg, aperture=_aperture(aperture, cat_eye), optics=optics,
         )  # fmt: skip
         self._fps = fps
         self._profiler = Profiler(budget_ms)

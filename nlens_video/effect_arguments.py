@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from nlens_video.optics import Optics
+
 
 def add_effects(parser: argparse.ArgumentParser) -> None:
     """Which effects are simulated, and what nobody can see on the plate."""
@@ -14,6 +16,40 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     camera.add_argument(
         "--shutter", metavar="D", type=_angle, help="open D of a frame's 360 degrees (default: 180)"
     )
+    camera.add_argument(
+        "--vignetting", metavar="STOPS", type=_stops, help="light lost at the corners, 0 for none"
+    )
+    camera.add_argument(
+        "--distortion", metavar="K1[,K2]", type=_coefficients, help="as in OpenCV, 0 for none"
+    )
+
+
+def optics(words: argparse.Namespace) -> Optics:
+    """What is known of the lens beside its focus."""
+    return Optics(
+        vignetting_stops=getattr(words, "vignetting", None),
+        distortion=getattr(words, "distortion", None),
+    )
+
+
+def _stops(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 8.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a loss of light from 0 to 8 stops")
+    return value
+
+
+def _coefficients(text: str) -> tuple[float, float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2) or not all(abs(number) <= 10.0 for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r} is not K1 or K1,K2, such as -0.12,0.01")
+    return numbers[0], numbers[1] if len(numbers) == 2 else 0.0
 
 
 def _angle(text: str) -> float:

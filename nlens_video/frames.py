@@ -84,6 +84,10 @@ class Picture(Protocol):
         """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
         ...
 
+    def reduced(self, width: int, height: int) -> Float32:
+        """Scene-linear RGB (height, width, 3) of means of the codes, for measurements."""
+        ...
+
     def over(self, box: Box, rgba: Float32) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame.
 

@@ -100,6 +100,7 @@ def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler, trim: T
         aperture=settings.aperture,
         shutter_deg=settings.shutter_deg,
         frame_s=_frame_s(info),
+        optics=settings.optics,
     )
     view = View(
         width=info.width,

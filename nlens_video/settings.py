@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from nlens_video.aperture import ROUND, Aperture
+from nlens_video.optics import Optics
 from nlens_video.placing import Placing
 from nlens_video.playback import ONCE, Playback
 
@@ -150,6 +151,7 @@ class Settings:
         device: where networks and kernels run.
         aperture: shape of the lens' aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
+        optics: what is known of the lens beside its focus.
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what stands in for a fit that fails.
@@ -167,6 +169,7 @@ class Settings:
     device: Device = "auto"
     aperture: Aperture = ROUND
     shutter_deg: float | None = None
+    optics: Optics = Optics()
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"

@@ -24,7 +24,7 @@ LAYERS = [
     ["stages"],
     ["model_store", "scene", "video"],
     ["kernels"],
-    ["aperture", "color", "lens", "placing", "playback", "shutter", "v_fit"],
+    ["aperture", "color", "lens", "optics", "placing", "playback", "radius", "shutter", "v_fit"],
     ["frames"],
     ["errors", "interrupts"],
 ]

@@ -14,6 +14,8 @@ from typing import cast
 from nlens_video.frames import Picture
 
 PLATE_EFFECTS: Mapping[str, str] = {
+    "aberration": "nlens_video.effects.aberration",
+    "vignetting": "nlens_video.effects.vignetting",
     "softness": "nlens_video.effects.softness",
     "grain": "nlens_video.effects.grain",
 }

@@ -12,9 +12,10 @@ from nlens_video.shutter import Shutter
 DEFOCUS = "defocus"
 SHADOW = "shadow"
 MOTION_BLUR = "motion-blur"
+EXPOSURE = "exposure"
 REFLECTION = "reflection"
 OCCLUSION = "occlusion"
-EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, *PLATE_EFFECTS)
+EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +108,7 @@ def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision
         defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
         on_plate = (_measured(effect, scene.measured.get(effect)) for effect in PLATE_EFFECTS)
         on_ground = (_shadow(scene), _reflection(scene), _occlusion(scene))
-        return (defocus, *on_ground, _motion_blur(scene), *on_plate)
+        return (defocus, *on_ground, _motion_blur(scene), _exposure(scene), *on_plate)
     return tuple(
         Decision(
             effect=effect,
@@ -153,7 +154,7 @@ def _measured(effect: str, found: Measurement | None) -> Decision:
         return Decision(effect=effect, wanted=False, reason="the plate was not looked at")
     bound = "reaches" if found.value >= found.threshold else "stays below"
     reason = found.evidence
-    if found.model is not None:
+    if found.model is not None and found.threshold > 0.0:
         reason += f": {found.value:.3g} {found.unit} {bound} {found.threshold:.3g}"
     return Decision(
         effect=effect,
@@ -184,6 +185,19 @@ def _motion_blur(scene: Circumstances) -> Decision:
             f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source})"
         )
     return Decision(effect=MOTION_BLUR, wanted=wanted, reason=reason)
+
+
+def _exposure(scene: Circumstances) -> Decision:
+    if not scene.shutter.frame_s:
+        reason = "a still has no later frame"
+        return Decision(effect=EXPOSURE, wanted=False, reason=reason)
+    reason = (
+        "decided on each frame: called for where the plate's light differs from the first "
+        "frame's by 2 of 255 levels"
+    )
+    return Decision(
+        effect=EXPOSURE, wanted=True, reason=reason, threshold=2.0, unit="levels", cost_ms=0.5
+    )
 
 
 def _shadow(scene: Circumstances) -> Decision:

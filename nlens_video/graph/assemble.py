@@ -20,6 +20,7 @@ from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameSteps
 from nlens_video.graph.tools import FrontSource, LitGround, ShotRecord, Tools
 from nlens_video.lens import LensFit
+from nlens_video.optics import Optics
 from nlens_video.placing import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -41,6 +42,7 @@ class Lens:
         aperture: shape of its aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         frame_s: from one frame to the next, 0 for a still [s].
+        optics: what a person says about it beside.
     """
 
     preset: str = "standard"
@@ -51,6 +53,7 @@ class Lens:
     aperture: Aperture = ROUND
     shutter_deg: float | None = None
     frame_s: float = 0.0
+    optics: Optics = Optics()
 
     @property
     def shutter(self) -> Shutter:
@@ -126,6 +129,7 @@ def assemble(
             plate=plate,
             real=objects.real,
             front="" if front is None else front.description,
+            optics=lens.optics,
         ),
         profiler,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from nlens_video.effects.given import given
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate
 from nlens_video.effects.planner import (
     MOTION_BLUR,
@@ -18,6 +19,7 @@ from nlens_video.frames import Picture
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.tools import LitGround
+from nlens_video.optics import Optics
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.irradiance import reaches
 from nlens_video.settings import RealSettings
@@ -58,6 +60,7 @@ class Shot:
         plate: its first pictures.
         real: what the user says of the plate's own things.
         front: what tells which of them stand in front, in words.
+        optics: what a person says about the lens.
     """
 
     scene: Scene
@@ -67,6 +70,7 @@ class Shot:
     plate: Plate
     real: RealSettings
     front: str
+    optics: Optics = Optics()
 
 
 def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profiler) -> CalledFor:
@@ -83,13 +87,14 @@ def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profi
     """
     there = frozenset(node.effect for node in pipeline.nodes if node.effect)
     looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
-    measured: Mapping[str, Measurement] = {}
+    measured: dict[str, Measurement] = given(shot.optics)
+    looked_for = looked_for.difference(measured)
     shutter, smears = shot.shutter, MOTION_BLUR in there.intersection(requested_effects(requested))
     reads_shutter = smears and shot.scene.moves and not shutter.given and shutter.frame_s > 0.0
     if looked_for or reads_shutter:
         with profiler.timed(shot.plate.first, "measure"):
             pictures = shot.plate.pictures()
-            measured = measure_plate(looked_for, pictures)
+            measured.update(measure_plate(looked_for, pictures))
             if reads_shutter:
                 shutter = _read_shutter(shutter, pictures)
     wanted = decide(requested, _circumstances(shot, shutter, measured))

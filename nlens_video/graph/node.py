@@ -34,6 +34,7 @@ PORTS: dict[str, str] = {
     "reflection": "DefocusedLayer",
     "front": "Front",
     "foreground": "Foreground",
+    "exposure": "Exposure",
 }
 STEP_PX = 2.0  # between neighbours: less than that, parts of the object do not hide others visibly
 GIVEN = ("frame", "picture", "frame_box", "following")

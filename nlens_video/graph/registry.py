@@ -12,6 +12,12 @@ from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, Object
 from nlens_video.graph.camera_stages import make_grain, make_soften
 from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
 from nlens_video.graph.objects import Placement
+from nlens_video.graph.optics_stages import (
+    make_exposure,
+    make_follow,
+    make_fringe,
+    make_vignette,
+)
 from nlens_video.graph.real_stages import (
     make_hold_out,
     make_lay_reflection,
@@ -261,6 +267,10 @@ STAGES: dict[str, Stage] = {
     "lay-reflection": Stage(
         make_lay_reflection, ("picture", "reflection", "frame_box", "foreground?"), "picture"
     ),
+    "fringe": Stage(make_fringe, ("blurred", "picture", "frame_box"), "blurred"),
+    "exposure": Stage(make_exposure, ("picture",), "exposure"),
+    "follow": Stage(make_follow, ("blurred", "exposure"), "blurred"),
+    "vignette": Stage(make_vignette, ("blurred", "frame_box"), "blurred"),
     "soften": Stage(make_soften, ("blurred", "frame_box", "defocused?"), "blurred"),
     "grain": Stage(make_grain, ("picture", "blurred", "frame"), "blurred"),
     "composite": Stage(_composite, ("picture", "blurred", "foreground?"), "picture"),

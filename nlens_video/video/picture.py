@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 import av
+import cv2
 import numpy as np
 
 from nlens_video.color import ColorTags
 from nlens_video.frames import Box, Float32
 from nlens_video.kernels import blend
-from nlens_video.kernels.blend_samples import Plane, Samples
+from nlens_video.kernels.blend_samples import Axis, Plane, Samples
 from nlens_video.video.formats import unpacked
 from nlens_video.video.samples import array_samples, frame_samples, frame_tags
 
@@ -45,6 +46,13 @@ class _Blended:
         samples = self._samples()
         _check(samples, box)
         return blend.linear(samples, box)
+
+    def reduced(self, width: int, height: int) -> Float32:
+        """Scene-linear BT.709 RGB (height, width, 3) of means of the codes, for measurements."""
+        samples = self._samples()
+        first, second, third = (_shrunk(plane, width, height) for plane in samples.planes)
+        small = Samples((first, second, third), None, Axis(), Axis(), samples.coding)
+        return blend.linear(small, Box(0, 0, width, height))
 
 
 class AvPicture(_Blended):
@@ -121,6 +129,13 @@ class ArrayPicture(_Blended):
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
         _check(self._views, box, rgba)
         blend.over(self._views, box, rgba)
+
+
+def _shrunk(plane: Plane, width: int, height: int) -> Float32:
+    """Means of a plane's codes (height, width); of large planes, of every few samples of each."""
+    down, across = max(1, plane.shape[0] // (4 * height)), max(1, plane.shape[1] // (4 * width))
+    thin = np.ascontiguousarray(plane[::down, ::across], dtype=np.float32)
+    return np.asarray(cv2.resize(thin, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _check(samples: Samples, box: Box, rgba: Float32 | None = None) -> None:

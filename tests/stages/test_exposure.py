@@ -1,0 +1,113 @@
+"""The plate's exposure over a shot, and the object that follows it."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nlens_video.effects.planner import EXPOSURE, Circumstances, decide
+from nlens_video.frames import BlurredLayer, Box
+from nlens_video.shutter import Shutter
+from nlens_video.stages.exposure import Exposure, MeasureExposure, follow
+from nlens_video.video.picture import ArrayPicture
+
+SIZE = (360, 640)
+
+
+def scene(seed=0, wide=1):
+    rng = np.random.default_rng(seed)
+    light = np.full((SIZE[0], SIZE[1] * wide, 3), 0.2, np.float32)
+    for octave in range(2, 7):
+        side = (light.shape[1] >> octave, light.shape[0] >> octave)
+        noise = rng.standard_normal((side[1], side[0], 3)).astype(np.float32)
+        light *= np.exp2(0.3 * cv2.resize(noise, (light.shape[1], light.shape[0])))
+    return light
+
+
+def shot(light, noise=0.0, rng=None):
+    if noise:
+        light = light + noise * rng.standard_normal(light.shape)
+    light = np.clip(light, 0, 1)
+    coded = np.where(light < 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return ArrayPicture(np.uint8(np.rint(255 * coded)), "rgb")
+
+
+def run(pictures):
+    measure = MeasureExposure()
+    return [measure(picture).gains for picture in pictures]
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.tuples(*3 * [st.floats(-0.8, 0.6)]).filter(lambda s: max(map(abs, s)) > 0.1))
+def test_gains_are_those_of_the_light(stops):
+    gains = np.exp2(np.array(stops))
+    first, second = run([shot(scene()), shot(scene() * gains)])
+    assert first == (1.0, 1.0, 1.0)
+    assert second == pytest.approx(gains, rel=0.015)
+
+
+def test_noise_is_not_followed():
+    rng = np.random.default_rng(1)
+    assert set(run([shot(scene(), 0.03, rng) for _ in range(12)])) == {(1.0, 1.0, 1.0)}
+
+
+def test_something_large_that_comes_into_view_is_not_followed():
+    pictures = []
+    for number in range(16):
+        light = scene().copy()
+        light[:, : 55 * number] = (0.03, 0.02, 0.05)
+        pictures.append(shot(light))
+    assert set(run(pictures)) == {(1.0, 1.0, 1.0)}
+
+
+@pytest.mark.parametrize("step", [5, 23, 60])
+def test_camera_that_pans_over_other_things_is_not_followed(step):
+    light = scene(3, wide=3)
+    pictures = [shot(light[:, step * n : step * n + SIZE[1]]) for n in range(20)]
+    assert max(max(gains) for gains in run(pictures)) == 1.0
+
+
+def test_drift_is_followed_while_the_camera_pans():
+    light = scene(3, wide=3)
+    pictures = [
+        shot(light[:, 20 * n : 20 * n + SIZE[1]] * np.float32(2 ** (-0.05 * n))) for n in range(20)
+    ]
+    assert run(pictures)[-1] == pytest.approx(3 * [2**-0.95], rel=0.03)
+
+
+def test_cut_keeps_what_was_known():
+    bright = shot(scene() * np.float32(1.3))
+    gains = run([shot(scene()), bright, shot(scene(9)[::-1]), shot(scene(9)[::-1])])
+    assert gains[2] == gains[3] == gains[1]
+
+
+@pytest.mark.parametrize("light", [np.zeros((*SIZE, 3)), np.full((*SIZE, 3), 2.0)])
+def test_picture_that_is_black_or_white_tells_nothing(light):
+    assert set(run([shot(light), shot(scene()), shot(light)])) == {(1.0, 1.0, 1.0)}
+
+
+def test_change_grows_without_a_jump():
+    stops = np.linspace(0, 0.12, 40)
+    gains = [run([shot(scene()), shot(scene() * np.float32(2**s))])[1][1] for s in stops]
+    assert gains[0] == 1.0 and max(np.diff(gains)) < 0.012
+    assert gains[-1] == pytest.approx(2**0.12, rel=0.01)
+
+
+def test_object_takes_the_gains_and_keeps_its_coverage():
+    layer = BlurredLayer(box=Box(0, 0, 2, 2), rgba=np.full((2, 2, 4), 0.5, np.float32))
+    out = follow(layer, Exposure(gains=(1.5, 1.0, 0.5)))
+    assert out.rgba[0, 0] == pytest.approx([0.75, 0.5, 0.25, 0.5])
+    assert follow(layer, Exposure(gains=(1.0, 1.0, 1.0))) is layer
+
+
+def test_levels_are_those_of_mid_grey():
+    a_stop = Exposure(gains=(1.0, 2.0, 1.0))
+    assert a_stop.levels == pytest.approx(118 * (2 ** (1 / 2.2) - 1), abs=0.01)
+
+
+def test_still_has_nothing_to_follow():
+    (still,) = (one for one in decide("auto") if one.effect == EXPOSURE)
+    moving = Circumstances(shutter=Shutter(frame_s=0.04))
+    (video,) = (one for one in decide("auto", moving) if one.effect == EXPOSURE)
+    assert not still.wanted and video.wanted
