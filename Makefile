@@ -1,6 +1,7 @@
 # make demo    install everything and composite the samples: samples/out.mp4 and samples/report/
 # make test    install everything and run all tests
 # make lint    format check, lint, types
+# make gallery  the pictures of docs/gallery
 # make bench   time of each node of the demo, and its ratio to plain decode + encode
 
 PYTHON ?= python3
@@ -23,7 +24,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: demo test lint bench install system clean
+.PHONY: demo test lint gallery bench install system clean
 
 system:
 	@$(SYSTEM)
@@ -55,6 +56,9 @@ lint: system $(VENV)/.installed-test
 
 test: lint
 	REQUIRE_GL=1 REQUIRE_TORCH=1 $(BIN)/python -m pytest
+
+gallery: install
+	$(BIN)/python docs/make_gallery.py
 
 bench: install
 	$(BIN)/python benchmarks/bench_demo.py

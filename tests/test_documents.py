@@ -32,3 +32,13 @@ def test_options_that_the_readme_names_exist():
         r"^nlens-video (\w+) ", (ROOT / "README.md").read_text(), re.MULTILINE
     ):
         assert command in COMMANDS or command == "in"
+
+
+def test_gallery_is_small_and_shows_every_picture_that_its_script_makes():
+    folder = ROOT / "docs" / "gallery"
+    pictures = {path.name for path in folder.glob("*.jpg")}
+    script = (ROOT / "docs" / "make_gallery.py").read_text()
+    made = re.findall(r'^    "(\w+)": \w+,$', script, re.MULTILINE)
+    shown = re.findall(r"\]\((\w+\.jpg)\)", (folder / "README.md").read_text())
+    assert len(made) >= 8 and pictures == {f"{name}.jpg" for name in made} == set(shown)
+    assert sum((folder / name).stat().st_size for name in pictures) < 2e6

@@ -1,0 +1,256 @@
+"""Composite the gallery's pictures, from the samples and what the samples' shapes make.
+
+python docs/make_gallery.py [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import av
+import gallery_objects as objects
+import numpy as np
+from make_picture import frame_of
+from PIL import Image, ImageDraw, ImageFont
+
+from nlens_video import Compositor
+from nlens_video.graph.assemble import Lens, assemble
+from nlens_video.graph.objects import View
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.stream import FrameSteps
+from nlens_video.lens import LensFit
+from nlens_video.run import render
+from nlens_video.settings import (
+    LightSettings,
+    ObjectSettings,
+    OutputSettings,
+    RealSettings,
+    Settings,
+    SourceSettings,
+)
+from nlens_video.video.exr import read_exr, write_layers
+from nlens_video.video.picture import ArrayPicture
+
+ROOT = Path(__file__).parents[1]
+OUT = ROOT / "docs" / "gallery"
+SAMPLES = ROOT / "samples"
+QUALITY, GAP = 86, 6
+Size = tuple[int, int, int, int]
+Panel = tuple[str, Image.Image]
+
+
+def composite(plate: Path, scene: ObjectSettings, frame: int, **more: object) -> Image.Image:
+    """One composited frame."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "frame.mkv"
+        run = Settings(
+            source=SourceSettings(spec=str(plate), frames=(frame, frame + 1)),
+            scene=scene,
+            output=OutputSettings(spec=str(output), codec="ffv1"),
+        )
+        render(replace(run, **more))  # type: ignore[arg-type]
+        return frame_of(output, 0)
+
+
+def skinned(_: Path) -> list[Panel]:
+    """A skin of 14 joints."""
+    return _plain("in", "anim", (12, 60, 108), (240, 60, 820, 440))
+
+
+def morph(_: Path) -> list[Panel]:
+    """Two morph targets."""
+    return _plain("in2", "anim2", (3, 9, 15), (60, 130, 540, 490))
+
+
+def _plain(plate: str, glb: str, frames: tuple[int, ...], crop: Size) -> list[Panel]:
+    scene = ObjectSettings(glb=SAMPLES / f"{glb}.glb")
+    source = SAMPLES / f"{plate}.mp4"
+    fit = SAMPLES / f"{plate}.json"
+    shown = [composite(source, scene, frame, fit=fit) for frame in frames]
+    return [(f"{f / 24:.1f} s", one.crop(crop)) for f, one in zip(frames, shown, strict=True)]
+
+
+def two_objects(folder: Path) -> list[Panel]:
+    """One fit, found under the near one; each has its own blur."""
+    glb = folder / "two.glb"
+    objects.two_chicks(glb)
+    crop = (60, 130, 620, 480)
+    plate = SAMPLES / "in2.mp4"
+    sharp = composite(plate, ObjectSettings(glb=glb), 0, effects="shadow")
+    lens = composite(plate, ObjectSettings(glb=glb, footprint="near"), 0)
+    return [("sharp", sharp.crop(crop)), ("through the plate's lens", lens.crop(crop))]
+
+
+def environment(folder: Path) -> list[Panel]:
+    """Two skies, one without a light in the file."""
+    glb = folder / "unlit.glb"
+    objects.unlit_chick(glb)
+    panels = []
+    for title, warm, toward in (
+        ("--env evening.hdr", True, 120.0),
+        ("--env noon.hdr", False, -60.0),
+    ):
+        env = folder / f"{'evening' if warm else 'noon'}.hdr"
+        objects.evening(env, towards_deg=toward, warm=warm)
+        light = LightSettings(env=env, env_exposure_ev=-0.4)
+        scene = ObjectSettings(glb=glb, light=light)
+        shown = composite(SAMPLES / "in2.mp4", scene, 4, fit=SAMPLES / "in2.json")
+        panels.append((title, shown.crop((60, 130, 540, 490))))
+    return panels
+
+
+def shadow(folder: Path) -> list[Panel]:
+    """The same shadow as the light casts it and as the lens shows the ground."""
+    glb = folder / "screen.glb"
+    objects.screen(glb)
+    shown = composite(SAMPLES / "in.mp4", ObjectSettings(glb=glb), 0, fit=SAMPLES / "in.json")
+    panels = [("sharp shadow", _sharp_shadow(glb)), ("shadow through the lens", shown)]
+    crop, size = (240, 110, 640, 360), (640, 400)
+    return [(title, one.crop(crop).resize(size, Image.Resampling.LANCZOS)) for title, one in panels]
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """One frame of the graph's."""
+
+    index: int
+    time_s: float
+    picture: ArrayPicture
+
+
+def _sharp_shadow(glb: Path) -> Image.Image:
+    """The composite with a shadow that no lens has blurred: its node is not told the fit."""
+    fit = LensFit.load(SAMPLES / "in.json")
+    profiler = Profiler()
+    assembly = assemble(
+        ObjectSettings(glb=glb),
+        Lens(effects="defocus,shadow"),
+        View(width=fit.width, height=fit.height),
+        profiler,
+        lambda: (),
+    )
+    nodes = tuple(
+        replace(node, run=lambda placement, _, cast=node.run: cast(placement, None))
+        if node.stage == "shadow"
+        else node
+        for node in assembly.graph.nodes
+        if node.cadence == "frame"
+    )
+    codes = np.array(frame_of(SAMPLES / "in.mp4", 0))
+    steps = FrameSteps(replace(assembly.graph, nodes=nodes), profiler, fit)
+    with assembly.render_context():
+        steps.run(steps.enter(_Frame(0, 0.0, ArrayPicture(codes, "rgb"))), nodes)
+    return Image.fromarray(codes)
+
+
+def holdout(folder: Path) -> list[Panel]:
+    """A plate with a real post in front, and the matte that came with it."""
+    frame, fit = 60, SAMPLES / "in.json"
+    objects.post(folder / "post.glb")
+    plate = folder / "plate.mkv"
+    render(
+        Settings(
+            source=SourceSettings(spec=str(SAMPLES / "in.mp4"), frames=(frame, frame + 1)),
+            scene=ObjectSettings(glb=folder / "post.glb"),
+            output=OutputSettings(spec=str(plate), codec="ffv1"),
+            preset="reference",
+            effects="defocus",
+            fit=fit,
+            aov=folder / "aov",
+        )
+    )
+    matte = folder / "matte.exr"
+    write_layers(matte, {"A": read_exr(next((folder / "aov").iterdir())).channels["A"]})
+    scene = ObjectSettings(
+        glb=SAMPLES / "anim.glb",
+        playback=replace(ObjectSettings(glb=plate).playback, offset_s=frame / 24),
+    )
+    behind = replace(scene, real=RealSettings(holdout=str(matte)))
+    crop = (150, 60, 630, 380)
+    return [
+        ("plate", frame_of(plate, 0).crop(crop)),
+        ("without", composite(plate, scene, 0, fit=fit).crop(crop)),
+        ("--holdout matte.exr", composite(plate, behind, 0, fit=fit).crop(crop)),
+    ]
+
+
+def reflection(_: Path) -> list[Panel]:
+    """A polished floor."""
+    scene = ObjectSettings(glb=SAMPLES / "anim.glb")
+    glossy = replace(scene, real=RealSettings(reflectance=0.15))
+    crop, fit = (130, 90, 700, 450), SAMPLES / "in.json"
+    return [
+        (title, composite(SAMPLES / "in.mp4", one, 60, fit=fit).crop(crop))
+        for title, one in (("matt ground", scene), ("--reflect 0.15", glossy))
+    ]
+
+
+def moving_camera(folder: Path) -> list[Panel]:
+    """A plate by a walking camera's sampled lens; that lens is found again on its first frame."""
+    objects.walk(folder / "yard.glb")
+    objects.walking_chick(folder / "chick.glb")
+    lens = LensFit(slope=140.0, intercept=-50.0, width=960, height=512)
+    plate = folder / "walk.mkv"
+    sky = np.full((512, 960, 3), (215, 200, 190), np.uint8)
+    with (
+        Compositor(folder / "yard.glb", preset="reference", effects="defocus", fit=lens) as camera,
+        av.open(str(plate), "w") as container,
+    ):
+        stream = container.add_stream("ffv1", rate=1)
+        stream.width, stream.height, stream.pix_fmt = 960, 512, "bgr0"
+        for second in range(3):
+            frame = av.VideoFrame.from_ndarray(camera.process(sky, time=float(second)), "bgr24")
+            container.mux(stream.encode(frame.reformat(format="bgr0")))
+        container.mux(stream.encode())
+    output = folder / "out.mkv"
+    render(
+        Settings(
+            source=SourceSettings(spec=str(plate)),
+            scene=ObjectSettings(glb=folder / "chick.glb"),
+            output=OutputSettings(spec=str(output), codec="ffv1"),
+            effects="defocus,shadow",  # three moments of a walk: no shutter was open all along
+        )
+    )
+    return [(f"{s} s", frame_of(output, s).resize((480, 256))) for s in range(3)]
+
+
+PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
+    "skinned": skinned,
+    "morph": morph,
+    "two_objects": two_objects,
+    "environment": environment,
+    "shadow": shadow,
+    "holdout": holdout,
+    "reflection": reflection,
+    "moving_camera": moving_camera,
+}
+
+
+def sheet(panels: list[Panel]) -> Image.Image:
+    """Panels of one size side by side, with their titles."""
+    width, height = panels[0][1].size
+    whole = Image.new("RGB", (len(panels) * (width + GAP) - GAP, height), "white")
+    draw, font = ImageDraw.Draw(whole), ImageFont.load_default(18)
+    for number, (title, panel) in enumerate(panels):
+        left = number * (width + GAP)
+        whole.paste(panel, (left, 0))
+        draw.text(
+            (left + 10, 8), title, font=font, fill="white", stroke_width=2, stroke_fill="black"
+        )
+    return whole
+
+
+def main() -> None:
+    """Write the pictures that are named, else all."""
+    OUT.mkdir(exist_ok=True)
+    for name in sys.argv[1:] or PICTURES:
+        with tempfile.TemporaryDirectory() as folder:
+            sheet(PICTURES[name](Path(folder))).save(OUT / f"{name}.jpg", quality=QUALITY)
+
+
+if __name__ == "__main__":
+    main()
