@@ -18,6 +18,7 @@ from make_picture import frame_of
 from PIL import Image, ImageDraw, ImageFont
 
 from nlens_video import Compositor
+from nlens_video.color import ColorTags
 from nlens_video.graph.assemble import Lens, assemble
 from nlens_video.graph.objects import View
 from nlens_video.graph.profiler import Profiler
@@ -39,6 +40,7 @@ ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "gallery"
 SAMPLES = ROOT / "samples"
 QUALITY, GAP = 86, 6
+VIDEO = ColorTags(matrix="gbr", transfer="bt709", primaries="bt709", full_range=True)
 Size = tuple[int, int, int, int]
 Panel = tuple[str, Image.Image]
 
@@ -109,7 +111,7 @@ def shadow(folder: Path) -> list[Panel]:
     objects.screen(glb)
     shown = composite(SAMPLES / "in.mp4", ObjectSettings(glb=glb), 0, fit=SAMPLES / "in.json")
     panels = [("sharp shadow", _sharp_shadow(glb)), ("shadow through the lens", shown)]
-    crop, size = (240, 110, 640, 360), (640, 400)
+    crop, size = (230, 110, 710, 410), (640, 400)
     return [(title, one.crop(crop).resize(size, Image.Resampling.LANCZOS)) for title, one in panels]
 
 
@@ -143,7 +145,7 @@ def _sharp_shadow(glb: Path) -> Image.Image:
     codes = np.array(frame_of(SAMPLES / "in.mp4", 0))
     steps = FrameSteps(replace(assembly.graph, nodes=nodes), profiler, fit)
     with assembly.render_context():
-        steps.run(steps.enter(_Frame(0, 0.0, ArrayPicture(codes, "rgb"))), nodes)
+        steps.run(steps.enter(_Frame(0, 0.0, ArrayPicture(codes, "rgb", VIDEO))), nodes)
     return Image.fromarray(codes)
 
 
