@@ -153,16 +153,65 @@ class ObjectLayer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BehindLayer:
+    """What the object's nearest surfaces hide, on a part of its picture.
+
+    Attributes:
+        hidden: the nearest surface behind them.
+        front_rgba: what they alone give to each pixel (h, w, 4), without what lies behind them
+            in an antialiased pixel.
+    """
+
+    hidden: ObjectLayer
+    front_rgba: Float32
+
+    def __post_init__(self) -> None:
+        if self.front_rgba.shape != self.hidden.rgba.shape:
+            raise ValueError(f"{self.front_rgba.shape = } is not {self.hidden.rgba.shape = }")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Behind:
+    """What the object's nearest surfaces hide, as the lens blurs it.
+
+    Attributes:
+        box: where the arrays lie in the frame; empty where nothing is hidden.
+        rgba: the nearest surface behind them, premultiplied scene-linear (h, w, 4).
+        coc_px: its signed CoC diameter (h, w), 0 where it is not [px of the frame].
+        front_rgba: what they alone give to each pixel (h, w, 4).
+    """
+
+    box: Box
+    rgba: Float32
+    coc_px: Float32
+    front_rgba: Float32
+
+    def __post_init__(self) -> None:
+        hw = (self.box.height, self.box.width)
+        shapes = (self.rgba.shape, self.front_rgba.shape, self.coc_px.shape)
+        if shapes != ((*hw, 4), (*hw, 4), hw):
+            raise ValueError(f"arrays of {shapes} do not fit {self.box}")
+
+    @classmethod
+    def nothing(cls) -> Behind:
+        """It is known that nothing is hidden."""
+        none = np.zeros((0, 0, 4), np.float32)
+        return cls(box=Box(0, 0, 0, 0), rgba=none, coc_px=none[..., 0], front_rgba=none)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DefocusedLayer:
     """A sharp layer and the CoC that the lens gives each of its pixels.
 
     Attributes:
         layer: the sharp object.
         coc_px: signed CoC diameter (h, w), finite wherever the layer has alpha [px of the frame].
+        behind: what its nearest surfaces hide, None where nobody knows.
     """
 
     layer: ObjectLayer
     coc_px: Float32
+    behind: Behind | None = None
 
     def __post_init__(self) -> None:
         if self.coc_px.shape != self.layer.depth.shape:

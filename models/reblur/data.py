@@ -21,9 +21,10 @@ import numpy.typing as npt
 from models.coc.textures import Photos
 from models.reblur.lens import CROP, GRID, Float32, Shape, pinhole, through_lens
 from models.reblur.shapes import CATEGORIES, draw_held_out, draw_object
-from nlens_video.kernels.depth_layers import find_steps
 from nlens_video.kernels.scatter import scatter
-from nlens_video.stages.l_repair import CHANNELS, candidates, fade
+from nlens_video.kernels.steps import find_steps
+from nlens_video.stages.l_repair import fade
+from nlens_video.stages.ordered import CHANNELS, candidates
 
 VIEWS, HELD_OUT_VIEWS = 96, 256
 LEAST_TOUCHED = 0.03  # share of the crop within reach of a step; other objects are drawn anew

@@ -12,7 +12,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from models.blocks import Residual
-from nlens_video.stages.l_repair import CELL, CHANNELS
+from nlens_video.stages.l_repair import CELL
+from nlens_video.stages.ordered import CHANNELS
 
 WIDTH = 40
 BLOCKS = 2  # of two convolutions; with stem and answer they look 6 cells = HALO_PX around

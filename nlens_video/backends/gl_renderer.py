@@ -7,6 +7,7 @@ alpha cutoff.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ import pyrender
 from OpenGL import GL
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
+from nlens_video.backends.closed import closed_bodies
+from nlens_video.backends.gl_behind import BehindTarget, Front
 from nlens_video.backends.gl_lighting import Lighting
 from nlens_video.backends.gl_objects import (
     MATERIAL_FLOATS,
@@ -31,6 +34,7 @@ from nlens_video.scene.posed import PosedScene
 
 _SHADERS = Path(__file__).parent / "shaders"
 _FRAME, _MATERIAL = 0, 1
+_LIMIT_UNIT = len(SLOTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,6 +60,21 @@ class View:
     height: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BehindPicture:
+    """What a picture's nearest surface hides.
+
+    Attributes:
+        rgba: premultiplied linear colour and alpha (height, width, 4).
+        depth: along the optical axis (height, width), +inf where nothing is [scene unit].
+        front_rgba: what the nearest surface alone gives to each pixel (height, width, 4).
+    """
+
+    rgba: Float32
+    depth: Float32
+    front_rgba: Float32
+
+
 class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
     """Draws one posed scene; needs a current context from construction to `delete`."""
 
@@ -64,6 +83,9 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
         self._ready: set[ShaderProgram] = set()
         self._target = FloatTarget()
+        self._behind = BehindTarget()
+        self._defines: dict[str, int] = {}
+        self._one_sided: frozenset[GpuPrimitive] | None = None  # found when first called for
         self._empty = int(GL.glGenVertexArrays(1))
         self._blocks: list[int] = [int(name) for name in GL.glGenBuffers(2)]
         textures: dict[Image, GpuTexture] = {}
@@ -101,6 +123,52 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
             lighting: what lights it.
             nearest: take the depth of each pixel's nearest sample, which is quicker.
         """
+        self._defines = lighting.defines
+        self._take_up(posed, view, lighting)
+        self._begin(self._target, view)
+        self._draw_opaque()
+        self._draw_blended(view)
+        self._resolve(self._target, view, "resolve_nearest" if nearest else "resolve")
+        return self._target.read(view.width, view.height)
+
+    def draw_behind(
+        self, posed: PosedScene, view: View, lighting: Lighting, front: Front
+    ) -> BehindPicture | None:
+        """What lies behind the nearest surfaces of the picture that `draw` has drawn last.
+
+        Blended materials are left out: light that comes through them is in that picture already.
+
+        Args:
+            posed: the same moment.
+            view: a part of that picture.
+            lighting: the same lights.
+            front: that picture's depth, and how far behind it begins.
+
+        Returns:
+            The picture, None where nothing is hidden.
+        """
+        self._defines = {**lighting.defines, "USE_BEHIND": 1}
+        self._take_up(posed, view, lighting)
+        self._begin(self._behind.target, view)
+        self._behind.bind_limit(front.limit(view.near, view.far), _LIMIT_UNIT)
+        if self._one_sided is None:
+            closed = closed_bodies(posed.meshes)
+            self._one_sided = frozenset(itertools.compress(self._primitives, closed))
+        if not self._behind.shows(lambda: self._draw_opaque(self._one_sided)):
+            return None
+        self._resolve(self._behind.target, view, "resolve")
+        rgba, depth = self._behind.target.read(view.width, view.height)
+        program = self._program("front", {})
+        program._bind()
+        number = program._program_id
+        self._behind.target.bind_resolved(samples=self._target)
+        GL.glUniform2i(GL.glGetUniformLocation(number, "corner"), *front.corner)
+        GL.glUniform1f(GL.glGetUniformLocation(number, "reach"), front.step(view.near, view.far))
+        self._fill_view(program)
+        front_rgba, _ = self._behind.target.read(view.width, view.height)
+        return BehindPicture(rgba=rgba, depth=depth, front_rgba=front_rgba)
+
+    def _take_up(self, posed: PosedScene, view: View, lighting: Lighting) -> None:
         for primitive, mesh in zip(self._primitives, posed.meshes, strict=True):
             primitive.update(mesh)
         rotation = view.camera_from_world.copy()
@@ -108,16 +176,11 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         block = lighting.frame_block(view.clip_from_camera @ rotation, view.eye)
         GL.glBindBufferBase(GL.GL_UNIFORM_BUFFER, _FRAME, self._blocks[_FRAME])
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
-        self._begin(view)
-        self._draw_opaque(lighting)
-        self._draw_blended(view, lighting)
-        self._resolve(view, "resolve_nearest" if nearest else "resolve")
-        return self._target.read(view.width, view.height)
 
-    def _begin(self, view: View) -> None:
+    def _begin(self, target: FloatTarget, view: View) -> None:
         GL.glDepthMask(GL.GL_TRUE)
         GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
-        self._target.bind(view.width, view.height)
+        target.bind(view.width, view.height)
         GL.glEnable(GL.GL_MULTISAMPLE)
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthFunc(GL.GL_LEQUAL)
@@ -125,12 +188,14 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glCullFace(GL.GL_BACK)
         GL.glVertexAttrib4f(3, 1.0, 1.0, 1.0, 1.0)  # vertex colour where a mesh has none
 
-    def _draw_opaque(self, lighting: Lighting) -> None:
+    def _draw_opaque(self, one_sided: frozenset[GpuPrimitive] | None = None) -> None:
         for primitive in self._primitives:
-            if primitive.material.source.alpha_mode != "BLEND":
-                self._draw_primitive(primitive, lighting)
+            material = primitive.material.source
+            if material.alpha_mode != "BLEND":
+                both_sides = material.double_sided and primitive not in (one_sided or ())
+                self._draw_primitive(primitive, both_sides=both_sides)
 
-    def _draw_blended(self, view: View, lighting: Lighting) -> None:
+    def _draw_blended(self, view: View) -> None:
         back = view.camera_from_world[2, :3]
         depths = [
             (primitive.depth_along(back, view.eye), primitive)
@@ -147,18 +212,18 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glDepthMask(GL.GL_FALSE)
         for depth, primitive in depths:
             primitive.sort(depth)
-            self._draw_primitive(primitive, lighting)
+            self._draw_primitive(primitive, both_sides=primitive.material.source.double_sided)
         # Depth only after all colour: a near layer must not hide a far one that is drawn later.
         GL.glDisable(GL.GL_BLEND)
         GL.glDepthMask(GL.GL_TRUE)
         GL.glColorMask(GL.GL_FALSE, GL.GL_FALSE, GL.GL_FALSE, GL.GL_FALSE)
         for _, primitive in depths:
-            self._draw_primitive(primitive, lighting)
+            self._draw_primitive(primitive, both_sides=primitive.material.source.double_sided)
         GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
 
-    def _draw_primitive(self, primitive: GpuPrimitive, lighting: Lighting) -> None:
+    def _draw_primitive(self, primitive: GpuPrimitive, *, both_sides: bool) -> None:
         material: GpuMaterial = primitive.material
-        program = self._program("object", {**material.defines, **lighting.defines})
+        program = self._program("object", {**material.defines, **self._defines})
         program._bind()
         GL.glBindBufferRange(
             GL.GL_UNIFORM_BUFFER,
@@ -170,7 +235,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         for slot, texture in material.maps.items():
             GL.glActiveTexture(GL.GL_TEXTURE0 + SLOTS.index(slot))
             texture._bind()
-        if material.source.double_sided:
+        if both_sides:
             GL.glDisable(GL.GL_CULL_FACE)
         else:
             GL.glEnable(GL.GL_CULL_FACE)
@@ -178,17 +243,21 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glFrontFace(GL.GL_CCW if primitive.mirrored else GL.GL_CW)
         primitive.draw()
 
-    def _resolve(self, view: View, name: str) -> None:
+    def _resolve(self, target: FloatTarget, view: View, name: str) -> None:
         program = self._program(name, {})
         program._bind()
-        self._target.bind_resolved()
-        GL.glDisable(GL.GL_DEPTH_TEST)
-        GL.glDisable(GL.GL_CULL_FACE)
+        target.bind_resolved()
         number = program._program_id
         GL.glUniform2f(GL.glGetUniformLocation(number, "clip_range"), view.near, view.far)
         size = GL.glGetUniformLocation(number, "size")
         if size >= 0:
             GL.glUniform2i(size, view.width, view.height)
+        self._fill_view(program)
+
+    def _fill_view(self, program: ShaderProgram) -> None:
+        """Run a bound program once for every pixel of what is bound to be drawn into."""
+        GL.glDisable(GL.GL_DEPTH_TEST)
+        GL.glDisable(GL.GL_CULL_FACE)
         GL.glBindVertexArray(self._empty)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
         program._unbind()
@@ -211,7 +280,8 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
             if index != GL.GL_INVALID_INDEX:
                 GL.glUniformBlockBinding(number, index, binding)
         samplers = [(f"{slot}_map", unit) for unit, slot in enumerate(SLOTS)]
-        for sampler, unit in [*samplers, ("color_samples", 0), ("depth_samples", 1)]:
+        samplers += [("color_samples", 0), ("depth_samples", 1), ("limit", _LIMIT_UNIT)]
+        for sampler, unit in samplers:
             location = GL.glGetUniformLocation(number, sampler)
             if location >= 0:
                 GL.glUniform1i(location, unit)
@@ -219,6 +289,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
     def delete(self) -> None:
         """Free all GPU objects, in the reverse order of their making."""
         self._target.delete()
+        self._behind.delete()
         super().delete()
         self._ready.clear()
         if self._blocks:

@@ -33,12 +33,17 @@ class FloatTarget:
         GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
         GL.glEnable(GL.GL_SCISSOR_TEST)
 
-    def bind_resolved(self) -> None:
-        """Draw into the resolved picture, with the samples on texture units 0 and 1."""
+    def bind_resolved(self, samples: FloatTarget | None = None) -> None:
+        """Draw into the resolved picture, with samples on texture units 0 and 1.
+
+        Args:
+            samples: whose samples they are; its own by default.
+        """
+        held = (samples or self)._textures
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffers[1])
         for unit in range(2):
             GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
-            GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, self._textures[unit])
+            GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, held[unit])
 
     def read(self, width: int, height: int) -> tuple[Float32, Float32]:
         """The resolved colour (height, width, 4) and depth (height, width)."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from nlens_video.backends.onnx_session import open_session
 from nlens_video.frames import Float32
-from nlens_video.stages.l_repair import CELL, CHANNELS
+from nlens_video.stages.l_repair import CELL
+from nlens_video.stages.ordered import CHANNELS
 
 THREADS = 2
 INPUT, OUTPUT = "geometry", "judgement"

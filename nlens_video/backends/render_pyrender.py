@@ -8,25 +8,58 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nlens_video.errors import NlensError, SceneError
-from nlens_video.frames import Box, Float32, Float64, ObjectLayer
+from nlens_video.frames import BehindLayer, Box, Float32, Float64, ObjectLayer
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
+    from nlens_video.backends.gl_lighting import Lighting
     from nlens_video.backends.gl_platform import HeadlessPlatform
-    from nlens_video.backends.gl_renderer import LinearRenderer
+    from nlens_video.backends.gl_renderer import LinearRenderer, View
 
 # Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
 # tell 1e-4 of the far depth any more.
 _NEAR_SHARE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Drawn:
+    """How a picture was drawn."""
+
+    posed: PosedScene
+    camera: Camera
+    box: Box
+    near: float
+    far: float
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """What to say where OpenGL refuses it."""
+        size = f"{self.box.width}x{self.box.height}"
+        return f"cannot draw a picture of {size} pixels", "use a smaller frame"
+
+    def view(self, box: Box) -> View:
+        """The same view of a part of the frame."""
+        from nlens_video.backends.gl_renderer import View
+
+        return View(
+            camera_from_world=self.camera.camera_from_world,
+            eye=self.camera.world_from_camera[:3, 3],
+            clip_from_camera=_projection(self.camera, box, self.near, self.far),
+            near=self.near,
+            far=self.far,
+            width=box.width,
+            height=box.height,
+        )
 
 
 class PyrenderObjectRenderer:
@@ -45,6 +78,7 @@ class PyrenderObjectRenderer:
         self._platform: HeadlessPlatform | None = None
         self._renderer: LinearRenderer | None = None
         self._posed: PosedScene | None = None
+        self._last: tuple[ObjectLayer, _Drawn] | None = None
         self._thread = 0
         self._closed = False
 
@@ -92,31 +126,67 @@ class PyrenderObjectRenderer:
         seen = _project(self._posed.vertices(), camera, margin)
         if seen is None:
             return None
-        rgba, depth = self._draw(self._posed, camera, seen, nearest=nearest)
-        return ObjectLayer(box=seen[0], rgba=rgba, depth=depth)
-
-    def _draw(
-        self, posed: PosedScene, camera: Camera, seen: tuple[Box, float, float], *, nearest: bool
-    ) -> tuple[Float32, Float32]:
         box, near, far = seen
-        renderer = self._open(posed)
-        from nlens_video.backends.gl_lighting import Lighting
-        from nlens_video.backends.gl_platform import refusals
-        from nlens_video.backends.gl_renderer import View
+        drawn = _Drawn(posed=self._posed, camera=camera, box=box, near=near, far=far)
+        rgba, depth = self._draw(drawn, nearest=nearest)
+        layer = ObjectLayer(box=box, rgba=rgba, depth=depth)
+        self._last = (layer, drawn)
+        return layer
 
-        view = View(
-            camera_from_world=camera.camera_from_world,
-            eye=camera.world_from_camera[:3, 3],
-            clip_from_camera=_projection(camera, box, near, far),
-            near=near,
-            far=far,
-            width=box.width,
-            height=box.height,
+    def _draw(self, drawn: _Drawn, *, nearest: bool) -> tuple[Float32, Float32]:
+        renderer = self._open(drawn.posed)
+        from nlens_video.backends.gl_platform import refusals
+
+        with refusals(*drawn.refusal):
+            return renderer.draw(
+                drawn.posed, drawn.view(drawn.box), self._lighting(drawn.posed), nearest=nearest
+            )
+
+    def render_behind(
+        self, front: ObjectLayer, region: Box, disparity_step: float
+    ) -> BehindLayer | None:
+        """What the nearest surfaces of a picture hide.
+
+        Args:
+            front: the picture that `render` has drawn last.
+            region: where to look, a part of its box.
+            disparity_step: how much less disparity than the nearest surface what it hides has
+                at least, > 0 [1 / scene unit].
+
+        Returns:
+            The layer on the region; None where nothing is hidden.
+
+        Raises:
+            NlensError: as `render`.
+            ValueError: `front` is not the last picture, or the region not within it.
+        """
+        if self._last is None or self._last[0] is not front:
+            raise ValueError("only the last picture can be looked behind")
+        if region.empty or region.intersection(front.box) != region:
+            raise ValueError(f"{region} is not within {front.box}")
+        drawn = self._last[1]
+        renderer = self._open(drawn.posed)
+        from nlens_video.backends.gl_behind import Front
+        from nlens_video.backends.gl_platform import refusals
+
+        shown = Front(
+            depth=front.depth[region.slices_in(front.box)],
+            disparity_step=disparity_step,
+            corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
         )
-        size = f"{box.width}x{box.height}"
-        with refusals(f"cannot draw a picture of {size} pixels", "use a smaller frame"):
-            lighting = Lighting.of(self._light.on_object(posed.lights))
-            return renderer.draw(posed, view, lighting, nearest=nearest)
+        with refusals(*drawn.refusal):
+            seen = renderer.draw_behind(
+                drawn.posed, drawn.view(region), self._lighting(drawn.posed), shown
+            )
+        if seen is None:
+            return None
+        hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
+        return BehindLayer(hidden=hidden, front_rgba=seen.front_rgba)
+
+    def _lighting(self, posed: PosedScene) -> Lighting:
+        from nlens_video.backends.gl_lighting import Lighting
+
+        return Lighting.of(self._light.on_object(posed.lights))
 
     def _open(self, posed: PosedScene) -> LinearRenderer:
         if self._closed:
@@ -133,7 +203,7 @@ class PyrenderObjectRenderer:
         """Free the GPU objects and the context; may be called again."""
         self._closed = True
         renderer, platform = self._renderer, self._platform
-        self._renderer = self._platform = self._posed = None
+        self._renderer = self._platform = self._posed = self._last = None
         if renderer is not None and platform is not None:
             platform.make_current()
             renderer.delete()

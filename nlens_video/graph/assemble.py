@@ -144,6 +144,7 @@ def assemble(
         record=record,
         aperture=lens.aperture,
         views=source.renderer if isinstance(source, RenderedObject) else None,
+        behind=source.renderer if isinstance(source, RenderedObject) else None,
         repair=_repair(view.pixel_aspect),
         ground=ground,
         shutter=called_for.shutter,

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 from nlens_video.frames import Box, DefocusedLayer
 from nlens_video.graph.objects import Placement
+from nlens_video.stages.l_lens import parallax_px
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 
 Cadence = Literal["shot", "frame"]
@@ -58,12 +59,21 @@ def _in_frame(values: Mapping[str, object]) -> bool:
 
 def _depth_steps(values: Mapping[str, object]) -> bool:
     defocused = values.get("defocused")
-    return isinstance(defocused, DefocusedLayer) and defocused.largest_step_px >= STEP_PX
+    if not isinstance(defocused, DefocusedLayer):
+        return False
+    hides = defocused.behind is not None and not defocused.behind.box.empty
+    return hides or defocused.largest_step_px >= STEP_PX
+
+
+def _depth_range(values: Mapping[str, object]) -> bool:
+    defocused = values.get("defocused")
+    return isinstance(defocused, DefocusedLayer) and parallax_px(defocused) >= STEP_PX
 
 
 CONDITIONS: dict[str, tuple[Callable[[Mapping[str, object]], bool], str]] = {
     "in-frame": (_in_frame, "the object lies on the frame"),
     "depth-steps": (_depth_steps, f"the CoC steps by {STEP_PX} px inside the object"),
+    "depth-range": (_depth_range, f"the object's CoC spans {STEP_PX} px"),
     "out-of-focus": (_out_of_focus, f"the object's CoC reaches {NEGLIGIBLE_COC_PX} px"),
 }
 

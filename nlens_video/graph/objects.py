@@ -15,6 +15,7 @@ from nlens_video.placing import Placing
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
+from nlens_video.stages.protocols import BehindRenderer
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
@@ -117,7 +118,7 @@ class ObjectSource(Protocol):
         ...
 
 
-class Renderer(Protocol):
+class Renderer(BehindRenderer, Protocol):
     """Draws a scene; see `backends`."""
 
     def render(

@@ -145,6 +145,17 @@ def _object_coc(tools: Tools) -> Made:
     return Made(object_coc, "slope * disparity + intercept")
 
 
+def _peel(tools: Tools) -> Made:
+    from nlens_video.stages.look_behind import look_behind
+
+    if tools.behind is None:
+        raise Unavailable(
+            "pre-rendered layers hold the nearest surfaces only: what they hide of the object is "
+            "guessed from what is seen of it"
+        )
+    return Made(partial(look_behind, renderer=tools.behind), "depth-peeled second layer, pyrender")
+
+
 def _sharp(tools: Tools) -> Made:
     return Made(crop_to_frame, "the layer as it is")
 
@@ -199,7 +210,10 @@ def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
 def _repair(tools: Tools) -> Made:
     if tools.repair is None:
         raise Unavailable("this version ships no repair network: the scatter's result stands")
-    return Made(tools.repair, "L: network on what the scatter cannot know")
+    return Made(
+        tools.repair,
+        "L: ordered layers at depth steps, weighed by a network where what is hidden is not known",
+    )
 
 
 def _paper(tools: Tools) -> Made:
@@ -243,6 +257,7 @@ STAGES: dict[str, Stage] = {
     "fit": Stage(_fit, ("plate_coc", "ground", "frame"), "fit"),
     "render": Stage(_render, ("placement", "fit?"), "layer"),
     "object-coc": Stage(_object_coc, ("layer", "fit"), "defocused"),
+    "peel": Stage(_peel, ("defocused", "fit"), "defocused"),
     "sharp": Stage(_sharp, ("layer", "frame_box"), "blurred"),
     "scatter": Stage(_scatter, ("defocused", "frame_box"), "blurred"),
     "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),

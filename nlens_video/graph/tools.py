@@ -14,7 +14,7 @@ from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.shutter import Shutter
 from nlens_video.stages.p_projection import GroundProjection
-from nlens_video.stages.protocols import ReblurNetwork, ViewRenderer
+from nlens_video.stages.protocols import BehindRenderer, ReblurNetwork, ViewRenderer
 from nlens_video.stages.r_regression import Regression
 
 
@@ -86,6 +86,7 @@ class Tools:
         record: where the shot's intermediate results are kept.
         aperture: shape of the lens' aperture.
         views: draws the object from points of the lens, None where only one view of it is there.
+        behind: draws what the object hides of itself, None where that is not known.
         repair: the network that repairs the scatter, None where there is none.
         ground: what stands on the ground, and its light, None where there is no shadow to cast.
         shutter: of the plate.
@@ -102,6 +103,7 @@ class Tools:
     record: ShotRecord
     aperture: Aperture = ROUND
     views: ViewRenderer | None = None
+    behind: BehindRenderer | None = None
     repair: ReblurNetwork | None = None
     ground: LitGround | None = None
     shutter: Shutter = Shutter()

@@ -9,23 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 
 from nlens_video.frames import Bool, Float32
 from nlens_video.kernels.pull_push import carried_on
-
-STEP_PX = 2.0
-"""CoC step between neighbours from which two surfaces are told apart [px]."""
-
-FULL_STEP_PX = 4.0
-"""Step from which its whole surroundings count; the reach grows from none at `STEP_PX` [px]."""
-
-SPARE_PX = 3.0
-"""How much farther than the larger disc a step's surroundings go [px]."""
-
-_STRAIGHT, _DIAGONAL = 0.955, 1.369  # chamfer distances: off by 4.5 % at most
+from nlens_video.kernels.steps import Steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,114 +32,6 @@ class DepthLayers:
     near_coc_px: Float32
     back_rgba: Float32
     back_coc_px: Float32
-
-
-@njit(cache=True, nogil=True)
-def _find_steps(
-    coc: Float32, alpha: Float32, limits: tuple[float, float, float], reach: Float32, split: Float32
-) -> bool:
-    """Mark both sides of every step with its reach [px] and the CoC half-way; whether there is one.
-
-    Of several steps at one pixel the largest counts.
-    """
-    step_px, full_step_px, spare_px = limits
-    height, width = coc.shape
-    largest = np.zeros((height, width), dtype=np.float32)
-    found = False
-    for y in range(height):
-        for x in range(width):
-            if alpha[y, x] <= 0.0:
-                continue
-            for down in range(2):
-                v, u = y + down, x + 1 - down
-                if v >= height or u >= width or alpha[v, u] <= 0.0:
-                    continue
-                here, there = coc[y, x], coc[v, u]
-                step = abs(here - there)
-                if step < step_px:
-                    continue
-                found = True
-                share = min(1.0, (step - step_px) / (full_step_px - step_px))
-                radius = share * (0.5 * max(abs(here), abs(there)) + spare_px)
-                for j, i in ((y, x), (v, u)):
-                    reach[j, i] = max(reach[j, i], radius)
-                    if step > largest[j, i]:
-                        largest[j, i] = step
-                        split[j, i] = 0.5 * (here + there)
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _sweep(reach: Float32, straight: float, diagonal: float) -> None:
-    """Let every reach fall off by 1 a pixel to the right and downwards (a chamfer sweep)."""
-    height, width = reach.shape
-    for y in range(height):
-        for x in range(width):
-            best = reach[y, x]
-            if x > 0:
-                best = max(best, reach[y, x - 1] - straight)
-            if y > 0:
-                best = max(best, reach[y - 1, x] - straight)
-                if x > 0:
-                    best = max(best, reach[y - 1, x - 1] - diagonal)
-                if x + 1 < width:
-                    best = max(best, reach[y - 1, x + 1] - diagonal)
-            reach[y, x] = best
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Steps:
-    """Where the object's CoC steps.
-
-    Attributes:
-        inside_px: how deep a pixel lies within the reach of a step (h, w), 0 out of reach [px].
-        split_px: CoC half-way of the nearest step (h, w), 0 where there is none at all [px].
-    """
-
-    inside_px: Float32
-    split_px: Float32
-
-
-def carried_out(values: Float32, known: Bool) -> Float32:
-    """Give every pixel the value of the nearest known one (h, w); as they are where none is."""
-    if not known.any():
-        return values
-    _, labels = cv2.distanceTransformWithLabels(
-        np.where(known, np.uint8(0), np.uint8(1)),
-        cv2.DIST_L2,
-        cv2.DIST_MASK_5,
-        labelType=cv2.DIST_LABEL_PIXEL,
-    )
-    of_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
-    of_label[labels[known]] = values[known]
-    return np.asarray(of_label[labels], dtype=np.float32)
-
-
-def find_steps(rgba: Float32, coc_px: Float32) -> Steps | None:
-    """Find the steps of the CoC inside the object, and what is within reach of them.
-
-    The reach is that of the larger disc, for light of either side can be misplaced that far. It
-    grows from nothing with the step, so that nothing pops when a step appears.
-
-    Args:
-        rgba: premultiplied colour and alpha (h, w, 4).
-        coc_px: signed CoC diameter (h, w), read only where alpha > 0 [px].
-
-    Returns:
-        The steps, or None where the CoC has none of `STEP_PX`.
-    """
-    reach, split = np.zeros((2, *coc_px.shape), dtype=np.float32)
-    alpha = np.ascontiguousarray(rgba[..., 3])
-    coc = np.ascontiguousarray(coc_px, dtype=np.float32)
-    if not _find_steps(coc, alpha, (STEP_PX, FULL_STEP_PX, SPARE_PX), reach, split):
-        return None
-    marked = reach > 0.0
-    if not marked.any():
-        return None
-    split = carried_out(split, marked)
-    for turned in (reach, reach[::-1, ::-1]):
-        _sweep(turned, _STRAIGHT, _DIAGONAL)
-    return Steps(inside_px=reach, split_px=split)
 
 
 @njit(cache=True, nogil=True)

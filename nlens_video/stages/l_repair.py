@@ -18,11 +18,8 @@ from typing import Protocol
 import numpy as np
 
 from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32
-from nlens_video.kernels.aperture_covariance import aperture_covariance, aperture_points
-from nlens_video.kernels.depth_layers import Steps, carried_out, find_steps, split_at_steps
-
-CHANNELS = 11
-"""Maps that the network reads."""
+from nlens_video.kernels.steps import Hidden, Steps, find_steps
+from nlens_video.stages.ordered import Candidates, Scatter, candidates
 
 CELL = 4
 """Pixels that the network takes together, each way; cells are those of the frame [px]."""
@@ -32,12 +29,6 @@ HALO_PX = 24
 
 FEATHER_PX = 3.0
 """Over how many pixels the repair fades in at the rim of what it may touch [px]."""
-
-_COC_SCALE = 1.0 / 32.0
-_COC_LIMIT = 1.25  # of the scaled CoC: what the network was trained to
-_CLEAR = 1e-3  # coverage this near to 0 or 1 has no covariance to speak of
-
-Scatter = Callable[..., Float32]
 
 
 class RepairNetwork(Protocol):
@@ -54,104 +45,6 @@ class RepairNetwork(Protocol):
             of the near layer's coverage, in [-0.5, 0.5].
         """
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Candidates:
-    """What a pixel of the blurred object may be, all premultiplied scene-linear (h, w, 4).
-
-    Attributes:
-        scattered: all at once, without order.
-        near: the near layer alone, scattered.
-        back: the back layer alone, scattered.
-        covariance: of coverage and light across the aperture, 0 where not needed.
-        geometry: what the network judges by (h, w, CHANNELS), without colour; 0 out of reach of
-            a step, so that nothing there need be known.
-    """
-
-    scattered: Float32
-    near: Float32
-    back: Float32
-    covariance: Float32
-    geometry: Float32
-
-    def mended(self, judgement: Float32, where: Float32) -> Float32:
-        """The result (h, w, 4).
-
-        Args:
-            judgement: the network's answer (h, w, 2).
-            where: share of the repair (h, w), 0 where the scatter stands.
-        """
-        share = (judgement[..., 0] * where)[..., None]
-        swapped = self.near - self.near[..., 3:] * self.back  # near light for the back it covers
-        ordered = self.back + (1.0 + judgement[..., 1:]) * swapped - self.covariance
-        out = self.scattered + share * (ordered - self.scattered)
-        np.maximum(out, 0.0, out=out)
-        np.minimum(out[..., 3], 1.0, out=out[..., 3])
-        return out
-
-
-def candidates(
-    layer: tuple[Float32, Float32],
-    scattered: Float32,
-    steps: Steps,
-    scatter: Scatter,
-    *,
-    pixel_aspect: float = 1.0,
-    corner: tuple[int, int] = (0, 0),
-) -> Candidates:
-    """Make the candidates on one region.
-
-    Args:
-        layer: sharp premultiplied colour and alpha (h, w, 4) and signed CoC diameter (h, w) [px],
-            at least a disc farther on every side than the pixels that count.
-        scattered: what the scatter made of the whole object (h, w, 4).
-        steps: where the CoC steps.
-        scatter: (rgba, coc_px, pixel_aspect=) -> blurred rgba.
-        pixel_aspect: width of a pixel by its height, > 0 [1].
-        corner: row and column of the region's first pixel in the frame [px].
-    """
-    rgba, coc = layer
-    parts = split_at_steps(rgba, coc, steps, corner)
-    near = scatter(parts.near_rgba, parts.near_coc_px, pixel_aspect=pixel_aspect)
-    back = scatter(parts.back_rgba, parts.back_coc_px, pixel_aspect=pixel_aspect)
-    near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])
-    near_coc = carried_out(parts.near_coc_px, near_alpha > 0.0)
-    back_coc = carried_out(parts.back_coc_px, parts.back_rgba[..., 3] > 0.0)
-    coverage = near[..., 3]
-    partly = (steps.inside_px > 0.0) & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR)
-    covariance = aperture_covariance(
-        (near_alpha, near_coc),
-        (parts.back_rgba, back_coc),
-        partly,
-        aperture_points(),
-        pixel_aspect=pixel_aspect,
-    )
-    maps = [
-        _scaled(np.where(rgba[..., 3] > 0.0, coc, np.float32(0.0))),
-        _scaled(near_coc),
-        _scaled(back_coc),
-        _scaled(steps.split_px),
-        np.minimum(steps.inside_px * np.float32(1.0 / 16.0), np.float32(1.0)),
-        rgba[..., 3],
-        near_alpha,
-        scattered[..., 3],
-        coverage,
-        back[..., 3],
-        covariance[..., 3],
-    ]
-    return Candidates(
-        scattered=scattered,
-        near=near,
-        back=back,
-        covariance=covariance,
-        geometry=np.stack(maps, axis=2) * (steps.inside_px > 0.0)[..., None],
-    )
-
-
-def _scaled(coc_px: Float32) -> Float32:
-    scaled = np.clip(coc_px * _COC_SCALE, -_COC_LIMIT, _COC_LIMIT)
-    return np.asarray(scaled, dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,7 +74,8 @@ class RepairLayer:
         margin = self.reach(defocused.coc_px, layer.rgba[..., 3], self.pixel_aspect)
         whole = layer.box.grown(margin + 1)
         rgba, coc = _on(whole, layer.box, layer.rgba), _on(whole, layer.box, defocused.coc_px)
-        steps = find_steps(rgba, coc)
+        hidden = _hidden_on(whole, defocused, rgba)
+        steps = find_steps(rgba, coc, hidden)
         if steps is None or blurred.box.empty:
             return blurred
         reached = _reached(steps, whole).intersection(blurred.box.grown(HALO_PX))
@@ -199,31 +93,33 @@ class RepairLayer:
             self.scatter,
             pixel_aspect=self.pixel_aspect,
             corner=(source.y0, source.x0),
+            hidden=None if hidden is None else _hidden_part(hidden, source, whole),
         )
         seen = _in_cells(touched.grown(HALO_PX))
-        judged = made.geometry[reached.slices_in(source)]
-        judgement = self.network(_on(seen, reached, judged))
-        return self._laid_in(made, judgement, steps, (touched, seen, source, whole), blurred)
+        judgement = None
+        if made.geometry is not None:
+            judged = self.network(_on(seen, reached, made.geometry[reached.slices_in(source)]))
+            judgement = judged[touched.slices_in(seen)]
+        return self._laid_in(made, judgement, steps, (touched, source, whole), blurred)
 
     @staticmethod
     def _laid_in(
         made: Candidates,
-        judgement: Float32,
+        judgement: Float32 | None,
         steps: Steps,
-        boxes: tuple[Box, Box, Box, Box],
+        boxes: tuple[Box, Box, Box],
         blurred: BlurredLayer,
     ) -> BlurredLayer:
-        touched, seen, source, whole = boxes
+        touched, source, whole = boxes
         inside = touched.slices_in(source)
         part = Candidates(
             scattered=made.scattered[inside],
             near=made.near[inside],
             back=made.back[inside],
             covariance=made.covariance[inside],
-            geometry=made.geometry[inside],
         )
         where = fade(steps.inside_px[touched.slices_in(whole)])
-        mended = part.mended(judgement[touched.slices_in(seen)], where)
+        mended = part.mended(judgement, where)
         rgba = blurred.rgba.copy()
         target = rgba[touched.slices_in(blurred.box)]
         np.copyto(target, mended, where=(where > 0.0)[..., None])
@@ -251,6 +147,30 @@ def _in_cells(box: Box) -> Box:
     """The box grown to whole cells of the frame, so that the answer moves with the object only."""
     x0, y0 = box.x0 // CELL * CELL, box.y0 // CELL * CELL
     return Box(x0, y0, -(-box.x1 // CELL) * CELL, -(-box.y1 // CELL) * CELL)
+
+
+def _hidden_on(box: Box, defocused: DefocusedLayer, rgba: Float32) -> Hidden | None:
+    """What is hidden, on `box`; None where nobody knows. `rgba` is the sharp picture on it."""
+    behind = defocused.behind
+    if behind is None:
+        return None
+    front = rgba.copy()
+    if not behind.box.empty:
+        front[behind.box.slices_in(box)] = behind.front_rgba
+    return Hidden(
+        rgba=_on(box, behind.box, behind.rgba),
+        coc_px=_on(box, behind.box, behind.coc_px),
+        front_rgba=front,
+    )
+
+
+def _hidden_part(hidden: Hidden, box: Box, held: Box) -> Hidden:
+    """Of what is hidden on `held`, that on `box`."""
+    return Hidden(
+        rgba=_on(box, held, hidden.rgba),
+        coc_px=_on(box, held, hidden.coc_px),
+        front_rgba=_on(box, held, hidden.front_rgba),
+    )
 
 
 def _on(box: Box, held: Box, values: Float32) -> Float32:

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.frames import (
+    BehindLayer,
+    BlurredLayer,
+    Box,
+    CocMap,
+    DefocusedLayer,
+    Float32,
+    ObjectLayer,
+)
 from nlens_video.scene.camera import Camera
 
 
@@ -61,5 +69,25 @@ class ViewRenderer(Protocol):
 
         Returns:
             The sharp layer; None where the object is out of view.
+        """
+        ...
+
+
+class BehindRenderer(Protocol):
+    """Draws what the object hides of itself."""
+
+    def render_behind(
+        self, front: ObjectLayer, region: Box, disparity_step: float
+    ) -> BehindLayer | None:
+        """Draw it once.
+
+        Args:
+            front: the picture that was drawn last.
+            region: where to look, a part of its box.
+            disparity_step: how much less disparity than the nearest surface what it hides has
+                at least, > 0 [1 / scene unit].
+
+        Returns:
+            The layer on the region; None where nothing is hidden.
         """
         ...

@@ -3,14 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.kernels.depth_layers import (
-    FULL_STEP_PX,
-    SPARE_PX,
-    STEP_PX,
-    carried_out,
-    find_steps,
-    split_at_steps,
-)
+from nlens_video.kernels.depth_layers import split_at_steps
+from nlens_video.kernels.steps import FULL_STEP_PX, SPARE_PX, STEP_PX, carried_out, find_steps
 
 OPAQUE = np.float32([0.4, 0.2, 0.1, 1.0])
 

@@ -8,7 +8,8 @@ from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.model_store import find_model
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.l_repair import CELL, CHANNELS, RepairLayer
+from nlens_video.stages.l_repair import CELL, RepairLayer
+from nlens_video.stages.ordered import CHANNELS
 
 FRAME = Box(0, 0, 400, 320)
 BOX = Box(100, 60, 240, 200)

@@ -27,6 +27,10 @@ uniform sampler2D normal_map;
 uniform sampler2D occlusion_map;
 uniform sampler2D emissive_map;
 
+#ifdef USE_BEHIND
+uniform sampler2D limit;  // window depth of each pixel; what is nearer is left out
+#endif
+
 out vec4 radiance;
 
 const float PI = 3.14159265358979;
@@ -131,6 +135,9 @@ vec3 lit(vec3 base, float metallic, float roughness)
 
 void main()
 {
+#ifdef USE_BEHIND
+    if (gl_FragCoord.z < texelFetch(limit, ivec2(gl_FragCoord.xy), 0).r) discard;
+#endif
     vec4 base = base_color * tint;
 #ifdef USE_BASE_COLOR_MAP
     base *= texture(base_color_map, map_uv(0));

@@ -1,0 +1,58 @@
+"""What the object hides of itself, where the lens looks around its nearest surfaces.
+
+One view does not show it, so it is drawn: a depth-peeled second layer (Everitt 2001), which begins
+as far behind the first as makes a step of the CoC.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from nlens_video.frames import Behind, Box, DefocusedLayer
+from nlens_video.kernels.steps import STEP_PX
+from nlens_video.lens import LensFit
+from nlens_video.stages.l_reblur import object_coc
+from nlens_video.stages.protocols import BehindRenderer
+
+
+def look_behind(
+    defocused: DefocusedLayer, fit: LensFit, renderer: BehindRenderer
+) -> DefocusedLayer:
+    """The layer, and what it hides by a step of the CoC and more.
+
+    Args:
+        defocused: the object, as the renderer has drawn it last.
+        fit: the lens, in the pixels of the frame, with a slope > 0.
+        renderer: draws what lies behind.
+    """
+    region = _hiding(defocused)
+    seen = None
+    if not region.empty:
+        seen = renderer.render_behind(defocused.layer, region, STEP_PX / fit.slope)
+    if seen is None:
+        return replace(defocused, behind=Behind.nothing())
+    behind = Behind(
+        box=region,
+        rgba=seen.hidden.rgba,
+        coc_px=object_coc(seen.hidden, fit).coc_px,
+        front_rgba=seen.front_rgba,
+    )
+    return replace(defocused, behind=behind)
+
+
+def _hiding(defocused: DefocusedLayer) -> Box:
+    """Bounds of what is nearer than the farthest point by a step of the CoC."""
+    coc = np.where(defocused.layer.rgba[..., 3] > 0, defocused.coc_px, np.float32(np.inf))
+    near = np.isfinite(coc) & (coc >= coc.min(initial=np.inf) + STEP_PX)
+    rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    if not rows.size:
+        return Box(0, 0, 0, 0)
+    box = defocused.layer.box
+    return Box(
+        box.x0 + int(columns[0]),
+        box.y0 + int(rows[0]),
+        box.x0 + int(columns[-1]) + 1,
+        box.y0 + int(rows[-1]) + 1,
+    )
