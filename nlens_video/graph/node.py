@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 from nlens_video.frames import Box, DefocusedLayer
 from nlens_video.graph.objects import Placement
-from nlens_video.stages.l_lens import parallax_px
+from nlens_video.lens import LensFit
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 
 Cadence = Literal["shot", "frame"]
@@ -66,8 +66,10 @@ def _depth_steps(values: Mapping[str, object]) -> bool:
 
 
 def _depth_range(values: Mapping[str, object]) -> bool:
-    defocused = values.get("defocused")
-    return isinstance(defocused, DefocusedLayer) and parallax_px(defocused) >= STEP_PX
+    placement, fit = values.get("placement"), values.get("fit")
+    if not isinstance(placement, Placement) or not isinstance(fit, LensFit):
+        return False
+    return fit.slope * (1.0 / placement.nearest - 1.0 / placement.farthest) >= STEP_PX
 
 
 CONDITIONS: dict[str, tuple[Callable[[Mapping[str, object]], bool], str]] = {

@@ -153,7 +153,12 @@ def _peel(tools: Tools) -> Made:
             "pre-rendered layers hold the nearest surfaces only: what they hide of the object is "
             "guessed from what is seen of it"
         )
-    return Made(partial(look_behind, renderer=tools.behind), "depth-peeled second layer, pyrender")
+    renderer = tools.behind
+
+    def run(defocused: DefocusedLayer, fit: LensFit, placement: Placement) -> DefocusedLayer:
+        return look_behind(defocused, fit, placement.farthest, renderer)
+
+    return Made(run, "depth-peeled second layer, pyrender")
 
 
 def _sharp(tools: Tools) -> Made:
@@ -257,7 +262,7 @@ STAGES: dict[str, Stage] = {
     "fit": Stage(_fit, ("plate_coc", "ground", "frame"), "fit"),
     "render": Stage(_render, ("placement", "fit?"), "layer"),
     "object-coc": Stage(_object_coc, ("layer", "fit"), "defocused"),
-    "peel": Stage(_peel, ("defocused", "fit"), "defocused"),
+    "peel": Stage(_peel, ("defocused", "fit", "placement"), "defocused"),
     "sharp": Stage(_sharp, ("layer", "frame_box"), "blurred"),
     "scatter": Stage(_scatter, ("defocused", "frame_box"), "blurred"),
     "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),

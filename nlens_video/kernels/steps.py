@@ -74,7 +74,7 @@ def _find_steps(
 
 @njit(cache=True, nogil=True)
 def _find_rims(
-    coc: Float32, alpha: Float32, hidden: tuple[Float32, Float32],
+    coc: Float32, alpha: Float32, nearest: tuple[Float32, Float32],
     limits: tuple[float, float, float], reach: Float32, split: Float32,
 ) -> bool:  # fmt: skip
     """Mark likewise where the object ends before nothing and hides something; whether it does.
@@ -82,7 +82,7 @@ def _find_rims(
     Args:
         coc: of the nearest surfaces.
         alpha: of them.
-        hidden: CoC and alpha of what is behind them.
+        nearest: CoC of the nearest hidden pixel, and the distance to it [px].
         limits: as in `_find_steps`.
         reach: gets the reach where it is larger.
         split: gets the CoC half-way there.
@@ -92,23 +92,23 @@ def _find_rims(
     found = False
     for y in range(height):
         for x in range(width):
-            if alpha[y, x] <= 0.0 or hidden[1][y, x] <= 0.0:
+            if alpha[y, x] <= 0.0:
                 continue
-            step = coc[y, x] - hidden[0][y, x]
             rim = (
                 (x > 0 and alpha[y, x - 1] <= 0.0) or (x + 1 < width and alpha[y, x + 1] <= 0.0)
                 or (y > 0 and alpha[y - 1, x] <= 0.0)
                 or (y + 1 < height and alpha[y + 1, x] <= 0.0)
             )  # fmt: skip
-            if step < step_px or not rim:
+            here, there = coc[y, x], nearest[0][y, x]
+            if not rim or here - there < step_px:
                 continue
-            found = True
-            share = min(1.0, (step - step_px) / (full_step_px - step_px))
-            larger = max(abs(coc[y, x]), abs(hidden[0][y, x]))
-            radius = share * (0.5 * larger + spare_px)
+            share = min(1.0, (here - there - step_px) / (full_step_px - step_px))
+            radius = share * (0.5 * max(abs(here), abs(there)) + spare_px)
+            radius = min(radius, 2.0 * (radius - nearest[1][y, x]))  # fades in with the distance
             if radius > reach[y, x]:
+                found = True
                 reach[y, x] = radius
-                split[y, x] = 0.5 * (coc[y, x] + hidden[0][y, x])
+                split[y, x] = 0.5 * (here + there)
     return found
 
 
@@ -180,8 +180,13 @@ def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> 
     limits = (STEP_PX, FULL_STEP_PX, SPARE_PX)
     found = _find_steps(coc, alpha, limits, reach, split)
     if hidden is not None:
-        behind = (hidden.coc_px, np.ascontiguousarray(hidden.rgba[..., 3]))
-        found |= _find_rims(coc, alpha, behind, limits, reach, split)
+        there = hidden.rgba[..., 3] > 0.0
+        if there.any():
+            away = cv2.distanceTransform(
+                np.where(there, np.uint8(0), np.uint8(1)), cv2.DIST_L2, cv2.DIST_MASK_5
+            )
+            nearest = (carried_out(hidden.coc_px, there), np.asarray(away, dtype=np.float32))
+            found |= _find_rims(coc, alpha, nearest, limits, reach, split)
     if not found:
         return None
     marked = reach > 0.0

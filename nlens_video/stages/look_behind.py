@@ -18,16 +18,18 @@ from nlens_video.stages.protocols import BehindRenderer
 
 
 def look_behind(
-    defocused: DefocusedLayer, fit: LensFit, renderer: BehindRenderer
+    defocused: DefocusedLayer, fit: LensFit, farthest: float, renderer: BehindRenderer
 ) -> DefocusedLayer:
     """The layer, and what it hides by a step of the CoC and more.
 
     Args:
         defocused: the object, as the renderer has drawn it last.
         fit: the lens, in the pixels of the frame, with a slope > 0.
+        farthest: greatest depth of the object [scene unit].
         renderer: draws what lies behind.
     """
-    region = _hiding(defocused)
+    least = fit.coc_px(np.array([1.0 / farthest], np.float32))[0]
+    region = _nearer(defocused, least + np.float32(STEP_PX))
     seen = None
     if not region.empty:
         seen = renderer.render_behind(defocused.layer, region, STEP_PX / fit.slope)
@@ -42,10 +44,9 @@ def look_behind(
     return replace(defocused, behind=behind)
 
 
-def _hiding(defocused: DefocusedLayer) -> Box:
-    """Bounds of what is nearer than the farthest point by a step of the CoC."""
-    coc = np.where(defocused.layer.rgba[..., 3] > 0, defocused.coc_px, np.float32(np.inf))
-    near = np.isfinite(coc) & (coc >= coc.min(initial=np.inf) + STEP_PX)
+def _nearer(defocused: DefocusedLayer, coc_px: np.float32) -> Box:
+    """Bounds of what has a CoC of so much at least: only that can hide what has a step less."""
+    near = (defocused.layer.rgba[..., 3] > 0) & (defocused.coc_px >= coc_px)
     rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     if not rows.size:
         return Box(0, 0, 0, 0)

@@ -1,0 +1,222 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.errors import NlensError
+from nlens_video.evaluate.bench_glb import write_glb
+from nlens_video.evaluate.bench_shapes import YFOV, Optics, Place, card, rectangle, tube
+from nlens_video.frames import Box
+from nlens_video.graph.node import CONDITIONS
+from nlens_video.kernels.scatter import blur_reach, scatter
+from nlens_video.lens import LensFit
+from nlens_video.scene import Scene
+from nlens_video.stages.l_lens import Shot, lens_views
+from nlens_video.stages.l_reblur import ReblurLayer, object_coc
+from nlens_video.stages.l_repair import RepairLayer
+from nlens_video.stages.lens_points import bare_points
+from nlens_video.stages.look_behind import look_behind
+
+pytestmark = pytest.mark.needs_gl
+
+OPTICS = Optics(slope=112.0, intercept=-56.0)
+SIZE = (320, 160)
+FRAME = Box(0, 0, *SIZE)
+FIT = LensFit(slope=OPTICS.slope, intercept=OPTICS.intercept, width=960, height=480).for_width(
+    *SIZE
+)
+RED, BLUE = (230, 20, 20), (0, 60, 220)
+
+
+def flat(corners, color):
+    surface = card(OPTICS, corners, 1)
+    return replace(surface, texture=np.full((8, 8, 3), color, np.uint8))
+
+
+def upright(x, coc, rows, color):
+    return flat(rectangle(Place(x[0], 0, coc), Place(x[1], 0, coc), rows), color)
+
+
+ROD = upright((466, 494), 27.0, (60, 420), BLUE)
+HIDDEN = upright((470, 490), 1.0, (120, 360), RED)
+WIDE = upright((380, 580), -20.0, (60, 420), RED)
+
+
+def unasked(geometry):
+    raise AssertionError("the network is not asked where it is known what is hidden")
+
+
+REPAIR = RepairLayer(network=unasked, scatter=scatter, reach=blur_reach)
+SCATTER = ReblurLayer(scatter=scatter, reach=blur_reach)
+
+
+class Seen:
+    """An object of some surfaces through the lens."""
+
+    def __init__(self, path, surfaces):
+        write_glb(path, surfaces, YFOV)
+        self.scene = Scene.load(path)
+        self.camera = self.scene.camera(0.0, *SIZE)
+        self.renderer = PyrenderObjectRenderer(self.scene)
+
+    def peeled(self, camera=None, fit=FIT):
+        front = self.renderer.render(0.0, camera or self.camera, 20)
+        depth = self.camera.to_camera(self.scene.pose(0.0).vertices().astype(float))[:, 2]
+        return look_behind(object_coc(front, fit), fit, float(-depth.min()), self.renderer)
+
+    def blurred(self, camera=None, fit=FIT):
+        """What the scatter and what the repair makes of it, on the frame."""
+        sharp = self.peeled(camera, fit)
+        scattered = SCATTER(sharp, FRAME)
+        return on_frame(scattered), on_frame(REPAIR(sharp, scattered))
+
+    def truth(self, views=400):
+        shot = Shot(time_s=0.0, camera=self.camera, fit=FIT, frame=FRAME)
+        return on_frame(lens_views(self.renderer, shot, bare_points(views)))
+
+
+def on_frame(layer):
+    out = np.zeros((FRAME.height, FRAME.width, 4), np.float32)
+    out[layer.box.slices_in(FRAME)] = layer.rgba
+    return out
+
+
+@pytest.fixture
+def see(tmp_path):
+    opened = []
+
+    def make(*surfaces):
+        seen = Seen(tmp_path / f"{len(opened)}.glb", surfaces)
+        opened.append(seen)
+        return seen
+
+    yield make
+    for seen in opened:
+        seen.renderer.close()
+
+
+def test_a_hidden_red_card_shows_through_the_blur_of_a_near_rod_as_through_the_lens(see):
+    seen = see(ROD, HIDDEN)
+    truth = seen.truth()
+    scattered, repaired = seen.blurred()
+    middle = (slice(60, 100), slice(158, 163))
+    red = truth[middle][..., 0].mean()
+    assert scattered[middle][..., 0].mean() < 0.3 * red
+    assert repaired[middle][..., 0].mean() == pytest.approx(red, rel=0.05)
+    error, before = (np.abs(found - truth).max(axis=2) for found in (repaired, scattered))
+    assert np.sqrt((error**2).mean()) < 0.35 * np.sqrt((before**2).mean())
+
+
+def test_behind_a_rod_before_nothing_stays_nothing(see):
+    seen = see(ROD)
+    sharp = seen.peeled()
+    assert sharp.behind.box.empty
+    scattered = SCATTER(sharp, FRAME)
+    assert REPAIR(sharp, scattered) is scattered
+    assert not CONDITIONS["depth-steps"][0]({"defocused": sharp})
+
+
+def test_a_surface_that_hides_nothing_keeps_the_scatters_very_layer(see):
+    corners = rectangle(Place(380, 0, 28.0), Place(580, 0, -28.0), (60, 420))
+    sharp = see(flat(corners, RED)).peeled()
+    assert sharp.behind.box.empty
+    scattered = SCATTER(sharp, FRAME)
+    assert REPAIR(sharp, scattered) is scattered
+
+
+def test_the_hidden_part_of_a_card_is_its_own_colour_at_its_own_blur(see):
+    seen = see(WIDE, ROD)
+    behind = seen.peeled().behind
+    inside = Box(156, 40, 164, 120).slices_in(behind.box)
+    light = seen.blurred()[1][5:]
+    assert np.isfinite(light).all()
+    assert behind.rgba[inside][..., 3].min() == 1.0
+    assert behind.coc_px[inside] == pytest.approx(np.full((80, 8), -20.0 / 3.0), abs=0.02)
+    assert (behind.rgba[inside][..., 0] > 10 * behind.rgba[inside][..., 2]).all()
+
+
+def test_an_antialiased_pixel_of_the_front_holds_its_own_share_only(see):
+    tilted = [
+        Place(455, 420, 26.0),
+        Place(495, 420, 26.0),
+        Place(515, 60, 26.0),
+        Place(475, 60, 26.0),
+    ]
+    seen = see(WIDE, flat(tilted, BLUE))
+    sharp = seen.peeled()
+    behind, whole = sharp.behind, sharp.layer
+    front = behind.front_rgba
+    picture = whole.rgba[behind.box.slices_in(whole.box)]
+    partly = (front[..., 3] > 0.0) & (front[..., 3] < 1.0) & (picture[..., 3] == 1.0)
+    assert partly.sum() > 50
+    assert np.isin(front[partly][:, 3], (0.25, 0.5, 0.75)).all()
+    again = front + (1.0 - front[..., 3:]) * behind.rgba
+    assert again[partly] == pytest.approx(picture[partly], abs=2e-3)
+
+
+def test_nobody_looks_into_a_closed_body_though_its_material_is_double_sided(see):
+    path = np.array([OPTICS.point(Place(480, y, 20.0)) for y in (100, 240, 380)])
+    radius = OPTICS.size(Place(480, 240, 20.0), 60)
+    assert see(tube(path, [radius] * 3, 3)).peeled().behind.box.empty
+
+
+def test_the_inner_side_of_an_open_shell_is_seen(see):
+    path = np.array([OPTICS.point(Place(480, y, 20.0)) for y in (100, 240, 380)])
+    whole = tube(path, [OPTICS.size(Place(480, 240, 20.0), 60)] * 3, 3)
+    behind = see(replace(whole, faces=whole.faces[:-32])).peeled().behind
+    assert (behind.rgba[..., 3] > 0.0).any()
+
+
+def test_only_the_last_picture_can_be_looked_behind(see):
+    seen = see(ROD, WIDE)
+    first = seen.renderer.render(0.0, seen.camera)
+    last = seen.renderer.render(0.0, seen.camera)
+    with pytest.raises(ValueError, match="last"):
+        seen.renderer.render_behind(first, first.box, 0.01)
+    with pytest.raises(ValueError, match="within"):
+        seen.renderer.render_behind(last, last.box.grown(1), 0.01)
+    assert seen.renderer.render_behind(last, last.box, 0.01) is not None
+    seen.renderer.close()
+    with pytest.raises((NlensError, ValueError)):
+        seen.renderer.render_behind(last, last.box, 0.01)
+
+
+def test_looking_behind_changes_no_later_picture(see):
+    seen = see(WIDE, ROD)
+    before = seen.renderer.render(0.0, seen.camera)
+    seen.renderer.render_behind(before, before.box, 0.01)
+    after = seen.renderer.render(0.0, seen.camera)
+    assert np.array_equal(before.rgba, after.rgba)
+    assert np.array_equal(before.depth, after.depth)
+
+
+def rough(frames):
+    return np.abs(np.diff(frames, n=2, axis=0))
+
+
+def test_a_slide_by_tenths_of_a_pixel_does_not_pop(see):
+    seen = see(WIDE, ROD)
+    pairs = [
+        seen.blurred(replace(seen.camera, cx=seen.camera.cx + 0.1 * step)) for step in range(15)
+    ]
+    scattered, repaired = (rough([pair[kind] for pair in pairs]) for kind in (0, 1))
+    assert repaired.max() < 1.5 * scattered.max()
+    assert np.quantile(repaired, 0.999) < 1.5 * np.quantile(scattered, 0.999)
+
+
+def test_a_pull_of_focus_does_not_pop(see):
+    seen = see(WIDE, ROD)
+    frames = [
+        seen.blurred(fit=replace(FIT, intercept=FIT.intercept + 0.25 * step))[1]
+        for step in range(-10, 11)
+    ]
+    assert rough(frames).max() < 0.03
+
+
+def test_what_is_hidden_fades_in_with_its_distance(see):
+    frames = []
+    for coc in np.linspace(27.0, 12.0, 31):  # from no step at all to one of 5 px
+        seen = see(ROD, upright((470, 490), coc - 0.5, (120, 360), RED))
+        frames.append(seen.blurred()[1])
+    assert rough(frames).max() < 0.05
