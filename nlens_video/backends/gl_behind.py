@@ -40,6 +40,21 @@ class Front:
         return np.where(there, window, _ALL).astype(np.float32)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BehindPicture:
+    """What a picture's nearest surface hides.
+
+    Attributes:
+        rgba: premultiplied linear colour and alpha (height, width, 4).
+        depth: along the optical axis (height, width), +inf where nothing is [scene unit].
+        front_rgba: what the nearest surface alone gives to each pixel (height, width, 4).
+    """
+
+    rgba: Float32
+    depth: Float32
+    front_rgba: Float32
+
+
 class BehindTarget:
     """A picture of its own, a texture of limits, and the question whether anything was drawn."""
 

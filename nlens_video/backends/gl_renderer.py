@@ -17,7 +17,7 @@ from OpenGL import GL
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from nlens_video.backends.closed import closed_bodies
-from nlens_video.backends.gl_behind import BehindTarget, Front
+from nlens_video.backends.gl_behind import BehindPicture, BehindTarget, Front
 from nlens_video.backends.gl_lighting import Lighting
 from nlens_video.backends.gl_objects import (
     MATERIAL_FLOATS,
@@ -58,21 +58,6 @@ class View:
     far: float
     width: int
     height: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BehindPicture:
-    """What a picture's nearest surface hides.
-
-    Attributes:
-        rgba: premultiplied linear colour and alpha (height, width, 4).
-        depth: along the optical axis (height, width), +inf where nothing is [scene unit].
-        front_rgba: what the nearest surface alone gives to each pixel (height, width, 4).
-    """
-
-    rgba: Float32
-    depth: Float32
-    front_rgba: Float32
 
 
 class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base

@@ -157,11 +157,14 @@ class PyrenderObjectRenderer:
             The layer on the region; None where nothing is hidden.
 
         Raises:
-            NlensError: as `render`.
-            ValueError: `front` is not the last picture, or the region not within it.
+            NlensError: as `render`, or `front` is not the last picture.
+            ValueError: the region is not within it.
         """
         if self._last is None or self._last[0] is not front:
-            raise ValueError("only the last picture can be looked behind")
+            raise NlensError(
+                "the object was drawn again before it was looked behind; in the pipeline file put "
+                "the stage 'peel' right after 'object-coc'"
+            )
         if region.empty or region.intersection(front.box) != region:
             raise ValueError(f"{region} is not within {front.box}")
         drawn = self._last[1]

@@ -17,7 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
+from nlens_video.frames import Behind, BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.graph.build import Graph
 from nlens_video.graph.node import Node
 
@@ -87,19 +87,25 @@ def _works(nodes: Sequence[Node]) -> list[Work]:
         if node.stage == "scatter":  # its own aperture's tables too
             works[node.name] = partial(node.run, _sharp(), _FRAME)
         if node.stage == "repair":
-            works[node.name] = partial(node.run, _sharp(), _blurred())
+            known = any(other.stage == "peel" for other in nodes)
+            works[node.name] = partial(node.run, _sharp(behind=known), _blurred())
         if node.stage in ("composite", "darken"):
             works["blend"] = _blend
     return list(works.values())
 
 
-def _sharp() -> DefocusedLayer:
-    """A layer with a step of depth, whose discs take every kind of drawing."""
+def _sharp(*, behind: bool = False) -> DefocusedLayer:
+    """A layer with a step of depth, whose discs take every kind of drawing.
+
+    Args:
+        behind: whether it is known what it hides.
+    """
     rgba = np.ones((_SIDE, _SIDE, 4), np.float32)
     coc = np.repeat(np.linspace(-44.0, 0.0, _SIDE, dtype=np.float32)[:, None], _SIDE, axis=1)
     coc[:, _SIDE // 2 :] = 3.0
     layer = ObjectLayer(box=_FRAME, rgba=rgba, depth=np.ones_like(coc))
-    return DefocusedLayer(layer=layer, coc_px=coc)
+    hidden = Behind(box=_FRAME, rgba=rgba, coc_px=coc - 5.0, front_rgba=rgba) if behind else None
+    return DefocusedLayer(layer=layer, coc_px=coc, behind=hidden)
 
 
 def _blurred() -> BlurredLayer:

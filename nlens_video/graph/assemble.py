@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.planner import OCCLUSION, Decision
@@ -27,6 +28,9 @@ from nlens_video.scene.scene_light import SceneLight
 from nlens_video.settings import REFLECTANCE, Device, Fallback, ObjectSettings
 from nlens_video.shutter import ASSUMED_ANGLE_DEG, Shutter
 from nlens_video.stages.protocols import ReblurNetwork
+
+if TYPE_CHECKING:
+    from nlens_video.stages.l_repair import RepairNetwork
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,23 +249,28 @@ def _object_source(
 
 
 def _repair(pixel_aspect: float) -> ReblurNetwork:
-    network: ReblurNetwork | None = None
+    repairing: ReblurNetwork | None = None
+
+    @cache
+    def network() -> RepairNetwork:
+        from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
+        from nlens_video.model_store import find_model
+
+        return OnnxRepairNetwork(find_model("reblur").path)
 
     def repair(defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
-        nonlocal network
-        if network is None:  # loaded by the first frame that has a depth step
-            from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
+        nonlocal repairing
+        if repairing is None:  # loaded by the first frame that has a depth step
             from nlens_video.kernels.scatter import blur_reach, scatter
-            from nlens_video.model_store import find_model
             from nlens_video.stages.l_repair import RepairLayer
 
-            network = RepairLayer(
-                network=OnnxRepairNetwork(find_model("reblur").path),
+            repairing = RepairLayer(
+                network=lambda geometry: network()(geometry),  # it may never be asked
                 scatter=scatter,
                 reach=blur_reach,
                 pixel_aspect=pixel_aspect,
             )
-        return network(defocused, blurred)
+        return repairing(defocused, blurred)
 
     return repair
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from nlens_video.frames import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer
-from nlens_video.kernels.depth_layers import carried_out
+from nlens_video.kernels.steps import carried_out
 from nlens_video.lens import LensFit
 from nlens_video.stages.l_reblur import ScatterKernel
 
