@@ -8,7 +8,7 @@ from typing import NoReturn
 
 from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
-from nlens_video.effect_arguments import add_effects, optics
+from nlens_video.effect_arguments import add_effects, add_tracking, optics
 from nlens_video.errors import UsageError
 from nlens_video.light_arguments import add_light
 from nlens_video.object_arguments import (
@@ -97,6 +97,7 @@ def settings(words: argparse.Namespace) -> Settings:
         aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
         shutter_deg=getattr(words, "shutter", None),
         optics=optics(words),
+        track_focus=getattr(words, "track_focus", "off"),
         fit=getattr(words, "fit", None),
         save_fit=words.save_fit,
         fallback=words.fallback,
@@ -207,6 +208,7 @@ def _render_parser() -> _Parser:
     _add_common(parser)
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
     add_effects(parser)
+    add_tracking(parser)
     run = parser.add_argument_group("the run")
     run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")

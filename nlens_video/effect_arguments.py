@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from nlens_video.optics import Optics
+from nlens_video.settings import TrackFocus
 
 
 def add_effects(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +51,24 @@ def _coefficients(text: str) -> tuple[float, float]:
     if len(numbers) not in (1, 2) or not all(abs(number) <= 10.0 for number in numbers):
         raise argparse.ArgumentTypeError(f"{text!r} is not K1 or K1,K2, such as -0.12,0.01")
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0
+
+
+def add_tracking(parser: argparse.ArgumentParser) -> None:
+    """Whether a lens that changes is followed."""
+    parser.add_argument(
+        "--track-focus", metavar="T", type=_tracking, default="auto",
+        help="follow a lens that changes: auto, off, or every N frames (files)",
+    )  # fmt: skip
+
+
+def _tracking(text: str) -> TrackFocus:
+    if text == "auto":
+        return "auto"
+    if text == "off":
+        return "off"
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not auto, off or a number of frames")
+    return int(text)
 
 
 def _angle(text: str) -> float:

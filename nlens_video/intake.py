@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from nlens_video.effects.measurement import MOST_PICTURES
+from nlens_video.fit_track import FitTrack
 from nlens_video.frames import Picture
 from nlens_video.graph.assemble import Assembly, Lens, assemble
 from nlens_video.graph.call_for import Plate
@@ -58,21 +59,32 @@ class Intake:
 
 
 @contextmanager
-def taken_in(settings: Settings, profiler: Profiler) -> Iterator[Intake]:
+def taken_in(
+    settings: Settings, profiler: Profiler, track: FitTrack | None = None
+) -> Iterator[Intake]:
     """Open the source and build the graph for it; the source closes at the end.
+
+    Args:
+        settings: the run.
+        profiler: times it.
+        track: the lens all along a file whose lens changes.
 
     Raises:
         NlensError: as `run.render`.
     """
-    with _opened(settings) as source:
+    with opened(settings) as source:
         trim = Trim(source, settings.source.frames)
-        assembly = _assembled(settings, source.info, profiler, trim)
+        assembly = _assembled(settings, source.info, profiler, trim, track)
         yield Intake(source, LookAhead(_decoded(trim, profiler)), assembly)
 
 
 @contextmanager
-def _opened(settings: Settings) -> Iterator[Source]:
-    """The source; left open where its reader still blocks in a read."""
+def opened(settings: Settings) -> Iterator[Source]:
+    """The source; left open where its reader still blocks in a read.
+
+    Raises:
+        InputError: the source cannot be read.
+    """
     given = settings.source
     size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
     source = apart(
@@ -90,7 +102,9 @@ def _opened(settings: Settings) -> Iterator[Source]:
             source.__exit__(None, None, None)
 
 
-def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler, trim: Trim) -> Assembly:
+def _assembled(
+    settings: Settings, info: SourceInfo, profiler: Profiler, trim: Trim, track: FitTrack | None
+) -> Assembly:
     lens = Lens(
         preset=settings.preset,
         effects=settings.effects,
@@ -99,8 +113,9 @@ def _assembled(settings: Settings, info: SourceInfo, profiler: Profiler, trim: T
         device=settings.device,
         aperture=settings.aperture,
         shutter_deg=settings.shutter_deg,
-        frame_s=_frame_s(info),
+        frame_s=frame_s(info),
         optics=settings.optics,
+        track=track,
     )
     view = View(
         width=info.width,
@@ -123,7 +138,7 @@ def _may_wait(info: SourceInfo) -> bool:
     return info.kind in ("video", "sequence")
 
 
-def _frame_s(info: SourceInfo) -> float:
+def frame_s(info: SourceInfo) -> float:
     """From one frame to the next, 0 for a still [s]."""
     if info.kind == "still" or not info.average_rate:
         return 0.0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video import interrupts
 from nlens_video.errors import LensFitError, UsageError
+from nlens_video.follow import follow
 from nlens_video.frames import BlurredLayer
 from nlens_video.graph.ahead import Ahead
 from nlens_video.graph.lanes import run_lanes
@@ -111,7 +112,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     composited = written = 0
     with ExitStack() as stack:
         profiler = Profiler(settings.budget_ms)
-        intake = stack.enter_context(taken_in(settings, profiler))
+        intake = stack.enter_context(taken_in(settings, profiler, follow(settings)))
         source, assembly = intake.source, intake.assembly
         ahead = stack.enter_context(Ahead(assembly.graph))
         watching = observers(settings, Started(source.info, assembly, profiler), settings.output)

@@ -13,6 +13,7 @@ from nlens_video.playback import ONCE, Playback
 
 Device = Literal["auto", "cpu", "cuda"]
 Fallback = Literal["none", "constant"]
+TrackFocus = Literal["auto", "off"] | int
 Occlusion = Literal["none", "auto"]
 REFLECTANCE = 0.04
 """Of glass, water, polished stone and lacquer (a refractive index of 1.5), from straight above."""
@@ -155,6 +156,8 @@ class Settings:
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what stands in for a fit that fails.
+        track_focus: whether a lens that changes is followed: when the plate shows it, never, or
+            every so many frames.
         report: folder of the HTML report.
         aov: folder of the EXR layers of each frame.
         timings: file of the timing rows.
@@ -173,6 +176,7 @@ class Settings:
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"
+    track_focus: TrackFocus = "auto"
     report: Path | None = None
     aov: Path | None = None
     timings: Path | None = None

@@ -31,8 +31,8 @@ def camera():
     return Camera.from_yfov(camera_pose(), YFOV, WIDTH, HEIGHT)
 
 
-def plate(seed=0):
-    """A sharp-textured ground and a far wall, seen by the lens; uint8 sRGB RGB (H, W, 3)."""
+def plate(seed=0, slope=SLOPE, intercept=INTERCEPT):
+    """A sharp-textured ground and a far wall, seen by a lens; uint8 sRGB RGB (H, W, 3)."""
     view = camera()
     disparity = np.maximum(view.plane_disparity(0.0), 0.12)
     rng = np.random.default_rng(seed)
@@ -43,7 +43,7 @@ def plate(seed=0):
         light += cv2.resize(noise, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
     light = np.clip(0.3 + 0.25 * light, 0.02, 1.0)
     opaque = np.dstack([light, np.ones((HEIGHT, WIDTH), np.float32)])
-    coc = (SLOPE * disparity + INTERCEPT).astype(np.float32)
+    coc = (slope * disparity + intercept).astype(np.float32)
     blurred = scatter(opaque, coc)[..., :3]
     coded = np.where(blurred < 0.0031308, 12.92 * blurred, 1.055 * blurred ** (1 / 2.4) - 0.055)
     return np.clip(np.round(255 * coded), 0, 255).astype(np.uint8)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.planner import OCCLUSION, Decision
 from nlens_video.errors import UsageError
+from nlens_video.fit_track import FitTrack
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.build import Graph, build
 from nlens_video.graph.call_for import Plate, Shot, call_for
@@ -47,6 +48,7 @@ class Lens:
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         frame_s: from one frame to the next, 0 for a still [s].
         optics: what a person says about it beside.
+        track: the lens all along a file whose lens changes, in the pixels of its frames.
     """
 
     preset: str = "standard"
@@ -58,6 +60,7 @@ class Lens:
     shutter_deg: float | None = None
     frame_s: float = 0.0
     optics: Optics = Optics()
+    track: FitTrack | None = None
 
     @property
     def shutter(self) -> Shutter:
@@ -157,11 +160,12 @@ def assemble(
         reflectance=_reflectance(objects),
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
-    graph = build(pipeline, called_for.decisions, tools, fit_given=fit is not None)
+    known = lens.track or fit
+    graph = build(pipeline, called_for.decisions, tools, fit_given=known is not None)
     return Assembly(
         scene=scene,
         graph=graph,
-        steps=FrameSteps(graph, profiler, fit),
+        steps=FrameSteps(graph, profiler, known),
         decisions=called_for.decisions,
         record=record,
         render_context=lambda: _with(render_context, front),
@@ -171,6 +175,7 @@ def assemble(
             *graph.notes,
             *notes(),
             *([record.note] if record.note else []),
+            *([lens.track.words()] if lens.track is not None else []),
         ),
     )
 

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from nlens_video.fit_track import FitTrack
 from nlens_video.frames import Box, Picture
 from nlens_video.graph.build import Graph
 from nlens_video.graph.lanes import Lane
@@ -57,13 +58,17 @@ class FrameSteps:
     Args:
         graph: the nodes.
         profiler: times them.
-        fit: the lens, when it is known beforehand, in the pixels of this stream.
+        fit: the lens, when it is known beforehand, in the pixels of this stream; or all along it.
     """
 
-    def __init__(self, graph: Graph, profiler: Profiler, fit: LensFit | None = None) -> None:
+    def __init__(
+        self, graph: Graph, profiler: Profiler, fit: LensFit | FitTrack | None = None
+    ) -> None:
         self.graph = graph
         self.profiler = profiler
-        self._shot: Values = {} if fit is None else {"fit": fit}
+        self._track = fit if isinstance(fit, FitTrack) else None
+        known = fit.at(0) if isinstance(fit, FitTrack) else fit
+        self._shot: Values = {} if known is None else {"fit": known}
 
     @property
     def fit(self) -> LensFit | None:
@@ -93,6 +98,8 @@ class FrameSteps:
         """Run some nodes on one frame."""
         if not state.started:  # later lanes must not see what later frames have found out
             state.values.update(self._shot)
+            if self._track is not None:
+                state.values["fit"] = self._track.at(state.frame.index)
             state.started = True
         for node in nodes:
             if node.cadence == "shot":
@@ -101,6 +108,23 @@ class FrameSteps:
                 with self.profiler.timed(state.frame.index, node.name):
                     state.values[node.output] = node.run(*node.arguments(state.values))
         return state
+
+    def find(self, state: FrameState, nodes: tuple[Node, ...]) -> LensFit | None:
+        """The lens of one frame, whatever is known already; None where the object is out of view.
+
+        Args:
+            state: the frame.
+            nodes: those that find a lens, in order.
+
+        Raises:
+            LensFitError: the frame does not tell.
+        """
+        for node in nodes:
+            if node.called_for(state.values):
+                with self.profiler.timed(state.frame.index, node.name):
+                    state.values[node.output] = node.run(*node.arguments(state.values))
+        fit = state.values.get("fit")
+        return fit if isinstance(fit, LensFit) else None
 
     def _run_once(self, state: FrameState, node: Node) -> None:
         if self.fit is None and node.called_for(state.values):

@@ -35,6 +35,13 @@ class InputHints:
     rate: str | None = None
 
 
+def can_be_read_again(spec: str) -> bool:
+    """Whether a source is a file or a sequence of files: a pipe or a camera shows itself once."""
+    if spec == "-" or "://" in spec or spec.startswith("/dev/"):
+        return False
+    return Path(spec).is_file() or Numbered.matches(spec)
+
+
 def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputContainer, Kind]:
     """Open whatever `spec` names.
 

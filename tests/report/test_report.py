@@ -23,6 +23,7 @@ from nlens_video.effects.planner import Decision
 from nlens_video.errors import OutputError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer
 from nlens_video.graph.assemble import Lens, assemble
+from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
 from nlens_video.graph.profiler import FrameTiming, Profiler
 from nlens_video.lens import LensFit
@@ -52,7 +53,9 @@ class Bench:
         self.profiler = Profiler(180.0)
         lens = Lens(fit=fit, effects=effects)
         view = View(width=WIDTH, height=HEIGHT)
-        self.assembly = assemble(ObjectSettings(glb=glb), lens, view, self.profiler)
+        self.assembly = assemble(
+            ObjectSettings(glb=glb), lens, view, self.profiler, Plate(lambda: ())
+        )
         with open_source(str(video)) as source:
             self.info = source.info
         self.record = self.assembly.record

@@ -1,0 +1,133 @@
+"""A lens that changes over a file is followed; one that does not is left alone."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import shots
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nlens_video.arguments import parse, settings
+from nlens_video.cli import main
+from nlens_video.fit_track import FitTrack, Key, with_holds
+from nlens_video.follow import follow
+from nlens_video.lens import LensFit
+from nlens_video.stages.lens_watch import CHANGED, changed, is_cut, look
+from nlens_video.video.picture import ArrayPicture
+
+
+def fit(intercept, frame=0, error=0.2):
+    return LensFit(
+        slope=24.0, intercept=intercept, slope_stderr=error, intercept_stderr=error,
+        width=shots.WIDTH, height=shots.HEIGHT, frame=frame,
+    )  # fmt: skip
+
+
+def shot(rgb, grain=1.0, seed=0):
+    noise = grain * np.random.default_rng(seed).standard_normal(rgb.shape)
+    return ArrayPicture(np.uint8(np.clip(rgb + noise, 0, 255)), "rgb")
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2, 1.5])
+def test_watch_sees_a_focus_that_moves(factor):
+    before = look(shot(shots.plate()))
+    after = look(shot(shots.plate(intercept=factor * shots.INTERCEPT), seed=1))
+    assert changed(before, after) > CHANGED
+    assert not is_cut(before, after)
+
+
+def test_watch_is_quiet_under_noise_light_and_a_person_walking_by():
+    rgb = shots.plate()
+    before = look(shot(rgb))
+    person = rgb.copy()
+    person[:, 150:230] = 60
+    light = np.uint8(np.clip(0.8 * rgb.astype(np.float32), 0, 255))
+    for other in (shot(rgb, 4.0, 1), shot(light, seed=2), shot(person, seed=3)):
+        now = look(other)
+        assert changed(before, now) < CHANGED
+        assert not is_cut(before, now)
+
+
+def test_watch_sees_a_cut():
+    other = np.uint8(0.4 * shots.plate(7))
+    assert is_cut(look(shot(shots.plate())), look(shot(other)))
+
+
+def test_plate_without_any_detail_never_changes():
+    assert changed(look(shot(shots.grey(), 0.0)), look(shot(shots.grey(), 0.0))) == 0.0
+
+
+@given(st.lists(st.floats(-30, 30), min_size=2, max_size=9), st.integers(2, 12))
+def test_track_never_jumps_and_stays_between_its_fits(intercepts, spacing):
+    keys = tuple(Key(at * spacing, 0, fit(value)) for at, value in enumerate(intercepts))
+    track = FitTrack(with_holds(keys, spacing, 200), 5.0)
+    values = np.array([track.at(index).intercept for index in range(keys[-1].index + 1)])
+    span = max(intercepts) - min(intercepts)
+    assert np.abs(np.diff(values)).max(initial=0.0) <= 0.75 * span + 1e-9
+    assert values.min() >= min(intercepts) - 0.5 * span - 1e-6
+    assert values.max() <= max(intercepts) + 0.5 * span + 1e-6
+
+
+def test_track_of_a_steady_pull_has_no_lag():
+    keys = tuple(Key(at, 0, fit(-10.0 - 0.1 * at)) for at in range(0, 60, 6))
+    track = FitTrack(keys, 5.0)
+    for index in range(54):
+        assert track.at(index).intercept == pytest.approx(-10.0 - 0.1 * index, abs=1e-6)
+
+
+def test_track_keeps_a_cut():
+    keys = (Key(0, 0, fit(-10.0)), Key(20, 1, fit(-20.0, 20)), Key(30, 1, fit(-20.0, 30)))
+    track = FitTrack(with_holds(keys, 5, 40), 5.0, cuts=(20,))
+    assert track.at(19).intercept == pytest.approx(-10.0)
+    assert track.at(20).intercept == pytest.approx(-20.0)
+
+
+@pytest.fixture(scope="module")
+def pulled(tmp_path_factory):
+    """A focus pull: rest, 20 frames of pulling, rest."""
+    folder = tmp_path_factory.mktemp("pull")
+    for index in range(40):
+        share = np.clip((index - 10) / 20, 0, 1)
+        rgb = shots.plate(intercept=shots.INTERCEPT * (1 + 0.5 * share))
+        shots.write_png(folder / f"in_{index:04d}.png", shot(rgb, seed=index).array)
+    shots.cube_glb(folder / "anim.glb")
+    return folder
+
+
+def words(folder, *more):
+    return [
+        str(folder / "in_%04d.png"), str(folder / "anim.glb"), str(folder / "out_%04d.png"),
+        "--input-rate", "25", *more,
+    ]  # fmt: skip
+
+
+def test_focus_pull_is_followed(pulled):
+    track = follow(settings(parse(words(pulled))))
+    assert track is not None
+    there = 0.55  # a disparity of the ground in view
+    values = np.array([track.at(index).coc_px(np.float32(there)) for index in range(40)])
+    shares = np.clip((np.arange(40) - 10) / 20, 0, 1)
+    truth = shots.SLOPE * there + shots.INTERCEPT * (1 + 0.5 * shares)
+    assert np.abs(values - truth).max() < 1.5
+    assert np.abs(np.diff(values, 2)).max() < 0.15
+
+
+def test_lens_that_stays_is_not_followed(pulled, tmp_path):
+    for index in range(12):
+        shots.write_png(tmp_path / f"in_{index:04d}.png", shot(shots.plate(), seed=index).array)
+    shots.cube_glb(tmp_path / "anim.glb")
+    assert follow(settings(parse(words(tmp_path)))) is None
+    assert follow(settings(parse(words(pulled, "--track-focus", "off")))) is None
+    given = shots.fit_json(tmp_path / "fit.json")
+    assert follow(settings(parse(words(pulled, "--fit", str(given))))) is None
+
+
+@pytest.mark.needs_gl
+def test_command_follows_and_says_so(pulled, capsys):
+    assert main(words(pulled, "--json", "--preset", "realtime")) == 0
+    outcome = json.loads(capsys.readouterr().out)
+    assert any("the lens changes" in note for note in outcome["notes"])
+    first, last = (cv2.imread(str(pulled / "out_%04d.png") % at) for at in (0, 39))
+    assert first is not None and np.abs(first.astype(int) - last).max() > 20
