@@ -117,7 +117,7 @@ class CoverByCoc:
         edge_px: how far around a coarse edge the plate's own edge is looked for [px].
     """
 
-    sigmas: float = 1.5
+    sigmas: float = 4.0
     least_px: float = 1.5
     share: float = 0.1
     edge_px: int = 12
