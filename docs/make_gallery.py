@@ -19,7 +19,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from nlens_video import Compositor
 from nlens_video.color import ColorTags
-from nlens_video.graph.assemble import Lens, assemble
+from nlens_video.graph.asked_lens import Lens
+from nlens_video.graph.assemble import assemble
 from nlens_video.graph.objects import View
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameSteps

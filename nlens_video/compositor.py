@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,8 @@ from nlens_video.aperture import Aperture, parse_aperture
 from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import UsageError
 from nlens_video.graph.ahead import Ahead
-from nlens_video.graph.assemble import Assembly, Lens, assemble
+from nlens_video.graph.asked_lens import Lens
+from nlens_video.graph.assemble import Assembly, assemble
 from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import load_pipeline
@@ -62,6 +63,7 @@ class Compositor:
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
         budget_ms: what a frame may cost [ms].
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
+        track_focus: `auto` follows a lens that changes, `off` keeps the first fit.
         aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
         optics: what is known of the lens beside its focus: vignetting, distortion.
@@ -85,6 +87,7 @@ class Compositor:
         fallback: Fallback = "none",
         budget_ms: float = 180.0,
         shutter_deg: float | None = None,
+        track_focus: Literal["auto", "off"] = "auto",
         aperture: Aperture | str = "round",
         cat_eye: float = 0.0,
         optics: Optics = NOTHING_SAID,
@@ -103,6 +106,7 @@ class Compositor:
         self._lens = Lens(
             preset=preset, effects=effects, fit=fit, fallback=fallback, frame_s=1.0 / fps,
             shutter_deg=shutter_deg, aperture=_aperture(aperture, cat_eye), optics=optics,
+            live=track_focus == "auto",
         )  # fmt: skip
         self._fps = fps
         self._profiler = Profiler(budget_ms)

@@ -168,11 +168,6 @@ def _keys(settings: Settings, needs: tuple[Need, ...]) -> Iterator[Key]:
     known: LensFit | None = None
     with taken_in(run, Profiler()) as intake:
         steps = intake.assembly.steps
-        finding = tuple(
-            node
-            for node in intake.assembly.graph.nodes
-            if node.stage == "locate" or node.cadence == "shot"
-        )
         # no frames ahead: their mean would lag behind a lens that changes
         for item, _ in intake.frames.with_following(lambda: False):
             if not isinstance(item, SourceFrame) or item.index not in wanted:
@@ -180,7 +175,7 @@ def _keys(settings: Settings, needs: tuple[Need, ...]) -> Iterator[Key]:
             interrupts.look()
             state = steps.enter(item)
             try:
-                fit = steps.find(state, finding)
+                fit = steps.find(state, steps.finding)
             except LensFitError:
                 continue
             finally:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.fit_track import FitTrack
 from nlens_video.frames import Picture
-from nlens_video.graph.assemble import Assembly, Lens, assemble
+from nlens_video.graph.asked_lens import Lens
+from nlens_video.graph.assemble import Assembly, assemble
 from nlens_video.graph.call_for import Plate
 from nlens_video.graph.lanes import apart, still_reading
 from nlens_video.graph.objects import View
@@ -23,6 +24,7 @@ from nlens_video.placing import focal_35mm
 from nlens_video.settings import Settings
 from nlens_video.trim import Trim
 from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.opening import can_be_read_again
 from nlens_video.video.source import Source, open_source
 
 if TYPE_CHECKING:
@@ -116,6 +118,7 @@ def _assembled(
         frame_s=frame_s(info),
         optics=settings.optics,
         track=track,
+        live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )
     view = View(
         width=info.width,

@@ -60,11 +60,7 @@ def find_fit(settings: Settings) -> FitOutcome:
         watching = observers(settings, Started(intake.info, assembly, profiler), None)
         for observer in watching:
             stack.enter_context(observer)
-        shot = tuple(
-            node
-            for node in assembly.graph.nodes
-            if node.stage == "locate" or node.cadence == "shot"
-        )
+        shot = assembly.steps.finding
         seen = 0
         for state in intake.items(watching):
             if not isinstance(state, FrameState):

@@ -9,10 +9,12 @@ import shots
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nlens_video import Compositor
 from nlens_video.arguments import parse, settings
 from nlens_video.cli import main
 from nlens_video.fit_track import FitTrack, Key, with_holds
 from nlens_video.follow import follow
+from nlens_video.graph.live_lens import LiveLens
 from nlens_video.lens import LensFit
 from nlens_video.stages.lens_watch import CHANGED, changed, is_cut, look
 from nlens_video.video.picture import ArrayPicture
@@ -131,3 +133,38 @@ def test_command_follows_and_says_so(pulled, capsys):
     assert any("the lens changes" in note for note in outcome["notes"])
     first, last = (cv2.imread(str(pulled / "out_%04d.png") % at) for at in (0, 39))
     assert first is not None and np.abs(first.astype(int) - last).max() > 20
+
+
+def test_live_lens_moves_softly_and_jumps_at_a_cut_only():
+    live = LiveLens(1 / 25)
+    assert live.step() is None
+    live.found(fit(-10.0))
+    rgb = shots.plate()
+    assert not any(live.asks(index, shot(rgb, seed=index)) for index in range(9))
+    pulled = shots.plate(intercept=1.5 * shots.INTERCEPT)
+    asked = [index for index in range(9, 18) if live.asks(index, shot(pulled, seed=index))]
+    assert asked == [9]
+    live.found(fit(-18.0))
+    values = [live.step().intercept for _ in range(25)]
+    assert np.abs(np.diff(values, prepend=-10.0)).max() < 2.0
+    assert values == sorted(values, reverse=True)
+    assert values[-1] == pytest.approx(-18.0, abs=0.1)
+    assert live.asks(18, shot(np.uint8(0.3 * shots.plate(3))))
+    live.found(fit(-5.0))
+    assert live.step().intercept == -5.0
+
+
+@pytest.mark.needs_gl
+def test_compositor_follows_a_focus_pull(tmp_path):
+    glb = shots.cube_glb(tmp_path / "cube.glb")
+    truth = shots.SLOPE * 0.55 + 1.5 * shots.INTERCEPT
+    ends = {}
+    for track_focus in ("auto", "off"):
+        with Compositor(glb, preset="draft", fps=25, track_focus=track_focus) as lens:
+            for index in range(36):
+                share = np.clip((index - 8) / 12, 0, 1)
+                rgb = shots.plate(intercept=shots.INTERCEPT * (1 + 0.5 * share))
+                lens.process(shot(rgb, seed=index).array[..., ::-1])
+            ends[track_focus] = float(lens.fit.coc_px(np.float32(0.55)))
+    assert abs(ends["auto"] - truth) < 1.5
+    assert abs(ends["off"] - truth) > 3.0

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from nlens_video.evaluate.bench_case import Case
 from nlens_video.evaluate.bench_rivals import RIVALS
-from nlens_video.graph.assemble import Lens, assemble
+from nlens_video.graph.asked_lens import Lens
+from nlens_video.graph.assemble import assemble
 from nlens_video.graph.build import Graph
 from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View

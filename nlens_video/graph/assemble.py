@@ -8,66 +8,27 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
-from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.planner import OCCLUSION, Decision
 from nlens_video.errors import UsageError
-from nlens_video.fit_track import FitTrack
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
+from nlens_video.graph.asked_lens import Lens
 from nlens_video.graph.build import Graph, build
 from nlens_video.graph.call_for import Plate, Shot, call_for
 from nlens_video.graph.front import closing, open_front
+from nlens_video.graph.live_lens import LiveLens
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameSteps
 from nlens_video.graph.tools import FrontSource, LitGround, ShotRecord, Tools
-from nlens_video.lens import LensFit
-from nlens_video.optics import Optics
 from nlens_video.placing import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.scene_light import SceneLight
-from nlens_video.settings import REFLECTANCE, Device, Fallback, ObjectSettings
-from nlens_video.shutter import ASSUMED_ANGLE_DEG, Shutter
+from nlens_video.settings import REFLECTANCE, ObjectSettings
 from nlens_video.stages.protocols import ReblurNetwork
 
 if TYPE_CHECKING:
     from nlens_video.stages.l_repair import RepairNetwork
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lens:
-    """How the lens is found and simulated.
-
-    Attributes:
-        preset: shipped pipeline's name or path of a pipeline file.
-        effects: `auto`, `none`, or names separated by commas.
-        fit: the lens, when it is known beforehand.
-        fallback: what stands in for a fit that fails.
-        device: where networks and kernels run.
-        aperture: shape of its aperture.
-        shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
-        frame_s: from one frame to the next, 0 for a still [s].
-        optics: what a person says about it beside.
-        track: the lens all along a file whose lens changes, in the pixels of its frames.
-    """
-
-    preset: str = "standard"
-    effects: str = "auto"
-    fit: LensFit | None = None
-    fallback: Fallback = "none"
-    device: Device = "auto"
-    aperture: Aperture = ROUND
-    shutter_deg: float | None = None
-    frame_s: float = 0.0
-    optics: Optics = Optics()
-    track: FitTrack | None = None
-
-    @property
-    def shutter(self) -> Shutter:
-        """The plate's shutter."""
-        if self.shutter_deg is None:
-            return Shutter(angle_deg=ASSUMED_ANGLE_DEG, frame_s=self.frame_s, source="assumed")
-        return Shutter(angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given", given=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,11 +122,12 @@ def assemble(
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     known = lens.track or fit
+    live = LiveLens(lens.frame_s or 1 / 30) if lens.live and known is None else None
     graph = build(pipeline, called_for.decisions, tools, fit_given=known is not None)
     return Assembly(
         scene=scene,
         graph=graph,
-        steps=FrameSteps(graph, profiler, known),
+        steps=FrameSteps(graph, profiler, known, live),
         decisions=called_for.decisions,
         record=record,
         render_context=lambda: _with(render_context, front),
@@ -176,6 +138,7 @@ def assemble(
             *notes(),
             *([record.note] if record.note else []),
             *([lens.track.words()] if lens.track is not None else []),
+            *([live.words()] if live is not None and live.fits > 1 else []),
         ),
     )
 

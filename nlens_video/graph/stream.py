@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from nlens_video.errors import LensFitError
 from nlens_video.fit_track import FitTrack
 from nlens_video.frames import Box, Picture
 from nlens_video.graph.build import Graph
 from nlens_video.graph.lanes import Lane
+from nlens_video.graph.live_lens import LiveLens
 from nlens_video.graph.node import Node, Values
 from nlens_video.graph.profiler import Profiler
 from nlens_video.lens import LensFit
@@ -59,14 +61,20 @@ class FrameSteps:
         graph: the nodes.
         profiler: times them.
         fit: the lens, when it is known beforehand, in the pixels of this stream; or all along it.
+        live: follows a lens that changes, None to keep the first.
     """
 
     def __init__(
-        self, graph: Graph, profiler: Profiler, fit: LensFit | FitTrack | None = None
+        self,
+        graph: Graph,
+        profiler: Profiler,
+        fit: LensFit | FitTrack | None = None,
+        live: LiveLens | None = None,
     ) -> None:
         self.graph = graph
         self.profiler = profiler
         self._track = fit if isinstance(fit, FitTrack) else None
+        self._live = live
         known = fit.at(0) if isinstance(fit, FitTrack) else fit
         self._shot: Values = {} if known is None else {"fit": known}
 
@@ -100,6 +108,8 @@ class FrameSteps:
             state.values.update(self._shot)
             if self._track is not None:
                 state.values["fit"] = self._track.at(state.frame.index)
+            elif self._live is not None and self.fit is not None:
+                self._follow(state, self._live)
             state.started = True
         for node in nodes:
             if node.cadence == "shot":
@@ -126,6 +136,28 @@ class FrameSteps:
         fit = state.values.get("fit")
         return fit if isinstance(fit, LensFit) else None
 
+    def _follow(self, state: FrameState, live: LiveLens) -> None:
+        """See whether the lens has changed, and take it a step on its way."""
+        index = state.frame.index
+        with self.profiler.timed(index, "watch"):
+            asked = live.asks(index, state.frame.picture)
+        if asked:
+            probe = self.enter(state.frame)
+            with suppress(LensFitError):  # this frame does not tell: the lens stays as it is
+                fit = self.find(probe, self.finding)
+                if fit is not None:
+                    live.found(fit)
+        moved = live.step()
+        if moved is not None:
+            state.values["fit"] = self.fit = moved
+
+    @property
+    def finding(self) -> tuple[Node, ...]:
+        """The nodes that find a lens, in order."""
+        return tuple(
+            node for node in self.graph.nodes if node.stage == "locate" or node.cadence == "shot"
+        )
+
     def _run_once(self, state: FrameState, node: Node) -> None:
         if self.fit is None and node.called_for(state.values):
             with self.profiler.timed(state.frame.index, node.name):
@@ -134,6 +166,8 @@ class FrameSteps:
             if isinstance(value, LensFit):
                 self.fit = value
                 state.carried_fit = True
+                if self._live is not None:
+                    self._live.found(value)
 
     def lanes(
         self, render_context: Callable[[], AbstractContextManager[object]]

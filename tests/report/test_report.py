@@ -22,7 +22,8 @@ from shots import (
 from nlens_video.effects.planner import Decision
 from nlens_video.errors import OutputError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer
-from nlens_video.graph.assemble import Lens, assemble
+from nlens_video.graph.asked_lens import Lens
+from nlens_video.graph.assemble import assemble
 from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
 from nlens_video.graph.profiler import FrameTiming, Profiler
