@@ -23,7 +23,7 @@ from nlens_video.optics import Aberration
 EFFECT = "aberration"
 THRESHOLD_PX = 0.4
 _WORK_WIDTH = 800  # at least twice coarser than the plate, where chroma has its own samples
-_WINDOW = 16  # side of a window [px of the work size]
+_WINDOW = 12  # side of a window [px of the work size]
 _ROUNDS = 4
 _SMOOTHING_PX = 1.0
 _LEAST_CONTRAST = 0.02  # deviation of green in a window that tells a displacement
@@ -138,6 +138,5 @@ def _windows(green: Float32, other: Float32) -> Windows:
         y=rows,
         moved=-solution[good, 2:] / safe[good, None],
         covariance=spread[good],
-        # compression wipes out the fringes of faint edges and leaves those of strong ones
-        trust=deviation[seen][good] ** 2,
+        trust=np.ones(int(good.sum())),
     )

@@ -15,6 +15,8 @@ from nlens_video.frames import Picture
 
 PLATE_EFFECTS: Mapping[str, str] = {
     "aberration": "nlens_video.effects.aberration",
+    "bloom": "nlens_video.effects.bloom",
+    "distortion": "nlens_video.effects.distortion",
     "vignetting": "nlens_video.effects.vignetting",
     "softness": "nlens_video.effects.softness",
     "grain": "nlens_video.effects.grain",

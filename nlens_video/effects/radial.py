@@ -9,7 +9,7 @@ import numpy as np
 
 from nlens_video.frames import Bool, Float64
 
-LEAST_CERTAINTY = 5.0  # standard errors
+LEAST_CERTAINTY = 6.0  # standard errors
 _LEAST_WINDOWS = 40
 _QUADRANT_WINDOWS = 6
 _LEAST_IN_QUADRANT = 0.25  # of the whole
@@ -17,7 +17,7 @@ _ROUNDS = 12
 _OUTLIER = 2.5  # deviations; Tukey's loss lets go at twice that
 _FIRST_EXTRA_PX = 1.0
 _MEDIAN_OF_CHI_SQUARED = 1.386  # of two degrees of freedom
-_LEAST_CERTAINTY_OF_BEND = 4.0
+_LEAST_CERTAINTY_OF_BEND = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

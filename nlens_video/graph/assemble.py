@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from nlens_video.graph.call_for import Plate, Shot, call_for
 from nlens_video.graph.front import closing, open_front
 from nlens_video.graph.live_lens import LiveLens
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
+from nlens_video.graph.optics_stages import seen_beyond
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameSteps
@@ -101,6 +102,7 @@ def assemble(
         ),
         profiler,
     )
+    view = replace(view, beyond=seen_beyond(scene, view, called_for.measured))
     source, render_context, notes = _object_source(objects, scene, view, ground.light)
     record = ShotRecord()
     tools = Tools(

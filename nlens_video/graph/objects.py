@@ -32,6 +32,7 @@ class View:
         camera: name of the camera in the file, None for the first perspective one.
         focal_35mm: 35 mm equivalent focal length of the plate, None where it is unknown [mm].
         placed: a camera that stands in for those of the file, None where there is none.
+        beyond: how far beyond the frame the object is drawn, beside what its blur takes [px].
     """
 
     width: int
@@ -40,6 +41,7 @@ class View:
     camera: str | None = None
     focal_35mm: float | None = None
     placed: Camera | None = None
+    beyond: int = 0
 
     @property
     def box(self) -> Box:
@@ -169,11 +171,11 @@ class RenderedObject:
 
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         """Render with a margin for what the lens spreads into the frame from outside."""
-        margin = 0
+        margin = self.view.beyond
         if fit is not None:
             ends = np.array([1 / placement.nearest, 1 / placement.farthest], np.float32)
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
-            margin = math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
+            margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
         return self.renderer.render(placement.time_s, placement.camera, margin)
 
 

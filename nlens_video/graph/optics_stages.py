@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import cast
 
-from nlens_video.frames import BlurredLayer, Box, Picture
+from nlens_video.effects.measurement import Measurement
+from nlens_video.errors import UsageError
+from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Picture
 from nlens_video.graph.camera_stages import model_of
+from nlens_video.graph.objects import Placement, View
 from nlens_video.graph.tools import Made, Tools
-from nlens_video.optics import Aberration, Vignetting
+from nlens_video.optics import Aberration, Bloom, Distortion, Vignetting
+from nlens_video.scene.gltf import Scene
+from nlens_video.stages.shadow import Shadow
 
 
 def make_fringe(tools: Tools) -> Made:
@@ -32,6 +38,104 @@ def make_vignette(tools: Tools) -> Made:
         return vignetted(blurred, vignetting, frame_box)
 
     return Made(run, f"{vignetting.at_corner_stops:.2g} stops at the corner")
+
+
+def make_bloom(tools: Tools) -> Made:
+    """Halos round the object's highlights."""
+    from nlens_video.stages.bloom import bloomed
+
+    bloom = cast("Bloom", model_of(tools, "bloom"))
+
+    def run(blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
+        return bloomed(blurred, bloom, frame_box)
+
+    return Made(run, f"round what exceeds white, {bloom.length_px:.0f} px to a third")
+
+
+def make_widen(tools: Tools) -> Made:
+    """A frame wide enough for what the lens pulls in from beyond its border."""
+    from nlens_video.stages.distortion import Bend
+
+    distortion = cast("Distortion", model_of(tools, "distortion"))
+
+    def run(frame_box: Box, placement: Placement) -> Box:
+        return frame_box.grown(Bend.of(distortion, placement.camera).margin)
+
+    return Made(run, "as far beyond the border as the lens sees")
+
+
+def make_bend(tools: Tools) -> Made:
+    """The object where the lens puts it."""
+    from nlens_video.stages.distortion import Bend, bent
+
+    distortion = cast("Distortion", model_of(tools, "distortion"))
+
+    def run(blurred: BlurredLayer, placement: Placement) -> BlurredLayer:
+        return bent(blurred, Bend.of(distortion, placement.camera))
+
+    return Made(run, _words(distortion))
+
+
+def make_bend_shadow(tools: Tools) -> Made:
+    """The shadow where the lens puts it."""
+    from nlens_video.stages.distortion import Bend, bent_shadow
+
+    distortion = cast("Distortion", model_of(tools, "distortion"))
+
+    def run(shadow: Shadow, placement: Placement) -> Shadow:
+        return bent_shadow(shadow, Bend.of(distortion, placement.camera))
+
+    return Made(run, _words(distortion))
+
+
+def make_bend_reflection(tools: Tools) -> Made:
+    """The mirror image where the lens puts it."""
+    from nlens_video.stages.distortion import Bend, bent_defocused
+
+    distortion = cast("Distortion", model_of(tools, "distortion"))
+
+    def run(reflection: DefocusedLayer, placement: Placement) -> DefocusedLayer:
+        return bent_defocused(reflection, Bend.of(distortion, placement.camera))
+
+    return Made(run, _words(distortion))
+
+
+def make_narrow(tools: Tools) -> Made:
+    """The frame itself again."""
+    model_of(tools, "distortion")
+
+    def run(picture: Picture) -> Box:
+        return Box(0, 0, picture.width, picture.height)
+
+    return Made(run, "the plate's own")
+
+
+def seen_beyond(scene: Scene, view: View, measured: Mapping[str, Measurement]) -> int:
+    """How far beyond the frame a distorting lens sees, as the camera is at first [px].
+
+    Raises:
+        UsageError: a given distortion leaves corners of the frame empty.
+    """
+    found = measured.get("distortion")
+    if found is None or not isinstance(found.model, Distortion):
+        return 0
+    from nlens_video.stages.distortion import Bend
+
+    camera = view.placed or scene.camera(
+        0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
+    )
+    bend = Bend.of(found.model, camera)
+    if bend.folds:
+        raise UsageError(
+            f"--distortion {found.model.k1:g},{found.model.k2:g}: nothing is seen in the frame's "
+            "corners with that; expected coefficients that count in focal lengths, as in OpenCV"
+        )
+    return bend.margin
+
+
+def _words(distortion: Distortion) -> str:
+    unit = "focal lengths" if distortion.of_focal else "half diagonals"
+    return f"k1 {distortion.k1:.3g}, k2 {distortion.k2:.3g}, radius in {unit}"
 
 
 def make_exposure(tools: Tools) -> Made:

@@ -13,10 +13,16 @@ from nlens_video.graph.camera_stages import make_grain, make_soften
 from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.optics_stages import (
+    make_bend,
+    make_bend_reflection,
+    make_bend_shadow,
+    make_bloom,
     make_exposure,
     make_follow,
     make_fringe,
+    make_narrow,
     make_vignette,
+    make_widen,
 )
 from nlens_video.graph.real_stages import (
     make_hold_out,
@@ -287,6 +293,12 @@ STAGES: dict[str, Stage] = {
     "lay-reflection": Stage(
         make_lay_reflection, ("picture", "reflection", "frame_box", "foreground?"), "picture"
     ),
+    "widen": Stage(make_widen, ("frame_box", "placement"), "frame_box"),
+    "bend": Stage(make_bend, ("blurred", "placement"), "blurred"),
+    "bend-shadow": Stage(make_bend_shadow, ("shadow", "placement"), "shadow"),
+    "bend-reflection": Stage(make_bend_reflection, ("reflection", "placement"), "reflection"),
+    "narrow": Stage(make_narrow, ("picture",), "frame_box"),
+    "bloom": Stage(make_bloom, ("blurred", "frame_box"), "blurred"),
     "fringe": Stage(make_fringe, ("blurred", "picture", "frame_box"), "blurred"),
     "exposure": Stage(make_exposure, ("picture",), "exposure"),
     "follow": Stage(make_follow, ("blurred", "exposure"), "blurred"),

@@ -220,7 +220,7 @@ class SampleLens:
         points = lens_points(self.count, self.aperture)
         tall = max(1.0, shot.camera.fy / shot.camera.fx)
         reach = 0.5 * defocused.largest_coc_px * float(points.radii.max()) * tall
-        margin = math.ceil(min(reach, _LARGEST_MARGIN_PX)) + 1
+        margin = math.ceil(min(reach, _LARGEST_MARGIN_PX)) + 1 + max(0, -shot.frame.x0)
         return lens_views(
             self.renderer,
             shot,

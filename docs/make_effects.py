@@ -1,0 +1,71 @@
+"""Make docs/effects.md: which effects are found on shots that are known to have them.
+
+python docs/make_effects.py
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from effects.shot_table import ROWS, UNITS, Verdict, judge  # noqa: E402
+
+INTRODUCTION = """\
+# Which effects a shot calls for
+
+Shots of known scenes, taken by a simulated camera with known effects and, but for a few, encoded
+by H.264, on which a run's own measurements decide (`python docs/make_effects.py` makes this page
+from `tests/effects/shot_table.py`). A strength is that which would be simulated; in brackets the
+true one. Effects in *italics* are there, but the plate hardly shows them (compression wipes faint
+fringes away, a scene of its own shades hides vignetting, short lines tell no distortion): there
+silence is right, and `--vignetting` or `--distortion` say it instead.
+"""
+
+
+def line(verdicts: list[Verdict]) -> str:
+    """A shot's row."""
+    cells = []
+    for one in verdicts:
+        if one.true is None and not one.wanted:
+            continue
+        unit = UNITS.get(one.effect, "")
+        found = f"{one.found:.2f}" if one.wanted else "not called for"
+        true = "not there" if one.true is None else f"{one.true:.2f} {unit}"
+        name = f"*{one.effect}*" if one.effect in one.row.weak else one.effect
+        cells.append(f"{name} {found} ({true})")
+    right = "yes" if all(one.right for one in verdicts) else "**no**"
+    return f"| {verdicts[0].row.name} | {'; '.join(cells) or 'none'} | {right} |"
+
+
+def summary(verdicts: list[Verdict]) -> str:
+    """The figures under the table."""
+    clean = [one for one in verdicts if not one.row.truth]
+    errors = [abs(one.error) for one in verdicts if one.error is not None]
+    rows = len({one.row.name for one in verdicts})
+    return (
+        f"{rows} shots, {len(verdicts)} decisions: {sum(one.right for one in verdicts)} right; on "
+        f"clean plates {sum(one.wanted for one in clean)} of {len(clean)} called for. Strength, "
+        f"where called for: {sum(error <= 0.15 for error in errors)} of {len(errors)} within 15 %, "
+        f"the worst off by {100 * max(errors):.0f} %."
+    )
+
+
+def main() -> None:
+    """Judge every row and write the page."""
+    lines, every = [], []
+    for row in ROWS:
+        verdicts = judge(row)
+        every += verdicts
+        lines.append(line(verdicts))
+        print(lines[-1], flush=True)
+    head = "| shot | found (true) | decisions right |\n| --- | --- | --- |"
+    page = "\n".join([INTRODUCTION, head, *lines, "", summary(every), ""])
+    (ROOT / "docs" / "effects.md").write_text(page)
+    print(summary(every))
+
+
+if __name__ == "__main__":
+    main()

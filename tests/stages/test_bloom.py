@@ -1,0 +1,74 @@
+"""Halos round the object's highlights."""
+
+import numpy as np
+import pytest
+
+from nlens_video.frames import BlurredLayer, Box
+from nlens_video.optics import Bloom
+from nlens_video.stages.bloom import bloomed, halo_of, quick_halo
+
+FRAME = Box(0, 0, 300, 200)
+LENS = Bloom(share=0.2, length_px=8.0)
+
+
+PLACE = Box(100, 60, 160, 120)
+
+
+def lamp(light, box=PLACE):
+    rgba = np.full((box.height, box.width, 4), 0.4, np.float32)
+    rgba[..., 3] = 1.0
+    rgba[25:35, 25:35, :3] = light
+    return BlurredLayer(box=box, rgba=rgba)
+
+
+@pytest.mark.parametrize("length", [3.0, 8.0, 21.0, 40.0])
+def test_quick_halo_is_the_plain_one(length):
+    rng = np.random.default_rng(3)
+    light = np.zeros((400, 500, 3), np.float32)
+    light[150:190, 200:260] = rng.random((40, 60, 3))
+    light[250, 300] = 1.0
+    plain, quick = halo_of(light, length), quick_halo(light, length)
+    assert np.abs(quick - plain).max() < 0.03 * plain.max()
+    assert quick.sum() == pytest.approx(plain.sum(), rel=0.01)
+
+
+def test_halo_keeps_the_light_and_falls_exponentially():
+    point = np.zeros((201, 201), np.float32)
+    point[100, 100] = 1.0
+    halo = halo_of(point, 6.0)
+    assert halo.sum() == pytest.approx(1.0, abs=1e-4)
+    assert halo[100, 112] / halo[100, 106] == pytest.approx(np.exp(-1), rel=1e-3)
+
+
+def test_object_without_highlights_comes_back_itself():
+    layer = lamp(1.0)
+    assert bloomed(layer, LENS, FRAME) is layer
+
+
+def test_halo_lies_round_the_highlight_and_covers_nothing():
+    out = bloomed(lamp(5.0), LENS, FRAME)
+    ring = out.rgba[90 - out.box.y0, 90 - out.box.x0]
+    assert ring[3] == 0.0 and 0.0 < ring[0] < 0.1
+    near = out.rgba[90 - out.box.y0, 138 - out.box.x0, 0]
+    assert near > 0.4 + 5 * ring[0]
+
+
+def test_highlight_counts_from_white_to_twice_white():
+    halos = [
+        bloomed(lamp(light), LENS, FRAME).rgba[..., 0].sum() - lamp(light).rgba[..., 0].sum()
+        for light in (1.25, 1.5, 2.0, 9.0)
+    ]
+    assert halos[1] == pytest.approx(2 * halos[0], rel=1e-3)
+    assert halos[2] == pytest.approx(4 * halos[0], rel=1e-3)
+    assert halos[3] == pytest.approx(halos[2], rel=1e-3)
+
+
+def test_colour_of_the_highlight_is_that_of_its_halo():
+    out = bloomed(lamp((3.0, 1.5, 0.5)), LENS, FRAME)
+    red, green, blue, _ = out.rgba[90 - out.box.y0, 80 - out.box.x0]
+    assert green == pytest.approx(red / 2, rel=1e-3) and blue == 0.0
+
+
+def test_halo_stays_inside_the_frame():
+    out = bloomed(lamp(5.0, Box(240, 140, 300, 200)), LENS, FRAME)
+    assert out.box.intersection(FRAME) == out.box
