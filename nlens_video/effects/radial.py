@@ -9,7 +9,7 @@ import numpy as np
 
 from nlens_video.frames import Bool, Float64
 
-LEAST_CERTAINTY = 6.0  # standard errors
+LEAST_CERTAINTY = 12.0  # standard errors
 _LEAST_WINDOWS = 40
 _QUADRANT_WINDOWS = 6
 _LEAST_IN_QUADRANT = 0.25  # of the whole

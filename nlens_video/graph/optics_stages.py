@@ -10,7 +10,7 @@ from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Picture
 from nlens_video.graph.camera_stages import model_of
 from nlens_video.graph.objects import Placement, View
-from nlens_video.graph.tools import Made, Tools
+from nlens_video.graph.tools import Made, Stage, Tools
 from nlens_video.optics import Aberration, Bloom, Distortion, Vignetting
 from nlens_video.scene.gltf import Scene
 from nlens_video.stages.shadow import Shadow
@@ -150,3 +150,18 @@ def make_follow(tools: Tools) -> Made:
     from nlens_video.stages.exposure import follow
 
     return Made(follow, "gains, where mid grey changes by 1 to 2 levels or more")
+
+
+OPTICS: dict[str, Stage] = {
+    "widen": Stage(make_widen, ("frame_box", "placement"), "frame_box"),
+    "bend": Stage(make_bend, ("blurred", "placement"), "blurred"),
+    "bend-shadow": Stage(make_bend_shadow, ("shadow", "placement"), "shadow"),
+    "bend-reflection": Stage(make_bend_reflection, ("reflection", "placement"), "reflection"),
+    "narrow": Stage(make_narrow, ("picture",), "frame_box"),
+    "bloom": Stage(make_bloom, ("blurred", "frame_box"), "blurred"),
+    "fringe": Stage(make_fringe, ("blurred", "picture", "frame_box"), "blurred"),
+    "exposure": Stage(make_exposure, ("picture",), "exposure"),
+    "follow": Stage(make_follow, ("blurred", "exposure"), "blurred"),
+    "vignette": Stage(make_vignette, ("blurred", "frame_box"), "blurred"),
+}
+"""The stages of this module, by the names that pipeline files use."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
@@ -12,18 +10,7 @@ from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, Object
 from nlens_video.graph.camera_stages import make_grain, make_soften
 from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
 from nlens_video.graph.objects import Placement
-from nlens_video.graph.optics_stages import (
-    make_bend,
-    make_bend_reflection,
-    make_bend_shadow,
-    make_bloom,
-    make_exposure,
-    make_follow,
-    make_fringe,
-    make_narrow,
-    make_vignette,
-    make_widen,
-)
+from nlens_video.graph.optics_stages import OPTICS
 from nlens_video.graph.real_stages import (
     make_hold_out,
     make_lay_reflection,
@@ -31,7 +18,7 @@ from nlens_video.graph.real_stages import (
     make_reflect,
 )  # fmt: skip
 from nlens_video.graph.shadow_stages import make_darken, make_light, make_shadow
-from nlens_video.graph.tools import Made, Tools, Unavailable
+from nlens_video.graph.tools import Made, Stage, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
@@ -246,21 +233,6 @@ def _composite(tools: Tools) -> Made:
     return Made(composite, "premultiplied over, scene-linear")
 
 
-@dataclass(frozen=True, slots=True)
-class Stage:
-    """A stage that a pipeline file can name.
-
-    Attributes:
-        make: makes it.
-        inputs: ports it is called with, in order; with "?" if one may be missing.
-        output: port it gives a value for.
-    """
-
-    make: Callable[..., Made]
-    inputs: tuple[str, ...]
-    output: str
-
-
 STAGES: dict[str, Stage] = {
     "locate": Stage(_locate, ("frame",), "placement"),
     "estimate-coc": Stage(_estimate_coc, ("picture", "placement", "following?"), "plate_coc"),
@@ -293,16 +265,7 @@ STAGES: dict[str, Stage] = {
     "lay-reflection": Stage(
         make_lay_reflection, ("picture", "reflection", "frame_box", "foreground?"), "picture"
     ),
-    "widen": Stage(make_widen, ("frame_box", "placement"), "frame_box"),
-    "bend": Stage(make_bend, ("blurred", "placement"), "blurred"),
-    "bend-shadow": Stage(make_bend_shadow, ("shadow", "placement"), "shadow"),
-    "bend-reflection": Stage(make_bend_reflection, ("reflection", "placement"), "reflection"),
-    "narrow": Stage(make_narrow, ("picture",), "frame_box"),
-    "bloom": Stage(make_bloom, ("blurred", "frame_box"), "blurred"),
-    "fringe": Stage(make_fringe, ("blurred", "picture", "frame_box"), "blurred"),
-    "exposure": Stage(make_exposure, ("picture",), "exposure"),
-    "follow": Stage(make_follow, ("blurred", "exposure"), "blurred"),
-    "vignette": Stage(make_vignette, ("blurred", "frame_box"), "blurred"),
+    **OPTICS,
     "soften": Stage(make_soften, ("blurred", "frame_box", "defocused?"), "blurred"),
     "grain": Stage(make_grain, ("picture", "blurred", "frame"), "blurred"),
     "composite": Stage(_composite, ("picture", "blurred", "foreground?"), "picture"),

@@ -130,3 +130,18 @@ class Made:
 
     run: Callable[..., object]
     backend: str
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stage that a pipeline file can name.
+
+    Attributes:
+        make: makes it.
+        inputs: ports it is called with, in order; with "?" if one may be missing.
+        output: port it gives a value for.
+    """
+
+    make: Callable[..., Made]
+    inputs: tuple[str, ...]
+    output: str
