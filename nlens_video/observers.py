@@ -100,7 +100,7 @@ class TimingRows(_Watching):
         self._head = {
             "budget_ms": settings.budget_ms,
             "preset": started.assembly.graph.pipeline,
-            "device": "cpu",
+            "device": started.assembly.device.name,
         }
         self._rows = 0
 

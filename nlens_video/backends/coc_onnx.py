@@ -26,14 +26,15 @@ class OnnxCocNetwork:
     Args:
         path: the ONNX file; input `rgb` (1, H, W, 3), outputs `coc_px`, `sigma_px` (1, h, w).
         threads: threads that one estimate runs on.
+        cuda: run it on CUDA, where ONNX Runtime can.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
-    def __init__(self, path: Path, threads: int = THREADS) -> None:
+    def __init__(self, path: Path, threads: int = THREADS, *, cuda: bool = False) -> None:
         session = open_session(
-            path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py"
+            path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py", cuda=cuda
         )
         self._session: onnxruntime.InferenceSession | None = session
         self._prior = _prior(session)

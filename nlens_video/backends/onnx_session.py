@@ -1,4 +1,4 @@
-"""Opens a network on ONNX Runtime's CPU provider, with repeatable results and quiet threads."""
+"""Opens a network in ONNX Runtime, with repeatable results and quiet threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from nlens_video.errors import NlensError
 
 
 def open_session(
-    path: Path, inputs: tuple[str, ...], outputs: tuple[str, ...], *, threads: int, made_by: str
+    path: Path,
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    *,
+    threads: int,
+    made_by: str,
+    cuda: bool = False,
 ) -> onnxruntime.InferenceSession:
     """Load an ONNX file and see that it is the network that is meant.
 
@@ -20,6 +26,7 @@ def open_session(
         outputs: names of its outputs, in order.
         threads: threads that one call runs on.
         made_by: what writes such a file, for the error message.
+        cuda: run it on CUDA, where this ONNX Runtime can; else on the CPU.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
@@ -33,7 +40,7 @@ def open_session(
     options.log_severity_level = 3
     try:
         session = onnxruntime.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"]
+            str(path), options, providers=[*_cuda_provider(cuda=cuda), "CPUExecutionProvider"]
         )
     except Exception as error:  # the runtime's errors share no public base
         cause = str(error).splitlines()[0]
@@ -47,3 +54,8 @@ def open_session(
             f"export it with {made_by}"
         )
     return session
+
+
+def _cuda_provider(*, cuda: bool) -> list[str]:
+    name = "CUDAExecutionProvider"
+    return [name] if cuda and name in onnxruntime.get_available_providers() else []

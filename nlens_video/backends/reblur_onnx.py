@@ -24,14 +24,20 @@ class OnnxRepairNetwork:
     Args:
         path: the ONNX file; input `geometry` (1, h, w, CHANNELS), output `judgement` (1, h, w, 2).
         threads: threads that one call runs on.
+        cuda: run it on CUDA, where ONNX Runtime can.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
-    def __init__(self, path: Path, threads: int = THREADS) -> None:
+    def __init__(self, path: Path, threads: int = THREADS, *, cuda: bool = False) -> None:
         self._session = open_session(
-            path, (INPUT,), (OUTPUT,), threads=threads, made_by="models/reblur/export.py"
+            path,
+            (INPUT,),
+            (OUTPUT,),
+            threads=threads,
+            made_by="models/reblur/export.py",
+            cuda=cuda,
         )
 
     def __call__(self, geometry: Float32) -> Float32:

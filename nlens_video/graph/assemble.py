@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
+from nlens_video.backends.device import Chosen, choose
 from nlens_video.effects.planner import OCCLUSION, Decision
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
@@ -42,6 +43,7 @@ class Assembly:
         steps: runs them.
         decisions: which effects, and why.
         record: what the fit was made from.
+        device: where networks and kernels run.
         render_context: holds what the render lane's thread must open and close.
         notes: what a person should know before the run.
     """
@@ -51,6 +53,7 @@ class Assembly:
     steps: FrameSteps
     decisions: tuple[Decision, ...]
     record: ShotRecord
+    device: Chosen
     render_context: Callable[[], AbstractContextManager[object]]
     notes: Callable[[], tuple[str, ...]]
 
@@ -77,14 +80,13 @@ def assemble(
         InputError: the layers cannot be read.
         LensFitError: the given fit cannot be used.
     """
-    if lens.device == "cuda":
-        raise UsageError("--device cuda: this version runs on the CPU only; use auto or cpu")
+    device = choose(lens.device)
     pipeline = load_pipeline(lens.preset)
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, placed_note = _stand(objects, scene, view)
     ground = _lit_ground(objects, scene)
     named = {name.strip() for name in lens.effects.split(",")}
-    estimator = cache(partial(_load_estimator, view.pixel_aspect))
+    estimator = cache(partial(_load_estimator, view.pixel_aspect, device))
     size = (view.width, view.height)
     front = open_front(objects.real, size, estimator, asked_for=OCCLUSION in named)
     called_for = call_for(
@@ -115,7 +117,8 @@ def assemble(
         aperture=lens.aperture,
         views=source.renderer if isinstance(source, RenderedObject) else None,
         behind=source.renderer if isinstance(source, RenderedObject) else None,
-        repair=_repair(view.pixel_aspect),
+        repair=_repair(view.pixel_aspect, device),
+        spread=device.spread,
         ground=ground,
         shutter=called_for.shutter,
         measured=called_for.measured,
@@ -132,6 +135,7 @@ def assemble(
         steps=FrameSteps(graph, profiler, known, live),
         decisions=called_for.decisions,
         record=record,
+        device=device,
         render_context=lambda: _with(render_context, front),
         notes=lambda: (
             *placed_note,
@@ -218,7 +222,7 @@ def _object_source(
     )
 
 
-def _repair(pixel_aspect: float) -> ReblurNetwork:
+def _repair(pixel_aspect: float, device: Chosen) -> ReblurNetwork:
     repairing: ReblurNetwork | None = None
 
     @cache
@@ -226,7 +230,7 @@ def _repair(pixel_aspect: float) -> ReblurNetwork:
         from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
         from nlens_video.model_store import find_model
 
-        return OnnxRepairNetwork(find_model("reblur").path)
+        return OnnxRepairNetwork(find_model("reblur").path, cuda=device.name == "cuda")
 
     def repair(defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
         nonlocal repairing
@@ -236,7 +240,7 @@ def _repair(pixel_aspect: float) -> ReblurNetwork:
 
             repairing = RepairLayer(
                 network=lambda geometry: network()(geometry),  # it may never be asked
-                scatter=scatter,
+                scatter=partial(scatter, spread=device.spread),
                 reach=blur_reach,
                 pixel_aspect=pixel_aspect,
             )
@@ -245,7 +249,9 @@ def _repair(pixel_aspect: float) -> ReblurNetwork:
     return repair
 
 
-def _load_estimator(pixel_aspect: float) -> Callable[[Picture, Sequence[Picture]], CocMap]:
+def _load_estimator(
+    pixel_aspect: float, device: Chosen
+) -> Callable[[Picture, Sequence[Picture]], CocMap]:
     from nlens_video.backends.coc_onnx import OnnxCocNetwork
     from nlens_video.model_store import find_model
     from nlens_video.stages.f_coc import EstimateCoc
@@ -255,7 +261,9 @@ def _load_estimator(pixel_aspect: float) -> Callable[[Picture, Sequence[Picture]
     def estimate(picture: Picture, following: Sequence[Picture]) -> CocMap:
         nonlocal estimator
         if estimator is None:  # loading takes as long as a few frames: only when it is needed
-            estimator = EstimateCoc(OnnxCocNetwork(find_model("coc").path), pixel_aspect)
+            estimator = EstimateCoc(
+                OnnxCocNetwork(find_model("coc").path, cuda=device.name == "cuda"), pixel_aspect
+            )
         return estimator(picture, following)
 
     return estimate

@@ -12,6 +12,7 @@ def describe(assembly: Assembly) -> Iterator[str]:
     """Lines for a person: pipeline, effects, nodes with backend and condition, warnings."""
     graph = assembly.graph
     yield f"pipeline {graph.pipeline}: {graph.summary}"
+    yield f"device {assembly.device.name}: {assembly.device.reason}"
     for decision in assembly.decisions:
         yield f"effect {decision.effect}: {'yes' if decision.wanted else 'no'}, {decision.reason}"
     for node in graph.nodes:

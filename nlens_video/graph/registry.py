@@ -166,7 +166,7 @@ def _scatter(tools: Tools, *, detail: str = "fine") -> Made:
         raise UsageError(f"stage 'scatter': no detail {detail!r}; there are {', '.join(details)}")
     drawn = details[detail]
     stage = ReblurLayer(
-        scatter=partial(scatter, aperture=tools.aperture, detail=drawn),
+        scatter=partial(scatter, aperture=tools.aperture, detail=drawn, spread=tools.spread),
         reach=partial(blur_reach, aperture=tools.aperture, detail=drawn),
         pixel_aspect=tools.pixel_aspect,
     )
@@ -174,7 +174,8 @@ def _scatter(tools: Tools, *, detail: str = "fine") -> Made:
     def run(defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
         return stage(defocused, frame_box)
 
-    return Made(run, f"L: layered exact-coverage scatter, {detail}, numba")
+    made_by = "numba" if tools.spread is None else "torch on CUDA"
+    return Made(run, f"L: layered exact-coverage scatter, {detail}, {made_by}")
 
 
 def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:

@@ -10,6 +10,7 @@ from nlens_video.aperture import ROUND, Aperture
 from nlens_video.effects.measurement import Measurement
 from nlens_video.frames import CocMap, Front, Picture
 from nlens_video.graph.objects import ObjectSource
+from nlens_video.kernels.scatter import Spread
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.shutter import Shutter
@@ -85,6 +86,7 @@ class Tools:
         pixel_aspect: width of a pixel by its height [1].
         record: where the shot's intermediate results are kept.
         aperture: shape of the lens' aperture.
+        spread: spreads the scatter's discs, None for the CPU's kernel.
         views: draws the object from points of the lens, None where only one view of it is there.
         behind: draws what the object hides of itself, None where that is not known.
         repair: the network that repairs the scatter, None where there is none.
@@ -102,6 +104,7 @@ class Tools:
     pixel_aspect: float
     record: ShotRecord
     aperture: Aperture = ROUND
+    spread: Spread | None = None
     views: ViewRenderer | None = None
     behind: BehindRenderer | None = None
     repair: ReblurNetwork | None = None

@@ -122,7 +122,11 @@ def _weigh(numbers: Float32, rows: RowNumbers, y: int, rule: Rule) -> None:
             first_stamp, last_stamp = min(first_stamp, x), x
     rows[0, y] = math.ceil(most * outer * aspect - 0.5) if last >= 0 else -1
     rows[1, y], rows[2, y] = first, last
-    least = 0 if most_stamp == zero else 1  # a small disc is a little larger than its radius
+    least = 0 if most_stamp == zero else 1
+    # a small disc is larger than its radius, by `disc.fitted_radii`
+    most_stamp = max(most_stamp, np.float32(0.5) + np.float32(0.25) * most_stamp)
+    if outer > 1.0:  # and a picture's is drawn between tables an eighth of a pixel apart
+        most_stamp += np.float32(0.125)
     rows[3, y] = max(least, math.ceil(most_stamp * outer * aspect - 0.5)) if last_stamp >= 0 else -1
     rows[4, y] = max(least, math.ceil(most_stamp * outer - 0.5))
     rows[5, y], rows[6, y] = first_stamp, last_stamp

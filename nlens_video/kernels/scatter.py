@@ -7,6 +7,7 @@ Rows of the result do not depend on each other, so any number of threads gives t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -26,6 +27,7 @@ from nlens_video.kernels.tables import SPAN_STEPS, DiscTables, tables
 __all__ = ["DRAFT", "FINE", "blur_reach", "scatter"]
 
 Columns = tuple[Float64, Float64]
+Spread = Callable[[list[Level], Box, Discs, Columns, float, int | None], Float32]
 
 FINE = Detail(stamps_px=3.0, spans_px=4.0, coarse_px=16.0)
 """Indistinguishable from the definition (`scatter_ref`): 50 dB and more."""
@@ -92,6 +94,7 @@ def scatter(
     aperture: Aperture = ROUND,
     frame: Box | None = None,
     detail: Detail = FINE,
+    spread: Spread | None = None,
 ) -> Float32:
     """Blur an object's layer by its own CoC, as a lens does where the object hides none of itself.
 
@@ -112,6 +115,7 @@ def scatter(
         frame: the frame's box, in pixels of the array: what a cat's eye turns around, and where
             the grid of coarser levels starts; default: the array.
         detail: how finely discs are drawn.
+        spread: does what `spread_levels` does, perhaps elsewhere; None for that itself.
 
     Returns:
         The blurred layer (h, w, 4), premultiplied, alpha in [0, 1]; exactly 0 out of reach.
@@ -157,14 +161,14 @@ def scatter(
     if rim > 0.0:
         for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
             cut_by_barrel(level, 1 << n, aperture, frame, compiled, threads)
-    sums = _spread_levels(levels, at, compiled, columns, rim, threads)
+    sums = (spread or spread_levels)(levels, at, compiled, columns, rim, threads)
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
     view = out[target.y0 : target.y1, target.x0 : target.x1]
     share(partial(normalise, sums, columns, origin, view), bands(target.height, 32), threads)
     return out
 
 
-def _spread_levels(
+def spread_levels(
     levels: list[Level],
     target: Box,
     discs: Discs,

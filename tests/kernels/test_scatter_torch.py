@@ -1,0 +1,85 @@
+"""The scatter's spreading in torch: the same as the kernel's; run on the CPU here."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from nlens_video.aperture import Aperture
+from nlens_video.backends import device
+from nlens_video.errors import UsageError
+from nlens_video.frames import Box
+from nlens_video.kernels.scatter import DRAFT, FINE, scatter
+from nlens_video.kernels.scatter_ref import scatter_ref
+
+APERTURES = {
+    "round": Aperture(),
+    "blades": Aperture(blades=5, rotation_deg=11.0),
+    "cat's eye": Aperture(cat_eye=0.8),
+}
+
+
+def layer(least, largest, margin):
+    rng = np.random.default_rng(0)
+    rgba = np.zeros((30 + 2 * margin, 36 + 2 * margin, 4), np.float32)
+    rgba[margin:-margin, margin:-margin] = rng.random((30, 36, 4))
+    rows = np.linspace(least, largest, rgba.shape[0], dtype=np.float32)
+    return rgba, np.repeat(rows[:, None], rgba.shape[1], axis=1)
+
+
+def spread(name="cpu"):
+    from nlens_video.backends.scatter_torch import TorchSpread
+
+    return TorchSpread(name)
+
+
+@pytest.mark.needs_torch
+@pytest.mark.parametrize(
+    ("shape", "least", "largest", "detail"),
+    [
+        ("round", -3, 3, FINE),
+        ("round", 20, 90, FINE),
+        ("round", -14, 20, DRAFT),
+        ("blades", -14, 20, FINE),
+        ("cat's eye", 20, 60, FINE),
+    ],
+)
+def test_torch_gives_what_the_kernel_gives(shape, least, largest, detail):
+    rgba, coc = layer(least, largest, margin=50)
+    frame = Box(-33, -20, 300, 250)
+    given = {"aperture": APERTURES[shape], "frame": frame, "detail": detail, "pixel_aspect": 1.2}
+    kernel = scatter(rgba, coc, **given)
+    np.testing.assert_allclose(scatter(rgba, coc, spread=spread(), **given), kernel, atol=2e-5)
+
+
+@pytest.mark.needs_torch
+def test_torch_comes_as_close_to_the_definition_as_the_kernel():
+    rgba, coc = layer(-8.0, 10.0, margin=12)
+    truth = scatter_ref(rgba, coc)
+    kernel = np.abs(scatter(rgba, coc) - truth).max()
+    assert np.abs(scatter(rgba, coc, spread=spread()) - truth).max() < kernel + 2e-5
+
+
+@pytest.mark.needs_torch
+def test_an_aperture_that_is_a_picture_is_spread_by_torch_too(tmp_path):
+    import cv2
+
+    assert cv2.imwrite(str(tmp_path / "a.png"), np.eye(9, dtype=np.uint8) * 255)
+    rgba, coc = layer(-6.0, 9.0, margin=16)
+    given = {"aperture": Aperture(image=tmp_path / "a.png")}
+    kernel = scatter(rgba, coc, **given)
+    np.testing.assert_allclose(scatter(rgba, coc, spread=spread(), **given), kernel, atol=2e-5)
+
+
+def test_auto_takes_the_cpu_where_there_is_no_cuda_and_says_why(monkeypatch):
+    monkeypatch.setattr(device, "_why_no_cuda", lambda: "there is no NVIDIA driver")
+    assert device.choose("auto") == device.Chosen("cpu", "there is no NVIDIA driver")
+    assert device.choose("auto").spread is None
+    with pytest.raises(UsageError, match="no NVIDIA driver; use --device cpu"):
+        device.choose("cuda")
+
+
+def test_without_torch_the_reason_names_it(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert device.choose("auto").name == "cpu" and "torch" in device.choose("auto").reason
+    assert device.choose("cpu").reason == "as asked for"
