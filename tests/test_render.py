@@ -1,18 +1,30 @@
 """The object renderer: light, coverage, depth and place against hand-worked values."""
 
 import math
-import threading
 
 import numpy as np
 import pytest
 from scene.glb_builder import QUAD, QUAD_FACES, QUAD_UV, GlbBuilder
 
 from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.errors import NlensError
 from nlens_video.frames import Box
 from nlens_video.scene import Camera, Scene
 
-pytestmark = pytest.mark.needs_gl
+RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
+
+
+@pytest.fixture(
+    autouse=True, params=[pytest.param("opengl", marks=pytest.mark.needs_gl), "software"]
+)
+def renderer_class(request, monkeypatch):
+    """Every test of this file is one of each renderer."""
+    monkeypatch.setattr(f"{__name__}.ObjectRenderer", RENDERERS[request.param])
+    return RENDERERS[request.param]
+
+
+ObjectRenderer = PyrenderObjectRenderer
 NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
 LAMBERT = {"KHR_materials_specular": {"specularFactor": 0}}
 
@@ -42,7 +54,7 @@ def quad(builder, positions=QUAD, number=None, node=None, **attributes):
 
 def draw(builder, tmp_path, camera=None, time_s=0.0, margin=0):
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
-    with PyrenderObjectRenderer(scene) as renderer:
+    with ObjectRenderer(scene) as renderer:
         return renderer.render(time_s, camera or camera_at(4.0), margin)
 
 
@@ -337,7 +349,7 @@ def test_vertices_are_updated_in_place_and_pictures_repeat_exactly(tmp_path):
     values = [[0, 0, 0], [0.5, 0, 0]]
     builder.animation((node, "translation", [0, 1], values, "LINEAR"))
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
-    with PyrenderObjectRenderer(scene) as renderer:
+    with ObjectRenderer(scene) as renderer:
         first = renderer.render(0.0, camera_at(4.0))
         moved = renderer.render(1.0, camera_at(4.0))
         again = renderer.render(0.0, camera_at(4.0))
@@ -350,85 +362,65 @@ def test_two_renderers_work_side_by_side_and_one_may_close_first(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder))
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
-    with PyrenderObjectRenderer(scene) as one:
+    with ObjectRenderer(scene) as one:
         before = one.render(0.0, camera_at(4.0))
-        with PyrenderObjectRenderer(scene) as two:
+        with ObjectRenderer(scene) as two:
             two.render(0.0, camera_at(4.0))
         np.testing.assert_array_equal(one.render(0.0, camera_at(4.0)).rgba, before.rgba)
-
-
-def test_another_thread_and_a_closed_renderer_are_told(tmp_path):
-    builder = GlbBuilder()
-    quad(builder, number=unlit(builder))
-    scene = Scene.load(builder.write(tmp_path / "scene.glb"))
-    renderer = PyrenderObjectRenderer(scene)
-    renderer.render(0.0, camera_at(4.0))
-    caught = []
-
-    def elsewhere():
-        with pytest.raises(NlensError, match="thread") as raised:
-            renderer.render(0.0, camera_at(4.0))
-        caught.append(raised.value)
-
-    thread = threading.Thread(target=elsewhere)
-    thread.start()
-    thread.join()
-    assert len(caught) == 1
-    renderer.close()
-    renderer.close()
-    with pytest.raises(NlensError, match="closed"):
-        renderer.render(0.0, camera_at(4.0))
-
-
-def test_a_machine_without_the_device_is_told_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setenv("EGL_DEVICE_ID", "99")
-    builder = GlbBuilder()
-    quad(builder, number=unlit(builder))
-    with pytest.raises(NlensError, match="apt-get install libegl1 libgl1") as raised:
-        draw(builder, tmp_path)
-    assert "\n" not in str(raised.value)
-
-
-def test_a_texture_too_large_for_the_driver_is_one_line_and_leaves_no_context(
-    tmp_path, monkeypatch
-):
-    from nlens_video.backends.gl_platform import HeadlessPlatform
-
-    deleted = []
-    delete_context = HeadlessPlatform.delete_context
-
-    def recorded(platform):
-        delete_context(platform)
-        deleted.append(platform._egl_context is None)
-
-    monkeypatch.setattr(HeadlessPlatform, "delete_context", recorded)
-    builder = GlbBuilder()
-    # Beyond all known drivers' GL_MAX_TEXTURE_SIZE.
-    info = {"index": builder.texture(np.zeros((1, 70_000, 3)))}
-    quad(builder, number=unlit(builder, pbr={"baseColorTexture": info}), TEXCOORD_0=QUAD_UV)
-    with pytest.raises(NlensError, match="cannot hold the object .*; export") as raised:
-        draw(builder, tmp_path)
-    assert "\n" not in str(raised.value)
-    assert deleted[0] is True
-
-
-def test_a_picture_too_large_for_the_driver_is_one_line(tmp_path):
-    builder = GlbBuilder()
-    quad(builder, number=unlit(builder), node={"scale": [1e6, 1, 1]})
-    wide = camera_at(4.0, width=70_000)
-    with pytest.raises(NlensError, match="cannot draw a picture of 70000x42 pixels") as raised:
-        draw(builder, tmp_path, wide)
-    assert "\n" not in str(raised.value)
 
 
 def test_a_file_without_lights_is_lit_and_says_so(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder, (0.5, 0.5, 0.5, 1), {}))
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
-    with PyrenderObjectRenderer(scene) as renderer:
+    with ObjectRenderer(scene) as renderer:
         rgba, _ = centre(renderer.render(0.0, camera_at(4.0)))
         assert "no lights" in renderer.light_note
     assert 0.05 < rgba[0] < 1.0
+
+
+def test_a_closed_renderer_says_so(tmp_path):
+    builder = GlbBuilder()
+    quad(builder, number=unlit(builder))
+    renderer = ObjectRenderer(Scene.load(builder.write(tmp_path / "scene.glb")))
+    renderer.render(0.0, camera_at(4.0))
+    renderer.close()
+    renderer.close()
+    with pytest.raises(NlensError, match="closed"):
+        renderer.render(0.0, camera_at(4.0))
+
+
+def test_at_rest_the_last_layer_is_given_again_and_any_change_draws_anew(tmp_path):
+    builder = GlbBuilder()
+    node = quad(builder, number=material(builder))
+    light = builder.light(intensity=2.0)
+    keys = np.array([[0, 0, 0], [0, 0, 0], [0.5, 0, 0]], np.float32)
+    turns = np.array([[0, 0, 0, 1], [0, 0, 0, 1], [0, 0, 0, 1], [0.6, 0, 0, 0.8]], np.float32)
+    builder.animation(
+        (node, "translation", [0, 1, 2], keys, "LINEAR"),
+        (light, "rotation", [0, 1, 2, 3], turns, "LINEAR"),
+    )
+    scene = Scene.load(builder.write(tmp_path / "scene.glb"))
+    with ObjectRenderer(scene) as renderer:
+        first = renderer.render(0.0, camera_at(4.0))
+        before = first.rgba.copy()
+        assert renderer.render(0.5, camera_at(4.0)) is first
+        np.testing.assert_array_equal(first.rgba, before)
+        for time_s, camera, margin in (
+            (0.5, camera_at(4.5), 0),
+            (0.5, camera_at(4.0, cx=33.0), 0),
+            (0.5, camera_at(4.0), 3),
+            (1.5, camera_at(4.0), 0),
+            (2.0, camera_at(4.0), 0),
+            (3.0, camera_at(4.0), 0),  # only the light has turned
+        ):
+            last = first
+            first = renderer.render(time_s, camera, margin)
+            assert first is not last
+    with ObjectRenderer(scene) as fresh:
+        again = fresh.render(3.0, camera_at(4.0))
+    np.testing.assert_array_equal(again.rgba, first.rgba)
+    np.testing.assert_array_equal(again.depth, first.depth)
 
 
 STILLS = [f"{s}_{f}" for s in ("indoor", "street", "table") for f in ("front", "mid", "back")]
@@ -444,7 +436,7 @@ def test_mask_and_depth_are_those_of_a_path_tracer(shared, name):
         channels = {key: channel.pixels for key, channel in file.channels().items()}
     alpha, depth = channels["A"].astype(np.float32), channels["Z"]
     scene = Scene.load(folder / "object.glb")
-    with PyrenderObjectRenderer(scene) as renderer:
+    with ObjectRenderer(scene) as renderer:
         layer = renderer.render(0.0, scene.camera(0.0, 960, 512))
     place = layer.box.slices_in(Box(0, 0, 960, 512))
     ours = np.zeros_like(alpha)

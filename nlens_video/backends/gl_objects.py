@@ -8,13 +8,12 @@ import numpy as np
 import pyrender
 from OpenGL import GL
 
-from nlens_video.frames import Float32, Float64
+from nlens_video.backends.material_numbers import SLOTS, material_numbers, texture_uses
+from nlens_video.frames import Float64
 from nlens_video.scene.images import Image
-from nlens_video.scene.materials import Material, TextureUse
+from nlens_video.scene.materials import Material
 from nlens_video.scene.posed import PosedMesh
 
-SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emissive")
-MATERIAL_FLOATS = 4 * 14
 _SHRINKING = {GL.GL_NEAREST, GL.GL_LINEAR}
 
 
@@ -60,13 +59,12 @@ class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # 
     def __init__(self, material: Material, textures: dict[Image, GpuTexture]) -> None:
         super().__init__(alphaMode=material.alpha_mode, doubleSided=material.double_sided)
         self.source = material
-        uses = [getattr(material, f"{slot}_texture") for slot in SLOTS]
         self.maps: dict[str, GpuTexture] = {
             slot: textures.setdefault(use.image, GpuTexture(use.image))
-            for slot, use in zip(SLOTS, uses, strict=True)
+            for slot, use in zip(SLOTS, texture_uses(material), strict=True)
             if use is not None
         }
-        self.block = _material_block(material, uses)
+        self.block = material_numbers(material)
 
     def _compute_textures(self) -> set[GpuTexture]:
         return set(self.maps.values())
@@ -81,24 +79,6 @@ class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # 
         if source.unlit:
             found["USE_UNLIT"] = 1
         return found
-
-
-def _material_block(material: Material, uses: list[TextureUse | None]) -> Float32:
-    rows = [
-        material.base_color,
-        (material.metallic, material.roughness, material.specular, material.alpha_cutoff),
-        (*material.emissive, 0.0),
-        (*material.f0, 0.0),
-    ]
-    for use in uses:
-        if use is None:
-            rows += [(0.0,) * 4, (0.0,) * 4]
-        else:
-            rows += [
-                (*use.transform[0], float(use.uv_set)),
-                (*use.transform[1], use.strength),
-            ]
-    return np.array(rows, dtype=np.float32).ravel()
 
 
 class GpuPrimitive(pyrender.Primitive):  # type: ignore[misc]  # untyped base

@@ -18,15 +18,10 @@ from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from nlens_video.backends.closed import closed_bodies
 from nlens_video.backends.gl_behind import BehindPicture, BehindTarget, Front
-from nlens_video.backends.gl_lighting import Lighting
-from nlens_video.backends.gl_objects import (
-    MATERIAL_FLOATS,
-    SLOTS,
-    GpuMaterial,
-    GpuPrimitive,
-    GpuTexture,
-)
+from nlens_video.backends.gl_objects import GpuMaterial, GpuPrimitive, GpuTexture
 from nlens_video.backends.gl_target import FloatTarget
+from nlens_video.backends.lighting import Lighting
+from nlens_video.backends.material_numbers import MATERIAL_FLOATS, SLOTS
 from nlens_video.frames import Float32, Float64
 from nlens_video.scene.images import Image
 from nlens_video.scene.materials import Material

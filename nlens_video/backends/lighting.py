@@ -1,4 +1,4 @@
-"""Lights as the shader reads them."""
+"""Lights as the shaders read them, OpenGL's and our own."""
 
 from __future__ import annotations
 
@@ -35,13 +35,29 @@ class Lighting:
     @property
     def defines(self) -> dict[str, int]:
         """What the shader is compiled for."""
-        directional = sum(posed.light.kind == "directional" for posed in self.lights)
         counts = {
             "LAMP_COUNT": len(self.lights),
             "LAMP_ROWS": max(1, 4 * len(self.lights)),
-            "DIRECTIONAL_COUNT": directional,
+            "DIRECTIONAL_COUNT": self.suns,
         }
         return counts if self.ambient is None else {**counts, "USE_AMBIENT": 1}
+
+    @property
+    def suns(self) -> int:
+        """How many of the lights are directional."""
+        return sum(posed.light.kind == "directional" for posed in self.lights)
+
+    def lamp_rows(self, eye: Float64) -> Float32:
+        """Numbers of the lights (L, 16), relative to the eye (3,)."""
+        rows = [_lamp(posed, eye) for posed in self.lights]
+        return np.array(rows, dtype=np.float32).reshape(len(rows), 16)
+
+    def ambient_rows(self) -> Float32:
+        """Ambient light (9, 4), the fourth column 0."""
+        rows = np.zeros((9, 4), np.float32)
+        if self.ambient is not None:
+            rows[:, :3] = self.ambient
+        return rows
 
     def frame_block(self, clip_from_relative: Float64, eye: Float64) -> Float32:
         """Numbers of the frame: matrix (4, 4), eye (3,), ambient light, lights relative to the eye.
@@ -50,15 +66,9 @@ class Lighting:
             clip_from_relative: clip space from world axes around the eye.
             eye: the camera's place in the world [scene unit].
         """
-        ambient = np.zeros((9, 4))
-        if self.ambient is not None:
-            ambient[:, :3] = self.ambient
-        rows = [*clip_from_relative, (*eye, 0.0), *ambient]
-        for posed in self.lights:
-            rows += _lamp(posed, eye)
-        if not self.lights:
-            rows.append((0.0,) * 4)
-        return np.array(rows, dtype=np.float32).ravel()
+        lamps = self.lamp_rows(eye) if self.lights else np.zeros((1, 4))
+        parts = [clip_from_relative, np.append(eye, 0.0), self.ambient_rows(), lamps]
+        return np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
 
 
 def _lamp(posed: PosedLight, eye: Float64) -> list[tuple[float, ...]]:

@@ -1,0 +1,169 @@
+"""Time what a frame's object costs, step by step, in CPU time of all threads.
+
+Run: python benchmarks/bench_render.py [--rounds N]. Each figure is the least of the rounds: CPU
+time hardly depends on what else the machine does, yet caches and clocks do.
+
+The object is a bumpy ellipsoid of 200x400 px on a frame of 960x512: textured, carried by 24 joints
+and lit by three lamps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import math
+import struct
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+
+from nlens_video.frames import Float32
+from nlens_video.scene import Camera, Scene
+
+WIDTH, HEIGHT = 960, 512
+JOINTS = 24
+RADII = (0.5, 1.0, 0.5)
+
+
+class _Buffer:
+    """Accessors of one binary chunk."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, object]] = []
+
+    def view(self, data: bytes) -> int:
+        self.data += b"\0" * (-len(self.data) % 4)
+        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
+        self.data += data
+        return len(self.views) - 1
+
+    def add(self, values: np.typing.NDArray[np.generic], kind: str) -> int:
+        codes = {"f4": 5126, "u4": 5125, "u1": 5121}
+        described = {
+            "bufferView": self.view(values.tobytes()),
+            "componentType": codes[values.dtype.str[1:]],
+            "count": values.size
+            // {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}[kind],
+            "type": kind,
+        }
+        self.accessors.append(described)
+        return len(self.accessors) - 1
+
+
+def ellipsoid(triangles: int) -> tuple[Float32, Float32, Float32, np.typing.NDArray[np.uint32]]:
+    """Positions (V, 3), normals (V, 3), texture coordinates (V, 2) and faces (F, 3)."""
+    rows = max(4, round(math.sqrt(triangles / 4)))
+    columns = 2 * rows
+    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.linspace(0, 1, columns + 1), indexing="ij")
+    around, down = 2 * math.pi * u, math.pi * v
+    radius = 1.0 + 0.03 * np.sin(9 * around) * np.sin(8 * down)
+    unit = np.stack(
+        [np.sin(down) * np.cos(around), np.cos(down), -np.sin(down) * np.sin(around)], -1
+    )
+    positions = (radius[..., None] * unit * RADII).reshape(-1, 3)
+    normals = (unit / RADII).reshape(-1, 3)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    a = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    b = a + columns + 1
+    faces = np.concatenate([np.stack([a, b, a + 1], 1), np.stack([a + 1, b, b + 1], 1)])
+    uv = np.stack([2 * u, v], -1).reshape(-1, 2)
+    return (
+        positions.astype(np.float32), normals.astype(np.float32), uv.astype(np.float32),
+        faces.astype(np.uint32),
+    )  # fmt: skip
+
+
+def _texture() -> bytes:
+    rng = np.random.default_rng(0)
+    coarse = PIL.Image.fromarray(rng.integers(60, 220, (64, 64, 3), np.uint8))
+    file = io.BytesIO()
+    coarse.resize((1024, 1024), PIL.Image.Resampling.BICUBIC).save(file, "PNG")
+    return file.getvalue()
+
+
+def write_glb(path: Path, triangles: int, alpha_mode: str = "OPAQUE") -> Path:
+    """The ellipsoid, carried by joints that sway, with three lamps."""
+    positions, normals, uv, faces = ellipsoid(triangles)
+    buffer = _Buffer()
+    place = (positions[:, 1] / RADII[1] + 1.0) * 0.5 * (JOINTS - 1)
+    first = np.clip(np.floor(place), 0, JOINTS - 2)
+    part = np.clip(place - first, 0.0, 1.0)
+    joints = np.stack([first, first + 1, 0 * first, 0 * first], 1).astype(np.uint8)
+    weights = np.stack([1 - part, part, 0 * part, 0 * part], 1).astype(np.float32)
+    heights = np.linspace(-RADII[1], RADII[1], JOINTS)
+    bind = np.tile(np.eye(4, dtype=np.float32), (JOINTS, 1, 1))
+    bind[:, 3, 1] = -heights  # columns first, as glTF stores them
+    attributes = {
+        "POSITION": buffer.add(positions, "VEC3"),
+        "NORMAL": buffer.add(normals, "VEC3"),
+        "TEXCOORD_0": buffer.add(uv, "VEC2"),
+        "JOINTS_0": buffer.add(joints, "VEC4"),
+        "WEIGHTS_0": buffer.add(weights, "VEC4"),
+    }
+    times = buffer.add(np.array([0, 5, 10], np.float32), "SCALAR")
+    nodes: list[dict[str, object]] = [{"mesh": 0, "skin": 0}]
+    nodes += [{"translation": [0.0, float(height), 0.0]} for height in heights]
+    samplers, channels = [], []
+    for joint in range(JOINTS):
+        keys = np.zeros((3, 3), np.float32)
+        keys[:, 0] = 0.05 * np.sin([joint, joint + 2.0, joint])
+        keys[:, 1] = heights[joint]
+        samplers.append({"input": times, "output": buffer.add(keys, "VEC3")})
+        target = {"node": 1 + joint, "path": "translation"}
+        channels.append({"sampler": joint, "target": target})
+    lights = [{"type": "directional", "intensity": 2.0 - 0.5 * i} for i in range(3)]
+    for number in range(3):
+        turn = [-0.3, 0.5 * (number - 1), 0.0, math.sqrt(1 - 0.09 - 0.25 * (number - 1) ** 2)]
+        lit = {"KHR_lights_punctual": {"light": number}}
+        nodes.append({"rotation": turn, "extensions": lit})
+    primitive = {
+        "attributes": attributes,
+        "indices": buffer.add(faces.ravel(), "SCALAR"),
+        "material": 0,
+    }
+    paint = {
+        "pbrMetallicRoughness": {
+            "baseColorTexture": {"index": 0}, "metallicFactor": 0.1, "roughnessFactor": 0.5
+        },
+        "alphaMode": alpha_mode,
+    }  # fmt: skip
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [primitive]}],
+        "skins": [
+            {"joints": list(range(1, 1 + JOINTS)), "inverseBindMatrices": buffer.add(bind, "MAT4")}
+        ],
+        "materials": [paint],
+        "textures": [{"source": 0}],
+        "images": [{"bufferView": buffer.view(_texture()), "mimeType": "image/png"}],
+        "animations": [{"samplers": samplers, "channels": channels}],
+        "extensions": {"KHR_lights_punctual": {"lights": lights}},
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": len(buffer.data)}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    binary = bytes(buffer.data) + b"\0" * (-len(buffer.data) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    return path
+
+
+def camera() -> Camera:
+    """A camera that sees the ellipsoid 200x400 px large."""
+    pose = np.eye(4)
+    pose[2, 3] = 6.0
+    return Camera(
+        world_from_camera=pose, fx=1200, fy=1200, cx=480, cy=256, width=WIDTH, height=HEIGHT
+    )

@@ -1,0 +1,190 @@
+"""What every renderer does around its drawing: pose, box on the screen, an object at rest."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from nlens_video.backends.lighting import Lighting
+from nlens_video.errors import NlensError, SceneError
+from nlens_video.frames import Box, Float32, ObjectLayer
+from nlens_video.kernels.screen import Lens, bounds
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf import Scene
+from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene_light import SceneLight
+
+# Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
+# tell 1e-4 of the far depth any more.
+_NEAR_SHARE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """What is drawn.
+
+    Attributes:
+        camera: where from, on which frame.
+        box: the part of the frame, perhaps beyond its borders.
+        near: depth of the near plane [scene unit].
+        far: a depth beyond the object's [scene unit].
+        nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+    """
+
+    camera: Camera
+    box: Box
+    near: float
+    far: float
+    nearest: bool
+
+
+class BoxRenderer(ABC):
+    """Renders a scene's object on the box of the frame that it covers.
+
+    Args:
+        scene: the object.
+        light: what lights it; by default the file's lights, or a plausible light.
+    """
+
+    def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
+        self._scene = scene
+        self._light = light or SceneLight(scene.light_count)
+        self._posed: PosedScene | None = None
+        self._drawn: tuple[tuple[object, ...], PosedScene, ObjectLayer] | None = None
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def light_note(self) -> str:
+        """What lights the object, in words."""
+        return self._light.note
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """What draws, in words."""
+
+    def render(
+        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+    ) -> ObjectLayer | None:
+        """The object at a time, sharp.
+
+        `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
+        of the lens' aperture. While object, camera and light are at rest, it is the very same layer.
+
+        Args:
+            time_s: time of the animation [s].
+            camera: where from, on which frame.
+            margin: how far beyond the frame the object is still rendered [px].
+            nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+
+        Returns:
+            The layer on the box of the object's bounds on the screen, one pixel larger, inside the
+            frame grown by `margin`; None where the object is out of view.
+
+        Raises:
+            NlensError: the object or the picture is too large to be drawn; OpenGL cannot start, or
+                another thread owns the context.
+            SceneError: the animation scales the object beyond all numbers.
+        """
+        self._check()
+        if self._posed is None or self._posed.time_s != time_s:
+            self._posed = self._scene.pose(time_s)
+        posed = self._posed
+        lighting = Lighting.of(self._light.on_object(posed.lights))
+        key = (*_key(posed, camera, lighting), margin, nearest)
+        if self._drawn is not None and self._drawn[0] == key:
+            return self._drawn[2]
+        sight = _sight(posed, camera, margin, nearest=nearest)
+        if sight is None:
+            return None
+        rgba, depth = self._draw(posed, sight, lighting)
+        layer = ObjectLayer(box=sight.box, rgba=rgba, depth=depth)
+        self._drawn = key, posed, layer
+        return layer
+
+    @abstractmethod
+    def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+        """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""
+
+    def _check(self) -> None:
+        """Refuse what can't be drawn here and now."""
+        if self._closed:
+            raise NlensError("the renderer is closed; make a new one")
+
+    def close(self) -> None:
+        """Free what it holds; may be called again."""
+        self._closed = True
+        self._posed = self._drawn = None
+
+
+def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object, ...]:
+    """All that a picture depends on; meshes at rest are the same objects (`Instance.place`)."""
+    return (
+        tuple(map(id, posed.meshes)),
+        camera.world_from_camera.tobytes(),
+        (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height),
+        lighting.lamp_rows(camera.world_from_camera[:3, 3]).tobytes(),
+        lighting.ambient_rows().tobytes(),
+        lighting.ambient is None,
+    )
+
+
+def lens_of(camera: Camera, sight: Sight | None = None) -> Lens:
+    """The camera as the kernels read it; of a box, where `sight` is given."""
+    box = Box(0, 0, camera.width, camera.height) if sight is None else sight.box
+    return Lens(
+        axes=camera.camera_from_world[:3, :3],
+        eye=camera.world_from_camera[:3, 3],
+        fx=camera.fx,
+        fy=camera.fy,
+        cx=camera.cx - box.x0,
+        cy=camera.cy - box.y0,
+        near=0.0 if sight is None else sight.near,
+        width=box.width,
+        height=box.height,
+    )
+
+
+def _sight(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> Sight | None:
+    """The box that the object covers, with near and far depth; None if it is out of view."""
+    numbers = lens_of(camera).numbers()
+    found = np.array([bounds(mesh.positions, numbers) for mesh in posed.meshes])
+    low_x, low_y, lowest = (float(v) for v in found[:, 0::2].min(axis=0))
+    high_x, high_y, highest = (float(v) for v in found[:, 1::2].max(axis=0))
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        raise SceneError("the object has no finite size at this time; check its scale")
+    far = highest * (1.0 + 1e-4)
+    if not far > 0.0:
+        return None
+    lowest *= 1.0 - 1e-4
+    near = max(lowest, _NEAR_SHARE * far)
+    limit = Box(0, 0, camera.width, camera.height).grown(margin)
+    box = limit
+    if lowest >= near:  # else a triangle may cross the near plane and cover anything
+        box = _outward((low_x, low_y), (high_x, high_y), limit)
+    if box.empty:
+        return None
+    return Sight(camera=camera, box=box, near=near, far=far, nearest=nearest)
+
+
+def _outward(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:
+    """Whole pixels around a range of positions, one more on each side, inside `limit`."""
+    x0, y0 = (math.floor(min(max(v, -1e9), 1e9)) - 1 for v in low)
+    x1, y1 = (math.ceil(min(max(v, -1e9), 1e9)) + 1 for v in high)
+    return Box(x0, y0, x1, y1).intersection(limit)

@@ -1,0 +1,207 @@
+"""Triangles with holes (MASK) and with see-through surfaces (BLEND), pixel by pixel.
+
+What blends is taken from near to far: each sample keeps the share of light that gets through to it,
+so that no colours of samples need be stored.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from nlens_video.frames import Float32
+from nlens_video.kernels import fragment as at
+from nlens_video.kernels.deferred import BRIGHTEST, Scene, shade
+from nlens_video.kernels.fragment import Int32
+from nlens_video.kernels.raster import SAMPLE_X, SAMPLE_Y, SAMPLES, X0, Y0, Shape, covered
+from nlens_video.kernels.surface import Mesh, Paint, base_color, find
+
+_CUTOFF = 7  # of a material's numbers
+_FLAT = np.float32(1e-4)
+_HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
+_PATTERNS = (0, 1, 9, 11, 15)  # samples of a pixel that is covered by so many quarters
+Runs = tuple[tuple[int, int], tuple[int, int], tuple[int, int], tuple[int, int]]
+Where = tuple[int, int, int]
+"""Triangle, column, row."""
+
+
+@njit(forceinline=True, error_model="numpy", _nrt=False)
+def _disparity(planes: Float32, t: int, x: float, y: float) -> float:
+    dx, dy = np.float32(x) - planes[t, X0], np.float32(y) - planes[t, Y0]
+    return (
+        (planes[t, 0] + planes[t, 1] + planes[t, 2]) * dx
+        + (planes[t, 3] + planes[t, 4] + planes[t, 5]) * dy
+        + (planes[t, 6] + planes[t, 7] + planes[t, 8])
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def _runs(shape: Shape, t: int, y: int, width: int) -> Runs:
+    line = SAMPLES * y
+    return (
+        covered(shape, t, line, width), covered(shape, t, line + 1, width),
+        covered(shape, t, line + 2, width), covered(shape, t, line + 3, width),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def _meeting(runs: Runs, x: int) -> tuple[int, float, float]:
+    """Samples of pixel `x` within the runs, and their centroid in the pixel."""
+    mask, count, px, py = 0, 0, 0.0, 0.0
+    for s in range(SAMPLES):
+        if runs[s][0] <= x < runs[s][1]:
+            mask |= 1 << s
+            count += 1
+            px += SAMPLE_X[s]
+            py += SAMPLE_Y[s]
+    return (mask, px / count, py / count) if count else (0, 0.0, 0.0)
+
+
+@njit(forceinline=True, error_model="numpy", _nrt=False)
+def _ends(runs: Runs) -> tuple[int, int]:
+    first, last = 1 << 30, 0
+    for s in range(SAMPLES):
+        if runs[s][0] < runs[s][1]:
+            first, last = min(first, runs[s][0]), max(last, runs[s][1])
+    return first, last
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def _alpha(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> float:
+    where, change, _ = find(mesh, t, np.float32(x), np.float32(y))
+    return base_color(mesh, paint, where, change)[3]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def _kept(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> int:
+    """Samples that the cutoff leaves, sharpened to one pixel around it."""
+    here = _alpha(mesh, paint, t, x, y)
+    slope = abs(_alpha(mesh, paint, t, x + 1.0, y) - here)
+    slope += abs(_alpha(mesh, paint, t, x, y + 1.0) - here)
+    over = here - paint[0][mesh[5][t], _CUTOFF]
+    share = min(max(over / slope + _HALF, _ZERO), _ONE) if slope > _FLAT else (
+        _ONE if over >= _ZERO else _ZERO
+    )  # fmt: skip
+    return _PATTERNS[int(share * SAMPLES + 0.5)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def cut_out(
+    drawn: Int32, first: int, last: int, width: int, shape: Shape, spans: Int32,
+    mesh: Mesh, paint: Paint, disparity: Float32, ids: Int32,
+) -> None:  # fmt: skip
+    """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
+
+    Args:
+        drawn: the triangles, in the order in which they are drawn.
+        first: first row [px].
+        last: one beyond the last row [px].
+        width: columns of the picture [px].
+        shape: the triangles on the screen.
+        spans: first and last line of samples of each triangle (F, 2).
+        mesh: the triangles.
+        paint: their materials.
+        disparity: changed: of each sample (4 h, width + PADDING) [1 / scene unit].
+        ids: changed: triangle of each sample (4 h, width + PADDING).
+    """
+    for n in range(len(drawn)):
+        t = drawn[n]
+        for y in range(max(first, spans[t, 0] >> 2), min(last - 1, spans[t, 1] >> 2) + 1):
+            runs = _runs(shape, t, y, width)
+            left, right = _ends(runs)
+            for x in range(left, right):
+                mask, px, py = _meeting(runs, x)
+                if mask:
+                    mask &= _kept(mesh, paint, t, x + px, y + py)
+                for s in range(SAMPLES):
+                    if mask >> s & 1:
+                        d = _disparity(mesh[6], t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                        if d >= disparity[SAMPLES * y + s, x]:
+                            disparity[SAMPLES * y + s, x] = d
+                            ids[SAMPLES * y + s, x] = t
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def _lay_under(
+    block: Float32, whole: Int32, count: int, width: int, scene: Scene,
+    passed: Float32, front: Float32, rgba: Float32,
+) -> None:  # fmt: skip
+    """Shade the points of a block and lay them, in order, under what lies before them."""
+    shade(block, whole, count, scene)
+    planes = scene[0][6]
+    for i in range(count):
+        alpha = block[at.ALPHA + i]
+        if not alpha > _ZERO:
+            continue
+        pixel, t = whole[at.PIXEL + i], whole[at.TRIANGLE + i]
+        y, x = pixel // width, pixel % width
+        weight = _ZERO
+        for s in range(SAMPLES):
+            if whole[at.MASK + i] >> s & 1:
+                line = SAMPLES * y + s
+                weight += passed[line, x]
+                passed[line, x] *= _ONE - alpha
+                d = _disparity(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                front[line, x] = max(front[line, x], d)
+        weight *= alpha / np.float32(SAMPLES)
+        rgba[pixel, 0] += weight * min(block[at.RED + i], BRIGHTEST)
+        rgba[pixel, 1] += weight * min(block[at.GREEN + i], BRIGHTEST)
+        rgba[pixel, 2] += weight * min(block[at.BLUE + i], BRIGHTEST)
+        rgba[pixel, 3] += weight
+
+
+@njit(forceinline=True, error_model="numpy", _nrt=False)
+def _seen(planes: Float32, where: Where, mask: int, disparity: Float32) -> int:
+    """Those samples of a mask that no opaque surface hides."""
+    t, x, y = where
+    for s in range(SAMPLES):
+        if mask >> s & 1:
+            d = _disparity(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+            if d < disparity[SAMPLES * y + s, x]:
+                mask &= ~(1 << s)
+    return mask
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def blend(
+    drawn: Int32, first: int, last: int, width: int, shape: Shape, spans: Int32, scene: Scene,
+    disparity: Float32, passed: Float32, front: Float32, rgba: Float32,
+    block: Float32, whole: Int32,
+) -> None:  # fmt: skip
+    """Add the light of blended triangles to rows [first, last) of the picture.
+
+    Args:
+        drawn: the triangles, from near to far.
+        first: first row [px].
+        last: one beyond the last row [px].
+        width: columns of the picture [px].
+        shape: the triangles on the screen.
+        spans: first and last line of samples of each triangle (F, 2).
+        scene: what to shade with.
+        disparity: of the opaque surface at each sample (4 h, width + PADDING) [1 / scene unit].
+        passed: changed: share of light that gets through to each sample (4 h, width + PADDING).
+        front: changed: disparity of the nearest surface at each sample (4 h, width + PADDING).
+        rgba: changed: premultiplied linear light (h * width, 4).
+        block: from `new_block`.
+        whole: from `new_block`.
+    """
+    mesh, count = scene[0], 0
+    for n in range(len(drawn)):
+        t = drawn[n]
+        for y in range(max(first, spans[t, 0] >> 2), min(last - 1, spans[t, 1] >> 2) + 1):
+            runs = _runs(shape, t, y, width)
+            left, right = _ends(runs)
+            for x in range(left, right):
+                mask, px, py = _meeting(runs, x)
+                mask = _seen(mesh[6], (t, x, y), mask, disparity)
+                if not mask:
+                    continue
+                whole[at.TRIANGLE + count], whole[at.PIXEL + count] = t, y * width + x
+                whole[at.MASK + count] = mask
+                block[at.X + count] = np.float32(x + px)
+                block[at.Y + count] = np.float32(y + py)
+                count += 1
+                if count == at.WIDTH:
+                    _lay_under(block, whole, count, width, scene, passed, front, rgba)
+                    count = 0
+    _lay_under(block, whole, count, width, scene, passed, front, rgba)
