@@ -1,6 +1,6 @@
 """Time what a frame's object costs, step by step, in CPU time of all threads.
 
-Run: python benchmarks/bench_render.py [--rounds N]. Each figure is the least of the rounds: CPU
+Run: python benchmarks/bench_render.py. Each figure is the least of the rounds: CPU
 time hardly depends on what else the machine does, yet caches and clocks do.
 
 The object is a bumpy ellipsoid of 200x400 px on a frame of 960x512: textured, carried by 24 joints
@@ -9,21 +9,19 @@ and lit by three lamps.
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import math
 import struct
-import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import PIL.Image
 
+from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.frames import Float32
-from nlens_video.scene import Camera, Scene
+from nlens_video.scene import Camera
 
 WIDTH, HEIGHT = 960, 512
 JOINTS = 24
@@ -167,3 +165,44 @@ def camera() -> Camera:
     return Camera(
         world_from_camera=pose, fx=1200, fy=1200, cx=480, cy=256, width=WIDTH, height=HEIGHT
     )
+
+
+def cpu_ms(work: Callable[[int], object], rounds: int) -> float:
+    """The least CPU time of all threads that a round takes, after two to warm up [ms]."""
+    times = []
+    for number in range(rounds + 2):
+        start = time.process_time()
+        work(number)
+        times.append(time.process_time() - start)
+    return 1e3 * min(times[2:])
+
+
+def main() -> None:
+    """Print one line a mesh: the pose, then a frame by each renderer, in turn."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=20)
+    rounds = parser.parse_args().rounds
+    print("triangles  vertices  pose [ms]  software [ms]  OpenGL [ms]  ratio  at rest [ms]")
+    view = camera()
+    for triangles in (5_000, 20_000, 50_000):
+        with tempfile.TemporaryDirectory() as folder:
+            scene = Scene.load(write_glb(Path(folder) / "ellipsoid.glb", triangles))
+        posed = scene.pose(0.0)
+        pose = cpu_ms(lambda n, scene=scene: scene.pose(0.1 + 0.01 * n), rounds)
+        with SoftwareObjectRenderer(scene) as ours, PyrenderObjectRenderer(scene) as theirs:
+            least = [math.inf, math.inf]
+            for block in range(4):  # in turn, so that both meet the same machine
+                for at, renderer in enumerate((ours, theirs)):
+                    spent = cpu_ms(
+                        lambda n, r=renderer, b=block: r.render(b + 0.01 * n, view), rounds // 4
+                    )
+                    least[at] = min(least[at], spent)
+            rest = cpu_ms(lambda _, r=ours: r.render(0.5, view), rounds)
+        print(
+            f"{len(posed.meshes[0].faces):9}  {len(posed.vertices()):8}  {pose:9.2f}  "
+            f"{least[0]:13.1f}  {least[1]:11.1f}  {least[1] / least[0]:5.1f}  {rest:12.2f}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -16,7 +16,7 @@ _LIBRARIES = (
     "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "numba", "pyrender2",
     "PyOpenGL", "trimesh", "OpenEXR", "torch",
 )  # fmt: skip
-_OPTIONAL = {"torch"}
+_OPTIONAL = {"torch", "OpenGL"}
 _ENCODERS = ("libx264", "libx265", "libvpx-vp9", "libsvtav1", "ffv1", "prores_ks", "png", "aac")
 
 
@@ -39,6 +39,7 @@ def examine(*, as_json: bool) -> int:
     """Try everything, print the findings; exit code 0 when the main job can run, else 1."""
     findings = [_program(), *map(_library, _LIBRARIES)]
     for what, attempt in (
+        ("renderer", _renderer),
         ("OpenGL", _opengl),
         ("encoders", _encoders),
         ("CoC network", _coc_network),
@@ -57,7 +58,8 @@ def _tried(what: str, attempt: Callable[[], str]) -> Finding:
     try:
         return Finding(what=what, works=True, detail=attempt())
     except (NlensError, OSError, ImportError, RuntimeError) as error:
-        return Finding(what=what, works=False, detail=" ".join(str(error).split()))
+        works = None if what in _OPTIONAL else False
+        return Finding(what=what, works=works, detail=" ".join(str(error).split()))
 
 
 def _program() -> Finding:
@@ -72,6 +74,12 @@ def _library(name: str) -> Finding:
         if name in _OPTIONAL:
             return Finding(what=name, works=None, detail="not installed; needed for training only")
         return Finding(what=name, works=False, detail=f"not installed; pip install {name}")
+
+
+def _renderer() -> str:
+    from nlens_video.backends.choose_renderer import renderer_choice
+
+    return renderer_choice()
 
 
 def _opengl() -> str:

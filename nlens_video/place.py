@@ -24,7 +24,7 @@ from nlens_video.video.picture import ArrayPicture
 from nlens_video.video.source import open_source
 
 if TYPE_CHECKING:
-    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+    from nlens_video.backends.box_renderer import BoxRenderer
 
 _LONG_SIDE = 480  # of a choice [px]
 _CAPTION = 44  # height of the words under it [px]
@@ -95,11 +95,11 @@ def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:
 
 
 def _drawn(scene: Scene, plate: Bgr, focal: float, settings: PlaceSettings) -> Bgr:
-    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+    from nlens_video.backends.choose_renderer import choose_renderer
 
     vertices = scene.pose(0.0).vertices()
     ground = contact_point(vertices, settings.scene.ground_y)
-    with PyrenderObjectRenderer(scene) as renderer:
+    with choose_renderer(scene) as renderer:
         stand = _Stand(vertices, ground, plate, focal, renderer)
         made: dict[Placing, Bgr] = {}
         for row in choices(settings.start):
@@ -118,7 +118,7 @@ class _Stand:
     contact: Float64
     plate: Bgr
     focal: float
-    renderer: PyrenderObjectRenderer
+    renderer: BoxRenderer
 
     def choice(self, placing: Placing) -> Bgr:
         """One place: plate, ground grid, horizon, object, and the words under it."""

@@ -49,7 +49,14 @@ class BoxRenderer(ABC):
     Args:
         scene: the object.
         light: what lights it; by default the file's lights, or a plausible light.
+
+    Attributes:
+        name: what draws, in words.
+        reason: why it was chosen, in words; empty where nobody chose.
     """
+
+    name: str
+    reason = ""
 
     def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
         self._scene = scene
@@ -75,9 +82,9 @@ class BoxRenderer(ABC):
         return self._light.note
 
     @property
-    @abstractmethod
     def description(self) -> str:
-        """What draws, in words."""
+        """What draws, and why it, in words."""
+        return f"{self.name}{f' ({self.reason})' if self.reason else ''}, the object's box only"
 
     def render(
         self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
@@ -85,7 +92,7 @@ class BoxRenderer(ABC):
         """The object at a time, sharp.
 
         `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
-        of the lens' aperture. While object, camera and light are at rest, it is the very same layer.
+        of the lens' aperture. While object, camera and light rest, it is the very same layer.
 
         Args:
             time_s: time of the animation [s].

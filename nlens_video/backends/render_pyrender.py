@@ -34,16 +34,13 @@ class PyrenderObjectRenderer(BoxRenderer):
         light: what lights it; by default the file's lights, or a plausible light.
     """
 
+    name = "pyrender, headless OpenGL"
+
     def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
         super().__init__(scene, light)
         self._platform: HeadlessPlatform | None = None
         self._renderer: LinearRenderer | None = None
         self._thread = 0
-
-    @property
-    def description(self) -> str:
-        """What draws, in words."""
-        return "pyrender, headless OpenGL, the object's box only"
 
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
         renderer = self._open(posed)

@@ -7,6 +7,7 @@ of threads gives the same bits.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from nlens_video.backends.box_renderer import BoxRenderer, Sight, lens_of
 from nlens_video.backends.lighting import Lighting
 from nlens_video.backends.soft_object import SoftObject
 from nlens_video.frames import Float32
-from nlens_video.kernels import alpha, deferred, nearest, raster, screen
+from nlens_video.kernels import alpha, deferred, nearest, raster, screen, triangles
 from nlens_video.kernels.fragment import Int32, new_block
 from nlens_video.kernels.pool import processors, share
 from nlens_video.kernels.scratch import scratch
@@ -37,17 +38,14 @@ class SoftwareObjectRenderer(BoxRenderer):
             does not depend on it.
     """
 
+    name = "software rasteriser"
+
     def __init__(
         self, scene: Scene, light: SceneLight | None = None, threads: int | None = None
     ) -> None:
         super().__init__(scene, light)
         self._threads = threads
         self._object: SoftObject | None = None
-
-    @property
-    def description(self) -> str:
-        """What draws, in words."""
-        return "software rasteriser, the object's box only"
 
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
         if self._object is None:
@@ -72,7 +70,7 @@ class SoftwareObjectRenderer(BoxRenderer):
 class _Picture:
     """One picture being drawn: all that its steps read and write."""
 
-    shape: raster.Shape
+    shape: triangles.Shape
     spans: Int32
     opaque: Int32
     masked: Int32
@@ -84,7 +82,7 @@ class _Picture:
     front: Float32
     rgba: Float32
     depth: Float32
-    least: np.float32
+    least: float
 
     @classmethod
     def of(cls, shown: SoftObject, sight: Sight, lighting: Lighting) -> _Picture:
@@ -95,14 +93,12 @@ class _Picture:
         count = len(shown.faces)
         points = scratch("points", (len(shown.positions), 3), np.float64)
         spans = scratch("spans", (count, 2), np.int32)
-        planes = scratch("planes", (count, raster.PLANES))
+        planes = scratch("planes", (count, triangles.PLANES))
         kept = scratch("kept", (count,), np.int32)
-        lines = raster.SAMPLES * height
+        lines = triangles.SAMPLES * height
         screen.project(shown.positions, numbers, points)
-        found = raster.set_up(
-            points, shown.positions, shown.faces, shown.sides, numbers, width, lines,
-            spans, planes, kept,
-        )  # fmt: skip
+        shape = (points, shown.positions, shown.faces, numbers)
+        found = triangles.set_up(shape, shown.sides, width, lines, spans, planes, kept)
         opaque, masked, blended = shown.by_alpha(kept[:found], lens)
         ambient = lighting.ambient_rows()[: 0 if lighting.ambient is None else 9]
         lamps = lighting.lamp_rows(lens.eye), lighting.suns, ambient
@@ -110,7 +106,7 @@ class _Picture:
         stored = (lines, width + raster.PADDING)
         through = stored if len(blended) else (0, 0)
         return cls(
-            shape=(points, shown.positions, shown.faces, numbers),
+            shape=shape,
             spans=spans,
             opaque=opaque,
             masked=masked,
@@ -122,7 +118,7 @@ class _Picture:
             front=scratch("front", through),
             rgba=np.empty((height, width, 4), np.float32),
             depth=np.empty((height, width), np.float32),
-            least=np.float32(1.0 / sight.far),
+            least=1.0 / sight.far,
         )
 
     @property
@@ -132,35 +128,35 @@ class _Picture:
 
     def see(self, rows: Rows) -> None:
         """Find what the samples of rows [first, last) show, and clear the picture."""
-        first, last = (raster.SAMPLES * row for row in rows)
+        first, last = (triangles.SAMPLES * row for row in rows)
         self.rgba[rows[0] : rows[1]] = 0.0
         self.disparity[first:last] = 0.0
         self.ids[first:last] = raster.NOTHING
         width = self.rgba.shape[1]
         raster.fill(
-            self.opaque, first, last - 1, *self.shape, self.spans, width, self.disparity, self.ids
+            self.opaque, first, last - 1, self.shape, self.spans, width, self.disparity, self.ids
         )
         if len(self.masked):
             alpha.cut_out(
-                self.masked, *rows, width, self.shape, self.spans, *self.scene[:2],
+                self.masked, rows, width, (self.shape, self.spans), *self.scene[:2],
                 self.disparity, self.ids,
             )  # fmt: skip
 
     def blend(self, rows: Rows) -> None:
         """Light and depth of see-through surfaces on rows [first, last)."""
-        here = slice(*(raster.SAMPLES * row for row in rows))
+        here = slice(*(triangles.SAMPLES * row for row in rows))
         self.passed[here] = 1.0
         self.front[here] = self.disparity[here]
         alpha.blend(
-            self.blended, *rows, self.rgba.shape[1], self.shape, self.spans, self.scene,
-            self.disparity, self.passed, self.front, self.rgba.reshape(-1, 4), *new_block(),
+            self.blended, rows, self.rgba.shape[1], (self.shape, self.spans), self.scene,
+            self.disparity, self.passed, self.front, self.rgba.reshape(-1, 4), new_block(),
         )  # fmt: skip
 
     def shade(self, rows: Rows) -> None:
         """Light of opaque surfaces, and depth, on rows [first, last)."""
         deferred.shade_rows(
             *rows, self.rgba.shape[1], self.ids, self.passed, self.scene,
-            self.rgba.reshape(-1, 4), *new_block(),
+            self.rgba.reshape(-1, 4), new_block(),
         )  # fmt: skip
         front = self.front if len(self.blended) else self.disparity
         nearest.resolve_depth(front, *rows, self.least, self.depth)

@@ -36,7 +36,7 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
         The exit code, 0.
 
     Raises:
-        NlensError: OpenGL cannot start, or a rung's process was ended.
+        NlensError: a rung's process was ended.
         InputError: no plate, or one that cannot be read.
         SceneError: a plate's GLB cannot be used.
         OutputError: `out` cannot be written.

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.backends.choose_renderer import choose_renderer
 from nlens_video.errors import InputError
 from nlens_video.evaluate.bench_glb import UInt8
 from nlens_video.evaluate.bench_metrics import WINDOW, psnr, ssim
@@ -60,15 +60,12 @@ def built_case(scene: BuiltScene, size: tuple[int, int], views: int) -> Case:
         scene: one of `write_scenes`.
         size: columns and rows of its frame [px].
         views: points of the lens [1].
-
-    Raises:
-        NlensError: OpenGL cannot start.
     """
     loaded = Scene.load(scene.glb)
     frame = Box(0, 0, *size)
     camera = loaded.camera(0.0, *size)
     clean = plate(size)
-    with PyrenderObjectRenderer(loaded) as renderer:
+    with choose_renderer(loaded) as renderer:
         sharp = renderer.render(0.0, camera)
         if sharp is None:
             raise RuntimeError(f"the scene {scene.name!r} lies out of view")

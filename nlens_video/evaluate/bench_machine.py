@@ -7,20 +7,16 @@ import platform
 from pathlib import Path
 
 from nlens_video import __version__
-from nlens_video.errors import NlensError
+from nlens_video.backends.choose_renderer import renderer_choice
 
 
 def machine() -> dict[str, str]:
-    """Processor, cores, load, OpenGL and versions in words; nothing that names the machine.
-
-    Raises:
-        NlensError: OpenGL cannot start.
-    """
+    """Processor, cores, load, renderer and versions in words; nothing that names the machine."""
     return {
         "processor": _processor(),
         "cores": str(_cores()),
         "load at the start": _load(),
-        "OpenGL": _opengl(),
+        "renderer": renderer_choice(),
         "system": f"{platform.system()} {platform.machine()}",
         "version": f"nlens-video {__version__}, Python {platform.python_version()}",
     }
@@ -46,19 +42,3 @@ def _load() -> str:
     if not hasattr(os, "getloadavg"):
         return "unknown"
     return f"{os.getloadavg()[0]:.1f}"
-
-
-def _opengl() -> str:
-    try:
-        from nlens_video.backends.gl_platform import describe, open_platform
-
-        context = open_platform()
-    except (ImportError, AttributeError, OSError, RuntimeError) as error:
-        raise NlensError(
-            f"bench draws its scenes with OpenGL, which cannot start ({error}); "
-            "install it: apt-get install libegl1 libgl1"
-        ) from error
-    try:
-        return describe()
-    finally:
-        context.delete_context()

@@ -212,9 +212,9 @@ def _object_source(
 
         layers = LayerReader(objects.layers, (view.width, view.height))
         return LayeredObject(scene, layers, view, objects.footprint), nullcontext, tuple
-    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+    from nlens_video.backends.choose_renderer import choose_renderer
 
-    renderer = PyrenderObjectRenderer(scene, light)
+    renderer = choose_renderer(scene, light)
     return (
         RenderedObject(scene, renderer, view, objects.footprint),
         lambda: renderer,

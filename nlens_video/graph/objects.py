@@ -123,6 +123,11 @@ class ObjectSource(Protocol):
 class Renderer(BehindRenderer, Protocol):
     """Draws a scene; see `backends`."""
 
+    @property
+    def description(self) -> str:
+        """What draws, in words."""
+        ...
+
     def render(
         self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
     ) -> ObjectLayer | None:
@@ -145,7 +150,7 @@ class RenderedObject:
     @property
     def description(self) -> str:
         """What makes the layers, in words."""
-        return "pyrender, headless OpenGL, the object's box only"
+        return self.renderer.description
 
     def places(self, time_s: float) -> Float64 | None:
         """Its vertices on the frame (V, 2) [px]; None where one lies behind the camera."""

@@ -7,35 +7,37 @@ so that no colours of samples need be stored.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlens_video.frames import Float32
 from nlens_video.kernels import fragment as at
+from nlens_video.kernels.compiled import inlined, kernel, narrow, single
 from nlens_video.kernels.deferred import BRIGHTEST, Scene, shade
-from nlens_video.kernels.fragment import Int32
-from nlens_video.kernels.raster import SAMPLE_X, SAMPLE_Y, SAMPLES, X0, Y0, Shape, covered
+from nlens_video.kernels.fragment import Block, Int32
+from nlens_video.kernels.raster import SAMPLE_X, SAMPLE_Y, covered
 from nlens_video.kernels.surface import Mesh, Paint, base_color, find
+from nlens_video.kernels.triangles import SAMPLES, X0, Y0, Shape
 
 _CUTOFF = 7  # of a material's numbers
-_FLAT = np.float32(1e-4)
-_HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
+_FLAT = single(1e-4)
+_HALF, _ZERO, _ONE = single(0.5), single(0.0), single(1.0)
 _PATTERNS = (0, 1, 9, 11, 15)  # samples of a pixel that is covered by so many quarters
 Runs = tuple[tuple[int, int], tuple[int, int], tuple[int, int], tuple[int, int]]
 Where = tuple[int, int, int]
 """Triangle, column, row."""
+OnScreen = tuple[Shape, Int32]
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _disparity(planes: Float32, t: int, x: float, y: float) -> float:
-    dx, dy = np.float32(x) - planes[t, X0], np.float32(y) - planes[t, Y0]
-    return (
-        (planes[t, 0] + planes[t, 1] + planes[t, 2]) * dx
-        + (planes[t, 3] + planes[t, 4] + planes[t, 5]) * dy
-        + (planes[t, 6] + planes[t, 7] + planes[t, 8])
-    )
+    dx, dy = narrow(x) - planes[t, X0], narrow(y) - planes[t, Y0]
+    across: float = planes[t, 0] + planes[t, 1] + planes[t, 2]
+    down: float = planes[t, 3] + planes[t, 4] + planes[t, 5]
+    start: float = planes[t, 6] + planes[t, 7] + planes[t, 8]
+    found: float = across * dx + down * dy + start
+    return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _runs(shape: Shape, t: int, y: int, width: int) -> Runs:
     line = SAMPLES * y
     return (
@@ -44,7 +46,7 @@ def _runs(shape: Shape, t: int, y: int, width: int) -> Runs:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _meeting(runs: Runs, x: int) -> tuple[int, float, float]:
     """Samples of pixel `x` within the runs, and their centroid in the pixel."""
     mask, count, px, py = 0, 0, 0.0, 0.0
@@ -57,7 +59,7 @@ def _meeting(runs: Runs, x: int) -> tuple[int, float, float]:
     return (mask, px / count, py / count) if count else (0, 0.0, 0.0)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _ends(runs: Runs) -> tuple[int, int]:
     first, last = 1 << 30, 0
     for s in range(SAMPLES):
@@ -66,13 +68,13 @@ def _ends(runs: Runs) -> tuple[int, int]:
     return first, last
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _alpha(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> float:
-    where, change, _ = find(mesh, t, np.float32(x), np.float32(y))
+    where, change, _ = find(mesh, t, narrow(x), narrow(y))
     return base_color(mesh, paint, where, change)[3]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _kept(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> int:
     """Samples that the cutoff leaves, sharpened to one pixel around it."""
     here = _alpha(mesh, paint, t, x, y)
@@ -85,28 +87,27 @@ def _kept(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> int:
     return _PATTERNS[int(share * SAMPLES + 0.5)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def cut_out(
-    drawn: Int32, first: int, last: int, width: int, shape: Shape, spans: Int32,
-    mesh: Mesh, paint: Paint, disparity: Float32, ids: Int32,
+    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, mesh: Mesh, paint: Paint,
+    disparity: Float32, ids: Int32,
 ) -> None:  # fmt: skip
     """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
 
     Args:
         drawn: the triangles, in the order in which they are drawn.
-        first: first row [px].
-        last: one beyond the last row [px].
+        rows: first row, and one beyond the last [px].
         width: columns of the picture [px].
-        shape: the triangles on the screen.
-        spans: first and last line of samples of each triangle (F, 2).
+        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
         mesh: the triangles.
         paint: their materials.
         disparity: changed: of each sample (4 h, width + PADDING) [1 / scene unit].
         ids: changed: triangle of each sample (4 h, width + PADDING).
     """
+    shape, spans = on_screen
     for n in range(len(drawn)):
         t = drawn[n]
-        for y in range(max(first, spans[t, 0] >> 2), min(last - 1, spans[t, 1] >> 2) + 1):
+        for y in range(max(rows[0], spans[t, 0] >> 2), min(rows[1] - 1, spans[t, 1] >> 2) + 1):
             runs = _runs(shape, t, y, width)
             left, right = _ends(runs)
             for x in range(left, right):
@@ -121,7 +122,7 @@ def cut_out(
                             ids[SAMPLES * y + s, x] = t
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _lay_under(
     block: Float32, whole: Int32, count: int, width: int, scene: Scene,
     passed: Float32, front: Float32, rgba: Float32,
@@ -150,7 +151,7 @@ def _lay_under(
         rgba[pixel, 3] += weight
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _seen(planes: Float32, where: Where, mask: int, disparity: Float32) -> int:
     """Those samples of a mask that no opaque surface hides."""
     t, x, y = where
@@ -162,33 +163,29 @@ def _seen(planes: Float32, where: Where, mask: int, disparity: Float32) -> int:
     return mask
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def blend(
-    drawn: Int32, first: int, last: int, width: int, shape: Shape, spans: Int32, scene: Scene,
-    disparity: Float32, passed: Float32, front: Float32, rgba: Float32,
-    block: Float32, whole: Int32,
+    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, scene: Scene,
+    disparity: Float32, passed: Float32, front: Float32, rgba: Float32, block: Block,
 ) -> None:  # fmt: skip
     """Add the light of blended triangles to rows [first, last) of the picture.
 
     Args:
         drawn: the triangles, from near to far.
-        first: first row [px].
-        last: one beyond the last row [px].
+        rows: first row, and one beyond the last [px].
         width: columns of the picture [px].
-        shape: the triangles on the screen.
-        spans: first and last line of samples of each triangle (F, 2).
+        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
         scene: what to shade with.
         disparity: of the opaque surface at each sample (4 h, width + PADDING) [1 / scene unit].
         passed: changed: share of light that gets through to each sample (4 h, width + PADDING).
         front: changed: disparity of the nearest surface at each sample (4 h, width + PADDING).
         rgba: changed: premultiplied linear light (h * width, 4).
         block: from `new_block`.
-        whole: from `new_block`.
     """
-    mesh, count = scene[0], 0
+    (numbers, whole), (shape, spans), mesh, count = block, on_screen, scene[0], 0
     for n in range(len(drawn)):
         t = drawn[n]
-        for y in range(max(first, spans[t, 0] >> 2), min(last - 1, spans[t, 1] >> 2) + 1):
+        for y in range(max(rows[0], spans[t, 0] >> 2), min(rows[1] - 1, spans[t, 1] >> 2) + 1):
             runs = _runs(shape, t, y, width)
             left, right = _ends(runs)
             for x in range(left, right):
@@ -198,10 +195,9 @@ def blend(
                     continue
                 whole[at.TRIANGLE + count], whole[at.PIXEL + count] = t, y * width + x
                 whole[at.MASK + count] = mask
-                block[at.X + count] = np.float32(x + px)
-                block[at.Y + count] = np.float32(y + py)
+                numbers[at.X + count], numbers[at.Y + count] = narrow(x + px), narrow(y + py)
                 count += 1
                 if count == at.WIDTH:
-                    _lay_under(block, whole, count, width, scene, passed, front, rgba)
+                    _lay_under(numbers, whole, count, width, scene, passed, front, rgba)
                     count = 0
-    _lay_under(block, whole, count, width, scene, passed, front, rgba)
+    _lay_under(numbers, whole, count, width, scene, passed, front, rgba)

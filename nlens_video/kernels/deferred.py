@@ -8,23 +8,24 @@ are split and each side is shaded by itself. That keeps meshes finer than the pi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlens_video.frames import Float32
 from nlens_video.kernels import fragment as at
-from nlens_video.kernels.fragment import Int32
+from nlens_video.kernels.compiled import inlined, kernel, single
+from nlens_video.kernels.fragment import Block, Int32
 from nlens_video.kernels.light import light
-from nlens_video.kernels.raster import FACING, NOTHING, SAMPLE_X, SAMPLE_Y, SAMPLES
+from nlens_video.kernels.raster import NOTHING, SAMPLE_X, SAMPLE_Y
 from nlens_video.kernels.surface import Mesh, Paint, Pinhole, lay_out
+from nlens_video.kernels.triangles import FACING, SAMPLES
 
 Lamps = tuple[Float32, int, Float32]
 """Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4)."""
 Scene = tuple[Mesh, Paint, Pinhole, Lamps]
-BRIGHTEST = np.float32(60000.0)
+BRIGHTEST = single(60000.0)
 """As much as the OpenGL backend's half floats hold: nothing overflows in the blur."""
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def same_surface(mesh: Mesh, one: int, other: int) -> bool:
     """Whether two triangles share a corner and show the same side."""
     faces, planes = mesh[4], mesh[6]
@@ -37,7 +38,7 @@ def same_surface(mesh: Mesh, one: int, other: int) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def shade(block: Float32, whole: Int32, count: int, scene: Scene) -> None:
     """Work out the radiance of the first `count` points of a block."""
     mesh, paint, lens, (lamps, suns, ambient) = scene
@@ -45,7 +46,7 @@ def shade(block: Float32, whole: Int32, count: int, scene: Scene) -> None:
     light(block, lamps, suns, ambient)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _flush(block: Float32, whole: Int32, count: int, scene: Scene, rgba: Float32) -> None:
     """Shade the points and add their light to the pixels (h * w, 4)."""
     shade(block, whole, count, scene)
@@ -57,7 +58,7 @@ def _flush(block: Float32, whole: Int32, count: int, scene: Scene, rgba: Float32
         rgba[pixel, 3] += weight
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _put(
     block: Float32, whole: Int32, i: int, t: int, pixel: int, place: tuple[float, float, float]
 ) -> None:
@@ -66,7 +67,7 @@ def _put(
     block[at.WEIGHT + i] = np.float32(place[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _edge_pixel(
     block: Float32, whole: Int32, count: int, mesh: Mesh, ids: Int32, passed: Float32,
     where: tuple[int, int, int],
@@ -97,10 +98,10 @@ def _edge_pixel(
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def shade_rows(
     first: int, last: int, width: int, ids: Int32, passed: Float32, scene: Scene, rgba: Float32,
-    block: Float32, whole: Int32,
+    block: Block,
 ) -> None:  # fmt: skip
     """Add the light of the opaque surfaces to rows [first, last) of the picture.
 
@@ -114,9 +115,8 @@ def shade_rows(
         scene: what to shade with.
         rgba: changed: premultiplied linear light (h * width, 4).
         block: from `new_block`.
-        whole: from `new_block`.
     """
-    mesh = scene[0]
+    mesh, (numbers, whole) = scene[0], block
     count = 0
     for y in range(first, last):
         line = SAMPLES * y
@@ -126,11 +126,11 @@ def shade_rows(
             if every and t == NOTHING:
                 continue
             if every and not len(passed):
-                _put(block, whole, count, t, y * width + x, (x + 0.5, y + 0.5, 1.0))
+                _put(numbers, whole, count, t, y * width + x, (x + 0.5, y + 0.5, 1.0))
                 count += 1
             else:
-                count = _edge_pixel(block, whole, count, mesh, ids, passed, (x, y, width))
+                count = _edge_pixel(numbers, whole, count, mesh, ids, passed, (x, y, width))
             if count > at.WIDTH - SAMPLES:
-                _flush(block, whole, count, scene, rgba)
+                _flush(numbers, whole, count, scene, rgba)
                 count = 0
-    _flush(block, whole, count, scene, rgba)
+    _flush(numbers, whole, count, scene, rgba)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nlens_video.frames import Float32
 
 Int32 = npt.NDArray[np.int32]
+Block = tuple[Float32, Int32]
 
 WIDTH = 64
 """Points of a block."""
@@ -35,6 +36,6 @@ TRIANGLE, PIXEL, MASK = 0 * WIDTH, 1 * WIDTH, 2 * WIDTH
 INTS = 3 * WIDTH
 
 
-def new_block() -> tuple[Float32, Int32]:
+def new_block() -> Block:
     """A block without points: what no point has written must be harmless numbers."""
     return np.zeros(FLOATS, np.float32), np.zeros(INTS, np.int32)

@@ -9,46 +9,45 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from nlens_video.frames import Float32
 from nlens_video.kernels import fragment as at
+from nlens_video.kernels.compiled import kernel_of, quick, quick_inlined, single
 
 _N = at.WIDTH
 _U = (
     np.uint64
 )  # of an index: one that might be negative is counted from the end, and not vectorised
-FAST = {"contract", "arcp", "afn"}
-_PI = np.float32(math.pi)
-_ONE, _ZERO, _HALF = np.float32(1.0), np.float32(0.0), np.float32(0.5)
-_LEAST_NV, _LEAST = np.float32(1e-4), np.float32(1e-30)
-_LEAST_ALPHA = np.float32(0.002)
+_PI = single(math.pi)
+_ONE, _ZERO, _HALF = single(1.0), single(0.0), single(0.5)
+_LEAST_NV, _LEAST = single(1e-4), single(1e-30)
+_LEAST_ALPHA = single(0.002)
 
 
 # Not max and min: loops with those are not vectorised here.
-@njit(forceinline=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick_inlined
 def larger(a: float, b: float) -> float:
     """The larger of two numbers; `b` if either is none."""
     return a if a > b else b
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick_inlined
 def smaller(a: float, b: float) -> float:
     """The smaller of two numbers; `b` if either is none."""
     return a if a < b else b
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick_inlined
 def _reflect(
-    block: Float32, i: int, l: tuple[float, float, float], strength: tuple[float, float, float]
+    block: Float32, i: int, toward: tuple[float, float, float], strength: tuple[float, float, float]
 ) -> None:
-    """Add what a point reflects of light from the unit direction `l`."""
+    """Add what a point reflects of light from the unit direction."""
     nx, ny, nz = block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]
     vx, vy, vz = block[_U(at.VIEW_X + i)], block[_U(at.VIEW_Y + i)], block[_U(at.VIEW_Z + i)]
-    nl = larger(nx * l[0] + ny * l[1] + nz * l[2], _ZERO)
+    nl = larger(nx * toward[0] + ny * toward[1] + nz * toward[2], _ZERO)
     nv = nx * vx + ny * vy + nz * vz
     nv = larger(larger(nv, -nv), _LEAST_NV)
-    hx, hy, hz = l[0] + vx, l[1] + vy, l[2] + vz
+    hx, hy, hz = toward[0] + vx, toward[1] + vy, toward[2] + vz
     scale = _ONE / math.sqrt(larger(hx * hx + hy * hy + hz * hz, _LEAST))
     nh = larger((nx * hx + ny * hy + nz * hz) * scale, _ZERO)
     vh = smaller(larger((vx * hx + vy * hy + vz * hz) * scale, _ZERO), _ONE)
@@ -76,15 +75,15 @@ def _reflect(
     block[_U(at.BLUE + i)] += nl * strength[2] * blue
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick
 def _by_sun(block: Float32, lamp: Float32) -> None:
-    l = lamp[8], lamp[9], lamp[10]
+    toward = lamp[8], lamp[9], lamp[10]
     strength = lamp[0], lamp[1], lamp[2]
     for i in range(_N):
-        _reflect(block, i, l, strength)
+        _reflect(block, i, toward, strength)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick
 def _by_lamp(block: Float32, lamp: Float32) -> None:
     px, py, pz, reach = lamp[4], lamp[5], lamp[6], lamp[7]
     ax, ay, az = lamp[8], lamp[9], lamp[10]
@@ -104,7 +103,7 @@ def _by_lamp(block: Float32, lamp: Float32) -> None:
         _reflect(block, i, (x, y, z), (part * lamp[0], part * lamp[1], part * lamp[2]))
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick_inlined
 def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
     """One channel of `Illumination.ambient` on a unit normal."""
     x, y, z = n
@@ -117,7 +116,7 @@ def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, fastmath=FAST)
+@quick
 def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int, sum_: int) -> None:
     for i in range(_N):
         n = block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]
@@ -131,9 +130,7 @@ def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int,
         block[_U(sum_ + i)] += block[_U(at.OCCLUSION + i)] * lit
 
 
-@njit(
-    "void(f4[::1],f4[:,::1],i8,f4[:,::1])", cache=True, nogil=True, error_model="numpy", _nrt=False
-)
+@kernel_of("void(f4[::1],f4[:,::1],i8,f4[:,::1])")
 def light(block: Float32, lamps: Float32, suns: int, ambient: Float32) -> None:
     """Add the light that the points of a block reflect towards the eye.
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlens_video.frames import Float32
-from nlens_video.kernels.raster import SAMPLES
+from nlens_video.kernels.compiled import inlined, kernel, kernel_of, single
+from nlens_video.kernels.triangles import SAMPLES
 
-_ONE_SURFACE = np.float32(1.005)  # samples of one surface differ by less, seen from the front
-_STEEPER = np.float32(1.5)
+_ONE_SURFACE = single(1.005)  # samples of one surface differ by less, seen from the front
+_STEEPER = single(1.5)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _range(disparity: Float32, y: int, x: int, least: float) -> tuple[float, float]:
     """Least and greatest disparity of a pixel's samples; `least` stands for nothing."""
     low = high = max(disparity[SAMPLES * y, x], least)
@@ -22,7 +22,7 @@ def _range(disparity: Float32, y: int, x: int, least: float) -> tuple[float, flo
     return low, high
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def _steep(disparity: Float32, y: int, x: int, size: tuple[int, int], least: float) -> bool:
     """Whether samples that differ lie on one steep surface and not on two.
 
@@ -40,7 +40,7 @@ def _steep(disparity: Float32, y: int, x: int, size: tuple[int, int], least: flo
     return high - low < _STEEPER * min(beside, over)
 
 
-@njit("void(f4[:,::1],i8,i8,f4,f4[:,::1])", cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel_of("void(f4[:,::1],i8,i8,f4,f4[:,::1])")
 def resolve_depth(
     disparity: Float32, first: int, last: int, least: float, depth: Float32
 ) -> None:  # fmt: skip

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from nlens_video.frames import Float32, Float64
+from nlens_video.kernels.compiled import inlined, kernel_of
 
 _GRID = 256.0
 _HUGE = 1e9  # positions beyond are far off the frame whatever they are [px]
@@ -49,7 +49,7 @@ class Lens:
         return np.array([*self.axes.ravel(), *self.eye, *scalars], dtype=np.float64)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def in_camera(position: Float32, lens: Float64) -> tuple[float, float, float]:
     """Right, up and depth of a world position."""
     x = np.float64(position[0]) - lens[9]
@@ -62,7 +62,7 @@ def in_camera(position: Float32, lens: Float64) -> tuple[float, float, float]:
     )
 
 
-@njit("void(f4[:,::1],f8[::1],f8[:,::1])", cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel_of("void(f4[:,::1],f8[::1],f8[:,::1])")
 def project(positions: Float32, lens: Float64, points: Float64) -> None:
     """Fill in columns and rows [px] and disparities (V, 3); disparity 0 nearer than `near`."""
     for v in range(len(positions)):
@@ -76,13 +76,7 @@ def project(positions: Float32, lens: Float64, points: Float64) -> None:
         points[v, 2] = disparity if inside else 0.0
 
 
-@njit(
-    "Tuple((f8,f8,f8,f8,f8,f8))(f4[:,:],f8[::1])",
-    cache=True,
-    nogil=True,
-    error_model="numpy",
-    _nrt=False,
-)
+@kernel_of("Tuple((f8,f8,f8,f8,f8,f8))(f4[:,:],f8[::1])")
 def bounds(positions: Float32, lens: Float64) -> tuple[float, float, float, float, float, float]:
     """Least and greatest column, row [px] and depth of positions (V, 3).
 

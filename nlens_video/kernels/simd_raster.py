@@ -1,4 +1,4 @@
-"""Sixteen samples of a line drawn at once: numba would take runs as short as a mesh's one by one."""
+"""Sixteen samples of a line drawn at once: numba would take short runs sample by sample."""
 
 from __future__ import annotations
 

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numba import njit
-
 from nlens_video.frames import Float32
 from nlens_video.kernels import fragment as at
+from nlens_video.kernels.compiled import inlined, kernel, single
 from nlens_video.kernels.fragment import Int32
-from nlens_video.kernels.raster import FACING, X0, Y0
 from nlens_video.kernels.texture import Rgba, Table, Texels, sample
+from nlens_video.kernels.triangles import FACING, X0, Y0
 
 Mesh = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]
 """Positions (V, 3), normals (V, 3), texture coordinates (V, 4), colours (V, 4), faces (F, 3), each
@@ -36,11 +34,11 @@ BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE = range(5)
 UNLIT, OPAQUE = 1, 2
 MATERIAL_NUMBERS = 56
 _UV_ROWS = 16
-_ZERO, _HALF, _ONE, _TWO = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0))
-_LEAST = np.float32(1e-30)
+_ZERO, _HALF, _ONE, _TWO = (single(v) for v in (0.0, 0.5, 1.0, 2.0))
+_LEAST = single(1e-30)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _planes(planes: Float32, t: int, x: float, y: float) -> tuple[float, Weights, float]:
     """Weights of the corners at a position, divided by depth; their sum, each, 1 / sum."""
     dx, dy = x - planes[t, X0], y - planes[t, Y0]
@@ -52,7 +50,7 @@ def _planes(planes: Float32, t: int, x: float, y: float) -> tuple[float, Weights
     return total, (q0 * depth, q1 * depth, q2 * depth), depth
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _change(planes: Float32, t: int, row: int, w: Weights, depth: float) -> Weights:
     """Change of the weights by a column (row 0) or a row (row 3)."""
     a, b, c = planes[t, row], planes[t, row + 1], planes[t, row + 2]
@@ -60,15 +58,15 @@ def _change(planes: Float32, t: int, row: int, w: Weights, depth: float) -> Weig
     return (a - w[0] * total) * depth, (b - w[1] * total) * depth, (c - w[2] * total) * depth
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _of(values: Float32, corners: Corners, c: int, w: Weights) -> float:
     """Column `c` of the corners' values, weighted."""
-    return (
-        w[0] * values[corners[0], c] + w[1] * values[corners[1], c] + w[2] * values[corners[2], c]
-    )
+    i, j, k = corners
+    found: float = w[0] * values[i, c] + w[1] * values[j, c] + w[2] * values[k, c]
+    return found
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _mapped(
     mesh: Mesh, numbers: Float32, where: Point, slot: int, w: Weights, one: float
 ) -> tuple[float, float]:
@@ -83,7 +81,7 @@ def _mapped(
     )
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _texel(mesh: Mesh, paint: Paint, where: Point, slot: int, change: Change) -> Rgba:
     numbers, maps, _, atlas = paint
     w, across, down = change
@@ -94,7 +92,7 @@ def _texel(mesh: Mesh, paint: Paint, where: Point, slot: int, change: Change) ->
     )  # fmt: skip
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def find(mesh: Mesh, t: int, x: float, y: float) -> tuple[Point, Change, float]:
     """A triangle's point at a position of the screen, its weights there, and its depth."""
     faces, material, planes = mesh[4], mesh[5], mesh[6]
@@ -103,7 +101,7 @@ def find(mesh: Mesh, t: int, x: float, y: float) -> tuple[Point, Change, float]:
     return (t, material[t], (faces[t, 0], faces[t, 1], faces[t, 2])), change, depth
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def base_color(mesh: Mesh, paint: Paint, where: Point, change: Change) -> Rgba:
     """Linear base colour and alpha at a point."""
     colors, (numbers, maps, _, _) = mesh[3], paint
@@ -119,7 +117,7 @@ def base_color(mesh: Mesh, paint: Paint, where: Point, change: Change) -> Rgba:
     return r, g, b, a
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _moved(positions: Float32, corners: Corners, w: Weights) -> Weights:
     """Weighted corners where the weights' sum is 0, in differences: worlds may lie far off."""
     i, j, k = corners
@@ -130,7 +128,7 @@ def _moved(positions: Float32, corners: Corners, w: Weights) -> Weights:
     )
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _bumped(mesh: Mesh, paint: Paint, where: Point, change: Change, n: Weights) -> Weights:
     """A normal tilted by the material's normal map; its frame comes from derivatives."""
     numbers, (_, m, corners) = paint[0], where
@@ -144,8 +142,10 @@ def _bumped(mesh: Mesh, paint: Paint, where: Point, change: Change, n: Weights) 
     )  # fmt: skip
     # v grows downwards in the picture, the map's green upwards.
     sx, sy, sz = (
-        -fy[0] * ux[1] - fx[0] * uy[1], -fy[1] * ux[1] - fx[1] * uy[1], -fy[2] * ux[1] - fx[2] * uy[1]
-    )  # fmt: skip
+        -fy[0] * ux[1] - fx[0] * uy[1],
+        -fy[1] * ux[1] - fx[1] * uy[1],
+        -fy[2] * ux[1] - fx[2] * uy[1],
+    )
     size = max(tx * tx + ty * ty + tz * tz, sx * sx + sy * sy + sz * sz)
     if not size > _ZERO:
         return n
@@ -160,13 +160,13 @@ def _bumped(mesh: Mesh, paint: Paint, where: Point, change: Change, n: Weights) 
     return tx * i + sx * j + n[0] * k, ty * i + sy * j + n[1] * k, tz * i + sz * j + n[2] * k
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _unit(x: float, y: float, z: float) -> Weights:
     scale = _ONE / math.sqrt(max(x * x + y * y + z * z, _LEAST))
     return x * scale, y * scale, z * scale
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _place(block: Float32, i: int, lens: Pinhole, x: float, y: float, depth: float) -> None:
     """Direction to the eye, and distance."""
     right, up = (x - lens[11]) / lens[9], (lens[12] - y) / lens[10]
@@ -178,7 +178,7 @@ def _place(block: Float32, i: int, lens: Pinhole, x: float, y: float, depth: flo
     block[at.VIEW_Z + i], block[at.DISTANCE + i] = vz / length, depth * length
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _reflectance(
     block: Float32, i: int, mesh: Mesh, paint: Paint, where: Point, change: Change
 ) -> None:
@@ -203,7 +203,7 @@ def _reflectance(
     block[at.RED + i], block[at.GREEN + i], block[at.BLUE + i] = r, g, b
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _emit(block: Float32, i: int, base: Rgba) -> None:
     """An unlit point: its base colour is its radiance, and it reflects nothing."""
     block[at.RED + i], block[at.GREEN + i], block[at.BLUE + i] = base[0], base[1], base[2]
@@ -212,7 +212,7 @@ def _emit(block: Float32, i: int, base: Rgba) -> None:
     block[at.SPECULAR + i] = block[at.METALLIC + i] = _ZERO
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel
 def lay_out(
     block: Float32, whole: Int32, count: int, mesh: Mesh, paint: Paint, lens: Pinhole
 ) -> None:  # fmt: skip

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
-from nlens_video.frames import Float32
+from nlens_video.kernels.compiled import floor, inlined, narrow, single, truncated
 
 Texels = npt.NDArray[np.uint16]
 Table = npt.NDArray[np.int64]
@@ -28,8 +28,8 @@ Rgba = tuple[float, float, float, float]
 NEAREST, LINEAR = 9728, 9729
 _NEAREST_OF_NEAREST, _LINEAR_OF_NEAREST, _NEAREST_OF_TWO = 9984, 9985, 9986
 _CLAMP, _MIRROR = 33071, 33648
-_ZERO, _HALF, _ONE, _TWO = (np.float32(v) for v in (0.0, 0.5, 1.0, 2.0))
-_FAR = np.float32(1e6)
+_ZERO, _HALF, _ONE, _TWO = (single(v) for v in (0.0, 0.5, 1.0, 2.0))
+_FAR = single(1e6)
 # Columns of the table: first level, levels, filters for enlarging and shrinking, wrapping.
 _FIRST, _COUNT, _MAG, _MIN, _WRAP_S, _WRAP_T = range(6)
 
@@ -70,7 +70,9 @@ class Atlas:
     @classmethod
     def of(cls, textures: Sequence[Texture]) -> Atlas:
         """Decode textures and make their smaller levels."""
-        parts, levels, table, size = [np.zeros(4, np.uint16)], [], [], 1
+        parts, size = [np.zeros(4, np.uint16)], 1
+        levels: list[tuple[int, int, int]] = []
+        table: list[tuple[int, ...]] = []
         for texture in textures:
             first = len(levels)
             for level in _pyramid(texture):
@@ -93,14 +95,15 @@ def _pyramid(texture: Texture) -> list[Texels]:
     straight = np.round(codes * 65535.0).astype(np.uint16)
     linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
     decoded = np.round(linear * 65535.0).astype(np.uint16) if texture.srgb else straight
-    level = np.empty(texture.pixels.shape, np.uint16)
+    level: Texels = np.empty(texture.pixels.shape, np.uint16)
     level[..., :3] = decoded[texture.pixels[..., :3]]
     level[..., 3] = straight[texture.pixels[..., 3]]
-    levels = [level]
+    levels: list[Texels] = [level]
     while texture.min_filter not in (NEAREST, LINEAR) and max(level.shape[:2]) > 1:
-        height, width = (max(1, side // 2) for side in level.shape[:2])
-        level = cv2.resize(level, (width, height), interpolation=cv2.INTER_AREA)
-        levels.append(level.reshape(height, width, 4))
+        height, width = max(1, level.shape[0] // 2), max(1, level.shape[1] // 2)
+        half = cv2.resize(level, (width, height), interpolation=cv2.INTER_AREA)
+        level = np.asarray(half, np.uint16).reshape(height, width, 4)
+        levels.append(level)
     return levels
 
 
@@ -136,35 +139,37 @@ def _blend(
         return context.make_tuple(builder, signature.return_type, channels)
 
     kinds = (types.intp,) * 4 + (types.float32,) * 2
-    return types.UniTuple(types.float32, 4)(texels, *kinds), generate
+    rgba: Any = types.Tuple
+    return rgba((types.float32,) * 4)(texels, *kinds), generate
 
 
+_mixed: Any = _blend
 _INT, _ORDER = ir.IntType(32), ir.VectorType(ir.IntType(32), 4)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _wrapped(u: float, wrap: int) -> float:
     """A coordinate as one in [0, 1]."""
     if wrap == _CLAMP:
         return min(max(u, _ZERO), _ONE)
     if wrap == _MIRROR:
-        return min(abs(u - _TWO * np.floor(u * _HALF + _HALF)), _ONE)
-    return u - np.floor(u)
+        return min(abs(u - _TWO * floor(u * _HALF + _HALF)), _ONE)
+    return u - floor(u)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _neighbours(u: float, size: int, wrap: int) -> tuple[int, int, float]:
     """The two texels beside a coordinate in [0, 1], and the second one's share."""
-    x = u * np.float32(size) - _HALF
-    floor = np.floor(x)
-    low = np.int64(np.int32(floor))
+    x = u * narrow(size) - _HALF
+    below = floor(x)
+    low = truncated(below)
     high = low + 1
     if wrap == _CLAMP or wrap == _MIRROR:
-        return max(low, 0), min(high, size - 1), x - floor
-    return (size - 1 if low < 0 else low), (0 if high >= size else high), x - floor
+        return max(low, 0), min(high, size - 1), x - below
+    return (size - 1 if low < 0 else low), (0 if high >= size else high), x - below
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _level(
     atlas: tuple[Texels, Table, Table], row: int, at: tuple[float, float], wrap: tuple[int, int]
 ) -> Rgba:
@@ -174,21 +179,23 @@ def _level(
     x0, x1, across = _neighbours(at[0], width, wrap[0])
     y0, y1, down = _neighbours(at[1], height, wrap[1])
     upper, lower = start + y0 * width, start + y1 * width
-    return _blend(texels, upper + x0, upper + x1, lower + x0, lower + x1, across, down)
+    mixed: Rgba = _mixed(texels, upper + x0, upper + x1, lower + x0, lower + x1, across, down)
+    return mixed
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _nearest(atlas: tuple[Texels, Table, Table], row: int, at: tuple[float, float]) -> Rgba:
     """The nearest texel of a level; `at` in [0, 1]."""
     texels, levels, _ = atlas
     start, width, height = levels[row, 0], levels[row, 1], levels[row, 2]
-    x = min(np.int64(at[0] * np.float32(width)), width - 1)
-    y = min(np.int64(at[1] * np.float32(height)), height - 1)
+    x = min(truncated(at[0] * narrow(width)), width - 1)
+    y = min(truncated(at[1] * narrow(height)), height - 1)
     here = start + y * width + x
-    return _blend(texels, here, here, here, here, _ZERO, _ZERO)
+    mixed: Rgba = _mixed(texels, here, here, here, here, _ZERO, _ZERO)
+    return mixed
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def _filtered(
     atlas: tuple[Texels, Table, Table], row: int, at: tuple[float, float], wrap: tuple[int, int],
     linear: bool,  # noqa: FBT001
@@ -196,7 +203,7 @@ def _filtered(
     return _level(atlas, row, at, wrap) if linear else _nearest(atlas, row, at)
 
 
-@njit(forceinline=True, error_model="numpy", _nrt=False)
+@inlined
 def sample(
     atlas: tuple[Texels, Table, Table], texture: int,
     at: tuple[float, float], along_x: tuple[float, float], along_y: tuple[float, float],
@@ -217,7 +224,7 @@ def sample(
     wrap = table[texture, _WRAP_S], table[texture, _WRAP_T]
     inside = _wrapped(u, wrap[0]), _wrapped(v, wrap[1])
     mag, least, base = table[texture, _MAG], table[texture, _MIN], table[texture, _FIRST]
-    width, height = np.float32(levels[base, 1]), np.float32(levels[base, 2])
+    width, height = narrow(levels[base, 1]), narrow(levels[base, 2])
     ux, vx, uy, vy = (
         along_x[0] * width,
         along_x[1] * height,
@@ -232,13 +239,13 @@ def sample(
         return _filtered(atlas, base, inside, wrap, mag == LINEAR)
     linear = least == LINEAR or least == _LINEAR_OF_NEAREST or least > _NEAREST_OF_TWO
     last = table[texture, _COUNT] - 1
-    lod = min(_HALF * np.float32(math.log2(squared)), np.float32(last))
+    lod = min(_HALF * narrow(math.log2(squared)), narrow(last))
     if least == _NEAREST_OF_NEAREST or least == _LINEAR_OF_NEAREST or last == 0:
-        near = np.int64(np.ceil(lod + _HALF)) - 1
+        near = truncated(math.ceil(lod + _HALF)) - 1
         return _filtered(atlas, base + max(near, 0), inside, wrap, linear)
     lod = max(lod, _ZERO)
-    first = np.int64(np.int32(lod))
-    part = lod - np.float32(first)
+    first = truncated(lod)
+    part = lod - narrow(first)
     r, g, b, a = _filtered(atlas, base + first, inside, wrap, linear)
     q = _filtered(atlas, base + min(first + 1, last), inside, wrap, linear)
     return (
