@@ -1,7 +1,7 @@
-"""Time what a frame's object costs, step by step, in CPU time of all threads.
+"""Time what a frame's object costs, in CPU time of all threads, by both renderers in turn.
 
-Run: python benchmarks/bench_render.py. Each figure is the least of the rounds: CPU
-time hardly depends on what else the machine does, yet caches and clocks do.
+Run: python benchmarks/bench_render.py. Each figure is the least of many rounds: CPU time depends
+less on what else the machine does than the clock's, yet caches are shared. The ratio says most.
 
 The object is a bumpy ellipsoid of 200x400 px on a frame of 960x512: textured, carried by 24 joints
 and lit by three lamps.
@@ -9,10 +9,14 @@ and lit by three lamps.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import math
 import struct
+import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +25,7 @@ import PIL.Image
 from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
 from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.frames import Float32
-from nlens_video.scene import Camera
+from nlens_video.scene import Camera, Scene
 
 WIDTH, HEIGHT = 960, 512
 JOINTS = 24

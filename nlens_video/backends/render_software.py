@@ -15,13 +15,16 @@ import numpy as np
 from nlens_video.backends.box_renderer import BoxRenderer, Sight, lens_of
 from nlens_video.backends.lighting import Lighting
 from nlens_video.backends.soft_object import SoftObject
-from nlens_video.frames import Float32
+from nlens_video.frames import Box, Float32
 from nlens_video.kernels import alpha, deferred, nearest, raster, screen, triangles
 from nlens_video.kernels.fragment import Int32, new_block
 from nlens_video.kernels.pool import processors, share
 from nlens_video.kernels.scratch import scratch
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
-from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.materials import Material
+from nlens_video.scene.mesh import Geometry
+from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.scene_light import SceneLight
 
 _BANDS = 3  # for each thread: some rows take longer than others
@@ -64,6 +67,27 @@ class SoftwareObjectRenderer(BoxRenderer):
         """Free what it holds; may be called again."""
         super().close()
         self._object = None
+
+
+def make_ready() -> None:
+    """Compile the kernels that any object needs, or load them from numba's cache."""
+    corners = np.array([[0, 0, -1], [1, 0, -1], [0, 1, -1]], np.float32)
+    geometry = Geometry(
+        name="", positions=corners, normals=corners, faces=np.array([[0, 1, 2]], np.int32),
+        uv=np.zeros((3, 4), np.float32), colors=None, material=Material(double_sided=True),
+        flat=False, joints=None, weights=None, targets=None, target_normals=None,
+    )  # fmt: skip
+    posed = PosedScene(0.0, (PosedMesh(geometry, corners, corners, mirrored=False),), ())
+    box = Box(0, 0, 8, 8)
+    camera = Camera(
+        world_from_camera=np.eye(4), fx=8, fy=8, cx=0, cy=8, width=box.width, height=box.height
+    )
+    sight = Sight(camera=camera, box=box, near=0.5, far=2.0, nearest=False)
+    shown = SoftObject(posed)
+    shown.move(posed)
+    picture = _Picture.of(shown, sight, Lighting((), None))
+    for step in picture.steps:
+        step((0, box.height))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

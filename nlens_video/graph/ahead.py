@@ -80,6 +80,8 @@ def _works(nodes: Sequence[Node]) -> list[Work]:
     """What to call for the nodes, in their order, each once."""
     works: dict[str, Work] = {}
     for node in nodes:
+        if node.backend.startswith("software rasteriser"):
+            works["render"] = _render
         if node.stage in ("scatter", "lens", "expose"):
             works["scatter"] = _scatter
         if node.stage == "lens":
@@ -110,6 +112,12 @@ def _sharp(*, behind: bool = False) -> DefocusedLayer:
 
 def _blurred() -> BlurredLayer:
     return BlurredLayer(box=_FRAME, rgba=_sharp().layer.rgba)
+
+
+def _render() -> None:
+    from nlens_video.backends.render_software import make_ready
+
+    make_ready()
 
 
 def _scatter() -> None:

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 
 import pytest
 
 from nlens_video.graph.ahead import Ahead
 from nlens_video.graph.build import Graph
 from nlens_video.graph.node import Node
+from nlens_video.kernels import deferred, raster, triangles
 
 PROBE = """
 import sys
@@ -43,6 +45,13 @@ def test_kernels_are_ready_for_the_nodes_that_need_them(request):
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert done.stdout.strip() == "ready", done.stderr
+
+
+def test_the_software_rasteriser_is_ready_where_it_draws():
+    drawn = replace(node("render", "render"), backend="software rasteriser (no graphics device)")
+    with Ahead(graph(drawn)) as ahead:
+        ahead._thread.join()
+    assert deferred.shade_rows.signatures and raster.fill.signatures and triangles.set_up.signatures
 
 
 def test_a_node_runs_ahead_with_inputs_of_its_own_kind():
