@@ -47,14 +47,14 @@ def pictures(scene, zoom, time_s=0.4):
 
 def assert_agree(scene):
     # How levels of a texture are mixed is antialiasing, and so are holes that a texture cuts. So
-    # colour is compared on large pictures made small; coverage by triangles is exact in any.
-    (ours, our_depth), (theirs, their_depth) = pictures(scene, 1)
+    # those are compared on large pictures; coverage by triangles is exact in any.
+    if all(mesh.geometry.material.alpha_mode == "OPAQUE" for mesh in scene.pose(0.0).meshes):
+        (ours, _), (theirs, _) = pictures(scene, 1)
+        assert (np.abs(ours[..., 3] - theirs[..., 3]) > 0.05).mean() < 1e-4
+    (ours, our_depth), (theirs, their_depth) = pictures(scene, 6)
     both = np.isfinite(our_depth) & np.isfinite(their_depth)
     assert (np.isfinite(our_depth) != np.isfinite(their_depth)).mean() < 2e-3
-    assert (np.abs(our_depth[both] / their_depth[both] - 1.0) > 2e-3).mean() < 0.01
-    if all(mesh.geometry.material.alpha_mode == "OPAQUE" for mesh in scene.pose(0.0).meshes):
-        assert (np.abs(ours[..., 3] - theirs[..., 3]) > 0.05).mean() < 1e-4
-    (ours, _), (theirs, _) = pictures(scene, 6)
+    assert (np.abs(our_depth[both] / their_depth[both] - 1.0) > 2e-3).mean() < 5e-3
     ours, theirs = (cv2.resize(v, SIZE, interpolation=cv2.INTER_AREA) for v in (ours, theirs))
     there = theirs[..., 3] > 0
     assert there.sum() > 500
