@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
+from nlens_video.backends.behind import BehindPicture, Front
 from nlens_video.backends.lighting import Lighting
 from nlens_video.errors import NlensError, SceneError
-from nlens_video.frames import Box, Float32, ObjectLayer
+from nlens_video.frames import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.kernels.screen import Lens, bounds
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
@@ -43,6 +44,17 @@ class Sight:
     nearest: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Drawn:
+    """The last picture, and all that it was drawn from."""
+
+    key: tuple[object, ...]
+    posed: PosedScene
+    sight: Sight
+    lighting: Lighting
+    layer: ObjectLayer
+
+
 class BoxRenderer(ABC):
     """Renders a scene's object on the box of the frame that it covers.
 
@@ -62,7 +74,7 @@ class BoxRenderer(ABC):
         self._scene = scene
         self._light = light or SceneLight(scene.light_count)
         self._posed: PosedScene | None = None
-        self._drawn: tuple[tuple[object, ...], PosedScene, ObjectLayer] | None = None
+        self._drawn: _Drawn | None = None
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -115,19 +127,64 @@ class BoxRenderer(ABC):
         posed = self._posed
         lighting = Lighting.of(self._light.on_object(posed.lights))
         key = (*_key(posed, camera, lighting), margin, nearest)
-        if self._drawn is not None and self._drawn[0] == key:
-            return self._drawn[2]
+        if self._drawn is not None and self._drawn.key == key:
+            return self._drawn.layer
         sight = _sight(posed, camera, margin, nearest=nearest)
         if sight is None:
             return None
         rgba, depth = self._draw(posed, sight, lighting)
         layer = ObjectLayer(box=sight.box, rgba=rgba, depth=depth)
-        self._drawn = key, posed, layer
+        self._drawn = _Drawn(key=key, posed=posed, sight=sight, lighting=lighting, layer=layer)
         return layer
+
+    def render_behind(
+        self, front: ObjectLayer, region: Box, disparity_step: float
+    ) -> BehindLayer | None:
+        """What the nearest surfaces of a picture hide.
+
+        Args:
+            front: the picture that `render` has drawn last.
+            region: where to look, a part of its box.
+            disparity_step: how much less disparity than the nearest surface what it hides has
+                at least, > 0 [1 / scene unit].
+
+        Returns:
+            The layer on the region; None where nothing is hidden.
+
+        Raises:
+            NlensError: as `render`, or `front` is not the last picture.
+            ValueError: the region is not within it.
+        """
+        self._check()
+        if self._drawn is None or self._drawn.layer is not front:
+            raise NlensError(
+                "the object was drawn again before it was looked behind; in the pipeline file put "
+                "the stage 'peel' right after 'object-coc'"
+            )
+        if region.empty or region.intersection(front.box) != region:
+            raise ValueError(f"{region} is not within {front.box}")
+        drawn = self._drawn
+        shown = Front(
+            depth=front.depth[region.slices_in(front.box)],
+            disparity_step=disparity_step,
+            corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
+        )
+        sight = replace(drawn.sight, box=region, nearest=False)
+        seen = self._draw_behind(drawn.posed, sight, drawn.lighting, shown)
+        if seen is None:
+            return None
+        hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
+        return BehindLayer(hidden=hidden, front_rgba=seen.front_rgba)
 
     @abstractmethod
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""
+
+    @abstractmethod
+    def _draw_behind(
+        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+    ) -> BehindPicture | None:
+        """What lies behind a part of the last picture, without what blends; None for nothing."""
 
     def _check(self) -> None:
         """Refuse what can't be drawn here and now."""

@@ -16,8 +16,9 @@ import pyrender
 from OpenGL import GL
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
+from nlens_video.backends.behind import BehindPicture, Front
 from nlens_video.backends.closed import closed_bodies
-from nlens_video.backends.gl_behind import BehindPicture, BehindTarget, Front
+from nlens_video.backends.gl_behind import BehindTarget
 from nlens_video.backends.gl_objects import GpuMaterial, GpuPrimitive, GpuTexture
 from nlens_video.backends.gl_target import FloatTarget
 from nlens_video.backends.lighting import Lighting

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlens_video.backends.behind import BehindPicture, Front
 from nlens_video.backends.box_renderer import BoxRenderer, Sight
 from nlens_video.backends.lighting import Lighting
 from nlens_video.errors import NlensError
@@ -21,7 +22,7 @@ from nlens_video.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
     from nlens_video.backends.gl_platform import HeadlessPlatform
-    from nlens_video.backends.gl_renderer import LinearRenderer
+    from nlens_video.backends.gl_renderer import LinearRenderer, View
 
 
 class PyrenderObjectRenderer(BoxRenderer):
@@ -45,21 +46,18 @@ class PyrenderObjectRenderer(BoxRenderer):
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
         renderer = self._open(posed)
         from nlens_video.backends.gl_platform import refusals
-        from nlens_video.backends.gl_renderer import View
 
-        camera, box = sight.camera, sight.box
-        view = View(
-            camera_from_world=camera.camera_from_world,
-            eye=camera.world_from_camera[:3, 3],
-            clip_from_camera=_projection(sight),
-            near=sight.near,
-            far=sight.far,
-            width=box.width,
-            height=box.height,
-        )
-        size = f"{box.width}x{box.height}"
-        with refusals(f"cannot draw a picture of {size} pixels", "use a smaller frame"):
-            return renderer.draw(posed, view, lighting, nearest=sight.nearest)
+        with refusals(*_refusal(sight)):
+            return renderer.draw(posed, _view(sight), lighting, nearest=sight.nearest)
+
+    def _draw_behind(
+        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+    ) -> BehindPicture | None:
+        renderer = self._open(posed)
+        from nlens_video.backends.gl_platform import refusals
+
+        with refusals(*_refusal(sight)):
+            return renderer.draw_behind(posed, _view(sight), lighting, front)
 
     def _open(self, posed: PosedScene) -> LinearRenderer:
         if self._renderer is None or self._platform is None:
@@ -102,6 +100,26 @@ def _start(posed: PosedScene) -> tuple[HeadlessPlatform, LinearRenderer]:
     except BaseException:
         platform.delete_context()
         raise
+
+
+def _refusal(sight: Sight) -> tuple[str, str]:
+    """What to say where OpenGL refuses a picture."""
+    size = f"{sight.box.width}x{sight.box.height}"
+    return f"cannot draw a picture of {size} pixels", "use a smaller frame"
+
+
+def _view(sight: Sight) -> View:
+    from nlens_video.backends.gl_renderer import View
+
+    return View(
+        camera_from_world=sight.camera.camera_from_world,
+        eye=sight.camera.world_from_camera[:3, 3],
+        clip_from_camera=_projection(sight),
+        near=sight.near,
+        far=sight.far,
+        width=sight.box.width,
+        height=sight.box.height,
+    )
 
 
 def _projection(sight: Sight) -> Float64:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.backends.material_numbers import material_numbers, texture_uses
-from nlens_video.frames import Float32
+from nlens_video.frames import Bool, Float32
 from nlens_video.kernels.fragment import Int32
 from nlens_video.kernels.screen import Lens
 from nlens_video.kernels.surface import OPAQUE, UNLIT, Mesh, Paint
@@ -40,6 +40,7 @@ class SoftObject:
 
     def __init__(self, posed: PosedScene) -> None:
         self._meshes: tuple[PosedMesh | None, ...] = (None,) * len(posed.meshes)
+        self._closed: Bool | None = None  # found when first called for
         counts = [len(mesh.positions) for mesh in posed.meshes]
         self._first = np.cumsum([0, *counts])
         total = int(self._first[-1])
@@ -102,6 +103,16 @@ class SoftObject:
         # What is equally far is drawn in the file's order, hence from near to far in the reverse.
         order = np.lexsort((-blended, own, -chosen, means[chosen]))
         return opaque, masked, np.ascontiguousarray(blended[order])
+
+    @property
+    def outer_sides(self) -> npt.NDArray[np.uint8]:
+        """`sides` without the inner sides of closed bodies, which nobody sees."""
+        if self._closed is None:
+            from nlens_video.backends.closed import closed_bodies  # here: it loads trimesh
+
+            posed = [mesh for mesh in self._meshes if mesh is not None]
+            self._closed = np.array(closed_bodies(posed), bool)[self._mesh_of]
+        return np.where(self._closed, self.sides & ~np.uint8(_BACK), self.sides)
 
     def mesh(self, planes: Float32) -> Mesh:
         """The triangles with their planes (F, 12) on the screen."""

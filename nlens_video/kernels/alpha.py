@@ -15,7 +15,7 @@ from nlens_video.kernels.deferred import BRIGHTEST, Scene, shade
 from nlens_video.kernels.fragment import Block, Int32
 from nlens_video.kernels.raster import SAMPLE_X, SAMPLE_Y, covered
 from nlens_video.kernels.surface import Mesh, Paint, base_color, find
-from nlens_video.kernels.triangles import SAMPLES, X0, Y0, Shape
+from nlens_video.kernels.triangles import SAMPLES, Shape, disparity_at
 
 _CUTOFF = 7  # of a material's numbers
 _FLAT = single(1e-4)
@@ -25,16 +25,6 @@ Runs = tuple[tuple[int, int], tuple[int, int], tuple[int, int], tuple[int, int]]
 Where = tuple[int, int, int]
 """Triangle, column, row."""
 OnScreen = tuple[Shape, Int32]
-
-
-@inlined
-def _disparity(planes: Float32, t: int, x: float, y: float) -> float:
-    dx, dy = narrow(x) - planes[t, X0], narrow(y) - planes[t, Y0]
-    across: float = planes[t, 0] + planes[t, 1] + planes[t, 2]
-    down: float = planes[t, 3] + planes[t, 4] + planes[t, 5]
-    start: float = planes[t, 6] + planes[t, 7] + planes[t, 8]
-    found: float = across * dx + down * dy + start
-    return found
 
 
 @kernel
@@ -90,7 +80,7 @@ def _kept(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> int:
 @kernel
 def cut_out(
     drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, mesh: Mesh, paint: Paint,
-    disparity: Float32, ids: Int32,
+    most: Float32, disparity: Float32, ids: Int32,
 ) -> None:  # fmt: skip
     """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
 
@@ -101,6 +91,8 @@ def cut_out(
         on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
         mesh: the triangles.
         paint: their materials.
+        most: largest disparity that is drawn in each pixel (h, w); (0, 0) where all is
+            [1 / scene unit].
         disparity: changed: of each sample (4 h, width + PADDING) [1 / scene unit].
         ids: changed: triangle of each sample (4 h, width + PADDING).
     """
@@ -116,7 +108,9 @@ def cut_out(
                     mask &= _kept(mesh, paint, t, x + px, y + py)
                 for s in range(SAMPLES):
                     if mask >> s & 1:
-                        d = _disparity(mesh[6], t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                        d = disparity_at(mesh[6], t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                        if len(most) and d > most[y, x]:
+                            continue
                         if d >= disparity[SAMPLES * y + s, x]:
                             disparity[SAMPLES * y + s, x] = d
                             ids[SAMPLES * y + s, x] = t
@@ -142,7 +136,7 @@ def _lay_under(
                 line = SAMPLES * y + s
                 weight += passed[line, x]
                 passed[line, x] *= _ONE - alpha
-                d = _disparity(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                d = disparity_at(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
                 front[line, x] = max(front[line, x], d)
         weight *= alpha / np.float32(SAMPLES)
         rgba[pixel, 0] += weight * min(block[at.RED + i], BRIGHTEST)
@@ -157,7 +151,7 @@ def _seen(planes: Float32, where: Where, mask: int, disparity: Float32) -> int:
     t, x, y = where
     for s in range(SAMPLES):
         if mask >> s & 1:
-            d = _disparity(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+            d = disparity_at(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
             if d < disparity[SAMPLES * y + s, x]:
                 mask &= ~(1 << s)
     return mask

@@ -16,7 +16,7 @@ import numpy as np
 from nlens_video.frames import Float32
 from nlens_video.kernels.compiled import inlined, kernel
 from nlens_video.kernels.simd_raster import LANES, draw_run
-from nlens_video.kernels.triangles import Int32, Shape, crossing_planes, homogeneous
+from nlens_video.kernels.triangles import Int32, Shape, crossing_planes, disparity_at, homogeneous
 
 Samples = tuple[Float32, Int32, int, int]
 """Disparities and triangles, flat; columns of the picture, and those that are stored."""
@@ -203,3 +203,31 @@ def fill(
                 homogeneous(positions[k], lens),
             )
             _fill_crossing(planes, 1.0 / lens[16], t, limits, picture)
+
+
+@kernel
+def fill_behind(
+    drawn: Int32, rows: tuple[int, int], on_screen: tuple[Shape, Int32], most: Float32,
+    planes: Float32, disparity: Float32, ids: Int32,
+) -> None:  # fmt: skip
+    """Draw triangles on rows [first, last) where they lie behind others, as `fill` does.
+
+    Args:
+        drawn: the triangles, in the order in which they are drawn.
+        rows: first row, and one beyond the last [px].
+        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
+        most: largest disparity that is drawn in each pixel (h, w) [1 / scene unit].
+        planes: from `triangles.set_up` (F, 12).
+        disparity: changed: of each sample (4 h, w + PADDING) [1 / scene unit].
+        ids: changed: triangle of each sample (4 h, w + PADDING).
+    """
+    shape, spans = on_screen
+    for n in range(len(drawn)):
+        t = drawn[n]
+        first, last = max(4 * rows[0], spans[t, 0]), min(4 * rows[1] - 1, spans[t, 1])
+        for line in range(first, last + 1):
+            left, right = covered(shape, t, line, most.shape[1])
+            for x in range(left, right):
+                d = disparity_at(planes, t, x + SAMPLE_X[line & 3], 0.25 * line + 0.125)
+                if disparity[line, x] <= d <= most[line >> 2, x]:
+                    disparity[line, x], ids[line, x] = d, t

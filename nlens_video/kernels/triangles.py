@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.frames import Float32, Float64
-from nlens_video.kernels.compiled import inlined, kernel
+from nlens_video.kernels.compiled import inlined, kernel, narrow
 from nlens_video.kernels.screen import in_camera
 
 Int32 = npt.NDArray[np.int32]
@@ -148,3 +148,14 @@ def set_up(
         kept[count] = t
         count += 1
     return count
+
+
+@inlined
+def disparity_at(planes: Float32, t: int, x: float, y: float) -> float:
+    """Disparity of a triangle at a position on the screen."""
+    dx, dy = narrow(x) - planes[t, X0], narrow(y) - planes[t, Y0]
+    across: float = planes[t, 0] + planes[t, 1] + planes[t, 2]
+    down: float = planes[t, 3] + planes[t, 4] + planes[t, 5]
+    start: float = planes[t, 6] + planes[t, 7] + planes[t, 8]
+    found: float = across * dx + down * dy + start
+    return found

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.errors import NlensError
 from nlens_video.evaluate.bench_glb import write_glb
 from nlens_video.evaluate.bench_shapes import YFOV, Optics, Place, card, rectangle, tube
@@ -18,7 +19,7 @@ from nlens_video.stages.l_repair import RepairLayer
 from nlens_video.stages.lens_points import bare_points
 from nlens_video.stages.look_behind import look_behind
 
-pytestmark = pytest.mark.needs_gl
+RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 
 OPTICS = Optics(slope=112.0, intercept=-56.0)
 SIZE = (320, 160)
@@ -54,11 +55,11 @@ SCATTER = ReblurLayer(scatter=scatter, reach=blur_reach)
 class Seen:
     """An object of some surfaces through the lens."""
 
-    def __init__(self, path, surfaces):
+    def __init__(self, path, surfaces, kind):
         write_glb(path, surfaces, YFOV)
         self.scene = Scene.load(path)
         self.camera = self.scene.camera(0.0, *SIZE)
-        self.renderer = PyrenderObjectRenderer(self.scene)
+        self.renderer = kind(self.scene)
 
     def peeled(self, camera=None, fit=FIT):
         front = self.renderer.render(0.0, camera or self.camera, 20)
@@ -82,12 +83,12 @@ def on_frame(layer):
     return out
 
 
-@pytest.fixture
-def see(tmp_path):
+@pytest.fixture(params=[pytest.param("opengl", marks=pytest.mark.needs_gl), "software"])
+def see(tmp_path, request):
     opened = []
 
     def make(*surfaces):
-        seen = Seen(tmp_path / f"{len(opened)}.glb", surfaces)
+        seen = Seen(tmp_path / f"{len(opened)}.glb", surfaces, RENDERERS[request.param])
         opened.append(seen)
         return seen
 
@@ -170,7 +171,7 @@ def test_the_inner_side_of_an_open_shell_is_seen(see):
 
 def test_only_the_last_picture_can_be_looked_behind(see):
     seen = see(ROD, WIDE)
-    first = seen.renderer.render(0.0, seen.camera)
+    first = seen.renderer.render(0.0, seen.camera, 1)
     last = seen.renderer.render(0.0, seen.camera)
     with pytest.raises(NlensError, match="right after"):
         seen.renderer.render_behind(first, first.box, 0.01)
@@ -186,6 +187,7 @@ def test_looking_behind_changes_no_later_picture(see):
     seen = see(WIDE, ROD)
     before = seen.renderer.render(0.0, seen.camera)
     seen.renderer.render_behind(before, before.box, 0.01)
+    assert seen.renderer.render(0.0, seen.camera, 1) is not before  # else at rest
     after = seen.renderer.render(0.0, seen.camera)
     assert np.array_equal(before.rgba, after.rgba)
     assert np.array_equal(before.depth, after.depth)
