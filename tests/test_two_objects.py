@@ -13,7 +13,7 @@ import pytest
 import shots
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.backends.choose_renderer import choose_renderer
 from nlens_video.cli import main
 from nlens_video.frames import Box
 from nlens_video.lens import LensFit
@@ -97,7 +97,7 @@ def truth(files):
     """The plate with both objects through the lens, at the start and after they have swapped."""
     scene, pictures = Scene.load(files / "two.glb"), {}
     plate = cv2.imread(str(files / "plate.png"))
-    with PyrenderObjectRenderer(scene) as renderer:
+    with choose_renderer(scene) as renderer:
         for time_s in (0.0, SWAP_S):
             camera = scene.camera(time_s, *SIZE)
             shot = Shot(time_s=time_s, camera=camera, fit=FIT, frame=FRAME)
