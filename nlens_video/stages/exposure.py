@@ -119,8 +119,9 @@ def _median(ratio: Float32) -> Float64 | None:
     known = ratio[~np.isnan(ratio[..., 0])].T.copy()  # rows sort several times faster
     if known.shape[1] < _LEAST_SHARE * _SIZE[0] * _SIZE[1]:
         return None
-    middle = np.median(known, axis=1)
-    spread = np.median(np.abs(known - middle[:, None]), axis=1)
+    half = known.shape[1] // 2  # np.median itself takes twice as long
+    middle = np.partition(known, half, axis=1)[:, half]
+    spread = np.partition(np.abs(known - middle[:, None]), half, axis=1)[:, half]
     return np.asarray(middle, np.float64) if spread.max() < _LARGEST_SPREAD_STOPS else None
 
 

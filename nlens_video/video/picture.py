@@ -133,7 +133,7 @@ class ArrayPicture(_Blended):
 
 def _shrunk(plane: Plane, width: int, height: int) -> Float32:
     """Means of a plane's codes (height, width); of large planes, of every few samples of each."""
-    down, across = max(1, plane.shape[0] // (4 * height)), max(1, plane.shape[1] // (4 * width))
+    down, across = max(1, plane.shape[0] // (2 * height)), max(1, plane.shape[1] // (2 * width))
     thin = np.ascontiguousarray(plane[::down, ::across], dtype=np.float32)
     return np.asarray(cv2.resize(thin, (width, height), interpolation=cv2.INTER_AREA))
 

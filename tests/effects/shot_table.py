@@ -276,4 +276,39 @@ MIXED = [
     ),
 ]  # fmt: skip
 
-ROWS = [*CLEAN, *SINGLE, *MIXED]
+
+def _unseen(number):
+    """Rows on scenes that no threshold was chosen with."""
+    street, room = partial(film.street, 100 + number), partial(film.room, 200 + number)
+    halo = (0.05, (8, 14, 20)[number])
+    lamps, bend = partial(film.lamps, 300 + number), (-0.1, -0.15, 0.12)[number]
+    fine, wall = (
+        partial(film.spectrum, 400 + number, 1.0),
+        partial(film.spectrum, 500 + number, 0.6, 0.1),
+    )
+    dots = partial(film.dots, 600 + number, blur=(5, 9, 14)[number])
+    rough = Camera(crf=(18, 23, 28)[number], noise=(0.004, 0.01, 0.02)[number])
+    named = {"street": street, "room": room, "lamps": lamps, "fine texture": fine, "wall": wall}
+    label = f"unseen {number + 1}:"
+    return [
+        *(_shot(f"{label} {name}, crf {rough.crf}", scene, rough) for name, scene in named.items()),
+        _shot(f"{label} defocused lamps", dots),
+        _shot(
+            f"{label} aberration, street", street, Camera(aberration=(1.5, 1.0), crf=14),
+            truth={"aberration": 2.5},
+        ),
+        _shot(
+            f"{label} aberration, room", room, Camera(aberration=(-2.0, 0.0), crf=14),
+            truth={"aberration": 2.0},
+        ),
+        _shot(f"{label} vignetting", wall, Camera(vignetting=0.8), truth={"vignetting": 0.8}),
+        _shot(
+            f"{label} distortion", room, Camera(distortion=bend),
+            truth={"distortion": abs(bend) * film.CORNER_PX},
+        ),
+        _shot(f"{label} bloom", lamps, Camera(bloom=halo), truth=_halo(lamps, halo)),
+    ]  # fmt: skip
+
+
+UNSEEN = [row for number in range(3) for row in _unseen(number)]
+ROWS = [*CLEAN, *SINGLE, *MIXED, *UNSEEN]
