@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-
 from nlens_video.backends.behind import BehindPicture, Front
 from nlens_video.backends.lighting import Lighting
 from nlens_video.errors import NlensError, SceneError
 from nlens_video.frames import BehindLayer, Box, Float32, ObjectLayer
-from nlens_video.kernels.screen import Lens, bounds
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.extent import extent
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
@@ -209,28 +207,10 @@ def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object,
     )
 
 
-def lens_of(camera: Camera, sight: Sight | None = None) -> Lens:
-    """The camera as the kernels read it; of a box, where `sight` is given."""
-    box = Box(0, 0, camera.width, camera.height) if sight is None else sight.box
-    return Lens(
-        axes=camera.camera_from_world[:3, :3],
-        eye=camera.world_from_camera[:3, 3],
-        fx=camera.fx,
-        fy=camera.fy,
-        cx=camera.cx - box.x0,
-        cy=camera.cy - box.y0,
-        near=0.0 if sight is None else sight.near,
-        width=box.width,
-        height=box.height,
-    )
-
-
 def _sight(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> Sight | None:
     """The box that the object covers, with near and far depth; None if it is out of view."""
-    numbers = lens_of(camera).numbers()
-    found = np.array([bounds(mesh.positions, numbers) for mesh in posed.meshes])
-    low_x, low_y, lowest = (float(v) for v in found[:, 0::2].min(axis=0))
-    high_x, high_y, highest = (float(v) for v in found[:, 1::2].max(axis=0))
+    seen = extent(posed, camera)
+    lowest, highest = seen.nearest, seen.farthest
     if not (math.isfinite(lowest) and math.isfinite(highest)):
         raise SceneError("the object has no finite size at this time; check its scale")
     far = highest * (1.0 + 1e-4)
@@ -241,7 +221,7 @@ def _sight(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> 
     limit = Box(0, 0, camera.width, camera.height).grown(margin)
     box = limit
     if lowest >= near:  # else a triangle may cross the near plane and cover anything
-        box = _outward((low_x, low_y), (high_x, high_y), limit)
+        box = _outward(seen.low, seen.high, limit)
     if box.empty:
         return None
     return Sight(camera=camera, box=box, near=near, far=far, nearest=nearest)

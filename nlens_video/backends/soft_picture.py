@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.backends.box_renderer import Sight, lens_of
+from nlens_video.backends.box_renderer import Sight
 from nlens_video.backends.lighting import Lighting
 from nlens_video.backends.soft_object import SoftObject
 from nlens_video.frames import Float32
 from nlens_video.kernels import alpha, deferred, nearest, raster, screen, triangles
 from nlens_video.kernels.fragment import Int32, new_block
 from nlens_video.kernels.scratch import scratch
+from nlens_video.scene.extent import lens_of
 
 Rows = tuple[int, int]
 _NONE = np.empty((0, 0), np.float32)
@@ -49,7 +50,7 @@ class SoftPicture:
             lighting: what lights it.
             behind: leave out what blends, and the inner sides of closed bodies.
         """
-        lens = lens_of(sight.camera, sight)
+        lens = lens_of(sight.camera, sight.box, sight.near)
         numbers = lens.numbers()
         width, height = lens.width, lens.height
         count = len(shown.faces)

@@ -9,12 +9,14 @@ from typing import Protocol
 import numpy as np
 
 from nlens_video.errors import InputError
-from nlens_video.frames import Box, Float32, Float64, ObjectLayer
+from nlens_video.frames import Box, Float64, ObjectLayer
 from nlens_video.lens import LensFit
 from nlens_video.placing import Placing
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.extent import extent
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
+from nlens_video.scene.posed import PosedScene
 from nlens_video.stages.protocols import BehindRenderer
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
@@ -161,7 +163,7 @@ class RenderedObject:
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
         camera = _camera(self.scene, self.view, time_s)
-        bounds = _bounds(self.scene.pose(time_s).vertices(), camera)
+        bounds = _bounds(self.scene.pose(time_s), camera)
         if bounds is None:
             return None
         box, nearest, farthest = bounds
@@ -261,23 +263,18 @@ def _camera(scene: Scene, view: View, time_s: float) -> Camera:
     )
 
 
-def _bounds(points: Float32, camera: Camera) -> tuple[Box, float, float] | None:
-    """Screen bounds and depth range of the points in front of the camera; None if there are none.
+def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:
+    """Screen bounds and depth range of what lies in front of the camera; None if nothing does.
 
     A body that reaches behind the camera may cover any pixel: its bounds are the whole frame.
     """
-    if not len(points):
+    seen = extent(posed, camera)
+    if not seen.farthest > 0:
         return None
-    seen = camera.to_camera(points.astype(np.float64))
-    depth = -seen[:, 2]
-    farthest = float(depth.max())
-    if not farthest > 0:
-        return None
-    nearest = max(float(depth.min()), _NEAREST * farthest)
-    if depth.min() < nearest:
-        return Box(0, 0, camera.width, camera.height), nearest, farthest
-    pixels = camera.pixels(seen)
+    nearest = max(seen.nearest, _NEAREST * seen.farthest)
+    if seen.nearest < nearest:
+        return Box(0, 0, camera.width, camera.height), nearest, seen.farthest
     limit = 1e6  # far off is far off: keeps whole numbers small
-    low = np.floor(np.clip(pixels.min(axis=0), -limit, limit)).astype(int)
-    high = np.ceil(np.clip(pixels.max(axis=0), -limit, limit)).astype(int)
-    return Box(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1), nearest, farthest
+    x0, y0 = (math.floor(min(max(v, -limit), limit)) for v in seen.low)
+    x1, y1 = (math.ceil(min(max(v, -limit), limit)) for v in seen.high)
+    return Box(x0, y0, x1 + 1, y1 + 1), nearest, seen.farthest

@@ -151,7 +151,7 @@ def _peel(tools: Tools) -> Made:
     def run(defocused: DefocusedLayer, fit: LensFit, placement: Placement) -> DefocusedLayer:
         return look_behind(defocused, fit, placement.farthest, renderer)
 
-    return Made(run, "depth-peeled second layer, pyrender")
+    return Made(run, f"depth-peeled second layer, {tools.objects.description}")
 
 
 def _sharp(tools: Tools) -> Made:
@@ -203,7 +203,7 @@ def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
         shot = Shot(time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box)
         return stage(defocused, shot)
 
-    return Made(run, f"L: the lens sampled at {count} points for {accuracy_db:g} dB, pyrender")
+    return Made(run, f"L: the lens sampled at {count} points for {accuracy_db:g} dB")
 
 
 def _repair(tools: Tools) -> Made:

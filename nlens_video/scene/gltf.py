@@ -45,6 +45,7 @@ class Scene:
     _lights: tuple[tuple[int, Light], ...]
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
+    _last: PosedScene | None = field(init=False, default=None)
 
     @classmethod
     def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
@@ -143,14 +144,19 @@ class Scene:
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a moment of the plate [s].
 
-        Before the first key of an animation they rest, and after its last unless it loops.
+        Before the first key of an animation they rest, and after its last unless it loops. The
+        last moment is kept: several stages ask for it.
         """
+        last = self._last
+        if last is not None and last.time_s == time_s:
+            return last
         moment = self._playback.moment(time_s, self._animation.duration_s)
         world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
         weights = self._animation.weights(moment)
         meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
-        return PosedScene(time_s, meshes, lights)
+        self._last = posed = PosedScene(time_s, meshes, lights)
+        return posed
 
     def camera(
         self,

@@ -188,7 +188,8 @@ def _visible(
             raise SceneError(f"it has no scenes, so none is '{scene}'; leave --scene out")
         return frozenset(range(count))
     chosen = document.root.integer("scene", below=len(scenes), default=0)
-    names = [item.name for item in scenes]
+    # A name matters only where there is a choice.
+    names = [item.name for item in scenes] if scene is not None or len(scenes) > 1 else []
     if scene is not None:
         chosen = _chosen(names, scene)
     elif len(scenes) > 1:
