@@ -1,8 +1,10 @@
 """The object renderer: light, coverage, depth and place against hand-worked values."""
 
+import io
 import math
 
 import numpy as np
+import PIL.Image
 import pytest
 from scene.glb_builder import QUAD, QUAD_FACES, QUAD_UV, GlbBuilder
 
@@ -11,6 +13,8 @@ from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.errors import NlensError
 from nlens_video.frames import Box
 from nlens_video.scene import Camera, Scene
+from nlens_video.scene.illumination import Illumination, hemispheres
+from nlens_video.scene.scene_light import SceneLight
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 
@@ -159,6 +163,79 @@ def test_a_normal_map_tilts_towards_u_and_up_the_picture(tmp_path):
         tilted[name] = centre(draw(builder, tmp_path))[0][0]
     # The map tilts by 45 degrees: it faces the light.
     assert tilted == {"right": pytest.approx(1, abs=0.01), "up": pytest.approx(1, abs=0.01)}
+
+
+FOUR = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]])  # a texel a quarter
+
+
+@pytest.mark.parametrize(
+    ("texture", "corner"),
+    [
+        ({"texCoord": 1}, [0, 0, 1]),  # there all four corners lie in the lower left texel
+        ({"extensions": {"KHR_texture_transform": {"offset": [0.5, 0]}}}, [0, 1, 0]),
+        # (u, v) becomes (v, -u), which repeats from below.
+        ({"extensions": {"KHR_texture_transform": {"rotation": math.pi / 2}}}, [0, 0, 1]),
+        ({"extensions": {"KHR_texture_transform": {"scale": [1, 2]}}}, [1, 0, 0]),
+        ({"extensions": {"KHR_texture_transform": {"texCoord": 1}}}, [0, 0, 1]),
+        ({}, [1, 0, 0]),
+    ],
+)
+def test_a_texture_lies_where_its_set_and_transform_put_it(tmp_path, texture, corner):
+    builder = GlbBuilder()
+    info = {"index": builder.texture(FOUR), **texture}
+    second = np.full((4, 2), [0.25, 0.75], np.float32)
+    number = unlit(builder, pbr={"baseColorTexture": info})
+    quad(builder, number=number, TEXCOORD_0=QUAD_UV, TEXCOORD_1=second)
+    layer = draw(builder, tmp_path)
+    # Column 14 and row 14 of the frame lie at u = v = 0.06.
+    pixel = layer.rgba[14 - layer.box.y0, 14 - layer.box.x0]
+    np.testing.assert_allclose(pixel, [*corner, 1], atol=1e-3)
+
+
+def test_a_normal_map_is_scaled(tmp_path):
+    builder = GlbBuilder()
+    info = {"index": builder.texture(np.array([[[218, 128, 218]]])), "scale": 0.5}
+    quad(builder, number=material(builder, normalTexture=info), TEXCOORD_0=QUAD_UV)
+    builder.light(intensity=math.pi)
+    rgba, _ = centre(draw(builder, tmp_path))
+    assert rgba[0] == pytest.approx(1.0 / math.sqrt(1.0 + 0.5**2), abs=0.01)
+
+
+def test_occlusion_takes_its_strength_from_the_light_around_only(tmp_path):
+    def around(texel):
+        builder = GlbBuilder()
+        info = {"index": builder.texture(np.full((1, 1, 3), texel)), "strength": 0.5}
+        quad(builder, number=material(builder, occlusionTexture=info), TEXCOORD_0=QUAD_UV)
+        scene = Scene.load(builder.write(tmp_path / f"{texel}.glb"))
+        light = Illumination((), hemispheres(np.full(3, 0.8), np.full(3, 0.8)))
+        with ObjectRenderer(scene, SceneLight(0, light)) as renderer:
+            return centre(renderer.render(0.0, camera_at(4.0)))[0][0]
+
+    assert around(255) == pytest.approx(0.8, rel=3e-3)
+    assert around(0) == pytest.approx(0.4, rel=3e-3)
+
+
+def test_more_lights_than_four_of_a_kind_add_up(tmp_path):
+    builder = GlbBuilder()
+    quad(builder, number=material(builder))
+    for _ in range(6):
+        builder.light(intensity=0.1 * math.pi)
+        builder.light("point", intensity=0.9 * math.pi, node={"translation": [0.025, -0.025, 3]})
+    assert centre(draw(builder, tmp_path))[0][0] == pytest.approx(6 * (0.1 + 0.1), rel=3e-3)
+
+
+def test_a_webp_picture_is_drawn(tmp_path):
+    builder = GlbBuilder()
+    file = io.BytesIO()
+    PIL.Image.fromarray(np.full((4, 4, 3), 188, np.uint8)).save(file, "WEBP", lossless=True)
+    view = builder.view(file.getvalue())
+    image = builder.add("images", {"bufferView": view, "mimeType": "image/webp"})
+    texture = builder.add("textures", {"extensions": {"EXT_texture_webp": {"source": image}}})
+    builder.document["extensionsRequired"] = ["EXT_texture_webp"]
+    number = unlit(builder, pbr={"baseColorTexture": {"index": texture}})
+    quad(builder, number=number, TEXCOORD_0=QUAD_UV)
+    linear = ((188 / 255 + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(centre(draw(builder, tmp_path))[0][:3], linear, rtol=2e-3)
 
 
 def test_opaque_ignores_alpha_and_blend_keeps_it(tmp_path):
