@@ -11,6 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
+from effects.sensor_rows import SENSOR_ROWS  # noqa: E402
 from effects.shot_table import ROWS, UNITS, UNSEEN, Verdict, judge  # noqa: E402
 
 INTRODUCTION = """\
@@ -57,7 +58,7 @@ def summary(verdicts: list[Verdict]) -> str:
 def main() -> None:
     """Judge every row and write the page."""
     lines, every = [], []
-    for row in ROWS:
+    for row in [*ROWS, *SENSOR_ROWS]:
         verdicts = judge(row)
         every += verdicts
         lines.append(line(verdicts))

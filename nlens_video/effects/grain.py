@@ -4,7 +4,7 @@ A still camera shows the noise as what changes from picture to picture. Differen
 two pictures tell how much of it stays (compression freezes it): for noise of which the share r
 comes back in the next picture, var(difference over 2) / var(difference over 1) = 1 + r. A single
 picture, or a moving camera, leaves the smoothest blocks, whose rest is noise or fine texture; so
-they must agree with each other as noise does, and show twice as much before they are believed.
+they must agree with each other as noise does, and show much more before they are believed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from nlens_video.stages.grain import LAGS, GrainModel
 
 EFFECT = "grain"
 THRESHOLD = 0.6  # 8-bit levels: as much as rounding to them leaves to see
-_SINGLE_FACTOR = 2.0  # a single picture must show so many times more
+_SINGLE_FACTOR = 2.5  # a single picture must show so many times more
 _LEVELS = 12
 _LEAST_PIXELS = 600  # of a level, for its deviation to count
 _PICTURES = 5
@@ -33,6 +33,7 @@ _SMOOTHEST = 0.06  # share of the blocks that is taken for smooth
 _AGREEMENT = 2.2  # of noise alone, the variances of so small a share differ by less
 _WITHIN = 1.35  # times the mean variance: what a block of noise alone seldom exceeds
 _ROUNDS = 8
+_TEXTURE = 0.65  # correlation of neighbours beyond which what is left in a block is no noise
 _COST_MS_PER_MEGAPIXEL = 90.0  # measured, of the object's box
 _BOX_SHARE = 0.15  # of the frame, that an object's box is taken to cover
 
@@ -104,6 +105,8 @@ def _in_space(code: Float32) -> tuple[Float32, Float32, Bool, float]:
         low, high = np.quantile(total[free], [0.25 * _SMOOTHEST, _SMOOTHEST])
         if high < _AGREEMENT * low:
             used = free & (total <= _ceiling(total[free], high))
+            if _smoothness(rest[used]) > _TEXTURE:
+                used[:] = False
     shape = (height, width)
     spread = np.broadcast_to(used[:, :, None, None], blocks.shape[:4])
     back = (0, 2, 1, 3)
@@ -114,6 +117,16 @@ def _in_space(code: Float32) -> tuple[Float32, Float32, Bool, float]:
         np.ascontiguousarray(spread.transpose(back)).reshape(shape),
         0.0,
     )
+
+
+def _smoothness(blocks: Float32) -> float:
+    """Correlation of neighbouring pixels (N, h, w, 3): that of noise is small."""
+    energy = float(np.square(blocks).mean())
+    if not energy > 0.0:
+        return 1.0
+    beside = (blocks[:, :, 1:] * blocks[:, :, :-1]).mean()
+    below = (blocks[:, 1:] * blocks[:, :-1]).mean()
+    return float(0.5 * (beside + below)) / energy
 
 
 def _ceiling(variances: Float32, start: float) -> float:

@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 
 from nlens_video.kernels.regrain import to_code, to_linear
+from nlens_video.stages.motion_blur import way_kernel
 from nlens_video.video.picture import ArrayPicture
 
 WIDTH, HEIGHT = 480, 270
+_MARGIN = 100  # of a scene, for a camera that pans
 
 
 def scene(seed=0, slope=1.2, contrast=0.22, soft_px=0.0):
@@ -58,3 +60,20 @@ def pictures(linear, frames=4, grain=None):
     code = to_code(np.asarray(linear, np.float32))
     shots = [code if grain is None else code + grain[at] for at in range(frames)]
     return [ArrayPicture(np.uint8(np.clip(np.round(255 * shot), 0, 255)), "rgb") for shot in shots]
+
+
+def panned(base, way_px, share, frames=3):
+    """Pictures of a camera that pans evenly, its shutter open for a share of the time."""
+    wide = cv2.copyMakeBorder(base, *[_MARGIN] * 4, cv2.BORDER_REFLECT)
+    rng = np.random.default_rng(0)
+    shot = []
+    for at in range(frames):
+        shift = np.float32([[1, 0, at * way_px[0]], [0, 1, at * way_px[1]]])
+        view = cv2.warpAffine(
+            wide, shift, wide.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
+        if share:
+            view = cv2.filter2D(view, -1, way_kernel(share * np.asarray(way_px)))
+        view = np.maximum(view[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN], 0)
+        shot += pictures(view, 1, rng.normal(0, 1 / 255, (1, *view.shape)))
+    return shot

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import shots
-from effects.shots_of_effects import pictures, scene
+from effects.shots_of_effects import panned, pictures, scene
 
 from nlens_video.effects.shutter_angle import shutter_angle
 from nlens_video.kernels.regrain import to_code, to_linear
@@ -12,25 +12,6 @@ from nlens_video.lens import LensFit
 from nlens_video.stages.motion_blur import way_kernel
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens
-
-MARGIN = 100
-
-
-def panned(base, way_px, share, frames=3):
-    """Pictures of a camera that pans evenly, its shutter open for a share of the time."""
-    wide = cv2.copyMakeBorder(base, *[MARGIN] * 4, cv2.BORDER_REFLECT)
-    rng = np.random.default_rng(0)
-    shot = []
-    for at in range(frames):
-        shift = np.float32([[1, 0, at * way_px[0]], [0, 1, at * way_px[1]]])
-        view = cv2.warpAffine(
-            wide, shift, wide.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
-        )
-        if share:
-            view = cv2.filter2D(view, -1, way_kernel(share * np.asarray(way_px)))
-        view = np.maximum(view[MARGIN:-MARGIN, MARGIN:-MARGIN], 0)
-        shot += pictures(view, 1, rng.normal(0, 1 / 255, (1, *view.shape)))
-    return shot
 
 
 @pytest.mark.parametrize("way", [(12.0, 0.0), (0.0, 14.0), (-9.0, 12.0), (25.0, 0.0)], ids=str)
@@ -61,7 +42,8 @@ def test_panning_camera_is_not_read_as_defocus():
     square = np.array([[-0.3, 0, -1.4], [0.3, 0, -1.4], [0.3, 0, -2.0], [-0.3, 0, -2.0]])
     ground = project_to_ground(square[[[0, 1, 2], [0, 2, 3]]], shots.camera(), 0.0)
     still = shots.plate().astype(np.float32) / 255
-    light = cv2.filter2D(to_linear(still), -1, way_kernel(np.array([8.0, 0.0])))
+    pan_px = 12.0 * shots.WIDTH / 960
+    light = cv2.filter2D(to_linear(still), -1, way_kernel(np.array([pan_px, 0.0])))
     lenses: list[LensFit] = [
         FitLens()(estimate_coc(network, rgb), ground, 0).fit for rgb in (still, to_code(light))
     ]
