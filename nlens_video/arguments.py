@@ -28,8 +28,8 @@ from nlens_video.settings import (
     SourceSettings,
 )
 
-COMMANDS = ("render", "fit", "place", "evaluate", "bench", "doctor")
-PLANNED = ("farm", "merge", "check", "study")
+COMMANDS = ("render", "fit", "place", "check", "evaluate", "bench", "doctor")
+PLANNED = ("farm", "merge", "study")
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
@@ -37,6 +37,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
+  nlens-video check OUT --against IN  is a result steady, its plate untouched; 1 where it is not
   nlens-video evaluate coc FOLDER     accuracy of estimate and fit on rendered ground truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video doctor                  what works on this machine, and what to install
@@ -65,6 +66,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
         "render": _render_parser,
         "fit": _fit_parser,
         "place": _place_parser,
+        "check": _check_parser,
         "evaluate": _evaluate_parser,
         "bench": _bench_parser,
         "doctor": _doctor_parser,
@@ -87,7 +89,7 @@ def settings(words: argparse.Namespace) -> Settings:
             keep_partial=words.keep_partial,
         )
     return Settings(
-        source=_source(words),
+        source=source_settings(words),
         scene=object_settings(words),
         output=output,
         preset=words.preset,
@@ -110,7 +112,7 @@ def settings(words: argparse.Namespace) -> Settings:
 def place_settings(words: argparse.Namespace) -> PlaceSettings:
     """Settings of `place`."""
     return PlaceSettings(
-        source=_source(words),
+        source=source_settings(words),
         scene=ObjectSettings(
             glb=words.glb,
             ground_y=words.ground_y,
@@ -123,7 +125,8 @@ def place_settings(words: argparse.Namespace) -> PlaceSettings:
     )
 
 
-def _source(words: argparse.Namespace) -> SourceSettings:
+def source_settings(words: argparse.Namespace) -> SourceSettings:
+    """The plate of any command that reads one."""
     return SourceSettings(
         spec=words.input,
         input_format=words.input_format,
@@ -142,6 +145,12 @@ def _frames(text: str) -> tuple[int, int | None]:
     if not colon or frames[0] < 0 or (frames[1] is not None and frames[1] <= frames[0]):
         raise argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B")
     return frames
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
+    return int(text)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -241,6 +250,22 @@ def _place_parser() -> _Parser:
     parser.add_argument("--scene", metavar="NAME", help="the GLB's scene (default: as it says)")
     add_playback(parser)
     add_placing(parser)
+    _add_source(parser)
+    return parser
+
+
+def _check_parser() -> _Parser:
+    about = (
+        "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, audio.\n"
+        "Exit code 0: fine; 1: something was found; 2 to 6 are errors, as everywhere."
+    )
+    parser = _base("nlens-video check", about)
+    parser.add_argument("result", metavar="OUT", help="what nlens-video has written")
+    parser.add_argument("--against", dest="input", metavar="IN", required=True, help="its plate")
+    parser.add_argument(
+        "--objects", metavar="N", type=_count, default=1, help="separate changed places (1)"
+    )
+    parser.add_argument("--report", metavar="DIR", type=Path, help="a page with the plots")
     _add_source(parser)
     return parser
 

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator
 
 from nlens_video import interrupts
-from nlens_video.arguments import parse, place_settings, settings
+from nlens_video.arguments import parse, place_settings, settings, source_settings
 from nlens_video.errors import NlensError, ReaderGone
 
 INTERRUPTED = 130
@@ -85,6 +85,13 @@ def _run(argv: list[str]) -> int:
         from nlens_video.evaluate.coc import evaluate_coc
 
         return evaluate_coc(words.folder, words.out, as_json=words.json, quiet=words.quiet)
+    if words.command == "check":
+        from nlens_video.check.command import check
+
+        return check(
+            words.result, source_settings(words), objects=words.objects, report=words.report,
+            as_json=words.json, quiet=words.quiet,
+        )  # fmt: skip
     if words.command == "bench":
         from nlens_video.evaluate.bench import bench
 

@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "nlens_video"
 LAYERS = [
     ["__main__"],
     ["cli"],
-    ["compositor", "doctor", "evaluate", "place", "run", "show"],
+    ["check", "compositor", "doctor", "evaluate", "place", "run", "show"],
     ["follow"],
     ["intake"],
     ["look_ahead", "observers", "outcome", "report", "trim"],

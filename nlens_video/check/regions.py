@@ -1,0 +1,142 @@
+"""Where the result differs from the plate, followed from frame to frame."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.check.look import BLOCK_PX
+from nlens_video.frames import Float32
+
+Mask = npt.NDArray[np.bool_]
+LEAST_BLOCKS = 3  # connected ones; a single block may be one bad spell of the encoder
+SECTORS = 8
+_GAP_SHARE = 0.02  # parts nearer to each other than that are one region [frame width]
+_PATIENCE = 3  # frames without its region after which a track ends
+_MOST_TRACKS = 64
+
+
+@dataclass(slots=True)
+class Track:
+    """One region through the frames in which it was seen.
+
+    Attributes:
+        first: index of the result's first frame that has it.
+        mask: its blocks on the last frame that has it, (h, w).
+        frames: index of each frame that has it.
+        area: its coverage on each of them, blocks of strong difference [block].
+        sharpness: log of its detail over the plate's own gain of detail [1].
+        sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a
+            sector is too small [1].
+        motion: mean change of its luma since the frame before, NaN on its first [level].
+        worst: largest difference of a block so far [level].
+        box: first column and row, end column and row of all its blocks [block].
+        last: index of the last frame that has it.
+    """
+
+    first: int
+    mask: Mask
+    frames: array[int] = field(default_factory=lambda: array("q"))
+    area: array[float] = field(default_factory=lambda: array("d"))
+    sharpness: array[float] = field(default_factory=lambda: array("d"))
+    sectors: array[float] = field(default_factory=lambda: array("d"))
+    motion: array[float] = field(default_factory=lambda: array("d"))
+    worst: float = 0.0
+    box: tuple[int, int, int, int] = (1 << 30, 1 << 30, 0, 0)
+
+    @property
+    def last(self) -> int:
+        """Index of the last frame that has it."""
+        return self.frames[-1] if self.frames else self.first
+
+    @property
+    def box_px(self) -> tuple[int, int, int, int]:
+        """Left, top, width and height of all that it has covered [px]."""
+        x0, y0, x1, y1 = (BLOCK_PX * edge for edge in self.box)
+        return x0, y0, x1 - x0, y1 - y0
+
+    def add(self, index: int, mask: Mask, worst: float) -> None:
+        """The region on one more frame."""
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        x0, y0, x1, y1 = self.box
+        self.box = (
+            min(x0, int(columns[0])), min(y0, int(rows[0])),
+            max(x1, int(columns[-1]) + 1), max(y1, int(rows[-1]) + 1),
+        )  # fmt: skip
+        self.mask = mask
+        self.worst = max(self.worst, worst)
+        self.frames.append(index)
+
+
+class Tracks:
+    """Links the regions of neighbouring frames that lie on or next to each other."""
+
+    def __init__(self) -> None:
+        self.ended: list[Track] = []
+        self.alive: list[Track] = []
+        self.crowded = False
+
+    def follow(self, index: int, difference: Float32, tolerance: float) -> list[Track]:
+        """The tracks that have a region on this frame.
+
+        Args:
+            index: of the result's frame.
+            difference: of each block from the plate's, (h, w) [level].
+            tolerance: what re-encoding alone may do to a block [level].
+        """
+        self._end(index - _PATIENCE)
+        found: dict[int, tuple[Track, Mask]] = {}
+        for mask in regions(difference > tolerance):
+            track = self._nearest(mask) or self._begin(index, mask)
+            if track is None:
+                continue
+            own = found.get(id(track))
+            found[id(track)] = (track, mask if own is None else own[1] | mask)
+        for track, mask in found.values():
+            track.add(index, mask, float(difference[mask].max()))
+        return [track for track, _ in found.values()]
+
+    def all(self) -> list[Track]:
+        """Every track, those of the most blocks first."""
+        return sorted((*self.ended, *self.alive), key=lambda one: -sum(one.area))
+
+    def _begin(self, index: int, mask: Mask) -> Track | None:
+        if len(self.alive) + len(self.ended) >= _MOST_TRACKS:
+            self.crowded = True
+            return None
+        track = Track(first=index, mask=mask)
+        self.alive.append(track)
+        return track
+
+    def _nearest(self, mask: Mask) -> Track | None:
+        """The largest track that the region continues."""
+        wide = spread(mask)
+        near = [one for one in self.alive if (one.mask & wide).any()]
+        return max(near, key=lambda one: sum(one.area), default=None)
+
+    def _end(self, index: int) -> None:
+        self.ended += [one for one in self.alive if one.last < index]
+        self.alive = [one for one in self.alive if one.last >= index]
+
+
+def regions(changed: Mask) -> list[Mask]:
+    """The connected regions of changed blocks, gaps closed; largest first."""
+    _, labels = cv2.connectedComponents(spread(changed).astype(np.uint8), connectivity=8)
+    parts = []
+    for label in np.unique(labels[changed]):
+        part = changed & (labels == label)
+        connected = cv2.connectedComponentsWithStats(part.astype(np.uint8), connectivity=8)[2]
+        if int(connected[1:, cv2.CC_STAT_AREA].max()) >= LEAST_BLOCKS:
+            parts.append(part)
+    return sorted(parts, key=lambda part: -int(part.sum()))
+
+
+def spread(mask: Mask) -> Mask:
+    """A mask and what lies near it."""
+    reach = max(1, round(_GAP_SHARE * mask.shape[1]))
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)

@@ -1,0 +1,221 @@
+"""`nlens-video check` on composites with and without faults, through real codecs."""
+
+import json
+
+import numpy as np
+import pytest
+import shots
+import takes
+
+from nlens_video.check.command import compare
+from nlens_video.cli import main
+from nlens_video.settings import SourceSettings
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plate")
+    return takes.encode(folder / "in.mp4", [takes.plate(n) for n in range(takes.FRAMES)])
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    """A plate of a camera that does not move."""
+    folder = tmp_path_factory.mktemp("still")
+    return takes.encode(folder / "in.mp4", [takes.plate(0)] * takes.FRAMES)
+
+
+@pytest.fixture
+def check(source, tmp_path):
+    """Composite with some fault, and compare."""
+
+    def run(plate=source, name="out.mp4", **options):
+        return found(takes.composite(plate, tmp_path / name, **options), plate)
+
+    return run
+
+
+def found(result, plate, **options):
+    return compare(str(result), SourceSettings(spec=str(plate)), **options).verdict
+
+
+def edited(source, path, edit, **options):
+    """A clean composite whose list of pictures (and their numbers as times) is edited."""
+    pictures = [takes.with_object(one, n) for n, one in enumerate(takes.decode(source))]
+    times = list(range(len(pictures)))
+    pictures, times = edit(pictures, times)
+    return takes.encode(path, pictures, times=times, **options)
+
+
+def texts(verdict):
+    return [one.text for one in verdict.findings]
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("out.mp4", {"crf": 18}), ("out.mp4", {"crf": 28}), ("out.mkv", {"codec": "ffv1"})],
+    ids=["H.264", "coarse H.264", "lossless"],
+)
+def test_clean_composite_passes(check, name, options):
+    verdict = check(name=name, **options)
+    assert texts(verdict) == []
+    assert verdict.frames == (takes.FRAMES, takes.FRAMES) and verdict.object_frames == takes.FRAMES
+
+
+def test_clean_composite_before_a_still_camera_passes(check, still):
+    assert texts(check(plate=still)) == []
+
+
+def test_plate_alone_passes_with_a_note(source):
+    verdict = found(source, source)
+    assert texts(verdict) == [] and "no object" in verdict.notes[0]
+
+
+def test_dropped_frame_that_leaves_a_gap_in_time_is_named(source, tmp_path):
+    def drop(pictures, times):
+        return pictures[:9] + pictures[10:], times[:9] + times[10:]
+
+    (finding,) = found(edited(source, tmp_path / "o.mp4", drop), source).findings
+    assert finding.kind == "frames" and "no frame for the input's frame 9" in finding.text
+
+
+def test_dropped_frame_whose_gap_is_closed_is_named(source, tmp_path):
+    def drop(pictures, times):
+        return pictures[:9] + pictures[10:], times[:-1]
+
+    verdict = found(edited(source, tmp_path / "o.mp4", drop), source)
+    assert any("frames 9 to 22: dropped" in text for text in texts(verdict)), texts(verdict)
+    assert any("input's frame 23" in text for text in texts(verdict))
+
+
+def test_repeated_frame_is_named(source, tmp_path):
+    def repeat(pictures, times):
+        pictures[12] = pictures[11]
+        return pictures, times
+
+    verdict = found(edited(source, tmp_path / "o.mp4", repeat), source)
+    assert any(text.startswith("frame 12: repeated") for text in texts(verdict)), texts(verdict)
+
+
+def test_object_that_stands_still_for_a_frame_before_a_still_camera_is_named(still, tmp_path):
+    def repeat(pictures, times):
+        pictures[12] = pictures[11]
+        return pictures, times
+
+    (finding,) = found(edited(still, tmp_path / "o.mp4", repeat), still).findings
+    assert (finding.kind, finding.frame, finding.last) == ("freeze", 12, 12)
+
+
+def test_frames_shown_late_are_named(source, tmp_path):
+    def delay(pictures, times):
+        return pictures, [time + 0.3 * (time >= 20) for time in times]
+
+    (finding,) = found(edited(source, tmp_path / "o.mp4", delay), source).findings
+    assert finding.kind == "time" and "frames 20 to 23: shown 12.0 ms late" in finding.text
+
+
+def test_one_frame_of_other_blur_is_a_jump(check):
+    (finding,) = check(looks=lambda number: {"sigma": 3.0 if number == 12 else 1.5}).findings
+    assert (finding.kind, finding.frame, finding.last) == ("pop", 12, 12)
+    assert "sharpness" in finding.text and finding.value < -0.2
+
+
+@pytest.mark.parametrize(
+    ("what", "usual", "share", "least"), [("detail", 1.0, 0.1, 0.05), ("sigma", 1.5, 0.2, 0.05)]
+)
+def test_flicker_of_sharpness_is_named(check, what, usual, share, least):
+    verdict = check(looks=lambda number: {what: usual * (1 + share * (-1) ** number)})
+    assert {one.kind for one in verdict.findings} == {"flicker"}, texts(verdict)
+    assert "sharpness" in verdict.findings[0].text
+    assert verdict.measures["sharpness_bend"] > least
+
+
+def test_object_missing_on_a_frame_is_a_jump(source, tmp_path):
+    def lose(pictures, times):
+        pictures[7] = list(takes.decode(source))[7]
+        return pictures, times
+
+    verdict = found(edited(source, tmp_path / "o.mp4", lose), source)
+    assert any(text == "frame 7: the object is missing" for text in texts(verdict)), texts(verdict)
+
+
+def test_changed_corner_of_the_plate_is_named_with_its_place(source, tmp_path):
+    def dirty(pictures, times):
+        for picture in pictures[5:8]:
+            picture[160:, 280:] += 12 / 255
+        return pictures, times
+
+    (finding,) = found(edited(source, tmp_path / "o.mp4", dirty), source).findings
+    assert (finding.kind, finding.frame, finding.last) == ("plate", 5, 7)
+    assert "40x32 px at 280,160" in finding.text and 9 < finding.value < 15
+
+
+@pytest.mark.needs_gl
+def test_rendered_composite_passes(tmp_path):
+    plate = shots.write_video(tmp_path / "in.mp4", frames=16)
+    glb = shots.cube_glb(tmp_path / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.6)
+    fit, result = shots.fit_json(tmp_path / "fit.json"), tmp_path / "out.mp4"
+    words = (plate, glb, result, "--fit", fit, "--preset", "realtime", "-q")
+    assert main([*map(str, words)]) == 0
+    verdict = found(result, plate)
+    assert texts(verdict) == [] and verdict.object_frames == 16
+
+
+def test_second_object_is_a_changed_plate_until_it_is_told(source, tmp_path):
+    def both(picture, number):
+        second = takes.with_object(np.roll(picture, -120, axis=1), number)
+        return takes.with_object(np.roll(second, 120, axis=1), number)
+
+    pictures = [both(picture, number) for number, picture in enumerate(takes.decode(source))]
+    result = takes.encode(tmp_path / "o.mp4", pictures)
+    assert [one.kind for one in found(result, source).findings] == ["plate"]
+    assert texts(found(result, source, objects=2)) == []
+
+
+def test_sound_moved_by_80_ms_is_named(check):
+    verdict = check(audio_shift_s=0.08)
+    assert {one.kind for one in verdict.findings} == {"sound"}
+    assert "audio 0 starts" in verdict.findings[0].text
+    assert verdict.findings[0].value == pytest.approx(0.08, abs=0.002)
+    assert texts(check(audio_shift_s=0.015)) == []
+
+
+def test_lost_sound_is_named(check):
+    (finding,) = check(audio=False).findings
+    assert finding.kind == "sound" and "missing" in finding.text
+
+
+class TestCommand:
+    def run(self, capsys, *words):
+        code = main(["check", *map(str, words)])
+        return code, capsys.readouterr()
+
+    def test_0_and_a_table_where_nothing_is_wrong(self, source, capsys):
+        code, said = self.run(capsys, source, "--against", source)
+        assert code == 0 and said.out.count("ok") == 7
+
+    def test_1_and_every_figure_as_json_where_something_is(self, source, tmp_path, capsys):
+        result = takes.composite(source, tmp_path / "o.mp4", audio_shift_s=0.08)
+        code, said = self.run(capsys, result, "--against", source, "--json")
+        verdict = json.loads(said.out)
+        assert code == 1 and not verdict["fine"] and verdict["findings"][0]["kind"] == "sound"
+
+    def test_report_shows_findings_and_series(self, source, tmp_path, capsys):
+        result = takes.composite(source, tmp_path / "o.mp4")
+        code, _ = self.run(capsys, result, "--against", source, "--report", tmp_path / "page", "-q")
+        page = (tmp_path / "page" / "index.html").read_text()
+        assert code == 0 and page.count('class="chart"') == 3 and "Nothing was found" in page
+
+    def test_2_without_the_plate(self, source, capsys):
+        code, said = self.run(capsys, source)
+        assert code == 2 and "--against" in said.err
+
+    def test_3_another_size_or_no_file(self, source, tmp_path, capsys):
+        code, said = self.run(capsys, tmp_path / "none.mp4", "--against", source)
+        assert code == 3 and "none.mp4" in said.err
+        small = tmp_path / "small.png"
+        import cv2
+
+        cv2.imwrite(str(small), np.zeros((10, 20, 3), np.uint8))
+        code, said = self.run(capsys, small, "--against", source)
+        assert code == 3 and "20x10" in said.err
