@@ -28,10 +28,6 @@ class Shutter:
         """How long it is open [s]."""
         return self.angle_deg / 360.0 * self.frame_s
 
-    def edges(self, time_s: float, count: int) -> tuple[float, ...]:
-        """Borders of `count` equal parts of the time that it is open round a frame's moment [s]."""
-        return tuple(time_s + self.open_s * (i / count - 0.5) for i in range(count + 1))
-
     def middles(self, time_s: float, count: int) -> tuple[float, ...]:
-        """Middles of those parts [s]."""
+        """Middles of `count` equal parts of the time that it is open round a frame's moment [s]."""
         return tuple(time_s + self.open_s * ((i + 0.5) / count - 0.5) for i in range(count))

@@ -31,13 +31,21 @@ def make_motion(tools: Tools, *, most_moments: int = MOST_MOMENTS) -> Made:
     shutter = tools.shutter
 
     def run(placement: Placement, fit: LensFit | None) -> Motion | None:
-        def edges(count: int) -> tuple[float, ...]:
-            return shutter.edges(placement.time_s, count)
-
+        half_s = 0.5 * shutter.open_s
+        edges = (placement.time_s - half_s, placement.time_s, placement.time_s + half_s)
         coc_px = _least_coc_px(placement, fit)
         return measure_motion(tools.objects.places, edges, coc_px, most_moments)
 
     return Made(run, f"vertices on the screen, shutter {shutter.angle_deg:g} degrees")
+
+
+def make_moments(tools: Tools) -> Made:
+    """The motion, where one picture does not show it."""
+
+    def run(motion: Motion) -> Motion | None:
+        return motion if len(motion.ways) > 1 else None
+
+    return Made(run, "where its parts move differently")
 
 
 def make_expose(tools: Tools) -> Made:
@@ -52,12 +60,10 @@ def make_expose(tools: Tools) -> Made:
     )
 
     def run(
-        placement: Placement, motion: Motion, layer: ObjectLayer, frame_box: Box,
+        placement: Placement, moments: Motion, layer: ObjectLayer, frame_box: Box,
         fit: LensFit | None,
-    ) -> BlurredLayer | None:  # fmt: skip
-        count = len(motion.ways)
-        if count == 1:
-            return None
+    ) -> BlurredLayer:  # fmt: skip
+        count = len(moments.ways)
 
         def drawn() -> Iterator[ObjectLayer | None]:
             for number, moment in enumerate(shutter.middles(placement.time_s, count)):
@@ -74,9 +80,9 @@ def make_expose(tools: Tools) -> Made:
                     return through_lens(defocused, frame_box)
             return crop_to_frame(part, frame_box)
 
-        return through_shutter(drawn(), motion.ways, blurred, frame_box)
+        return through_shutter(drawn(), moments.ways, blurred, frame_box)
 
-    return Made(run, "where its parts move differently: several moments, each through the lens")
+    return Made(run, "several moments, each through the lens")
 
 
 def make_smear(tools: Tools) -> Made:

@@ -31,6 +31,7 @@ PORTS: dict[str, str] = {
     "blurred": "BlurredLayer",
     "shadow": "Shadow",
     "motion": "Motion",
+    "moments": "Motion",
     "exposed": "BlurredLayer",
     "reflection": "DefocusedLayer",
     "front": "Front",

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, cast
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
 from nlens_video.graph.camera_stages import make_grain, make_soften
-from nlens_video.graph.motion_stages import make_expose, make_motion, make_smear
+from nlens_video.graph.motion_stages import (
+    make_expose,
+    make_moments,
+    make_motion,
+    make_smear,
+)
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.optics_stages import OPTICS
 from nlens_video.graph.real_stages import (
@@ -248,7 +253,8 @@ STAGES: dict[str, Stage] = {
     "paper-reblur": Stage(_paper, ("picture", "defocused", "frame_box"), "blurred"),
     "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
     "motion": Stage(make_motion, ("placement", "fit?"), "motion"),
-    "expose": Stage(make_expose, ("placement", "motion", "layer", "frame_box", "fit?"), "exposed"),
+    "moments": Stage(make_moments, ("motion",), "moments"),
+    "expose": Stage(make_expose, ("placement", "moments", "layer", "frame_box", "fit?"), "exposed"),
     "smear": Stage(make_smear, ("motion", "frame_box", "blurred?", "exposed?"), "blurred"),
     "light": Stage(make_light, ("picture",), "illumination"),
     "shadow": Stage(make_shadow, ("placement", "fit?"), "shadow"),

@@ -21,6 +21,7 @@ from nlens_video.frames import BlurredLayer, Box, Float32, Float64, ObjectLayer
 
 NEGLIGIBLE_SPAN_PX = 1.0
 MOST_MOMENTS = 33
+_STEP_PX = 2.0
 _SUB_STEPS = 8  # places by pixel of way that a smear is measured at
 
 
@@ -43,20 +44,21 @@ class Motion:
 def moment_count(spread_px: float, coc_px: float, most: int = MOST_MOMENTS) -> int:
     """How many moments a motion takes, an odd number, so that they are not told apart.
 
-    Discs of a CoC hide steps of a quarter of it; what is sharp takes a picture a pixel.
+    Discs of a CoC hide steps of half of it; what is sharp takes a picture every two pixels, since
+    each is smeared along the mean way and only the fastest parts differ from that so much.
 
     Args:
         spread_px: most that a vertex moves differently from the mean [px].
         coc_px: least CoC diameter of the object [px].
         most: limit of the count.
     """
-    count = math.ceil(spread_px / max(1.0, 0.25 * coc_px)) if spread_px > 0.5 else 1
+    count = math.ceil(spread_px / max(_STEP_PX, 0.5 * coc_px)) if spread_px > 0.5 else 1
     return min(count + (count + 1) % 2, most - (most + 1) % 2)
 
 
 def measure_motion(
     places: Callable[[float], Float64 | None],
-    edges: Callable[[int], tuple[float, ...]],
+    edges: tuple[float, float, float],
     coc_px: float,
     most: int = MOST_MOMENTS,
 ) -> Motion | None:
@@ -64,27 +66,27 @@ def measure_motion(
 
     Args:
         places: its vertices on the frame (V, 2) at a time [px], None where that is not known.
-        edges: beginning, inner borders and end of `count` equal parts of the time [s].
+        edges: when the shutter opens, is half through, and closes [s].
         coc_px: least CoC diameter of the object [px].
         most: limit of the number of moments.
 
     Returns:
         The motion; None where it is negligible or not known.
     """
-    first = [places(moment) for moment in edges(2)]
-    if any(seen is None or not len(seen) for seen in first):
+    seen = [places(moment) for moment in edges]
+    if any(there is None or not len(there) for there in seen):
         return None
-    opening, middle, closing = (np.asarray(seen) for seen in first)
+    opening, middle, closing = (np.asarray(there) for there in seen)
     halves = (middle - opening, closing - middle)
     span = float(sum(np.linalg.norm(half, axis=1) for half in halves).max())
     if span < NEGLIGIBLE_SPAN_PX:
         return None
     spread = sum(_spread(half) for half in halves)
     count = moment_count(spread, coc_px, most)
-    seen = [places(moment) for moment in edges(count)] if count > 1 else [opening, closing]
-    if any(there is None for there in seen):
-        return None
-    centres = np.stack([np.asarray(there).mean(axis=0) for there in seen])
+    start, half_way, end = (part.mean(axis=0) for part in (opening, middle, closing))
+    # the mean's way is a parabola through its three places
+    at = np.linspace(-1.0, 1.0, count + 1)[:, None]
+    centres = half_way + 0.5 * at * (end - start) + 0.5 * at**2 * (start + end - 2.0 * half_way)
     return Motion(span_px=span, spread_px=spread, ways=np.diff(centres, axis=0))
 
 
