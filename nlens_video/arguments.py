@@ -38,7 +38,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video check OUT --against IN  is a result steady, its plate untouched; 1 where it is not
-  nlens-video evaluate coc FOLDER     accuracy of estimate and fit on rendered ground truth
+  nlens-video evaluate coc|composite FOLDER   accuracy on rendered ground truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video doctor                  what works on this machine, and what to install
 """
@@ -273,7 +273,9 @@ def _check_parser() -> _Parser:
 def _evaluate_parser() -> _Parser:
     about = "Measure stages on plates with known lens: rendered ground truth, a folder a plate."
     parser = _base("nlens-video evaluate", about)
-    parser.add_argument("what", choices=("coc",), help="coc: the plate's CoC and the lens fit")
+    parser.add_argument(
+        "what", choices=("coc", "composite"), help="the plate's CoC and the lens fit; composites"
+    )
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
     parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")
     return parser

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import signal
@@ -82,9 +83,7 @@ def _run(argv: list[str]) -> int:
 
         return examine(as_json=words.json)
     if words.command == "evaluate":
-        from nlens_video.evaluate.coc import evaluate_coc
-
-        return evaluate_coc(words.folder, words.out, as_json=words.json, quiet=words.quiet)
+        return _evaluate(words)
     if words.command == "check":
         from nlens_video.check.command import check
 
@@ -129,6 +128,14 @@ def _run(argv: list[str]) -> int:
         outcome = render(run, on_progress)
     voice.outcome(outcome)
     return 0
+
+
+def _evaluate(words: argparse.Namespace) -> int:
+    if words.what == "composite":
+        from nlens_video.evaluate.composite import evaluate_composite as evaluate
+    else:
+        from nlens_video.evaluate.coc import evaluate_coc as evaluate
+    return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)
 
 
 if __name__ == "__main__":

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
-from nlens_video.errors import OutputError, ReaderGone
 from nlens_video.evaluate.bench_case import Case, built_case, plate_case
 from nlens_video.evaluate.bench_machine import machine
 from nlens_video.evaluate.bench_measure import FULL, QUICK, Effort, RungRun, run_apart
 from nlens_video.evaluate.bench_output import Report, plates_table, scenes_table
 from nlens_video.evaluate.bench_rungs import Rung, all_rungs
 from nlens_video.evaluate.bench_scenes import BuiltScene, write_scenes
+from nlens_video.evaluate.console import Progress, make_folder, print_out
 from nlens_video.evaluate.plates import find_plates
 from nlens_video.evaluate.plots import check_matplotlib
 from nlens_video.evaluate.tables import Entry, Table
-
-T = TypeVar("T")
 
 
 def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, quiet: bool) -> int:
@@ -44,7 +40,7 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
     """
     if out is not None:
         check_matplotlib()
-        _make(out)
+        make_folder(out)
     rendered = [plate_case(folder) for folder in find_plates(plates)[0]] if plates else []
     show = Progress(quiet=quiet)
     effort = QUICK if quick else FULL
@@ -54,26 +50,10 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
     if out is not None:
         report.write(out)
     if as_json:
-        _print(report.json())
+        print_out(report.json())
     elif not quiet:
-        _print(report.markdown())
+        print_out(report.markdown())
     return 0
-
-
-class Progress:
-    """Progress on standard error, where a person looks at it."""
-
-    def __init__(self, *, quiet: bool) -> None:
-        from rich.console import Console
-
-        self._console = Console(stderr=True)
-        self._hidden = quiet or not self._console.is_terminal
-
-    def track(self, items: Sequence[T], what: str) -> Iterable[T]:
-        """The items, a bar meanwhile."""
-        from rich.progress import track
-
-        return track(items, what, console=self._console, transient=True, disable=self._hidden)
 
 
 def measure(
@@ -111,20 +91,3 @@ def measure(
 def _collect(table: Table, rung: Rung, run: RungRun, cases: Sequence[Case]) -> None:
     for case in cases:
         table.entries.append(Entry(rung.name, case.name, run.figures(case)))
-
-
-def _make(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{out}: cannot be made ({error.strerror}); give another --out"
-        ) from error
-
-
-def _print(text: str) -> None:
-    try:
-        sys.stdout.write(text)
-        sys.stdout.flush()
-    except BrokenPipeError as error:
-        raise ReaderGone("standard output: nobody reads it any more") from error

@@ -95,10 +95,22 @@ def plate_case(folder: Path) -> Case:
         InputError: a file is missing, cannot be read or does not fit the others.
         SceneError: the GLB cannot be used.
     """
+    return case_of(folder, load_plate(folder))
+
+
+def case_of(folder: Path, known: Plate) -> Case:
+    """The case of a plate that is read already.
+
+    Args:
+        folder: of the plate.
+        known: what is in it.
+
+    Raises:
+        InputError: as `plate_case`.
+    """
     layers = folder / "object.exr"
     if not layers.is_file():
-        raise InputError(f"{layers}: no such file; bench needs the object's layers on each plate")
-    known = load_plate(folder)
+        raise InputError(f"{layers}: no such file; the object's layers are needed on each plate")
     truth = _codes(folder / "gt_noshadow.png", known.rgb.shape[:2])
     region = _bounds(_codes(folder / "object_rgba.png", known.rgb.shape[:2])[..., 3] > 0)
     if min(region.width, region.height) < WINDOW:

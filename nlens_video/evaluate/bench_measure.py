@@ -122,8 +122,8 @@ def run_rung(rung: Rung, cases: Sequence[Case], effort: Effort, started: float) 
     made: dict[str, OneCase] = {}
     for case in cases:
         profiler = Profiler()
-        with opened(rung, case, profiler) as steps:
-            picture = _one_frame(steps, case, 0)[0]
+        with opened(rung, case, profiler, case.fit) as steps:
+            picture = one_frame(steps, case, 0)[0]
             startup = startup or time.time() - started
             made[case.name] = OneCase(picture=picture, blur_ms=_timed(steps, case, effort))
     return RungRun(cases=made, startup_s=startup, peak_mib=_peak_mib())
@@ -138,23 +138,22 @@ class _Frame:
     picture: Picture
 
 
-def _one_frame(steps: FrameSteps, case: Case, index: int) -> tuple[UInt8, float]:
-    """The composite (H, W, 3), and what reblurring took [ms]."""
+def one_frame(steps: FrameSteps, case: Case, index: int) -> tuple[UInt8, dict[str, float]]:
+    """The composite (H, W, 3), and what each node took [ms]."""
     codes = case.plate.copy()
     state = steps.enter(_Frame(index, 0.0, ArrayPicture(codes, "rgb")))
     steps.run(state, steps.graph.nodes)
-    blurs = {node.name for node in steps.graph.nodes if node.output == "blurred"}
-    times = steps.profiler.close_frame(index, index).nodes
-    return codes, sum(ms for name, ms in times.items() if name in blurs)
+    return codes, steps.profiler.close_frame(index, index).nodes
 
 
 def _timed(steps: FrameSteps, case: Case, effort: Effort) -> tuple[float, ...]:
     times: list[float] = []
+    blurs = {node.name for node in steps.graph.nodes if node.output == "blurred"}
     end = time.perf_counter() + effort.seconds
     for index in itertools.count(1):
-        elapsed_ms = _one_frame(steps, case, index)[1]
+        spent = one_frame(steps, case, index)[1]
         if index >= _WARM_UP:
-            times.append(elapsed_ms)
+            times.append(sum(ms for name, ms in spent.items() if name in blurs))
         enough = len(times) >= _FEWEST and time.perf_counter() > end
         if enough or len(times) == max(_FEWEST, effort.frames):
             break

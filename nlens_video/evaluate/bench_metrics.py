@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
+from nlens_video.frames import Float64
+
 UInt8 = npt.NDArray[np.uint8]
 
 WINDOW = 7
@@ -19,8 +21,8 @@ def psnr(picture: UInt8, truth: UInt8) -> float:
     """Peak signal-to-noise ratio over all channels, infinite for equal pictures [dB].
 
     Args:
-        picture: code values (h, w, C).
-        truth: code values (h, w, C).
+        picture: code values (..., C).
+        truth: code values (..., C).
     """
     mean = float(np.mean((picture.astype(np.float64) - truth) ** 2))
     return 10.0 * math.log10(_PEAK**2 / mean) if mean else math.inf
@@ -31,6 +33,16 @@ def ssim(picture: UInt8, truth: UInt8) -> float:
 
     Windows of 7 x 7 equal weights, sample covariance, windows that lie within the picture: what
     scikit-image computes by default, and the paper's figures with it.
+
+    Args:
+        picture: code values (h, w, C), h and w at least 7.
+        truth: code values (h, w, C).
+    """
+    return float(ssim_map(picture, truth).mean())
+
+
+def ssim_map(picture: UInt8, truth: UInt8) -> Float64:
+    """Structural similarity of each window that lies within the picture (h - 6, w - 6, C) [1].
 
     Args:
         picture: code values (h, w, C), h and w at least 7.
@@ -48,9 +60,9 @@ def ssim(picture: UInt8, truth: UInt8) -> float:
     likeness = (2 * mean_a * mean_b + _C1) * (2 * covariance + _C2)
     likeness /= (mean_a**2 + mean_b**2 + _C1) * (var_a + var_b + _C2)
     rim = WINDOW // 2
-    return float(likeness[rim:-rim, rim:-rim].mean())
+    return np.asarray(likeness[rim:-rim, rim:-rim], np.float64)
 
 
-def _mean(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _mean(values: Float64) -> Float64:
     """Mean over the window around each pixel, channel by channel."""
     return np.asarray(uniform_filter(values, size=(WINDOW, WINDOW, 1)))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nlens_video.evaluate.bench_case import Case
 from nlens_video.evaluate.bench_rivals import RIVALS
+from nlens_video.frames import DefocusedLayer, ObjectLayer
 from nlens_video.graph.asked_lens import Lens
 from nlens_video.graph.assemble import assemble
 from nlens_video.graph.build import Graph
@@ -18,11 +19,14 @@ from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import shipped_pipelines
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameSteps
+from nlens_video.lens import LensFit
 from nlens_video.settings import ObjectSettings
 from nlens_video.stages.l_lens import view_count
 
 LENS_VIEWS = (8, 32)
 """Views of the lens that are measured beside those of the preset `reference`."""
+
+ObjectCoc = Callable[[ObjectLayer], DefocusedLayer]
 
 _ORDER = ("draft", "realtime", "standard", "paper", "reference")  # the ladder's own
 _SAMPLED, _SCATTER = "reference", "realtime"
@@ -56,15 +60,28 @@ def all_rungs(folder: Path) -> list[Rung]:
     Args:
         folder: gets the pipeline files of the rungs that no shipped preset is.
     """
+    rungs = [rival_rung(name) for name in RIVALS]
+    for rung in preset_rungs():
+        if rung.needs_views:
+            shipped = shipped_pipelines()[rung.preset]
+            rungs += [_sampled(shipped, views, folder) for views in LENS_VIEWS]
+        rungs.append(rung)
+    return rungs
+
+
+def rival_rung(name: str) -> Rung:
+    """The rung of a rival, a key of `RIVALS`."""
+    return Rung(name=name, preset=_SCATTER, rival=name)
+
+
+def preset_rungs() -> list[Rung]:
+    """The shipped presets, from the cheapest to the dearest."""
     shipped = shipped_pipelines()
     known = [name for name in _ORDER if name in shipped]
     others = [name for name in shipped if name not in _ORDER]
-    rungs = [Rung(name=name, preset=_SCATTER, rival=name) for name in RIVALS]
-    for name in (*known, *others):
-        if name == _SAMPLED:
-            rungs += [_sampled(shipped[name], views, folder) for views in LENS_VIEWS]
-        rungs.append(Rung(name=name, preset=name, needs_views=name == _SAMPLED))
-    return rungs
+    return [
+        Rung(name=name, preset=name, needs_views=name == _SAMPLED) for name in (*known, *others)
+    ]
 
 
 def _sampled(shipped: Path, views: int, folder: Path) -> Rung:
@@ -79,8 +96,21 @@ def _sampled(shipped: Path, views: int, folder: Path) -> Rung:
 
 
 @contextmanager
-def opened(rung: Rung, case: Case, profiler: Profiler) -> Iterator[FrameSteps]:
+def opened(
+    rung: Rung,
+    case: Case,
+    profiler: Profiler,
+    fit: LensFit | None,
+    object_coc: ObjectCoc | None = None,
+) -> Iterator[FrameSteps]:
     """The graph that runs a rung on a case, ready for frames on this thread.
+
+    Args:
+        rung: what runs.
+        case: on what; its true lens is not looked at.
+        profiler: times the nodes.
+        fit: the lens, None to find it on the plate.
+        object_coc: gives the object its CoC in the place of a lens fit.
 
     Raises:
         As `assemble`.
@@ -88,20 +118,23 @@ def opened(rung: Rung, case: Case, profiler: Profiler) -> Iterator[FrameSteps]:
     height, width = case.plate.shape[:2]
     assembly = assemble(
         ObjectSettings(glb=case.glb, layers=None if case.layers is None else str(case.layers)),
-        Lens(preset=rung.preset, effects="defocus", fit=case.fit),
+        Lens(preset=rung.preset, effects="defocus", fit=fit),
         View(width=width, height=height),
         profiler,
         Plate(lambda: ()),
     )
-    steps = assembly.steps
+    stand_ins: dict[str, Callable[..., object]] = {}
     if rung.rival is not None:
-        steps = FrameSteps(_with_rival(assembly.graph, rung.rival), profiler, case.fit)
+        stand_ins["scatter"] = RIVALS[rung.rival]
+    if object_coc is not None:
+        stand_ins["object-coc"] = lambda layer, _: object_coc(layer)
+    steps = assembly.steps
+    if stand_ins:
+        steps = FrameSteps(_with(stand_ins, assembly.graph), profiler, fit)
     with assembly.render_context():
         yield steps
 
 
-def _with_rival(graph: Graph, name: str) -> Graph:
-    nodes = tuple(
-        replace(node, run=RIVALS[name]) if node.stage == "scatter" else node for node in graph.nodes
-    )
+def _with(stand_ins: Mapping[str, Callable[..., object]], graph: Graph) -> Graph:
+    nodes = tuple(replace(node, run=stand_ins.get(node.stage, node.run)) for node in graph.nodes)
     return replace(graph, nodes=nodes)

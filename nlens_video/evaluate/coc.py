@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from functools import partial
 from pathlib import Path
 
-from nlens_video.errors import OutputError, ReaderGone
 from nlens_video.evaluate import plots
+from nlens_video.evaluate.console import Progress, make_folder, print_out
 from nlens_video.evaluate.plates import find_plates, load_plate
 from nlens_video.evaluate.protocol import CocProtocol
 from nlens_video.video.atomic import replacing
@@ -34,32 +33,25 @@ def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) 
     """
     if out is not None:
         plots.check_matplotlib()
-        _make(out)
+        make_folder(out)
     found, passed = find_plates(folder)
-    protocol = _measured(found, show=not quiet)
+    protocol = _measured(found, Progress(quiet=quiet))
     if out is not None:
         _write(protocol, out)
     if as_json:
-        _print(_as_json(protocol, passed))
+        print_out(_as_json(protocol, passed))
     elif not quiet:
-        _print(_as_markdown(protocol, passed))
+        print_out(_as_markdown(protocol, passed))
     return 0
 
 
-def _measured(folders: list[Path], *, show: bool) -> CocProtocol:
-    from rich.console import Console
-    from rich.progress import track
-
+def _measured(folders: list[Path], show: Progress) -> CocProtocol:
     from nlens_video.backends.coc_onnx import OnnxCocNetwork
     from nlens_video.model_store import find_model
 
-    console = Console(stderr=True)
-    hidden = not (show and console.is_terminal)
     with OnnxCocNetwork(find_model("coc").path) as network:
         protocol = CocProtocol(network)
-        for folder in track(
-            folders, "measuring plates", console=console, transient=True, disable=hidden
-        ):
+        for folder in show.track(folders, "measuring plates"):
             protocol.measure(load_plate(folder))
     return protocol
 
@@ -80,15 +72,6 @@ def _as_json(protocol: CocProtocol, passed: list[Path]) -> str:
     return json.dumps(figures, indent=2) + "\n"
 
 
-def _make(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{out}: cannot be made ({error.strerror}); give another --out"
-        ) from error
-
-
 def _write(protocol: CocProtocol, out: Path) -> None:
     texts = {f"{table.name}.csv": table.csv() for table in protocol.tables}
     texts["coc.md"] = _as_markdown(protocol, []) + (
@@ -106,11 +89,3 @@ def _write(protocol: CocProtocol, out: Path) -> None:
 
 def _write_text(text: str, path: Path) -> None:
     path.write_text(text)
-
-
-def _print(text: str) -> None:
-    try:
-        sys.stdout.write(text)
-        sys.stdout.flush()
-    except BrokenPipeError as error:
-        raise ReaderGone("standard output: nobody reads it any more") from error

@@ -70,8 +70,17 @@ class Plate:
 
         The signed CoC is affine in disparity, so it is the disparity in another unit.
         """
+        return self.relative(self.coc_px)
+
+    def relative(self, coc_px: Float32) -> Float32:
+        """The disparity of signed CoC [px] of any shape on the scale of `relative_disparity`."""
         low, high = float(self.coc_px.min()), float(self.coc_px.max())
-        return np.asarray((self.coc_px - low) / max(high - low, 1e-6), dtype=np.float32)
+        return np.asarray((coc_px - low) / max(high - low, 1e-6), dtype=np.float32)
+
+    @property
+    def scene(self) -> str:
+        """The scene of a plate SCENE_FOCUS; a plate with no underscore is a scene of its own."""
+        return self.name.rpartition("_")[0] or self.name
 
 
 def find_plates(folder: Path) -> tuple[list[Path], list[Path]]:

@@ -138,7 +138,7 @@ class CocProtocol:
             start = time.perf_counter()
             found = _attempt(fit, estimate, ground)
             taken = time.perf_counter() - start
-            figures = {"object_rms_px": _object_rms(plate, found), "time_ms": 1e3 * taken}
+            figures = {"object_rms_px": object_rms(plate, found), "time_ms": 1e3 * taken}
             self.ablations.entries.append(Entry(name, plate.name, figures))
 
     def _measure_pictures(self, plate: Plate) -> None:
@@ -156,7 +156,7 @@ class CocProtocol:
                 "rmse_px": whole.rmse_px,
                 "confident_rmse_px": whole.confident_rmse_px,
                 "footprint_rmse_px": rms_within(judged.coc_px, truth, footprint),
-                "object_rms_px": _object_rms(plate, fit and fit.for_width(width, height)),
+                "object_rms_px": object_rms(plate, fit and fit.for_width(width, height)),
             }
             self.conditions.entries.append(Entry(condition.name, plate.name, figures))
 
@@ -171,7 +171,7 @@ class CocProtocol:
                     guess.moved(plate.triangles), guess.camera, plate.ground_y
                 )
                 depth = moved_depth(guess, plate.camera, plate.object_depth.astype(np.float64))
-                rms = _object_rms(plate, _attempt(_shipped, coc, ground), depth)
+                rms = object_rms(plate, _attempt(_shipped, coc, ground), depth)
             name = f"field of view {100 * (ratio - 1):+.0f} %"
             self.conditions.entries.append(Entry(name, plate.name, {"object_rms_px": rms}))
 
@@ -187,7 +187,7 @@ def _attempt(fit: Fit, coc: CocMap, ground: GroundProjection) -> LensFit | None:
         return None
 
 
-def _object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None) -> float:
+def object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None) -> float:
     """Error of the CoC that a fit gives the object, nan where there is no fit [px]."""
     if fit is None:
         return math.nan

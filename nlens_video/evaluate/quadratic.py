@@ -14,6 +14,8 @@ large; `best_factor` takes that out with help of the truth.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -26,6 +28,36 @@ _WINDOW_PX = 5  # in which re-blurred and plate are compared
 _TEXTURE_PX, _TEXTURE = 15, 1e-3  # variance counts as texture above this part of the largest
 
 
+@dataclass(frozen=True, slots=True)
+class Quadratic:
+    """Blur as a polynomial of degree 2 of the disparity.
+
+    Attributes:
+        weights: of the powers 0 to 2 (3,) [px of sigma].
+    """
+
+    weights: Float64
+
+    def coc_px(self, disparity: Float32) -> Float32:
+        """Unsigned CoC diameter [px] of any shape from disparity, 0 to 1 in the plate [1]."""
+        sigma = (_powers(disparity.ravel()) @ self.weights).reshape(disparity.shape)
+        return np.asarray(COC_PER_SIGMA * np.maximum(sigma, 0), np.float32)
+
+
+def fit_quadratic(blur: SparseBlur, disparity: Float32) -> Quadratic:
+    """The polynomial of a plate; no blur at all where it is known nowhere.
+
+    Args:
+        blur: what the polynomial is fitted on.
+        disparity: true disparity, 0 to 1 (H, W) [1].
+    """
+    if blur.known.sum() < _COEFFICIENTS:
+        return Quadratic(np.zeros(_COEFFICIENTS))
+    powers = _powers(disparity[blur.known])
+    sigma = blur.sigma_px[blur.known].astype(np.float64)
+    return Quadratic(np.asarray(np.linalg.lstsq(powers, sigma, rcond=None)[0], np.float64))
+
+
 def quadratic_coc(blur: SparseBlur, disparity: Float32) -> Float32:
     """CoC diameter of a whole plate (H, W) [px]; all zero where the blur is known nowhere.
 
@@ -33,13 +65,7 @@ def quadratic_coc(blur: SparseBlur, disparity: Float32) -> Float32:
         blur: what the polynomial is fitted on.
         disparity: true disparity, 0 to 1 (H, W) [1].
     """
-    if blur.known.sum() < _COEFFICIENTS:
-        return np.zeros(disparity.shape, np.float32)
-    powers = _powers(disparity[blur.known])
-    sigma = blur.sigma_px[blur.known].astype(np.float64)
-    weights = np.linalg.lstsq(powers, sigma, rcond=None)[0]
-    fitted = (_powers(disparity.ravel()) @ weights).reshape(disparity.shape)
-    return np.asarray(COC_PER_SIGMA * np.maximum(fitted, 0), np.float32)
+    return fit_quadratic(blur, disparity).coc_px(disparity)
 
 
 def nearest_blur(rgb: Float32, sharp: Float32) -> SparseBlur:

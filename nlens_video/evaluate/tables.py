@@ -89,19 +89,19 @@ class Table:
     def markdown(self) -> str:
         """Title, summary, the detail plate by plate, notes."""
         summary = [
-            [row, *(_text(self._value(row, c), c.digits) for c in self.columns)]
+            [row, *(cell(self._value(row, c), c.digits) for c in self.columns)]
             for row in self.rows()
         ]
         shown = next(c for c in self.columns if c.key == self.detail)
         detail = [
-            [row, *(_text(self._on(row, plate), shown.digits) for plate in self.plates())]
+            [row, *(cell(self._on(row, plate), shown.digits) for plate in self.plates())]
             for row in self.rows()
         ]
         parts = [
             f"## {self.title}",
-            _grid(["", *(c.heading for c in self.columns)], summary),
+            grid(["", *(c.heading for c in self.columns)], summary),
             f"{shown.heading}, plate by plate:",
-            _grid(["", *self.plates()], detail),
+            grid(["", *self.plates()], detail),
             *self.notes,
         ]
         return "\n\n".join(parts) + "\n"
@@ -148,11 +148,12 @@ def _known(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
 
 
-def _text(value: float, digits: int) -> str:
+def cell(value: float, digits: int) -> str:
+    """A figure as text, a dash where there is none."""
     return f"{value:.{digits}f}" if math.isfinite(value) else NONE
 
 
-def _grid(heading: list[str], rows: list[list[str]]) -> str:
+def grid(heading: list[str], rows: list[list[str]]) -> str:
     """A Markdown table, its columns aligned so that it reads in a terminal too."""
     widths = [max(len(row[at]) for row in [heading, *rows]) for at in range(len(heading))]
     lines = [

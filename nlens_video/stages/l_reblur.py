@@ -9,17 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import cv2
 import numpy as np
 
 from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
-from nlens_video.lens import LensFit
 
 NEGLIGIBLE_COC_PX = 0.5  # a disc this wide stays within its pixel
 
 
-def object_coc(layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
+class CocLaw(Protocol):
+    """What gives a disparity its CoC: a `LensFit`, or a rival's model."""
+
+    def coc_px(self, disparity: Float32) -> Float32:
+        """Signed CoC diameter [px] of any shape from disparity [1 / scene unit]."""
+        ...
+
+
+def object_coc(layer: ObjectLayer, fit: CocLaw) -> DefocusedLayer:
     """CoC of a rendered object from its depth (paper, eq. 2 applied).
 
     Pixels that have alpha but no depth (an antialiased edge whose depth sample missed) take the

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from evaluate.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, camera, cube_depth, write_plate
+from evaluate.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, write_rendered
 
 from nlens_video.cli import main
 from nlens_video.evaluate import bench
@@ -16,11 +16,7 @@ from nlens_video.evaluate.bench_measure import Effort, OneCase, RungRun
 from nlens_video.evaluate.bench_plot import Point, pareto
 from nlens_video.evaluate.bench_rungs import all_rungs
 from nlens_video.evaluate.bench_scenes import write_scenes
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.video.exr import write_layers
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.frames import Box
 
 TINY = Effort(size=(240, 128), views=64, frames=3, seconds=0.1)
 RUN = ("naive", "realtime", "lens, 8 views")
@@ -31,26 +27,6 @@ def nlens(*words):
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main([str(word) for word in words])
     return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue().strip())
-
-
-def write_rendered(folder):
-    """A plate, its object as a layer, and the two blurred together with the true CoC."""
-    write_plate(folder)
-    depth = cube_depth(camera()).astype(np.float32)
-    there = depth < 1e9
-    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
-    rgba[there] = (0.6, 0.1, 0.02, 1.0)
-    channels = {name: rgba[..., at] for at, name in enumerate("RGBA")} | {"Z": depth}
-    write_layers(folder / "object.exr", channels)
-    frame = Box(0, 0, WIDTH, HEIGHT)
-    layer = ObjectLayer(box=frame, rgba=rgba, depth=np.where(there, depth, np.float32(np.inf)))
-    coc = np.where(there, SLOPE / depth + INTERCEPT, 0).astype(np.float32)
-    stage = ReblurLayer(scatter=scatter, reach=blur_reach)
-    blurred = stage(DefocusedLayer(layer=layer, coc_px=coc), frame)
-    codes = cv2.imread(str(folder / "bg.png"))
-    ArrayPicture(codes, "bgr").over(blurred.box, blurred.rgba)
-    assert cv2.imwrite(str(folder / "gt_noshadow.png"), codes)
-    return folder
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,12 @@ import cv2
 import numpy as np
 from shots import camera_pose, cube_glb
 
-from nlens_video.kernels.scatter import scatter
+from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
+from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
+from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.video.exr import write_layers
+from nlens_video.video.picture import ArrayPicture
 
 WIDTH, HEIGHT, YFOV = 320, 180, 0.7
 SLOPE, INTERCEPT = 30.0, -6.0  # in focus at 5 m, far behind the object
@@ -64,6 +68,26 @@ def write_plate(folder, *, seed=0, sharp=True):
     assert cv2.imwrite(str(folder / "object_rgba.png"), rgba)
     cube_glb(folder / "object.glb", start=PLACE, size=SIZE)
     (folder / "params.json").write_text(json.dumps({"ground_plane_y_gltf": 0.0}))
+    return folder
+
+
+def write_rendered(folder, *, seed=0, sharp=True):
+    """A plate, its object as a layer, and the two blurred together with the true CoC."""
+    write_plate(folder, seed=seed, sharp=sharp)
+    depth = cube_depth(camera()).astype(np.float32)
+    there = depth < 1e9
+    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    rgba[there] = (0.6, 0.1, 0.02, 1.0)
+    channels = {name: rgba[..., at] for at, name in enumerate("RGBA")} | {"Z": depth}
+    write_layers(folder / "object.exr", channels)
+    frame = Box(0, 0, WIDTH, HEIGHT)
+    layer = ObjectLayer(box=frame, rgba=rgba, depth=np.where(there, depth, np.float32(np.inf)))
+    coc = np.where(there, SLOPE / depth + INTERCEPT, 0).astype(np.float32)
+    stage = ReblurLayer(scatter=scatter, reach=blur_reach)
+    blurred = stage(DefocusedLayer(layer=layer, coc_px=coc), frame)
+    codes = cv2.imread(str(folder / "bg.png"))
+    ArrayPicture(codes, "bgr").over(blurred.box, blurred.rgba)
+    assert cv2.imwrite(str(folder / "gt_noshadow.png"), codes)
     return folder
 
 
