@@ -57,9 +57,6 @@ def _panel(axes: Axes, rows: Sequence[tuple[Interval, tuple[float, ...]]], label
         axes.plot(plates, [number] * len(plates), "o", color=_PLATES, ms=4)
         half = interval.half if math.isfinite(interval.half) else 0.0
         axes.errorbar(interval.mean, number, xerr=half, fmt="D", color=_MEAN, ms=7, lw=2, capsize=4)
-    spread = [value for _, plates in rows for value in plates]
-    room = 0.08 * (max(spread) - min(spread)) + 0.5
-    axes.set_xlim(min(spread) - room, max(spread) + room)  # few scenes: an interval may go beyond
     axes.set_xlabel(label)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="#e5e8ea", lw=0.7)

@@ -173,8 +173,7 @@ class Report:
             f"## Over scenes\n\n{grid(['', 'PSNR [dB]', 'SSIM', 'gain over naive [dB]'], rows)}\n\n"
             f"Mean over {count} scenes, each the mean of its plates, ± half the {LEVEL:.0%} "
             "interval (Student's t): plates of one scene are no independent samples, and few "
-            "scenes leave wide intervals. The gain is taken plate by plate, which removes what "
-            "makes scenes differ.\n"
+            "scenes leave wide intervals. The gain is taken plate by plate.\n"
         )
 
     def _by_plate(self, table: Table, row: str, key: str) -> list[tuple[str, float]]:

@@ -18,6 +18,9 @@ SOURCE = (
 )
 
 
+_HEADING = ["row of the paper", "row here", "figure", "the paper's", "here"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
     """A figure of the paper and its like here.
@@ -79,7 +82,7 @@ def beside_the_paper(found: Mapping[tuple[str, str], Interval]) -> str:
     parts = []
     for title, rows in TABLES.items():
         cells = [_row(beside, found.get((beside.here, beside.key))) for beside in rows]
-        parts += [f"## {title}", grid(["paper", "here", "figure", "paper ", "here "], cells)]
+        parts += [f"## {title}", grid(_HEADING, cells)]
     return "\n\n".join([*parts, SOURCE]) + "\n"
 
 
@@ -87,5 +90,5 @@ def _row(beside: Beside, interval: Interval | None) -> list[str]:
     figure = _FIGURES[beside.key]
     here = NONE if interval is None else interval.text(figure.digits)
     return [
-        beside.what, beside.here, figure.heading, f"{beside.reported:.{figure.digits}f}", here,
+        beside.what, beside.here, figure.heading, f"{beside.reported:.2f}", here,
     ]  # fmt: skip
