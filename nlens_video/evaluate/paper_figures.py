@@ -11,7 +11,7 @@ from nlens_video.evaluate.tables import NONE, grid
 
 QUADRATIC, NETWORK = "disparity to quadratic CoC", "our network"
 SOURCE = (
-    'Figures in the columns "paper" are those of "Parameter-Free Neural Lens Blur Rendering for '
+    "The paper's figures are those of \"Parameter-Free Neural Lens Blur Rendering for "
     'High-Fidelity Composites", tables 1 (one scene, nine variations) and 2 (three scenes, nine '
     "variations). Its scenes are not published: figures measured here are of other pictures, and "
     "only the distance between rows can be compared across."
