@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import NoReturn
 
-from nlens_video import __version__
 from nlens_video.aperture import parse_aperture
+from nlens_video.argument_parser import (
+    Parser,
+    add_encoding,
+    add_range,
+    add_source,
+    base_parser,
+    count,
+)
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
 from nlens_video.errors import UsageError
+from nlens_video.farm_arguments import add_chunk, merge_parser
 from nlens_video.light_arguments import add_light
 from nlens_video.object_arguments import (
     add_placing,
@@ -28,27 +35,21 @@ from nlens_video.settings import (
     SourceSettings,
 )
 
-COMMANDS = ("render", "fit", "place", "check", "evaluate", "bench", "doctor")
-PLANNED = ("farm", "merge", "study")
+COMMANDS = ("render", "fit", "merge", "place", "check", "evaluate", "bench", "doctor")
+PLANNED = ("farm", "study")
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
+  nlens-video merge OUT CHUNK... --from IN   join what --as-chunk has rendered
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video check OUT --against IN  is a result steady, its plate untouched; 1 where it is not
   nlens-video evaluate coc|composite FOLDER   accuracy on rendered ground truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video doctor                  what works on this machine, and what to install
 """
-
-
-class _Parser(argparse.ArgumentParser):
-    """Errors are ours: one line, no usage dump."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}; see {self.prog} --help")
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
@@ -65,6 +66,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
     parsers = {
         "render": _render_parser,
         "fit": _fit_parser,
+        "merge": merge_parser,
         "place": _place_parser,
         "check": _check_parser,
         "evaluate": _evaluate_parser,
@@ -79,15 +81,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
 
 def settings(words: argparse.Namespace) -> Settings:
     """Settings of `render` and `fit`."""
-    output = None
-    if words.command == "render":
-        output = OutputSettings(
-            spec=words.output,
-            codec=words.codec,
-            crf=words.crf,
-            pix_fmt=words.pix_fmt,
-            keep_partial=words.keep_partial,
-        )
+    output = output_settings(words) if words.command == "render" else None
     return Settings(
         source=source_settings(words),
         scene=object_settings(words),
@@ -106,6 +100,17 @@ def settings(words: argparse.Namespace) -> Settings:
         report=words.report,
         aov=getattr(words, "aov", None),
         timings=getattr(words, "timings", None),
+    )
+
+
+def output_settings(words: argparse.Namespace) -> OutputSettings:
+    """The result of `render` and `merge`."""
+    return OutputSettings(
+        spec=words.output,
+        codec=words.codec,
+        crf=words.crf,
+        pix_fmt=words.pix_fmt,
+        keep_partial=words.keep_partial,
     )
 
 
@@ -132,46 +137,11 @@ def source_settings(words: argparse.Namespace) -> SourceSettings:
         input_format=words.input_format,
         input_size=words.input_size,
         input_rate=words.input_rate,
-        frames=words.range,
+        frames=getattr(words, "range", (0, None)),
     )
 
 
-def _frames(text: str) -> tuple[int, int | None]:
-    first, colon, end = text.partition(":")
-    try:
-        frames = (int(first or 0), int(end) if end else None)
-    except ValueError:
-        colon = ""
-    if not colon or frames[0] < 0 or (frames[1] is not None and frames[1] <= frames[0]):
-        raise argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B")
-    return frames
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
-    return int(text)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
-        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, such as 960x512")
-    return int(width), int(height)
-
-
-def _base(prog: str, description: str) -> _Parser:
-    parser = _Parser(
-        prog=prog, description=description, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--version", action="version", version=f"nlens-video {__version__}")
-    parser.add_argument("-v", "--verbose", action="store_true", help="tell more; tracebacks")
-    parser.add_argument("-q", "--quiet", action="store_true", help="errors only")
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
-    return parser
-
-
-def _add_common(parser: _Parser) -> None:
+def _add_common(parser: Parser) -> None:
     parser.add_argument("input", metavar="IN", help="video, still, plate_%%04d.png, device, URL, -")
     parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the animated object (glTF 2.0)")
     look = parser.add_argument_group("the object")
@@ -196,24 +166,14 @@ def _add_common(parser: _Parser) -> None:
     lens.add_argument(
         "--cat-eye", default=0.0, metavar="S", type=float, help="towards corners, 0 to 1"
     )
-    _add_source(parser)
+    add_range(parser)
     shown = parser.add_argument_group("what is shown")
     shown.add_argument("--report", metavar="DIR", type=Path, help="a self-contained HTML report")
     shown.add_argument("--no-progress", action="store_true")
 
 
-def _add_source(parser: _Parser) -> None:
-    raw = parser.add_argument_group("the plate")
-    raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")
-    raw.add_argument("--input-size", metavar="WxH", type=_size, help="of raw video")
-    raw.add_argument("--input-rate", metavar="FPS", help="of raw video, stills, sequences")
-    raw.add_argument(
-        "--range", metavar="A:B", type=_frames, default=(0, None), help="frames A to B-1"
-    )
-
-
-def _render_parser() -> _Parser:
-    parser = _base("nlens-video", _ABOUT)
+def _render_parser() -> Parser:
+    parser = base_parser("nlens-video", _ABOUT)
     _add_common(parser)
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
     add_effects(parser)
@@ -225,24 +185,21 @@ def _render_parser() -> _Parser:
     run.add_argument("--aov", metavar="DIR", type=Path, help="EXR layers of each frame")
     run.add_argument("--timings", metavar="T.json", type=Path, help="time of each node and frame")
     run.add_argument("--plan", action="store_true", help="print what would run and why, then stop")
-    out = parser.add_argument_group("the encoding (default: as the source)")
-    out.add_argument("--codec", metavar="NAME")
-    out.add_argument("--crf", metavar="Q", type=float)
-    out.add_argument("--pix-fmt", metavar="NAME")
-    out.add_argument("--keep-partial", action="store_true", help="keep what an interrupt leaves")
+    add_chunk(run)
+    add_encoding(parser)
     return parser
 
 
-def _fit_parser() -> _Parser:
-    parser = _base("nlens-video fit", "Find the lens of a plate and keep it as JSON.")
+def _fit_parser() -> Parser:
+    parser = base_parser("nlens-video fit", "Find the lens of a plate and keep it as JSON.")
     _add_common(parser)
     parser.add_argument("save_fit", metavar="FIT.json", type=Path)
     return parser
 
 
-def _place_parser() -> _Parser:
+def _place_parser() -> Parser:
     about = "Draw choices of --at, --size, --yaw, --horizon, round those given, on the first frame."
-    parser = _base("nlens-video place", about)
+    parser = base_parser("nlens-video place", about)
     parser.add_argument("input", metavar="IN", help="the plate, as of nlens-video")
     parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the object (glTF 2.0)")
     parser.add_argument("output", metavar="OUT.png", type=Path, help="the contact sheet")
@@ -250,29 +207,29 @@ def _place_parser() -> _Parser:
     parser.add_argument("--scene", metavar="NAME", help="the GLB's scene (default: as it says)")
     add_playback(parser)
     add_placing(parser)
-    _add_source(parser)
+    add_range(parser)
     return parser
 
 
-def _check_parser() -> _Parser:
+def _check_parser() -> Parser:
     about = (
         "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, audio.\n"
         "Exit code 0: fine; 1: something was found; 2 to 6 are errors, as everywhere."
     )
-    parser = _base("nlens-video check", about)
+    parser = base_parser("nlens-video check", about)
     parser.add_argument("result", metavar="OUT", help="what nlens-video has written")
     parser.add_argument("--against", dest="input", metavar="IN", required=True, help="its plate")
     parser.add_argument(
-        "--objects", metavar="N", type=_count, default=1, help="separate changed places (1)"
+        "--objects", metavar="N", type=count, default=1, help="separate changed places (1)"
     )
     parser.add_argument("--report", metavar="DIR", type=Path, help="a page with the plots")
-    _add_source(parser)
+    add_source(parser)
     return parser
 
 
-def _evaluate_parser() -> _Parser:
+def _evaluate_parser() -> Parser:
     about = "Measure stages on plates with known lens: rendered ground truth, a folder a plate."
-    parser = _base("nlens-video evaluate", about)
+    parser = base_parser("nlens-video evaluate", about)
     parser.add_argument(
         "what", choices=("coc", "composite"), help="the plate's CoC and the lens fit; composites"
     )
@@ -281,9 +238,9 @@ def _evaluate_parser() -> _Parser:
     return parser
 
 
-def _bench_parser() -> _Parser:
+def _bench_parser() -> Parser:
     about = "Measure every preset, and others' methods, against the sampled lens: what it costs."
-    parser = _base("nlens-video bench", about)
+    parser = base_parser("nlens-video bench", about)
     parser.add_argument(
         "folder", metavar="FOLDER", type=Path, nargs="?", help="plates rendered with their object"
     )
@@ -292,5 +249,5 @@ def _bench_parser() -> _Parser:
     return parser
 
 
-def _doctor_parser() -> _Parser:
-    return _base("nlens-video doctor", "What works on this machine, and what to install.")
+def _doctor_parser() -> Parser:
+    return base_parser("nlens-video doctor", "What works on this machine, and what to install.")

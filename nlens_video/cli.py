@@ -9,9 +9,9 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
-from nlens_video import interrupts
-from nlens_video.arguments import parse, place_settings, settings, source_settings
+from nlens_video import arguments, interrupts
 from nlens_video.errors import NlensError, ReaderGone
 
 INTERRUPTED = 130
@@ -77,7 +77,7 @@ def _leave_a_stuck_reader(code: int) -> None:
 
 
 def _run(argv: list[str]) -> int:
-    words = parse(argv)
+    words = arguments.parse(argv)
     if words.command == "doctor":
         from nlens_video.doctor import examine
 
@@ -87,8 +87,9 @@ def _run(argv: list[str]) -> int:
     if words.command == "check":
         from nlens_video.check.command import check
 
+        plate = arguments.source_settings(words)
         return check(
-            words.result, source_settings(words), objects=words.objects, report=words.report,
+            words.result, plate, objects=words.objects, report=words.report,
             as_json=words.json, quiet=words.quiet,
         )  # fmt: skip
     if words.command == "bench":
@@ -108,10 +109,14 @@ def _run(argv: list[str]) -> int:
     if words.command == "place":
         from nlens_video.place import write_contact_sheet
 
-        write_contact_sheet(place_settings(words))
+        write_contact_sheet(arguments.place_settings(words))
         voice.saved(words.output)
         return 0
-    run = settings(words)
+    if words.command == "merge":
+        from nlens_video.farm.command import run_merge
+
+        return run_merge(words, voice)
+    run = arguments.settings(words)
     if getattr(words, "plan", False):
         from nlens_video.run import plan
 
@@ -122,6 +127,10 @@ def _run(argv: list[str]) -> int:
 
         voice.fit(find_fit(run))
         return 0
+    if words.as_chunk:
+        from nlens_video.farm.command import run_chunk
+
+        return run_chunk(run, Path(words.output), voice)
     from nlens_video.run import render
 
     with voice.progress_bar() as on_progress:

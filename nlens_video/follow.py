@@ -61,7 +61,7 @@ def follow(settings: Settings) -> FitTrack | None:
         return None
     if not can_be_read_again(settings.source.spec):
         return None
-    with opened(settings) as source:
+    with opened(settings.source) as source:
         if source.info.kind not in ("video", "sequence"):
             return None
         seconds = frame_s(source.info) or 1 / 25

@@ -21,7 +21,7 @@ from nlens_video.lens import LensFit
 from nlens_video.look_ahead import LookAhead
 from nlens_video.observers import Observer
 from nlens_video.placing import focal_35mm
-from nlens_video.settings import Settings
+from nlens_video.settings import Settings, SourceSettings
 from nlens_video.trim import Trim
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.opening import can_be_read_again
@@ -74,20 +74,24 @@ def taken_in(
     Raises:
         NlensError: as `run.render`.
     """
-    with opened(settings) as source:
-        trim = Trim(source, settings.source.frames)
+    chunk = settings.output is not None and settings.output.chunk is not None
+    with opened(settings.source) as source:
+        trim = Trim(source, settings.source.frames, chunk=chunk)
         assembly = _assembled(settings, source.info, profiler, trim, track)
+        trim.passed_over = assembly.steps.pass_over
         yield Intake(source, LookAhead(_decoded(trim, profiler)), assembly)
 
 
 @contextmanager
-def opened(settings: Settings) -> Iterator[Source]:
+def opened(given: SourceSettings) -> Iterator[Source]:
     """The source; left open where its reader still blocks in a read.
+
+    Args:
+        given: the plate, as the user names it.
 
     Raises:
         InputError: the source cannot be read.
     """
-    given = settings.source
     size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
     source = apart(
         lambda: open_source(

@@ -20,8 +20,9 @@ from nlens_video.intake import taken_in
 from nlens_video.lens import LensFit
 from nlens_video.observers import Started, observers
 from nlens_video.outcome import FitOutcome, Outcome
-from nlens_video.settings import Settings
+from nlens_video.settings import OutputSettings, Settings
 from nlens_video.video.atomic import check_folder, replacing
+from nlens_video.video.chunk import ChunkSink
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.sink import Sink, open_sink
 
@@ -114,11 +115,8 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         watching = observers(settings, Started(source.info, assembly, profiler), settings.output)
         for observer in watching:
             stack.enter_context(observer)
-        sink = open_sink(
-            output.spec, source.info, codec=output.codec, crf=output.crf,
-            pix_fmt=output.pix_fmt, keep_partial=output.keep_partial,
-        )  # fmt: skip
-        stack.enter_context(_telling_what_is_kept(sink))
+        sink = _open_result(output, source.info)
+        stack.enter_context(telling_what_is_kept(sink))
         stack.enter_context(sink)
         total = _expected(source.info, settings)
         lanes = assembly.steps.lanes(assembly.render_context)
@@ -161,8 +159,17 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     return outcome
 
 
+def _open_result(output: OutputSettings, info: SourceInfo) -> Sink:
+    if output.chunk is not None:
+        return ChunkSink(Path(output.spec), info, output.chunk)
+    return open_sink(
+        output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
+        keep_partial=output.keep_partial,
+    )  # fmt: skip
+
+
 @contextmanager
-def _telling_what_is_kept(sink: Sink) -> Iterator[None]:
+def telling_what_is_kept(sink: Sink) -> Iterator[None]:
     """Name the partial file to whoever hears of the interruption."""
     try:
         yield

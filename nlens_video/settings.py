@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from nlens_video.aperture import ROUND, Aperture
+from nlens_video.chunk_mark import ChunkMark
 from nlens_video.optics import Optics
 from nlens_video.placing import Placing
 from nlens_video.playback import ONCE, Playback
@@ -129,6 +130,8 @@ class OutputSettings:
         crf: quality of encoders that have such a number.
         pix_fmt: FFmpeg's name of the pixel format.
         keep_partial: whether an interrupted run leaves a playable part under its temporary name.
+        chunk: what the result is a part of; it is then written lossless, for `merge`. None for a
+            result of its own.
     """
 
     spec: str
@@ -136,6 +139,7 @@ class OutputSettings:
     crf: float | None = None
     pix_fmt: str | None = None
     keep_partial: bool = False
+    chunk: ChunkMark | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,8 @@ from nlens_video.errors import ReaderGone
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from nlens_video.farm.chunk import Chunk
+    from nlens_video.farm.merge import Merged
     from nlens_video.lens import LensFit
     from nlens_video.outcome import FitOutcome, Outcome
 
@@ -86,6 +88,25 @@ class Voice:
             self._emit({"saved": str(path)})
         elif not self._quiet:
             self._say("saved", str(path))
+
+    def chunk(self, chunk: Chunk) -> None:
+        """Show a chunk that was rendered, or was there."""
+        if self._json:
+            rendered = None if chunk.outcome is None else chunk.outcome.as_json()
+            self._emit({"chunk": str(chunk.path), "outcome": rendered})
+        elif chunk.outcome is not None:
+            self.outcome(chunk.outcome)
+        elif not self._quiet:
+            self._say("chunk", f"{chunk.path} is there already")
+
+    def merged(self, merged: Merged) -> None:
+        """Show how a merge went."""
+        if self._json:
+            self._emit(asdict(merged))
+        elif not self._quiet:
+            where = "standard output" if merged.output == "-" else merged.output
+            self._say("merged", f"{where}, {merged.frames} frames of {merged.chunks} chunks")
+            self._notes(merged.notes)
 
     def outcome(self, outcome: Outcome) -> None:
         """Show how a run went."""

@@ -1,9 +1,12 @@
-"""`--range`: the frames from A to B - 1, and of the other streams what lies beside them in time."""
+"""`--range`: the frames from A to B - 1, and of the other streams what lies beside them in time.
+
+A chunk of a longer result keeps the source's own times and takes nothing of the other streams.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from itertools import islice
@@ -27,10 +30,18 @@ class Trim:
     Args:
         source: the frames and, through its `packet_sink`, the other streams' packets.
         frames: first index and the one past the last, None for an open end.
+        chunk: whether this is a part of a longer result: frames keep their times, packets go.
+
+    Attributes:
+        passed_over: called with each frame before the range.
     """
 
-    def __init__(self, source: Source, frames: tuple[int, int | None]) -> None:
+    def __init__(
+        self, source: Source, frames: tuple[int, int | None], *, chunk: bool = False
+    ) -> None:
+        self.passed_over: Callable[[SourceFrame], None] = lambda frame: None
         self._source = source
+        self._chunk = chunk
         self._first, self._end = frames
         self._frames = iter(source)
         self._ahead: deque[SourceFrame] = deque()
@@ -38,7 +49,7 @@ class Trim:
         self._start_s: Fraction | None = None if self._first else Fraction(0)
         self._start_pts = 0
         self._end_s: Fraction | None = None
-        source.packet_sink = self._packets.append
+        source.packet_sink = None if chunk else self._packets.append
 
     def peek(self, count: int) -> tuple[Picture, ...]:
         """The pictures of the source's first `count` frames, whatever the range; before `items`.
@@ -56,14 +67,17 @@ class Trim:
                 if self._end_s is None:
                     self._end_s = moment
                 # sound that belongs beside the last frames may come after them
-                if not self._source.info.copied or moment > self._end_s + _INTERLEAVING_S:
+                waits = self._source.info.copied and not self._chunk
+                if not waits or moment > self._end_s + _INTERLEAVING_S:
                     break
             yield from self._released(moment)
-            if frame.index >= self._first and self._end_s is None:
+            if frame.index < self._first:
+                self.passed_over(frame)
+            elif self._end_s is None:
                 if self._start_s is None:
                     self._start_pts, self._start_s = frame.pts, moment
                     yield from self._released(moment)
-                yield replace(frame, pts=frame.pts - self._start_pts)
+                yield frame if self._chunk else replace(frame, pts=frame.pts - self._start_pts)
         yield from self._released(None)
 
     def _in_order(self) -> Iterator[SourceFrame]:

@@ -108,7 +108,9 @@ CUBE_FACES = np.array(
 )  # fmt: skip
 
 
-def cube_glb(path: Path, *, start=(0.0, 0.0, -1.6), end=None, seconds=1.0, size=0.35, camera=True):
+def cube_glb(
+    path: Path, *, start=(0.0, 0.0, -1.6), end=None, seconds=1.0, size=0.35, camera=True, sun=True
+):
     """A cube that stands on the ground and slides from `start` to `end`, a camera and a sun."""
     builder = GlbBuilder()
     paint = builder.add(
@@ -123,7 +125,8 @@ def cube_glb(path: Path, *, start=(0.0, 0.0, -1.6), end=None, seconds=1.0, size=
     if camera:
         lens = builder.camera(YFOV, name="Plate", aspect=WIDTH / HEIGHT)
         builder.node(camera=lens, matrix=camera_pose().T.ravel().tolist())
-    builder.light(intensity=2.0, node={"rotation": [-0.5, 0.2, 0.0, 0.84]})
+    if sun:
+        builder.light(intensity=2.0, node={"rotation": [-0.5, 0.2, 0.0, 0.84]})
     return builder.write(path)
 
 

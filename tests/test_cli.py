@@ -474,7 +474,7 @@ class TestExitCodes:
         assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
         assert any("constant CoC" in note for note in outcome["notes"])
 
-    @pytest.mark.parametrize("command", ["farm", "merge"])
+    @pytest.mark.parametrize("command", ["farm"])
     def test_2_command_that_this_version_does_not_have(self, command):
         assert "not in this version" in one_line(nlens(command, "a", "b"), 2)
 

@@ -34,6 +34,11 @@ class Graph:
         """Whether a node of that stage was built."""
         return any(node.stage == stage for node in self.nodes)
 
+    @property
+    def remembering(self) -> tuple[Node, ...]:
+        """The nodes that must see every frame of the source."""
+        return tuple(node for node in self.nodes if node.remembers)
+
     def lane(self, name: LaneName) -> tuple[Node, ...]:
         """The nodes of one lane."""
         return tuple(node for node in self.nodes if node.lane == name)
@@ -81,6 +86,7 @@ def build(
                     name=spec.name, stage=spec.stage, inputs=spec.inputs, optional=spec.optional,
                     output=spec.output, cadence=spec.cadence, lane=spec.lane, effect=spec.effect,
                     when=spec.when, without=spec.without, backend=made.backend, run=made.run,
+                    remembers=made.remembers,
                 )
             )  # fmt: skip
     return Graph(

@@ -45,8 +45,10 @@ class CocFront:
         return "F: CoC network on each frame, onnxruntime on the CPU"
 
     def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
-        """The CoC of a frame."""
-        return self.load()(picture, ()) if plate_coc is None else plate_coc
+        """The CoC of a frame, of that one alone: the fit's may be the mean of several."""
+        if plate_coc is not None and plate_coc.frames == 1:
+            return plate_coc
+        return self.load()(picture, ())
 
 
 def open_front(

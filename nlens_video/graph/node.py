@@ -98,6 +98,7 @@ class Node:
         without: port that a frame must not hold, or none.
         backend: what runs it and why, in words.
         run: the stage, called with the inputs and then the optional ports, in order.
+        remembers: whether it must see every frame of the source, those before a range included.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Node:
     without: str | None
     backend: str
     run: Callable[..., object]
+    remembers: bool = False
 
     def called_for(self, values: Mapping[str, object]) -> bool:
         """Whether this frame needs the node."""

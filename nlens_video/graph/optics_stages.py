@@ -142,7 +142,8 @@ def make_exposure(tools: Tools) -> Made:
     """The plate's exposure, frame by frame."""
     from nlens_video.stages.exposure import MeasureExposure
 
-    return Made(MeasureExposure(), "median ratio of small pictures, per channel")
+    words = "median ratio of small pictures, per channel"
+    return Made(MeasureExposure(), words, remembers=True)
 
 
 def make_follow(tools: Tools) -> Made:

@@ -30,7 +30,7 @@ def make_light(tools: Tools) -> Made:
         ground.light.look_at(lambda: picture.linear(Box(0, 0, picture.width, picture.height)))
         return ground.light.on_object(())
 
-    return Made(run, "the plate's mean colour and what is above it, once")
+    return Made(run, "the plate's mean colour and what is above it, once", remembers=True)
 
 
 def make_shadow(tools: Tools, *, lamp_points: int = 24, ambient_directions: int = 64) -> Made:

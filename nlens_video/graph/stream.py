@@ -102,6 +102,11 @@ class FrameSteps:
             values["following"] = following
         return FrameState(frame, values)
 
+    def pass_over(self, frame: StreamFrame) -> None:
+        """Show a frame before the range to the nodes that remember: a part is as in the whole."""
+        for node in self.graph.remembering:
+            node.run(frame.picture)
+
     def run(self, state: FrameState, nodes: tuple[Node, ...]) -> FrameState:
         """Run some nodes on one frame."""
         if not state.started:  # later lanes must not see what later frames have found out

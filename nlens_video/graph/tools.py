@@ -129,10 +129,18 @@ class Unavailable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A stage ready to run, and what runs it, in words."""
+    """A stage ready to run.
+
+    Attributes:
+        run: the stage.
+        backend: what runs it, in words.
+        remembers: whether what it does on a frame depends on frames before it; such a stage takes
+            nothing but `picture`, and sees the frames before a range, too.
+    """
 
     run: Callable[..., object]
     backend: str
+    remembers: bool = False
 
 
 @dataclass(frozen=True, slots=True)

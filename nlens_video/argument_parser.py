@@ -1,0 +1,79 @@
+"""What the parsers of several commands share: errors, the plate, the encoding."""
+
+from __future__ import annotations
+
+import argparse
+from typing import NoReturn
+
+from nlens_video import __version__
+from nlens_video.errors import UsageError
+
+
+class Parser(argparse.ArgumentParser):
+    """Errors are ours: one line, no usage dump."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise a UsageError."""
+        raise UsageError(f"{message}; see {self.prog} --help")
+
+
+def base_parser(prog: str, description: str) -> Parser:
+    """A command's parser, with what every command knows."""
+    parser = Parser(
+        prog=prog, description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--version", action="version", version=f"nlens-video {__version__}")
+    parser.add_argument("-v", "--verbose", action="store_true", help="tell more; tracebacks")
+    parser.add_argument("-q", "--quiet", action="store_true", help="errors only")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    return parser
+
+
+def add_range(parser: Parser) -> None:
+    """How the plate is read, and which part of it."""
+    add_source(parser).add_argument(
+        "--range", metavar="A:B", type=_frames, default=(0, None), help="frames A to B-1"
+    )
+
+
+def add_source(parser: Parser) -> argparse._ArgumentGroup:
+    """How the plate is read."""
+    raw = parser.add_argument_group("the plate")
+    raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")
+    raw.add_argument("--input-size", metavar="WxH", type=_size, help="of raw video")
+    raw.add_argument("--input-rate", metavar="FPS", help="of raw video, stills, sequences")
+    return raw
+
+
+def add_encoding(parser: Parser) -> None:
+    """How the result is written."""
+    out = parser.add_argument_group("the encoding (default: as the source)")
+    out.add_argument("--codec", metavar="NAME")
+    out.add_argument("--crf", metavar="Q", type=float)
+    out.add_argument("--pix-fmt", metavar="NAME")
+    out.add_argument("--keep-partial", action="store_true", help="keep what an interrupt leaves")
+
+
+def _frames(text: str) -> tuple[int, int | None]:
+    first, colon, end = text.partition(":")
+    try:
+        frames = (int(first or 0), int(end) if end else None)
+    except ValueError:
+        colon = ""
+    if not colon or frames[0] < 0 or (frames[1] is not None and frames[1] <= frames[0]):
+        raise argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B")
+    return frames
+
+
+def count(text: str) -> int:
+    """A number from 1 on, from a word."""
+    if not text.isdigit() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
+    return int(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, such as 960x512")
+    return int(width), int(height)

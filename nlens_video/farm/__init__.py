@@ -1,0 +1,1 @@
+"""Past one machine: chunks of a shot rendered anywhere, merged once."""

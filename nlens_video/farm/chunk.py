@@ -1,0 +1,106 @@
+"""One chunk: a range of a shot rendered into a file of its own, unless that is there already."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nlens_video.chunk_mark import ChunkMark
+from nlens_video.errors import NlensError, OutputError, UsageError
+from nlens_video.farm.key import job_key, plate_key
+from nlens_video.outcome import Outcome
+from nlens_video.run import OnProgress, render
+from nlens_video.settings import OutputSettings, Settings
+from nlens_video.video.chunk import ChunkFile
+from nlens_video.video.opening import can_be_read_again
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chunk:
+    """A chunk on the disk.
+
+    Attributes:
+        path: its file.
+        outcome: how the run went that has made it; None where it was there.
+    """
+
+    path: Path
+    outcome: Outcome | None
+
+
+def render_chunk(
+    settings: Settings, folder: Path, on_progress: OnProgress = lambda done, total: None
+) -> Chunk:
+    """Render the range of a run into a folder of chunks.
+
+    Args:
+        settings: the run, with the lens that all chunks share; its output counts for nothing.
+        folder: where chunks lie; made where it is not there.
+        on_progress: as of `run.render`.
+
+    Raises:
+        UsageError: no lens was given, or the plate is a stream.
+        NlensError: as `run.render`.
+    """
+    if settings.fit is None:
+        raise UsageError(
+            "--as-chunk: chunks share one lens; find it with nlens-video fit and give --fit"
+        )
+    return write_chunk(settings, mark_of(settings), folder, on_progress)
+
+
+def mark_of(settings: Settings) -> ChunkMark:
+    """Where the range of a run belongs.
+
+    Raises:
+        UsageError: the plate is a stream.
+        InputError: a file cannot be read.
+    """
+    if not can_be_read_again(settings.source.spec):
+        raise UsageError(
+            f"{settings.source.spec}: chunks are made of a file or a sequence, which can be read "
+            "again; record the stream first"
+        )
+    first, end = settings.source.frames
+    return ChunkMark(key=job_key(settings), plate=plate_key(settings.source), first=first, end=end)
+
+
+def write_chunk(
+    settings: Settings, mark: ChunkMark, folder: Path,
+    on_progress: OnProgress = lambda done, total: None,
+) -> Chunk:  # fmt: skip
+    """Render the frames of a mark, unless their file is there.
+
+    Args:
+        settings: the run; its range and output count for nothing.
+        mark: what to render.
+        folder: where chunks lie; made where it is not there.
+        on_progress: as of `run.render`.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    path = folder / mark.file_name
+    if is_there(path, mark):
+        return Chunk(path=path, outcome=None)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+    part = replace(
+        settings,
+        source=replace(settings.source, frames=(mark.first, mark.end)),
+        output=OutputSettings(spec=str(path), chunk=mark),
+        track_focus="off",
+    )
+    return Chunk(path=path, outcome=render(part, on_progress))
+
+
+def is_there(path: Path, mark: ChunkMark) -> bool:
+    """Whether a chunk's file is there, complete: files get their names at the end."""
+    if not path.is_file():
+        return False
+    try:
+        return ChunkFile(path).mark == mark
+    except NlensError:
+        return False

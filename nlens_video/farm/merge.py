@@ -1,0 +1,183 @@
+"""Chunks joined into the result: every frame checked against the plate, encoded once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nlens_video import interrupts
+from nlens_video.errors import InputError, UsageError
+from nlens_video.farm.key import plate_key
+from nlens_video.intake import opened
+from nlens_video.run import OnProgress, telling_what_is_kept
+from nlens_video.settings import OutputSettings, SourceSettings
+from nlens_video.trim import Trim
+from nlens_video.video.chunk import ChunkFile, fill
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.picture import AvPicture
+from nlens_video.video.sink import open_sink
+
+if TYPE_CHECKING:
+    import av
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Merged:
+    """What a merge has written.
+
+    Attributes:
+        output: the result.
+        frames: how many [1].
+        chunks: of how many chunks [1].
+        notes: what a person should know.
+    """
+
+    output: str
+    frames: int
+    chunks: int
+    notes: tuple[str, ...]
+
+
+def merge(
+    source: SourceSettings, chunks: Sequence[Path], output: OutputSettings,
+    on_progress: OnProgress = lambda done, total: None,
+) -> Merged:  # fmt: skip
+    """Join chunks; audio, subtitles, tags and times are the plate's.
+
+    The plate is decoded once more: its frames tell count and times, and carry what FFmpeg keeps
+    beside samples, so that the encoder is given just what a run without chunks gives it.
+
+    Args:
+        source: the plate that the chunks were made from.
+        chunks: files, in any order, or folders of them.
+        output: the result and its encoding.
+        on_progress: called after each frame with (frames written, frames expected or None).
+
+    Raises:
+        UsageError: a chunk is missing, there twice, of another plate or of other settings.
+        InputError: the plate or a chunk cannot be read.
+        OutputError: the result cannot be written.
+    """
+    files = in_order([ChunkFile(path) for path in _files(chunks)], plate_key(source), source.spec)
+    written = 0
+    with opened(source) as plate:
+        sink = open_sink(
+            output.spec, plate.info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
+            keep_partial=output.keep_partial,
+        )  # fmt: skip
+        with telling_what_is_kept(sink), sink:
+            rendered = _Rendered(files)
+            for item in Trim(plate, (0, None)).items():
+                interrupts.look()
+                if not isinstance(item, SourceFrame):
+                    sink.write_packet(item)
+                    continue
+                rendered.put_into(item)
+                sink.write(item)
+                written += 1
+                on_progress(written, plate.info.frame_count)
+            rendered.finish(written)
+            notes = (*plate.info.notes, *sink.notes)
+            sink.commit()
+    return Merged(output=output.spec, frames=written, chunks=len(files), notes=notes)
+
+
+def in_order(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
+    """Chunks of one result, in order and without a gap.
+
+    Args:
+        files: in any order, at least one.
+        plate: key of the plate.
+        name: of the plate, for the messages.
+
+    Raises:
+        UsageError: they are not.
+    """
+    for file in files:
+        if file.mark.plate != plate:
+            raise UsageError(
+                f"{file.path}: was made from another plate than {name}; give the chunks of that one"
+            )
+        if file.mark.key != files[0].mark.key:
+            raise UsageError(
+                f"{file.path} and {files[0].path} were made with different settings, objects or "
+                f"lenses; give the chunks of one run, such as {files[0].mark.key}-*.nut"
+            )
+    ordered = sorted(files, key=lambda file: file.mark.first)
+    if ordered[0].mark.first > 0:
+        raise UsageError(f"frames 0 to {ordered[0].mark.first - 1} are missing; render that chunk")
+    for file, later in pairwise(ordered):
+        if file.mark.end is None or file.mark.end > later.mark.first:
+            raise UsageError(
+                f"{file.path} and {later.path} overlap: both hold frame {later.mark.first}; "
+                "leave one of them out"
+            )
+        end = file.mark.first + file.count
+        if end < later.mark.first:
+            raise UsageError(
+                f"frames {end} to {later.mark.first - 1} are missing, between {file.path} and "
+                f"{later.path}; render that chunk"
+            )
+    return ordered
+
+
+class _Rendered:
+    """The chunks' frames, one after the other."""
+
+    def __init__(self, files: list[ChunkFile]) -> None:
+        self._files = files
+        self._frames = self._all()
+
+    def put_into(self, frame: SourceFrame) -> None:
+        """Replace the samples of the plate's next frame by the rendered ones.
+
+        Raises:
+            UsageError: the chunks end before the plate.
+            InputError: the rendered frame is not that of this moment, or is damaged.
+        """
+        following = next(self._frames, None)
+        if following is None:
+            raise UsageError(f"frames {frame.index} and on are missing; render that chunk")
+        file, rendered = following
+        moment = frame.pts * frame.time_base
+        found = (rendered.pts or 0) * Fraction(rendered.time_base or 0)
+        if found != moment:
+            raise InputError(
+                f"{file.path}: frame {frame.index} is at {float(found):.6f} s, the plate's at "
+                f"{float(moment):.6f} s; render this chunk again"
+            )
+        if not isinstance(frame.picture, AvPicture):
+            raise UsageError("a plate in OpenEXR has no chunks; give a video or other pictures")
+        fill(frame.picture, rendered)
+
+    def finish(self, count: int) -> None:
+        """See that no frame is left.
+
+        Raises:
+            InputError: there is one.
+        """
+        following = next(self._frames, None)
+        if following is not None:
+            raise InputError(
+                f"{following[0].path}: goes on after the plate's last frame {count - 1}; render "
+                "it again"
+            )
+
+    def _all(self) -> Iterator[tuple[ChunkFile, av.VideoFrame]]:
+        for file in self._files:
+            for frame in file.frames():
+                yield file, frame
+
+
+def _files(chunks: Sequence[Path]) -> list[Path]:
+    found: list[Path] = []
+    for path in chunks:
+        inside = sorted(path.glob("[!.]*.nut")) if path.is_dir() else [path]
+        if not inside:
+            raise UsageError(f"{path}: has no chunks (*.nut) in it")
+        found += inside
+    return found

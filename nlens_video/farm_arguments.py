@@ -1,0 +1,32 @@
+"""The command line's words about chunks: made one by one, on a farm, and merged."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from nlens_video.argument_parser import Parser, add_encoding, add_source, base_parser
+
+
+def add_chunk(parser: argparse._ArgumentGroup) -> None:
+    """Whether the range becomes a chunk."""
+    parser.add_argument(
+        "--as-chunk", action="store_true", help="OUT is a folder of chunks for merge; needs --fit"
+    )
+
+
+def merge_parser() -> Parser:
+    """The words of `merge`."""
+    about = "Join the chunks of a run: times checked, encoded once, the rest as in IN."
+    parser = base_parser("nlens-video merge", about)
+    parser.add_argument("output", metavar="OUT", help="video, out_%%04d.png, -")
+    parser.add_argument(
+        "chunks", metavar="CHUNK", type=Path, nargs="+", help="files or folders of --as-chunk"
+    )
+    parser.add_argument(
+        "--from", dest="input", metavar="IN", required=True, help="the plate they were made from"
+    )
+    add_source(parser)
+    add_encoding(parser)
+    parser.add_argument("--no-progress", action="store_true")
+    return parser
