@@ -46,6 +46,11 @@ def render_chunk(
         raise UsageError(
             "--as-chunk: chunks share one lens; find it with nlens-video fit and give --fit"
         )
+    asked = settings.output
+    if asked is not None and (asked.codec, asked.crf, asked.pix_fmt) != (None, None, None):
+        raise UsageError(
+            "--as-chunk: chunks are lossless and as the plate; give the encoding to merge"
+        )
     return write_chunk(settings, mark_of(settings), folder, on_progress)
 
 

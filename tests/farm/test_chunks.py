@@ -235,11 +235,13 @@ def one_line(capsys):
 
 
 @pytest.mark.needs_gl
-def test_chunk_without_a_fit_and_of_a_stream_are_refused(shot, tmp_path, capsys):
+def test_chunk_without_a_fit_encoded_or_of_a_stream_is_refused(shot, tmp_path, capsys):
     given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(tmp_path / "c"), "--as-chunk"]
     assert main(given) == 2
     assert "give --fit" in one_line(capsys)
     fit = ("--fit", str(shot / "fit.json"))
+    assert main([*given, *fit, "--crf", "20"]) == 2
+    assert "give the encoding to merge" in one_line(capsys)
     assert main(["-", *given[1:], *fit]) == 2
     assert "record the stream" in one_line(capsys)
 
