@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlens_video.effects.measurement import Measurement
-from nlens_video.effects.still import still_run
+from nlens_video.effects.still import middle_codes, still_run
 from nlens_video.frames import Bool, Float32, Float64, Picture
 from nlens_video.stages.grain import LAGS, GrainModel
 
@@ -44,7 +44,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     Args:
         pictures: a shot's first ones, at least one.
     """
-    codes = [picture.srgb() for picture in pictures[:_PICTURES]]
+    codes = [middle_codes(picture) for picture in pictures[:_PICTURES]]
     still, same = still_run(codes)
     if len(still) > 1:
         residual, levels, used, persistence = _over_time(still, same)
@@ -60,7 +60,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
         value = 255.0 * float(np.sqrt(np.mean(np.square(model.deviation))))
     else:
         evidence += ": none to be seen"
-    height, width = codes[0].shape[:2]
+    height, width = pictures[0].height, pictures[0].width
     return Measurement(
         effect=EFFECT, value=value, threshold=threshold, unit="8-bit levels", evidence=evidence,
         model=model, cost_ms=_COST_MS_PER_MEGAPIXEL * _BOX_SHARE * width * height / 1e6,

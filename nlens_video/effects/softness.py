@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from nlens_video.effects.measurement import Measurement
-from nlens_video.effects.still import still_run
+from nlens_video.effects.still import middle_codes, still_run
 from nlens_video.frames import Bool, Float32, Picture
 from nlens_video.stages.softness import Floor
 
@@ -40,10 +40,10 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     Args:
         pictures: a shot's first ones, at least one.
     """
-    still, _ = still_run([picture.srgb() for picture in pictures[:4]])
+    still, _ = still_run([middle_codes(picture) for picture in pictures[:4]])
     grey = cv2.cvtColor(np.asarray(np.mean(still, axis=0), np.float32), cv2.COLOR_RGB2GRAY)
     sigma_px, evidence = _floor(np.asarray(grey, np.float32))
-    height, width = grey.shape
+    height, width = pictures[0].height, pictures[0].width
     return Measurement(
         effect=EFFECT, value=sigma_px, threshold=THRESHOLD_PX, unit="px (sigma)",
         evidence=evidence, model=Floor(sigma_px=sigma_px) if sigma_px > 0.0 else None,

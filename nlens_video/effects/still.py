@@ -7,8 +7,24 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from nlens_video.frames import Bool, Float32
+from nlens_video.frames import Bool, Box, Float32, Picture
+from nlens_video.kernels.regrain import to_code
 from nlens_video.stages.f_pool import LUMA, is_still, moving
+
+_MOST_COLUMNS, _MOST_ROWS = 1280, 720
+
+
+def middle_codes(picture: Picture) -> Float32:
+    """Display-coded sRGB of a picture, of its middle where it is large (H, W, 3).
+
+    Noise and sharpness must be seen at full size, but need not be seen everywhere.
+    """
+    width, height = min(picture.width, _MOST_COLUMNS), min(picture.height, _MOST_ROWS)
+    if (width, height) == (picture.width, picture.height):
+        return picture.srgb()
+    left, top = (picture.width - width) // 2, (picture.height - height) // 2
+    linear = picture.linear(Box(left, top, left + width, top + height))
+    return to_code(np.clip(linear, 0.0, 1.0))
 
 
 def still_run(pictures: Sequence[Float32]) -> tuple[list[Float32], Bool]:

@@ -13,6 +13,7 @@ from nlens_video.effects.grain import measure
 from nlens_video.frames import BlurredLayer, Box
 from nlens_video.kernels import regrain, white_noise
 from nlens_video.stages.grain import AddGrain, past_shares
+from nlens_video.video.picture import ArrayPicture
 
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 INSIDE = (slice(150, 165), slice(232, 248))  # of the cube, which stands still
@@ -172,3 +173,15 @@ def test_command_grains_the_object_on_a_noisy_plate_only(tmp_path):
         spreads[name] = np.std((pair[0] - pair[1])[INSIDE]) / np.sqrt(2)
     assert spreads["clean"] == 0.0
     assert spreads["noisy"] == pytest.approx(5.0, rel=0.15)
+
+
+def test_large_picture_is_looked_at_in_its_middle():
+    base = np.tile(scene(2), (4, 4, 1))
+    rng = np.random.default_rng(0)
+    shot = []
+    for _ in range(3):
+        code = regrain.to_code(base) + 3.0 / 255 * rng.standard_normal(base.shape)
+        shot.append(ArrayPicture(np.uint8(np.clip(np.round(255 * code), 0, 255)), "rgb"))
+    found = measure(shot)
+    assert found.called_for
+    assert found.value == pytest.approx(3.0, rel=0.05)
