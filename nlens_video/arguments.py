@@ -18,6 +18,7 @@ from nlens_video.effect_arguments import add_effects, add_tracking, optics
 from nlens_video.errors import UsageError
 from nlens_video.farm_arguments import add_chunk, merge_parser
 from nlens_video.light_arguments import add_light
+from nlens_video.measure_arguments import bench_parser, evaluate_parser, study_parser
 from nlens_video.object_arguments import (
     add_placing,
     add_playback,
@@ -35,8 +36,10 @@ from nlens_video.settings import (
     SourceSettings,
 )
 
-COMMANDS = ("render", "fit", "merge", "place", "check", "evaluate", "bench", "doctor")
-PLANNED = ("farm", "study")
+COMMANDS = (
+    "render", "fit", "merge", "place", "check", "evaluate", "bench", "study", "doctor",
+)  # fmt: skip
+PLANNED = ("farm",)
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
@@ -48,6 +51,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video check OUT --against IN  is a result steady, its plate untouched; 1 where it is not
   nlens-video evaluate coc|composite FOLDER   accuracy on rendered ground truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
+  nlens-video study make|analyse      the paper's user study: its page, and its answers
   nlens-video doctor                  what works on this machine, and what to install
 """
 
@@ -69,8 +73,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
         "merge": merge_parser,
         "place": _place_parser,
         "check": _check_parser,
-        "evaluate": _evaluate_parser,
-        "bench": _bench_parser,
+        "evaluate": evaluate_parser,
+        "bench": bench_parser,
+        "study": study_parser,
         "doctor": _doctor_parser,
     }
     parser = parsers[command]()
@@ -224,28 +229,6 @@ def _check_parser() -> Parser:
     )
     parser.add_argument("--report", metavar="DIR", type=Path, help="a page with the plots")
     add_source(parser)
-    return parser
-
-
-def _evaluate_parser() -> Parser:
-    about = "Measure stages on plates with known lens: rendered ground truth, a folder a plate."
-    parser = base_parser("nlens-video evaluate", about)
-    parser.add_argument(
-        "what", choices=("coc", "composite"), help="the plate's CoC and the lens fit; composites"
-    )
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")
-    return parser
-
-
-def _bench_parser() -> Parser:
-    about = "Measure every preset, and others' methods, against the sampled lens: what it costs."
-    parser = base_parser("nlens-video bench", about)
-    parser.add_argument(
-        "folder", metavar="FOLDER", type=Path, nargs="?", help="plates rendered with their object"
-    )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="bench.md, bench.csv, bench.png")
-    parser.add_argument("--quick", action="store_true", help="a coarser truth, fewer frames")
     return parser
 
 

@@ -98,6 +98,8 @@ def _run(argv: list[str]) -> int:
         return bench(
             words.folder, words.out, quick=words.quick, as_json=words.json, quiet=words.quiet
         )
+    if words.command == "study":
+        return _study(words)
     from nlens_video.show import Voice
 
     voice = Voice(
@@ -145,6 +147,14 @@ def _evaluate(words: argparse.Namespace) -> int:
     else:
         from nlens_video.evaluate.coc import evaluate_coc as evaluate
     return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)
+
+
+def _study(words: argparse.Namespace) -> int:
+    from nlens_video.study.command import analyse_answers, make_study
+
+    if words.what == "make":
+        return make_study(words.folder, words.page, words.choices, words.things)
+    return analyse_answers(words.answers, words.reference, as_json=words.json, quiet=words.quiet)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -35,9 +36,15 @@ def _why_no_truth() -> str:
     return "" if found else f"no ground truth at {SHARED / 'data'}"
 
 
+@functools.cache
+def _why_no_chromium() -> str:
+    return "" if shutil.which("chromium") else "no chromium; apt-get install chromium"
+
+
 _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
+    "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
     "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),
 }
 

@@ -1,0 +1,49 @@
+"""The command line's words of what measures: `evaluate`, `bench` and `study`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from nlens_video.argument_parser import Parser, base_parser
+
+
+def evaluate_parser() -> Parser:
+    """The words of `evaluate`."""
+    about = "Measure stages on plates with known lens: rendered ground truth, a folder a plate."
+    parser = base_parser("nlens-video evaluate", about)
+    parser.add_argument(
+        "what", choices=("coc", "composite"), help="the plate's CoC and the lens fit; composites"
+    )
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")
+    return parser
+
+
+def bench_parser() -> Parser:
+    """The words of `bench`."""
+    about = "Measure every preset, and others' methods, against the sampled lens: what it costs."
+    parser = base_parser("nlens-video bench", about)
+    parser.add_argument(
+        "folder", metavar="FOLDER", type=Path, nargs="?", help="plates rendered with their object"
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, help="bench.md, bench.csv, bench.png")
+    parser.add_argument("--quick", action="store_true", help="a coarser truth, fewer frames")
+    return parser
+
+
+def study_parser() -> Parser:
+    """The words of `study`."""
+    about = "The paper's user study: a web page that asks, and what its answers say."
+    parser = base_parser("nlens-video study", about)
+    kinds = parser.add_subparsers(dest="what", required=True, metavar="make|analyse")
+    make = kinds.add_parser("make", help="pictures and their stimuli.csv to one web page")
+    make.add_argument("folder", metavar="FOLDER", type=Path, help="pictures and stimuli.csv")
+    make.add_argument("page", metavar="OUT.html", type=Path, help="the page")
+    make.add_argument("--choices", metavar="LIST", help="answers, such as red,green,blue")
+    make.add_argument("--things", default="billiard balls", help="what is looked for")
+    answers = kinds.add_parser("analyse", help="failure rates and z-tests of saved answers")
+    answers.add_argument("answers", metavar="ANSWERS", type=Path, nargs="+", help="JSON or CSV")
+    answers.add_argument("--reference", metavar="METHOD", default="ours", help="tested against")
+    answers.add_argument("--json", action="store_true", default=argparse.SUPPRESS)
+    return parser

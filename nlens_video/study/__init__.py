@@ -1,0 +1,1 @@
+"""The paper's user study, ready to run: its page, and the analysis of its answers."""
