@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import signal
@@ -13,6 +12,7 @@ from pathlib import Path
 
 from nlens_video import arguments, interrupts
 from nlens_video.errors import NlensError, ReaderGone
+from nlens_video.side_commands import SIDE_COMMANDS
 
 INTERRUPTED = 130
 
@@ -78,28 +78,8 @@ def _leave_a_stuck_reader(code: int) -> None:
 
 def _run(argv: list[str]) -> int:
     words = arguments.parse(argv)
-    if words.command == "doctor":
-        from nlens_video.doctor import examine
-
-        return examine(as_json=words.json)
-    if words.command == "evaluate":
-        return _evaluate(words)
-    if words.command == "check":
-        from nlens_video.check.command import check
-
-        plate = arguments.source_settings(words)
-        return check(
-            words.result, plate, objects=words.objects, report=words.report,
-            as_json=words.json, quiet=words.quiet,
-        )  # fmt: skip
-    if words.command == "bench":
-        from nlens_video.evaluate.bench import bench
-
-        return bench(
-            words.folder, words.out, quick=words.quick, as_json=words.json, quiet=words.quiet
-        )
-    if words.command == "study":
-        return _study(words)
+    if words.command in SIDE_COMMANDS:
+        return SIDE_COMMANDS[words.command](words)
     from nlens_video.show import Voice
 
     voice = Voice(
@@ -139,22 +119,6 @@ def _run(argv: list[str]) -> int:
         outcome = render(run, on_progress)
     voice.outcome(outcome)
     return 0
-
-
-def _evaluate(words: argparse.Namespace) -> int:
-    if words.what == "composite":
-        from nlens_video.evaluate.composite import evaluate_composite as evaluate
-    else:
-        from nlens_video.evaluate.coc import evaluate_coc as evaluate
-    return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)
-
-
-def _study(words: argparse.Namespace) -> int:
-    from nlens_video.study.command import analyse_answers, make_study
-
-    if words.what == "make":
-        return make_study(words.folder, words.page, words.choices, words.things)
-    return analyse_answers(words.answers, words.reference, as_json=words.json, quiet=words.quiet)
 
 
 if __name__ == "__main__":

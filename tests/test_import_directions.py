@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "nlens_video"
 LAYERS = [
     ["__main__"],
     ["cli"],
+    ["side_commands"],
     ["check", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
     ["run"],
     ["follow"],

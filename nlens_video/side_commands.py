@@ -1,0 +1,55 @@
+"""The commands that make no composite: each takes its words and gives an exit code."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from nlens_video import arguments
+
+
+def _doctor(words: argparse.Namespace) -> int:
+    from nlens_video.doctor import examine
+
+    return examine(as_json=words.json)
+
+
+def _evaluate(words: argparse.Namespace) -> int:
+    if words.what == "composite":
+        from nlens_video.evaluate.composite import evaluate_composite as evaluate
+    else:
+        from nlens_video.evaluate.coc import evaluate_coc as evaluate
+    return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)
+
+
+def _check(words: argparse.Namespace) -> int:
+    from nlens_video.check.command import check
+
+    plate = arguments.source_settings(words)
+    return check(
+        words.result, plate, objects=words.objects, report=words.report,
+        as_json=words.json, quiet=words.quiet,
+    )  # fmt: skip
+
+
+def _bench(words: argparse.Namespace) -> int:
+    from nlens_video.evaluate.bench import bench
+
+    return bench(words.folder, words.out, quick=words.quick, as_json=words.json, quiet=words.quiet)
+
+
+def _study(words: argparse.Namespace) -> int:
+    from nlens_video.study.command import analyse_answers, make_study
+
+    if words.what == "make":
+        return make_study(words.folder, words.page, words.choices, words.things)
+    return analyse_answers(words.answers, words.reference, as_json=words.json, quiet=words.quiet)
+
+
+SIDE_COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "doctor": _doctor,
+    "evaluate": _evaluate,
+    "check": _check,
+    "bench": _bench,
+    "study": _study,
+}
