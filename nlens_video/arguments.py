@@ -94,6 +94,7 @@ def settings(words: argparse.Namespace) -> Settings:
         preset=words.preset,
         effects="defocus" if words.command == "fit" else words.effects,
         budget_ms=getattr(words, "budget_ms", 180.0),
+        hold_budget=getattr(words, "hold_budget", False),
         device=words.device,
         aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
         shutter_deg=getattr(words, "shutter", None),
@@ -185,6 +186,7 @@ def _render_parser() -> Parser:
     add_tracking(parser)
     run = parser.add_argument_group("the run")
     run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
+    run.add_argument("--hold-budget", action="store_true", help="step quality down and up for it")
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")
     run.add_argument("--aov", metavar="DIR", type=Path, help="EXR layers of each frame")

@@ -156,9 +156,9 @@ class Compositor:
         Raises:
             As `process`.
         """
-        from nlens_video.video.picture import AvPicture
+        from nlens_video.video.picture import AvPicture, copied
 
-        picture = AvPicture(_copied(frame))
+        picture = AvPicture(copied(frame))
         self._call(lambda: self._composite(picture, self._since_first(frame)))
         result = picture.frame
         if result.format.name != frame.format.name:
@@ -256,20 +256,3 @@ def _aperture(given: Aperture | str, cat_eye: float) -> Aperture:
     if cat_eye:
         raise UsageError("the cat's eye stands in the Aperture; leave cat_eye out")
     return given
-
-
-def _copied(frame: av.VideoFrame) -> av.VideoFrame:
-    """A frame with samples of its own."""
-    import av
-
-    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
-    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
-        rows = np.frombuffer(memoryview(theirs), np.uint8).reshape(-1, theirs.line_size)
-        own = np.frombuffer(memoryview(mine), np.uint8).reshape(-1, mine.line_size)
-        width = min(theirs.line_size, mine.line_size)
-        height = min(len(own), len(rows))
-        own[:height, :width] = rows[:height, :width]
-    copy.pts, copy.time_base = frame.pts, frame.time_base
-    copy.colorspace, copy.color_range = frame.colorspace, frame.color_range
-    copy.color_primaries, copy.color_trc = frame.color_primaries, frame.color_trc
-    return copy

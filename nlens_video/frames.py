@@ -95,6 +95,17 @@ class Picture(Protocol):
         """
         ...
 
+    def copy(self) -> Picture:
+        """The same picture with samples of its own."""
+        ...
+
+    def mix(self, other: Picture, share: float) -> None:
+        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1.
+
+        Samples that are the same in both keep their exact values.
+        """
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CocPrior:

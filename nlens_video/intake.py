@@ -122,6 +122,7 @@ def _assembled(
         frame_s=frame_s(info),
         optics=settings.optics,
         track=track,
+        hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )
     view = View(

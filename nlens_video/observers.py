@@ -127,6 +127,7 @@ class TimingRows(_Watching):
             "pts": timing.pts,
             "nodes": {name: round(ms, 3) for name, ms in timing.nodes.items()},
             "total_ms": round(timing.total_ms, 3),
+            **({"rung": state.rung} if state.rung else {}),
         }
         self._stream.write(("," if self._rows else "") + "\n  " + json.dumps(row))
         self._rows += 1

@@ -111,7 +111,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         profiler = Profiler(settings.budget_ms)
         intake = stack.enter_context(taken_in(settings, profiler, follow(settings)))
         source, assembly = intake.source, intake.assembly
-        ahead = stack.enter_context(Ahead(assembly.graph))
+        ahead = stack.enter_context(Ahead(*assembly.graphs))
         watching = observers(settings, Started(source.info, assembly, profiler), settings.output)
         for observer in watching:
             stack.enter_context(observer)
@@ -119,7 +119,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         stack.enter_context(telling_what_is_kept(sink))
         stack.enter_context(sink)
         total = _expected(source.info, settings)
-        lanes = assembly.steps.lanes(assembly.render_context)
+        lanes = assembly.lanes()
         items = run_lanes(intake.items(watching), lanes)
         stack.callback(items.close)
         for item in items:
@@ -131,6 +131,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
             with profiler.timed(frame.index, "encode"):
                 sink.write(frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.carried_fit)
+            assembly.wrote(item, timing)
             written += 1
             blurred = item.values.get("blurred")
             composited += isinstance(blurred, BlurredLayer) and not blurred.box.empty

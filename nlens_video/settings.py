@@ -153,6 +153,7 @@ class Settings:
         preset: shipped pipeline's name or path of a pipeline file.
         effects: `auto`, `none`, or names separated by commas.
         budget_ms: what a frame may cost [ms].
+        hold_budget: whether quality steps down and up to keep it.
         device: where networks and kernels run.
         aperture: shape of the lens' aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
@@ -173,6 +174,7 @@ class Settings:
     preset: str = "standard"
     effects: str = "auto"
     budget_ms: float = 180.0
+    hold_budget: bool = False
     device: Device = "auto"
     aperture: Aperture = ROUND
     shutter_deg: float | None = None

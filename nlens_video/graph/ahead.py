@@ -29,14 +29,15 @@ Work = Callable[[], object]
 
 
 class Ahead:
-    """Makes a graph's kernels ready from `__enter__` on; `__exit__` ends it after the one at hand.
+    """Makes graphs' kernels ready from `__enter__` on; `__exit__` ends it after the one at hand.
 
     Args:
-        graph: what will run.
+        graphs: what will run.
     """
 
-    def __init__(self, graph: Graph) -> None:
-        self._work = _works(graph.nodes)
+    def __init__(self, *graphs: Graph) -> None:
+        nodes = {id(node): node for graph in graphs for node in graph.nodes}
+        self._work = _works(tuple(nodes.values()))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="nlens-ahead", daemon=True)
         self._seconds = 0.0
@@ -87,7 +88,7 @@ def _works(nodes: Sequence[Node]) -> list[Work]:
         if node.stage == "lens":
             works["cell"] = _cell
         if node.stage == "scatter":  # its own aperture's tables too
-            works[node.name] = partial(node.run, _sharp(), _FRAME)
+            works[node.backend] = partial(node.run, _sharp(), _FRAME)
         if node.stage == "repair":
             known = any(other.stage == "peel" for other in nodes)
             works[node.name] = partial(node.run, _sharp(behind=known), _blurred())

@@ -28,6 +28,7 @@ class Lens:
         optics: what a person says about it beside.
         track: the lens all along a file whose lens changes, in the pixels of its frames.
         live: whether a lens that changes is followed as it goes.
+        hold_budget: whether quality steps down and up to keep the frame budget.
     """
 
     preset: str = "standard"
@@ -41,6 +42,7 @@ class Lens:
     optics: Optics = Optics()
     track: FitTrack | None = None
     live: bool = False
+    hold_budget: bool = False
 
     @property
     def shutter(self) -> Shutter:

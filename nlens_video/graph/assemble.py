@@ -16,12 +16,15 @@ from nlens_video.graph.asked_lens import Lens
 from nlens_video.graph.build import Graph, build
 from nlens_video.graph.call_for import Plate, Shot, call_for
 from nlens_video.graph.front import closing, open_front
+from nlens_video.graph.held import HeldBudget
+from nlens_video.graph.ladder import check_rung, held_budget
+from nlens_video.graph.lanes import Lane
 from nlens_video.graph.live_lens import LiveLens
 from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
 from nlens_video.graph.optics_stages import seen_beyond
 from nlens_video.graph.pipeline_file import load_pipeline
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.stream import FrameSteps
+from nlens_video.graph.profiler import FrameTiming, Profiler
+from nlens_video.graph.stream import FrameState, FrameSteps
 from nlens_video.graph.tools import FrontSource, LitGround, ShotRecord, Tools
 from nlens_video.placing import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.scene.gltf import Scene
@@ -44,6 +47,7 @@ class Assembly:
         decisions: which effects, and why.
         record: what the fit was made from.
         device: where networks and kernels run.
+        held: chooses each frame's rung where quality is held to a budget, else None.
         render_context: holds what the render lane's thread must open and close.
         notes: what a person should know before the run.
     """
@@ -54,8 +58,23 @@ class Assembly:
     decisions: tuple[Decision, ...]
     record: ShotRecord
     device: Chosen
+    held: HeldBudget | None
     render_context: Callable[[], AbstractContextManager[object]]
     notes: Callable[[], tuple[str, ...]]
+
+    @property
+    def graphs(self) -> tuple[Graph, ...]:
+        """That of the run, and those of the rungs that it may step down to."""
+        return (self.graph,) if self.held is None else tuple(self.held.graphs.values())
+
+    def wrote(self, state: FrameState, timing: FrameTiming) -> None:
+        """A frame is written: what holds the budget learns from its time."""
+        if self.held is not None:
+            self.held.wrote(state, timing)
+
+    def lanes(self) -> list[Lane[object]]:
+        """For `run_lanes`."""
+        return self.steps.lanes(self.render_context, self.held.run if self.held else None)
 
 
 def assemble(
@@ -80,6 +99,8 @@ def assemble(
         InputError: the layers cannot be read.
         LensFitError: the given fit cannot be used.
     """
+    if lens.hold_budget:
+        check_rung(lens.preset)
     device = choose(lens.device)
     pipeline = load_pipeline(lens.preset)
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
@@ -129,10 +150,18 @@ def assemble(
     known = lens.track or fit
     live = LiveLens(lens.frame_s or 1 / 30) if lens.live and known is None else None
     graph = build(pipeline, called_for.decisions, tools, fit_given=known is not None)
+    steps = FrameSteps(graph, profiler, known, live)
+    held = None
+    if lens.hold_budget:
+        held = held_budget(
+            steps, called_for.decisions, tools,
+            budget_ms=profiler.budget_ms, frame_s=lens.frame_s or 1 / 30,
+        )  # fmt: skip
     return Assembly(
         scene=scene,
         graph=graph,
-        steps=FrameSteps(graph, profiler, known, live),
+        steps=steps,
+        held=held,
         decisions=called_for.decisions,
         record=record,
         device=device,
@@ -144,6 +173,7 @@ def assemble(
             *notes(),
             *([record.note] if record.note else []),
             *([lens.track.words()] if lens.track is not None else []),
+            *(held.words() if held is not None else ()),
             *([live.words()] if live is not None and live.fits > 1 else []),
         ),
     )

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, cast
 
 from nlens_video.errors import LensFitError
 from nlens_video.fit_track import FitTrack
@@ -13,7 +14,7 @@ from nlens_video.frames import Box, Picture
 from nlens_video.graph.build import Graph
 from nlens_video.graph.lanes import Lane
 from nlens_video.graph.live_lens import LiveLens
-from nlens_video.graph.node import Node, Values
+from nlens_video.graph.node import LaneName, Node, Values
 from nlens_video.graph.profiler import Profiler
 from nlens_video.lens import LensFit
 
@@ -37,6 +38,15 @@ class StreamFrame(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """A stage that has run on a frame: what another graph need not compute again."""
+
+    run: Callable[..., object]
+    arguments: list[object]
+    value: object
+
+
 @dataclass(slots=True)
 class FrameState:
     """One frame on its way, with the values its nodes have written.
@@ -46,12 +56,27 @@ class FrameState:
         values: port to value.
         carried_fit: whether the lens was fitted on this frame.
         started: whether the first lane has given it what the shot knew at that moment.
+        rung: name of its graph where quality is held to a budget, else empty.
+        share: of its picture in the frame that is written, 0 to 1 [1].
+        twin: the same frame by the rung before, while one fades into the other.
+        ran: what its nodes have computed, kept where there is a twin.
+        reused: what the nodes of its twin have computed.
     """
 
     frame: StreamFrame
     values: Values = field(default_factory=dict)
     carried_fit: bool = False
     started: bool = False
+    rung: str = ""
+    share: float = 1.0
+    twin: FrameState | None = None
+    ran: list[Ran] = field(default_factory=list)
+    reused: list[Ran] = field(default_factory=list)
+
+    @property
+    def picture(self) -> Picture:
+        """The picture as its nodes have made it."""
+        return cast("Picture", self.values["picture"])
 
 
 class FrameSteps:
@@ -120,9 +145,19 @@ class FrameSteps:
             if node.cadence == "shot":
                 self._run_once(state, node)
             elif node.called_for(state.values):
-                with self.profiler.timed(state.frame.index, node.name):
-                    state.values[node.output] = node.run(*node.arguments(state.values))
+                state.values[node.output] = self._value(state, node)
         return state
+
+    def _value(self, state: FrameState, node: Node) -> object:
+        arguments = node.arguments(state.values)
+        for ran in state.reused:
+            if ran.run is node.run and all(map(operator.is_, ran.arguments, arguments)):
+                return ran.value
+        with self.profiler.timed(state.frame.index, node.name):
+            value = node.run(*arguments)
+        if state.twin is not None:
+            state.ran.append(Ran(node.run, arguments, value))
+        return value
 
     def find(self, state: FrameState, nodes: tuple[Node, ...]) -> LensFit | None:
         """The lens of one frame, whatever is known already; None where the object is out of view.
@@ -175,24 +210,33 @@ class FrameSteps:
                     self._live.found(value)
 
     def lanes(
-        self, render_context: Callable[[], AbstractContextManager[object]]
+        self,
+        render_context: Callable[[], AbstractContextManager[object]],
+        step: Callable[[FrameState, LaneName], object] | None = None,
     ) -> list[Lane[object]]:
         """The graph's lanes for `run_lanes`; items that are no `FrameState` pass through.
 
         Args:
             render_context: entered on the render lane's thread, where OpenGL lives.
+            step: runs one lane's nodes on a frame; default: those of the one graph.
         """
+        run = step or (lambda state, name: self.run(state, self.graph.lane(name)))
 
-        def lane(nodes: tuple[Node, ...]) -> Callable[[object], object]:
-            return lambda item: self.run(item, nodes) if isinstance(item, FrameState) else item
+        def lane(name: LaneName) -> Callable[[object], object]:
+            def passing(item: object) -> object:
+                if isinstance(item, FrameState):
+                    run(item, name)
+                return item
+
+            return passing
 
         @contextmanager
         def render() -> Iterator[Callable[[object], object]]:
             with render_context():
-                yield lane(self.graph.lane("render"))
+                yield lane("render")
 
         @contextmanager
         def lens() -> Iterator[Callable[[object], object]]:
-            yield lane(self.graph.lane("lens"))
+            yield lane("lens")
 
         return [Lane("render", render), Lane("lens", lens)]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from nlens_video.color import ColorTags
-from nlens_video.frames import Box, Float32
+from nlens_video.frames import Box, Float32, Picture
 from nlens_video.kernels import blend
 from nlens_video.kernels.blend_samples import Axis, Plane, Samples
 from nlens_video.video.formats import unpacked
@@ -35,6 +35,20 @@ class _Blended:
         """Rows as displayed [px]."""
         return int(self._samples().planes[0].shape[0])
 
+    def _mix(self, other: Picture, share: float) -> None:
+        if not isinstance(other, _Blended):
+            raise TypeError(f"{type(other).__name__} has no samples")
+        mine, theirs = self._samples(), other._samples()
+        for own, its in zip(
+            (*mine.planes, mine.alpha), (*theirs.planes, theirs.alpha), strict=True
+        ):
+            if own is None or its is None:
+                continue
+            moved = np.float32(share) * (its.astype(np.float32) - own)
+            if own.dtype.kind == "u":
+                moved = np.rint(moved)
+            own[...] = (own + moved).astype(own.dtype)
+
     def srgb(self) -> Float32:
         """The whole picture, display-coded sRGB in [0, 1], (H, W, 3)."""
         samples = self._samples()
@@ -53,6 +67,21 @@ class _Blended:
         first, second, third = (_shrunk(plane, width, height) for plane in samples.planes)
         small = Samples((first, second, third), None, Axis(), Axis(), samples.coding)
         return blend.linear(small, Box(0, 0, width, height))
+
+
+def copied(frame: av.VideoFrame) -> av.VideoFrame:
+    """A frame with samples of its own."""
+    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
+    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
+        rows = np.frombuffer(memoryview(theirs), np.uint8).reshape(-1, theirs.line_size)
+        own = np.frombuffer(memoryview(mine), np.uint8).reshape(-1, mine.line_size)
+        width = min(theirs.line_size, mine.line_size)
+        height = min(len(own), len(rows))
+        own[:height, :width] = rows[:height, :width]
+    copy.pts, copy.time_base = frame.pts, frame.time_base
+    copy.colorspace, copy.color_range = frame.colorspace, frame.color_range
+    copy.color_primaries, copy.color_trc = frame.color_primaries, frame.color_trc
+    return copy
 
 
 class AvPicture(_Blended):
@@ -95,6 +124,18 @@ class AvPicture(_Blended):
         _check(samples, box, rgba)
         blend.over(samples, box, rgba)
 
+    def copy(self) -> AvPicture:
+        """The same picture with samples of its own."""
+        return AvPicture(
+            copied(self.frame), self.tags, rotation=self.rotation,
+            centred_chroma=self.centred_chroma,
+        )  # fmt: skip
+
+    def mix(self, other: Picture, share: float) -> None:
+        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
+        self.frame.make_writable()
+        self._mix(other, share)
+
 
 class ArrayPicture(_Blended):
     """A NumPy picture, as OpenCV and image loops hold it; composited in place.
@@ -129,6 +170,16 @@ class ArrayPicture(_Blended):
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
         _check(self._views, box, rgba)
         blend.over(self._views, box, rgba)
+
+    def copy(self) -> ArrayPicture:
+        """The same picture with samples of its own."""
+        return ArrayPicture(
+            self.array.copy(), self.order, self.tags, associated=self.associated
+        )  # fmt: skip
+
+    def mix(self, other: Picture, share: float) -> None:
+        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
+        self._mix(other, share)
 
 
 def _shrunk(plane: Plane, width: int, height: int) -> Float32:
