@@ -15,8 +15,7 @@ from nlens_video.argument_parser import (
     count,
 )
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
-from nlens_video.errors import UsageError
-from nlens_video.farm_arguments import add_chunk, merge_parser
+from nlens_video.farm_arguments import add_chunk, add_farm, merge_parser
 from nlens_video.light_arguments import add_light
 from nlens_video.measure_arguments import bench_parser, evaluate_parser, study_parser
 from nlens_video.object_arguments import (
@@ -37,15 +36,15 @@ from nlens_video.settings import (
 )
 
 COMMANDS = (
-    "render", "fit", "merge", "place", "check", "evaluate", "bench", "study", "doctor",
+    "render", "fit", "farm", "merge", "place", "check", "evaluate", "bench", "study", "doctor",
 )  # fmt: skip
-PLANNED = ("farm",)
 
 _ABOUT = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
+  nlens-video farm IN ANIM.glb OUT    the same, by many processes or machines
   nlens-video merge OUT CHUNK... --from IN   join what --as-chunk has rendered
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video check OUT --against IN  is a result steady, its plate untouched; 1 where it is not
@@ -63,13 +62,12 @@ def parse(argv: list[str]) -> argparse.Namespace:
         UsageError: unknown or malformed arguments.
     """
     command = "render"
-    if argv and argv[0] in PLANNED and not Path(argv[0]).exists():
-        raise UsageError(f"{argv[0]} is not in this version; there are {', '.join(COMMANDS)}")
     if argv and argv[0] in COMMANDS:
         command, argv = argv[0], argv[1:]
     parsers = {
         "render": _render_parser,
         "fit": _fit_parser,
+        "farm": _farm_parser,
         "merge": merge_parser,
         "place": _place_parser,
         "check": _check_parser,
@@ -86,7 +84,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
 
 def settings(words: argparse.Namespace) -> Settings:
     """Settings of `render` and `fit`."""
-    output = output_settings(words) if words.command == "render" else None
+    output = output_settings(words) if words.command in ("render", "farm") else None
     return Settings(
         source=source_settings(words),
         scene=object_settings(words),
@@ -180,6 +178,19 @@ def _add_common(parser: Parser) -> None:
 
 def _render_parser() -> Parser:
     parser = base_parser("nlens-video", _ABOUT)
+    add_chunk(_add_run(parser))
+    return parser
+
+
+def _farm_parser() -> Parser:
+    about = "Composite in chunks on a Ray cluster, by default one on this machine."
+    parser = base_parser("nlens-video farm", about)
+    _add_run(parser)
+    add_farm(parser)
+    return parser
+
+
+def _add_run(parser: Parser) -> argparse._ArgumentGroup:
     _add_common(parser)
     parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
     add_effects(parser)
@@ -192,9 +203,8 @@ def _render_parser() -> Parser:
     run.add_argument("--aov", metavar="DIR", type=Path, help="EXR layers of each frame")
     run.add_argument("--timings", metavar="T.json", type=Path, help="time of each node and frame")
     run.add_argument("--plan", action="store_true", help="print what would run and why, then stop")
-    add_chunk(run)
     add_encoding(parser)
-    return parser
+    return run
 
 
 def _fit_parser() -> Parser:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import signal
@@ -9,10 +10,14 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nlens_video import arguments, interrupts
 from nlens_video.errors import NlensError, ReaderGone
 from nlens_video.side_commands import SIDE_COMMANDS
+
+if TYPE_CHECKING:
+    from nlens_video.show import Voice
 
 INTERRUPTED = 130
 
@@ -98,12 +103,21 @@ def _run(argv: list[str]) -> int:
         from nlens_video.farm.command import run_merge
 
         return run_merge(words, voice)
+    return _composite(words, voice)
+
+
+def _composite(words: argparse.Namespace, voice: Voice) -> int:
+    """The commands that take a plate and an object."""
     run = arguments.settings(words)
     if getattr(words, "plan", False):
         from nlens_video.run import plan
 
         voice.plan(plan(run))
         return 0
+    if words.command == "farm":
+        from nlens_video.farm.command import run_farm
+
+        return run_farm(words, run, voice)
     if words.command == "fit":
         from nlens_video.run import find_fit
 

@@ -37,6 +37,10 @@ class LensFitError(NlensError):
     exit_code = 5
 
 
+class OutOfViewError(LensFitError):
+    """No frame shows the object, so there is nothing to fit the lens on."""
+
+
 class OutputError(NlensError):
     """The result cannot be written."""
 

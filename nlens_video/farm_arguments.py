@@ -5,13 +5,29 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from nlens_video.argument_parser import Parser, add_encoding, add_source, base_parser
+from nlens_video.argument_parser import Parser, add_encoding, add_source, base_parser, count
+from nlens_video.object_arguments import positive
 
 
 def add_chunk(parser: argparse._ArgumentGroup) -> None:
     """Whether the range becomes a chunk."""
     parser.add_argument(
         "--as-chunk", action="store_true", help="OUT is a folder of chunks for merge; needs --fit"
+    )
+
+
+def add_farm(parser: Parser) -> None:
+    """Who renders, and in which parts."""
+    farm = parser.add_argument_group("the farm")
+    farm.add_argument(
+        "--workers", metavar="N", type=count, help="processes (default: one to two processors)"
+    )
+    farm.add_argument(
+        "--chunk", metavar="SECONDS", type=positive, default=10.0, help="length of a chunk (10)"
+    )
+    farm.add_argument("--address", metavar="A", help="Ray cluster: auto, ray://HOST:PORT")
+    farm.add_argument(
+        "--chunks", metavar="DIR", type=Path, help="keep chunks here (default: none stay)"
     )
 
 

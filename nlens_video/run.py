@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video import interrupts
-from nlens_video.errors import LensFitError, UsageError
+from nlens_video.errors import OutOfViewError, UsageError
 from nlens_video.follow import follow
 from nlens_video.frames import BlurredLayer
 from nlens_video.graph.ahead import Ahead
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 OnProgress = Callable[[int, int | None], None]
-_ENOUGH_FOR_A_FIT = 240  # frames that `fit` looks through for the object
+ENOUGH_FOR_A_FIT = 240
+"""Frames that `fit` looks through for the object."""
 
 
 def plan(settings: Settings) -> tuple[str, ...]:
@@ -45,11 +46,15 @@ def plan(settings: Settings) -> tuple[str, ...]:
         return (*_describe_source(intake.info), *describe(intake.assembly))
 
 
-def find_fit(settings: Settings) -> FitOutcome:
+def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOutcome:
     """Find the lens on the first frame with the object in view, and save it.
 
+    Args:
+        settings: the run; `save_fit` names the file.
+        look_through: as many frames at most [1].
+
     Raises:
-        NlensError: as `render`; LensFitError when the object does not come into view.
+        NlensError: as `render`; OutOfViewError when the object does not come into view.
     """
     if settings.save_fit is None:
         raise UsageError("no file for the fit was named")
@@ -73,11 +78,11 @@ def find_fit(settings: Settings) -> FitOutcome:
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
             for observer in watching:
                 observer.frame(state, timing)
-            if assembly.steps.fit is not None or seen >= _ENOUGH_FOR_A_FIT:
+            if assembly.steps.fit is not None or seen >= look_through:
                 break
         fit = assembly.steps.fit
         if fit is None:
-            raise LensFitError(
+            raise OutOfViewError(
                 f"{settings.scene.glb}: the object does not come into view within {seen} frames, "
                 "so there is nothing to fit; check the camera or --range"
             )

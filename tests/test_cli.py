@@ -474,10 +474,6 @@ class TestExitCodes:
         assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
         assert any("constant CoC" in note for note in outcome["notes"])
 
-    @pytest.mark.parametrize("command", ["farm"])
-    def test_2_command_that_this_version_does_not_have(self, command):
-        assert "not in this version" in one_line(nlens(command, "a", "b"), 2)
-
     def test_2_range_beyond_the_end(self, files, tmp_path):
         run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--range", "90:99")
         assert "no such frames" in one_line(run, 2)

@@ -45,6 +45,15 @@ def choose_renderer(scene: Scene, light: SceneLight | None = None) -> BoxRendere
     return renderer
 
 
+def renderer_name() -> str:
+    """`opengl` or `software`, whichever `choose_renderer` takes; a value of `NLENS_RENDERER`.
+
+    Raises:
+        UsageError: `NLENS_RENDERER` names none.
+    """
+    return _chosen()[0]
+
+
 def renderer_choice() -> str:
     """Which renderer `choose_renderer` takes, and why.
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from pathlib import Path
 
 from nlens_video.arguments import output_settings, source_settings
+from nlens_video.errors import UsageError
 from nlens_video.farm.chunk import render_chunk
+from nlens_video.farm.job import run_job
 from nlens_video.farm.merge import merge
+from nlens_video.farm.paths import absolute
 from nlens_video.settings import Settings
 from nlens_video.show import Voice
 
@@ -16,6 +20,33 @@ def run_merge(words: argparse.Namespace, voice: Voice) -> int:
     """`merge`; returns the exit code."""
     with voice.progress_bar() as on_progress:
         merged = merge(source_settings(words), words.chunks, output_settings(words), on_progress)
+    voice.merged(merged)
+    return 0
+
+
+def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:
+    """`farm`; returns the exit code.
+
+    Raises:
+        UsageError: Ray is not installed.
+        NlensError: as `job.run_job`.
+    """
+    try:
+        from nlens_video.farm.on_ray import Cluster
+    except ImportError as error:
+        raise UsageError(
+            f"farm needs Ray ({error}); pip install nlens-video[farm], or render chunks yourself "
+            "with --as-chunk and join them with merge"
+        ) from error
+    cluster = Cluster(address=words.address, workers=words.workers)
+    output = Path(words.output).absolute()
+    folder = output.with_name(f"{output.name}.chunks") if words.chunks is None else words.chunks
+    with voice.progress_bar() as on_progress:
+        merged = run_job(
+            absolute(settings), folder.absolute(), words.chunk, cluster.render, on_progress
+        )
+    if words.chunks is None:
+        shutil.rmtree(folder, ignore_errors=True)
     voice.merged(merged)
     return 0
 

@@ -13,6 +13,7 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
 from nlens_video import __version__
+from nlens_video.backends.choose_renderer import renderer_name
 from nlens_video.errors import InputError
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.model_store import MANIFEST, models_folder
@@ -42,6 +43,7 @@ def job_key(settings: Settings) -> str:
     pipeline = shipped if shipped.is_file() else Path(settings.preset)
     parts = {
         "version": __version__,
+        "renderer": renderer_name(),
         "models": _of_file(models_folder() / MANIFEST),
         "pipeline": _of_file(pipeline),
         "plate": plate_key(settings.source),

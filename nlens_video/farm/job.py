@@ -1,0 +1,154 @@
+"""A whole shot as a job: one fit, chunks rendered by whoever there is, one merge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nlens_video import interrupts
+from nlens_video.chunk_mark import ChunkMark
+from nlens_video.effects.planner import requested_effects
+from nlens_video.errors import OutOfViewError, OutputError, UsageError
+from nlens_video.farm.chunk import is_there, mark_of
+from nlens_video.farm.merge import Merged, merge
+from nlens_video.intake import frame_s, opened
+from nlens_video.run import OnProgress, find_fit
+from nlens_video.settings import Settings, SourceSettings
+
+RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]
+"""Renders chunks of a run into a folder, and calls back with each that is done."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prepared:
+    """What a farm needs to know.
+
+    Attributes:
+        settings: the run, with the lens that all chunks share.
+        marks: the chunks, in order; together the whole plate.
+        frames: of the plate [1].
+    """
+
+    settings: Settings
+    marks: tuple[ChunkMark, ...]
+    frames: int
+
+
+def run_job(
+    settings: Settings, folder: Path, chunk_s: float, render_all: RenderAll, on_progress: OnProgress
+) -> Merged:
+    """Fit, render what is missing, merge.
+
+    Args:
+        settings: the run.
+        folder: where chunks and fit lie; made where it is not there.
+        chunk_s: length of a chunk, > 0 [s].
+        render_all: renders chunks.
+        on_progress: called with (frames rendered, frames in all).
+
+    Raises:
+        NlensError: as `run.render` and `merge`.
+    """
+    if settings.output is None:
+        raise UsageError("no output was named")
+    prepared = prepare(settings, folder, chunk_s)
+    missing = [mark for mark in prepared.marks if not is_there(folder / mark.file_name, mark)]
+    done = prepared.frames - sum(_length(mark, prepared.frames) for mark in missing)
+    on_progress(done, prepared.frames)
+
+    def finished(mark: ChunkMark) -> None:
+        nonlocal done
+        done += _length(mark, prepared.frames)
+        on_progress(done, prepared.frames)
+
+    if missing:
+        render_all(prepared.settings, missing, folder, finished)
+    files = [folder / mark.file_name for mark in prepared.marks]
+    return merge(settings.source, files, settings.output)
+
+
+def prepare(settings: Settings, folder: Path, chunk_s: float) -> Prepared:
+    """Find the lens and cut the plate into chunks.
+
+    Args:
+        settings: the run.
+        folder: where the fit is kept.
+        chunk_s: length of a chunk, > 0 [s].
+
+    Raises:
+        UsageError: a range, a report or the like is asked for, which belong to single runs.
+        NlensError: as `run.find_fit`.
+    """
+    _check(settings)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+    frames, seconds = _measured(settings.source)
+    known = with_fit(settings, folder, frames)
+    whole = mark_of(known)
+    return Prepared(
+        settings=known,
+        marks=tuple(
+            replace(whole, first=first, end=end)
+            for first, end in ranges(frames, max(1, round(chunk_s / seconds)))
+        ),
+        frames=frames,
+    )
+
+
+def ranges(frames: int, length: int) -> Iterator[tuple[int, int]]:
+    """Ranges of `length` frames that cover `frames` frames; the last may be shorter."""
+    for first in range(0, frames, length):
+        yield first, min(first + length, frames)
+
+
+def with_fit(settings: Settings, folder: Path, frames: int) -> Settings:
+    """The settings with a lens, found once and kept under a name of its own content.
+
+    Args:
+        settings: the run.
+        folder: where the fit is kept.
+        frames: of the plate [1].
+
+    Raises:
+        NlensError: as `run.find_fit`.
+    """
+    if settings.fit is not None or "defocus" not in requested_effects(settings.effects):
+        return settings
+    path = folder / f"fit-{mark_of(settings).key}.json"
+    if not path.is_file():
+        try:
+            asked = replace(settings, effects="defocus", output=None, save_fit=path)
+            find_fit(asked, look_through=frames)
+        except OutOfViewError:
+            return settings  # no frame shows the object: none needs the lens
+    return replace(settings, fit=path)
+
+
+def _check(settings: Settings) -> None:
+    for option, given in (
+        ("--range", settings.source.frames != (0, None)),
+        ("--report", settings.report is not None),
+        ("--aov", settings.aov is not None),
+        ("--timings", settings.timings is not None),
+    ):
+        if given:
+            raise UsageError(f"{option}: a farm renders all frames and only them; leave it out")
+    if settings.output is not None and settings.output.spec == "-":
+        raise UsageError("-: a farm writes a file; name one")
+
+
+def _measured(source: SourceSettings) -> tuple[int, float]:
+    """Number of frames, as the decoder gives them, and seconds from one to the next."""
+    count = 0
+    with opened(source) as plate:
+        for frame in plate:
+            interrupts.look()
+            count = frame.index + 1
+        return count, frame_s(plate.info) or 1 / 25
+
+
+def _length(mark: ChunkMark, frames: int) -> int:
+    return (frames if mark.end is None else mark.end) - mark.first

@@ -1,0 +1,114 @@
+"""A farm's result is the single run's, bit for bit, though its workers die."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shots
+
+from nlens_video.arguments import parse, settings
+from nlens_video.cli import main
+from nlens_video.errors import UsageError
+from nlens_video.farm.chunk import write_chunk
+from nlens_video.farm.job import prepare, ranges, run_job
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("farm")
+    shots.write_video(folder / "in.mp4", FRAMES)
+    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5), seconds=0.4)
+    return folder
+
+
+def words(folder, out, *more):
+    given = [str(folder / "in.mp4"), str(folder / "anim.glb"), str(folder / out)]
+    return [*given, "--preset", "realtime", "--codec", "ffv1", *more]
+
+
+def same(first, second):
+    one, other = shots.read_planes(first), shots.read_planes(second)
+    assert [pts for pts, _ in one] == [pts for pts, _ in other] and len(one) == FRAMES
+    for (_, planes), (_, also) in zip(one, other, strict=True):
+        for plane, found in zip(planes, also, strict=True):
+            np.testing.assert_array_equal(plane, found)
+
+
+@pytest.fixture(scope="module")
+def whole(shot):
+    assert main([*words(shot, "whole.mkv"), "-q"]) == 0
+    return shot / "whole.mkv"
+
+
+def children_at_work(chunks):
+    """Processes that are writing a chunk, by the partial files' names."""
+    files = list(chunks.iterdir()) if chunks.is_dir() else []
+    found = (re.search(r"partial-(\d+)\.nut$", file.name) for file in files)
+    return [int(match[1]) for match in found if match]
+
+
+@pytest.mark.needs_gl
+def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole):
+    command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, "out.mkv")]
+    command += ["--workers", "2", "--chunk", "0.12", "--chunks", str(shot / "chunks"), "-q"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    killed = None
+    deadline = time.monotonic() + 200
+    while killed is None and run.poll() is None and time.monotonic() < deadline:
+        for process in children_at_work(shot / "chunks"):
+            os.kill(process, signal.SIGKILL)
+            killed = process
+            break
+        time.sleep(0.002)
+    said, _ = run.communicate(timeout=200)
+    assert run.returncode == 0, said
+    assert killed is not None
+    same(whole, shot / "out.mkv")
+    assert len(list((shot / "chunks").glob("[!.]*.nut"))) == 4
+    assert not children_at_work(shot / "chunks")
+    assert shots.audio_packets(shot / "out.mkv") == shots.audio_packets(whole) != []
+
+
+@pytest.mark.needs_gl
+def test_job_renders_only_what_is_missing(shot, whole):
+    """With a plain loop in place of a cluster."""
+    run = settings(parse(["farm", *words(shot, "loop.mkv")]))
+    rendered = []
+
+    def loop(known, marks, folder, on_done):
+        for mark in marks:
+            rendered.append(mark.first)
+            write_chunk(known, mark, folder)
+            on_done(mark)
+
+    told = []
+    for _ in range(2):
+        run_job(run, shot / "loop", 0.2, loop, lambda done, total: told.append((done, total)))
+    assert rendered == [0, 5, 10]
+    assert told == [(0, 12), (5, 12), (10, 12), (12, 12), (12, 12)]
+    same(whole, shot / "loop.mkv")
+    next((shot / "loop").glob("*-00000005-*.nut")).unlink()
+    run_job(run, shot / "loop", 0.2, loop, lambda done, total: None)
+    assert rendered == [0, 5, 10, 5]
+
+
+def test_ranges_cover_every_frame_once():
+    assert list(ranges(12, 5)) == [(0, 5), (5, 10), (10, 12)]
+    assert list(ranges(10, 5)) == [(0, 5), (5, 10)]
+    assert list(ranges(3, 5)) == [(0, 3)]
+
+
+def test_farm_refuses_what_belongs_to_single_runs(shot, tmp_path):
+    for more in (["--range", "2:4"], ["--timings", "t.json"], ["--report", "r"]):
+        run = settings(parse(["farm", *words(shot, "no.mkv", *more)]))
+        with pytest.raises(UsageError, match=f"{more[0]}: a farm renders all frames"):
+            prepare(run, tmp_path, 1.0)
+    assert not list(Path(tmp_path).iterdir())
