@@ -17,6 +17,7 @@ from nlens_video.argument_parser import (
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
 from nlens_video.farm_arguments import add_chunk, add_farm, merge_parser
 from nlens_video.light_arguments import add_light
+from nlens_video.live_arguments import add_live
 from nlens_video.measure_arguments import bench_parser, evaluate_parser, study_parser
 from nlens_video.object_arguments import (
     add_placing,
@@ -93,6 +94,7 @@ def settings(words: argparse.Namespace) -> Settings:
         effects="defocus" if words.command == "fit" else words.effects,
         budget_ms=getattr(words, "budget_ms", 180.0),
         hold_budget=getattr(words, "hold_budget", False),
+        late=getattr(words, "late", "keep"),
         device=words.device,
         aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
         shutter_deg=getattr(words, "shutter", None),
@@ -197,7 +199,7 @@ def _add_run(parser: Parser) -> argparse._ArgumentGroup:
     add_tracking(parser)
     run = parser.add_argument_group("the run")
     run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
-    run.add_argument("--hold-budget", action="store_true", help="step quality down and up for it")
+    add_live(run)
     run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")
     run.add_argument("--aov", metavar="DIR", type=Path, help="EXR layers of each frame")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from nlens_video.effects.measurement import MOST_PICTURES
+from nlens_video.errors import UsageError
 from nlens_video.fit_track import FitTrack
 from nlens_video.frames import Picture
 from nlens_video.graph.asked_lens import Lens
@@ -40,6 +41,7 @@ class Intake:
     source: Source
     frames: LookAhead[SourceFrame | Packet]
     assembly: Assembly
+    profiler: Profiler
 
     @property
     def info(self) -> SourceInfo:
@@ -54,10 +56,18 @@ class Intake:
             if not isinstance(item, SourceFrame):
                 yield item
                 continue
+            if self.info.kind == "stream":
+                self.profiler.arrived(item.index)
             state = steps.enter(item, following)
             for observer in watching:
                 observer.entering(state)
             yield state
+
+    def may_drop(self, item: object) -> bool:
+        """Whether a late item may be left out, as frames may and packets not; counts them."""
+        if isinstance(item, FrameState):
+            self.profiler.drop(item.frame.index)
+        return isinstance(item, FrameState)
 
 
 @contextmanager
@@ -76,10 +86,15 @@ def taken_in(
     """
     chunk = settings.output is not None and settings.output.chunk is not None
     with opened(settings.source) as source:
+        if settings.late == "drop" and source.info.kind != "stream":
+            raise UsageError(
+                f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
+                "out, or pipe it in"
+            )
         trim = Trim(source, settings.source.frames, chunk=chunk)
         assembly = _assembled(settings, source.info, profiler, trim, track)
         trim.passed_over = assembly.steps.pass_over
-        yield Intake(source, LookAhead(_decoded(trim, profiler)), assembly)
+        yield Intake(source, LookAhead(_decoded(trim, profiler)), assembly, profiler)
 
 
 @contextmanager

@@ -125,7 +125,8 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         stack.enter_context(sink)
         total = _expected(source.info, settings)
         lanes = assembly.lanes()
-        items = run_lanes(intake.items(watching), lanes)
+        may_drop = intake.may_drop if settings.late == "drop" else None
+        items = run_lanes(intake.items(watching), lanes, may_drop=may_drop)
         stack.callback(items.close)
         for item in items:
             interrupts.look()

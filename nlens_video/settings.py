@@ -14,6 +14,7 @@ from nlens_video.playback import ONCE, Playback
 
 Device = Literal["auto", "cpu", "cuda"]
 Fallback = Literal["none", "constant"]
+Late = Literal["keep", "drop"]
 TrackFocus = Literal["auto", "off"] | int
 Occlusion = Literal["none", "auto"]
 REFLECTANCE = 0.04
@@ -154,6 +155,7 @@ class Settings:
         effects: `auto`, `none`, or names separated by commas.
         budget_ms: what a frame may cost [ms].
         hold_budget: whether quality steps down and up to keep it.
+        late: what happens to frames that come faster than they are made.
         device: where networks and kernels run.
         aperture: shape of the lens' aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
@@ -175,6 +177,7 @@ class Settings:
     effects: str = "auto"
     budget_ms: float = 180.0
     hold_budget: bool = False
+    late: Late = "keep"
     device: Device = "auto"
     aperture: Aperture = ROUND
     shutter_deg: float | None = None

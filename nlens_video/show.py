@@ -131,6 +131,12 @@ class Voice:
             f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms{first}; "
             f"{timing.within_budget:.0%} within {timing.budget_ms:g} ms; {timing.fps:.1f} fps",
         )
+        if timing.latency_median_ms:
+            self._say(
+                "live",
+                f"from capture to output {timing.latency_median_ms:.0f} ms in the median, "
+                f"p95 {timing.latency_p95_ms:.0f} ms; {timing.dropped} late frames left out",
+            )
         if outcome.damaged:
             self._say("note", f"{outcome.damaged} damaged packets or frames in the source")
         self._notes(outcome.notes)

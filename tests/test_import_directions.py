@@ -22,7 +22,7 @@ LAYERS = [
     ["farm_arguments", "measure_arguments"],
     ["object_arguments"],
     ["effect_arguments", "real_arguments"],
-    ["light_arguments"],
+    ["light_arguments", "live_arguments"],
     ["argument_parser"],
     ["effects", "settings"],
     ["backends"],

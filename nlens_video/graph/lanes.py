@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from queue import Empty, Full, Queue
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 _POLL_S = 0.05
@@ -56,13 +56,25 @@ class _Link:
         self._queue: Queue[_Message] = Queue(maxsize=depth)
         self._stop = stop
 
-    def put(self, message: _Message) -> None:
+    def put(self, message: _Message, may_drop: Callable[[Any], bool] | None = None) -> None:
+        """Wait for room, or make it by leaving out the oldest message that may be dropped."""
         while not self._stop.is_set():
+            if may_drop is not None and self._queue.full():
+                self._drop(may_drop)
             try:
                 return self._queue.put(message, timeout=_POLL_S)
             except Full:
                 continue
         raise _Stopped
+
+    def _drop(self, may_drop: Callable[[Any], bool]) -> None:
+        with self._queue.mutex:
+            waiting = self._queue.queue
+            for at, message in enumerate(waiting):
+                if may_drop(message):
+                    del waiting[at]
+                    self._queue.not_full.notify()
+                    return
 
     def get(self) -> _Message:
         while not self._stop.is_set():
@@ -73,13 +85,21 @@ class _Link:
         raise _Stopped
 
 
-def run_lanes(source: Iterable[T], lanes: Sequence[Lane[T]], depth: int = 2) -> Generator[T]:
+def run_lanes(
+    source: Iterable[T],
+    lanes: Sequence[Lane[T]],
+    depth: int = 2,
+    *,
+    may_drop: Callable[[T], bool] | None = None,
+) -> Generator[T]:
     """Pull `source` on a thread of its own and pass every item through the lanes, in order.
 
     Args:
         source: the items; iterated and, when a generator, closed on the first thread.
         lanes: the steps.
         depth: items that may wait before each lane [1].
+        may_drop: asked, the oldest first, about items that wait for the first lane when a new one
+            finds no room: what it says yes to is left out. Default: the source waits.
 
     Yields:
         The items, as the last lane returns them.
@@ -91,7 +111,9 @@ def run_lanes(source: Iterable[T], lanes: Sequence[Lane[T]], depth: int = 2) -> 
     links = [_Link(depth, stop) for _ in range(len(lanes) + 1)]
     read = threading.Event()
     threads = [
-        threading.Thread(target=_feed, args=(source, links[0], read), name="decode", daemon=True)
+        threading.Thread(
+            target=_feed, args=(source, links[0], read, may_drop), name="decode", daemon=True
+        )
     ]
     for lane, inlet, outlet in zip(lanes, links[:-1], links[1:], strict=True):
         threads.append(
@@ -152,14 +174,19 @@ def still_reading() -> bool:
     return any(not done.is_set() for done in _left_reading)
 
 
-def _feed(source: Iterable[T], outlet: _Link, read: threading.Event) -> None:
+def _feed(
+    source: Iterable[T],
+    outlet: _Link,
+    read: threading.Event,
+    may_drop: Callable[[T], bool] | None,
+) -> None:
     with ExitStack() as stack:
         stack.callback(read.set)
         if isinstance(source, Generator):
             stack.callback(source.close)
         try:
             for item in source:
-                outlet.put(item)
+                outlet.put(item, may_drop)
             outlet.put(_End())
         except _Stopped:
             return

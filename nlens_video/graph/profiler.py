@@ -68,6 +68,9 @@ class Summary:
         budget_ms: what a frame may cost [ms].
         within_budget: share of them within the budget, 0 to 1 [1].
         node_median_ms: median of each node over the frames on which it ran [ms].
+        latency_median_ms: from a live source's frame being decoded to it being written [ms].
+        latency_p95_ms: its 95th percentile [ms].
+        dropped: frames of a live source that were left out because they came too fast [1].
     """
 
     frames: int
@@ -78,6 +81,9 @@ class Summary:
     budget_ms: float
     within_budget: float
     node_median_ms: dict[str, float]
+    latency_median_ms: float = 0.0
+    latency_p95_ms: float = 0.0
+    dropped: int = 0
 
     @property
     def fps(self) -> float:
@@ -111,6 +117,9 @@ class Profiler:
         self._within = 0
         self._frames = 0
         self._warm_up: FrameTiming | None = None
+        self._arrivals: dict[int, float] = {}
+        self._latency = Quantiles()
+        self._dropped = 0
         self._started = time.perf_counter()
         self._ended = self._started
 
@@ -136,11 +145,24 @@ class Profiler:
         row = self._open.setdefault(index, {})
         row[node] = row.get(node, 0.0) + elapsed_ms
 
+    def arrived(self, index: int) -> None:
+        """A live source has just given a frame: its latency counts from here."""
+        self._arrivals[index] = time.perf_counter()
+
+    def drop(self, index: int) -> None:
+        """The frame is left out: its row is forgotten."""
+        self._open.pop(index, None)
+        self._arrivals.pop(index, None)
+        self._dropped += 1
+
     def close_frame(self, index: int, pts: int, *, warm_up: bool = False) -> FrameTiming:
         """The frame is written: count its row, apart from the rest if it carried the fit."""
         timing = FrameTiming(index=index, pts=pts, nodes=self._open.pop(index, {}))
         self._frames += 1
         self._ended = time.perf_counter()
+        arrival = self._arrivals.pop(index, None)
+        if arrival is not None and not warm_up:
+            self._latency.add(1e3 * (self._ended - arrival))
         if warm_up:
             self._warm_up = timing
         else:
@@ -168,4 +190,7 @@ class Profiler:
             budget_ms=self.budget_ms,
             within_budget=self._within / steady if steady else float(warm_up_ms <= self.budget_ms),
             node_median_ms=nodes,
+            latency_median_ms=self._latency.quantile(0.5),
+            latency_p95_ms=self._latency.quantile(0.95),
+            dropped=self._dropped,
         )

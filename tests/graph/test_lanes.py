@@ -26,6 +26,30 @@ def test_items_pass_all_lanes_in_order():
     assert not lane_threads()
 
 
+def test_oldest_items_that_may_be_dropped_make_room_for_new_ones():
+    begun, go_on, dropped = threading.Event(), threading.Event(), []
+
+    def slow(item):
+        begun.set()
+        assert go_on.wait(10)  # the lane holds the first item while all others come
+        return item
+
+    def source():
+        yield 0
+        assert begun.wait(10)
+        yield from range(1, 8)
+        go_on.set()
+        yield 8
+
+    def may_drop(item):
+        if item % 2:
+            dropped.append(item)
+        return item % 2 == 1
+
+    kept = list(run_lanes(source(), [Lane("a", step(slow))], depth=5, may_drop=may_drop))
+    assert dropped == [1, 3] and kept == [0, 2, 4, 5, 6, 7, 8]
+
+
 def test_endless_source_is_read_only_a_few_items_ahead_and_all_threads_end():
     made = []
     closed = []
