@@ -38,7 +38,10 @@ def study_parser() -> Parser:
     parser = base_parser("nlens-video study", about)
     kinds = parser.add_subparsers(dest="what", required=True, metavar="make|analyse")
     make = kinds.add_parser("make", help="pictures and their stimuli.csv to one web page")
-    make.add_argument("folder", metavar="FOLDER", type=Path, help="pictures and stimuli.csv")
+    make.add_argument(
+        "folder", metavar="FOLDER", type=Path, nargs="?", help="pictures and stimuli.csv"
+    )
+    make.add_argument("--demo", action="store_true", help="pictures of rendered balls on a table")
     make.add_argument("page", metavar="OUT.html", type=Path, help="the page")
     make.add_argument("--choices", metavar="LIST", help="answers, such as red,green,blue")
     make.add_argument("--things", default="billiard balls", help="what is looked for")

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 
 from nlens_video import arguments
+from nlens_video.errors import UsageError
 
 
 def _doctor(words: argparse.Namespace) -> int:
@@ -39,8 +40,12 @@ def _bench(words: argparse.Namespace) -> int:
 
 
 def _study(words: argparse.Namespace) -> int:
-    from nlens_video.study.command import analyse_answers, make_study
+    from nlens_video.study.command import analyse_answers, make_demo, make_study
 
+    if words.what == "make" and words.demo == (words.folder is not None):
+        raise UsageError("study make: give either a FOLDER of pictures or --demo, then OUT.html")
+    if words.what == "make" and words.demo:
+        return make_demo(words.page)
     if words.what == "make":
         return make_study(words.folder, words.page, words.choices, words.things)
     return analyse_answers(words.answers, words.reference, as_json=words.json, quiet=words.quiet)

@@ -117,7 +117,7 @@ def _quadratic(subject: Subject) -> Told:
     else:
         blur = nearest_blur(known.rgb, known.sharp)
     model = fit_quadratic(blur, known.relative_disparity)
-    law = _ByDisparity(model, lambda disparity: known.relative(fit.coc_px(disparity)))
+    law = ByDisparity(model, lambda disparity: known.relative(fit.coc_px(disparity)))
     rms = rms_within(
         model.coc_px(known.relative(known.object_coc_px)),
         np.abs(known.object_coc_px),
@@ -127,11 +127,17 @@ def _quadratic(subject: Subject) -> Told:
 
 
 @dataclass(frozen=True, slots=True)
-class _ByDisparity:
-    """A quadratic asked by disparity in the scene's unit."""
+class ByDisparity:
+    """A quadratic asked by disparity in the scene's unit.
+
+    Attributes:
+        model: of the plate.
+        relative: disparity [1 / scene unit] to that of the model [1].
+    """
 
     model: Quadratic
     relative: Callable[[Float32], Float32]
 
     def coc_px(self, disparity: Float32) -> Float32:
+        """Unsigned CoC diameter [px] of any shape from disparity [1 / scene unit]."""
         return self.model.coc_px(self.relative(disparity))

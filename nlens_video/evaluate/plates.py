@@ -74,13 +74,23 @@ class Plate:
 
     def relative(self, coc_px: Float32) -> Float32:
         """The disparity of signed CoC [px] of any shape on the scale of `relative_disparity`."""
-        low, high = float(self.coc_px.min()), float(self.coc_px.max())
-        return np.asarray((coc_px - low) / max(high - low, 1e-6), dtype=np.float32)
+        return relative_disparity(coc_px, self.coc_px)
 
     @property
     def scene(self) -> str:
         """The scene of a plate SCENE_FOCUS; a plate with no underscore is a scene of its own."""
         return self.name.rpartition("_")[0] or self.name
+
+
+def relative_disparity(coc_px: Float32, plate_coc_px: Float32) -> Float32:
+    """Disparity on a scale from 0, a plate's farthest point, to 1, its nearest [1].
+
+    Args:
+        coc_px: signed CoC of any shape, which is affine in disparity [px].
+        plate_coc_px: that of the whole plate [px].
+    """
+    low, high = float(plate_coc_px.min()), float(plate_coc_px.max())
+    return np.asarray((coc_px - low) / max(high - low, 1e-6), dtype=np.float32)
 
 
 def find_plates(folder: Path) -> tuple[list[Path], list[Path]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from nlens_video.evaluate.tables import NONE, grid
 from nlens_video.study.analysis import LEVEL, Answer, MethodResult, analyse, read_answers
 from nlens_video.study.page import study_page
 from nlens_video.study.stimuli import load_stimuli
-from nlens_video.video.atomic import replacing
+from nlens_video.video.atomic import check_folder, replacing
 
 
 def make_study(folder: Path, out: Path, choices: str | None, things: str) -> int:
@@ -47,6 +48,27 @@ def make_study(folder: Path, out: Path, choices: str | None, things: str) -> int
     with replacing(out) as partial:
         partial.write_text(page, encoding="utf-8")
     return 0
+
+
+def make_demo(out: Path) -> int:
+    """Make pictures of rendered balls on a table, and the page that asks about them.
+
+    Args:
+        out: the page.
+
+    Returns:
+        The exit code, 0.
+
+    Raises:
+        NlensError: the renderer cannot run.
+        OutputError: the page cannot be written.
+    """
+    from nlens_video.study.demo import CHOICES, write_demo
+
+    check_folder(out)
+    with tempfile.TemporaryDirectory() as folder:
+        write_demo(Path(folder))
+        return make_study(Path(folder), out, CHOICES, "billiard balls")
 
 
 def analyse_answers(paths: Sequence[Path], reference: str, *, as_json: bool, quiet: bool) -> int:

@@ -1,0 +1,70 @@
+from collections import Counter
+
+import cv2
+import numpy as np
+import pytest
+
+from nlens_video.cli import main
+from nlens_video.study import demo
+from nlens_video.study.stimuli import load_stimuli
+
+SIZE = (320, 176)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    home = tmp_path_factory.mktemp("demo")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "_APERTURES", {"f/2": 24.0})
+        demo.write_demo(home, SIZE, views=16)
+    return home
+
+
+def picture(folder, name):
+    codes = cv2.imread(str(folder / name))
+    assert codes is not None and codes.shape == (SIZE[1], SIZE[0], 3)
+    return codes.astype(np.float32)
+
+
+def test_every_position_lens_and_method_is_shown_once(folder):
+    stimuli = load_stimuli(folder)
+    assert len(stimuli) == 3 * 1 * 3 * 3
+    for name in ("position", "focus", "method"):
+        assert set(Counter(getattr(one, name) for one in stimuli).values()) == {9}
+    assert len({(one.position, one.focus, one.method) for one in stimuli}) == 27
+    assert {one.method for one in stimuli} == {"naive", "blind augmentation", "ours"}
+
+
+def test_pictures_of_one_plate_differ_where_the_virtual_ball_is_only(folder):
+    naive, ours = (picture(folder, f"f2_back_red_{method}.jpg") for method in ("naive", "ours"))
+    changed = np.abs(naive - ours).max(axis=2) > 24
+    rows, columns = np.nonzero(changed)
+    assert len(rows) > 50
+    assert rows.min() > 0.4 * SIZE[1] and 0.45 * SIZE[0] < columns.min()
+    assert columns.max() < 0.75 * SIZE[0]
+
+
+def test_a_ball_out_of_focus_is_softer_by_ours_and_in_focus_as_sharp_as_pasted(folder):
+    def kept(focus):
+        """Share of the steepest step, the stripe's on the ball, that is left."""
+        steps = [
+            np.abs(
+                np.diff(picture(folder, f"f2_{focus}_red_{method}.jpg")[90:170, 160:240], axis=0)
+            )
+            for method in ("ours", "naive")
+        ]
+        return float(steps[0].max() / steps[1].max())
+
+    assert kept("back") < 0.8 < 0.9 < kept("front")
+
+
+@pytest.mark.parametrize("words", [["a", "b.html", "--demo"], ["b.html"]])
+def test_a_folder_or_the_demo_but_one_of_both(words, capsys):
+    assert main(["study", "make", *words]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("nlens-video: ") and told.count("\n") == 1
+
+
+def test_a_page_that_has_no_place_is_told_before_any_picture_is_made(tmp_path, capsys):
+    assert main(["study", "make", "--demo", str(tmp_path / "gone" / "a.html")]) == 6
+    assert "gone" in capsys.readouterr().err
