@@ -8,6 +8,7 @@ import shots
 
 from nlens_video.check.command import compare
 from nlens_video.cli import main
+from nlens_video.graph import held as held_module
 from nlens_video.settings import SourceSettings
 
 pytestmark = pytest.mark.needs_gl
@@ -17,7 +18,9 @@ pytestmark = pytest.mark.needs_gl
 def shot(tmp_path_factory):
     folder = tmp_path_factory.mktemp("held")
     plate = shots.write_video(folder / "in.mp4", frames=44)
-    glb = shots.cube_glb(folder / "anim.glb", end=(0.2, 0.0, -2.0), seconds=2.0)
+    glb = shots.cube_glb(
+        folder / "anim.glb", start=(0.0, 0.0, -2.4), end=(0.2, 0.0, -2.8), seconds=2.0, size=0.4
+    )
     return plate, glb, shots.fit_json(folder / "fit.json")
 
 
@@ -44,6 +47,13 @@ def test_each_frames_row_names_its_rung_and_no_rung_is_left_out(held):
 def test_change_of_rung_is_no_jump(held, shot):
     verdict = compare(str(held[0]), SourceSettings(spec=str(shot[0]))).verdict
     assert [one.text for one in verdict.findings if one.kind in ("pop", "flicker", "plate")] == []
+
+
+def test_change_of_rung_without_mixing_would_be_a_jump(shot, tmp_path, monkeypatch):
+    monkeypatch.setattr(held_module, "FADE_FRAMES", 0)
+    assert render(shot, tmp_path / "o.mp4", "--hold-budget", "--budget-ms", "0.01") == 0
+    verdict = compare(str(tmp_path / "o.mp4"), SourceSettings(spec=str(shot[0]))).verdict
+    assert any(one.kind == "pop" and "stays so" in one.text for one in verdict.findings)
 
 
 def test_plate_that_the_object_does_not_reach_stays_as_it_is(shot, tmp_path):

@@ -8,14 +8,15 @@ import numpy.typing as npt
 from nlens_video.check.findings import Finding, at, runs
 from nlens_video.check.measure import LEAST_TOLERANCE, Measures
 from nlens_video.check.regions import SECTORS, Track
-from nlens_video.check.series import bend, flicker, freezes, pops, standard_error
+from nlens_video.check.series import bend, flicker, freezes, pops, standard_error, steps
 from nlens_video.check.sound import LIMIT_S, SoundPair
 from nlens_video.frames import Float64
 
 Frames = npt.NDArray[np.int64]
+STEP = 0.08  # change of level from one frame to the next, as a share [1]
 POP = 0.15  # jump of sharpness or coverage that a single frame may make, as a share [1]
 FLICKER = 0.015  # amplitude that they may go up and down by, as a share [1]
-_SMALL = 0.1  # and that divided by the root of the object's blocks, where it has few
+_SMALL = 0.13  # and that divided by the root of the object's blocks, where it has few
 _WHOLE_PLATE = 3.0  # median difference that no sensible encoding makes [level]
 _STILL = 0.75  # change of a still block of the result from frame to frame, at most [level]
 
@@ -90,7 +91,8 @@ def judge_object(track: Track) -> list[Finding]:
         for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
     ]
     limit = flicker_limit(track)
-    for name, (bent, error) in _bends(track, span).items():
+    least = STEP * limit / FLICKER  # few blocks change by more of themselves
+    for name, (values, bent, error) in _series(track, span).items():
         for first, last, amplitude in flicker(bent, limit, error):
             frames_hit = (int(span[first]), int(span[last]))
             words = f"{name} of the object goes up and down by {amplitude:.1%} (limit {limit:.1%})"
@@ -99,6 +101,14 @@ def judge_object(track: Track) -> list[Finding]:
             index = int(span[place])
             words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {POP:.0%})"
             found.append(at("pop", (index, index), jump, words))
+        jumped = {place for place, _ in pops(bent, POP, error)}
+        for place, size in steps(values, least):
+            if not jumped & {place - 1, place}:
+                index = int(span[place])
+                words = (
+                    f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
+                )
+                found.append(at("pop", (index, index), size, f"{words} (limit {least:.0%})"))
     motion = _on(span, frames, np.array(track.motion))
     for first, last in freezes(np.nan_to_num(motion), _STILL):
         found.append(
@@ -115,22 +125,26 @@ def flicker_limit(track: Track) -> float:
     return max(FLICKER, _SMALL / float(np.sqrt(max(np.median(np.array(track.area)), 1.0))))
 
 
-def _bends(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64]]:
-    """Bend and its standard error of the two series, on every frame of the span."""
+def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Float64]]:
+    """Values, bend and its standard error of the two series, on every frame of the span.
+
+    How much of an object that touches the frame's edge is covered is the edge's doing: not judged.
+    """
     frames = np.array(track.frames, np.int64)
     sectors = bend(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
-    sharpness = bend(_on(span, frames, np.array(track.sharpness)))
-    area = _on(span, frames, np.log(np.maximum(np.array(track.area), 1e-3)))
+    sharpness = _on(span, frames, np.array(track.sharpness))
+    log_area = np.log(np.maximum(np.array(track.area), 1e-3))
+    area = _on(span, frames, np.where(np.array(track.whole, bool), log_area, np.nan))
     return {
-        "sharpness": (np.nan_to_num(sharpness), standard_error(sectors)),
-        "coverage": (np.nan_to_num(bend(area)), np.zeros(len(span))),
+        "sharpness": (sharpness, np.nan_to_num(bend(sharpness)), standard_error(sectors)),
+        "coverage": (area, np.nan_to_num(bend(area)), np.zeros(len(span))),
     }
 
 
 def restless(track: Track) -> tuple[float, float]:
     """Median |bend| of an object's sharpness and coverage, as shares [1]."""
-    bends = _bends(track, np.arange(track.first, track.last + 1)).values()
-    sharpness, coverage = (float(np.median(np.abs(bent))) for bent, _ in bends)
+    series = _series(track, np.arange(track.first, track.last + 1)).values()
+    sharpness, coverage = (float(np.median(np.abs(bent))) for _, bent, _ in series)
     return sharpness, coverage
 
 

@@ -29,6 +29,7 @@ class Track:
         mask: its blocks on the last frame that has it, (h, w).
         frames: index of each frame that has it.
         area: its coverage on each of them, blocks of strong difference [block].
+        whole: whether it stays clear of the frame's edge, on each of them.
         sharpness: log of its detail over the plate's own gain of detail [1].
         sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a
             sector is too small [1].
@@ -42,6 +43,7 @@ class Track:
     mask: Mask
     frames: array[int] = field(default_factory=lambda: array("q"))
     area: array[float] = field(default_factory=lambda: array("d"))
+    whole: array[int] = field(default_factory=lambda: array("b"))
     sharpness: array[float] = field(default_factory=lambda: array("d"))
     sectors: array[float] = field(default_factory=lambda: array("d"))
     motion: array[float] = field(default_factory=lambda: array("d"))
@@ -68,6 +70,7 @@ class Track:
             max(x1, int(columns[-1]) + 1), max(y1, int(rows[-1]) + 1),
         )  # fmt: skip
         self.mask = mask
+        self.whole.append(not (mask[[0, -1]].any() or mask[:, [0, -1]].any()))
         self.worst = max(self.worst, worst)
         self.frames.append(index)
 

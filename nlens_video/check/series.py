@@ -72,6 +72,32 @@ def pops(bent: Float64, limit: float, error: Float64 | float = 0.0) -> list[tupl
     ]
 
 
+def steps(values: Float64, limit: float) -> list[tuple[int, float]]:
+    """Where a series goes to another level within one frame: position and how far.
+
+    What comes back with the next frame is a jump (`pops`), not a step.
+
+    Args:
+        values: (n,), NaN where there is none.
+        limit: the least step; three times how unevenly it goes around is asked for as well.
+    """
+    change = np.diff(values, prepend=np.nan)
+    found = []
+    for at in range(_WINDOW, len(values) - _WINDOW + 1):
+        around = np.array([*change[max(1, at - _WINDOW) : at], *change[at + 1 : at + _WINDOW + 1]])
+        known = around[np.isfinite(around)]
+        if len(known) < _WINDOW:
+            continue
+        usual = float(np.mean(np.sort(known)[len(known) // 4 : -(len(known) // 4)]))
+        uneven = float(np.median(np.abs(known - usual)))
+        size = float(change[at]) - usual
+        levels = np.mean(values[at : at + _WINDOW]) - np.mean(values[at - _WINDOW : at])
+        lasting = (float(levels) - _WINDOW * usual) * np.sign(size) > 0.5 * abs(size)
+        if abs(size) > limit + 3.0 * uneven and lasting:
+            found.append((at, size))
+    return found
+
+
 def flicker(
     bent: Float64, limit: float, error: Float64 | float = 0.0
 ) -> list[tuple[int, int, float]]:

@@ -130,6 +130,12 @@ def test_flicker_of_sharpness_is_named(check, what, usual, share, least):
     assert verdict.measures["sharpness_bend"] > least
 
 
+def test_change_of_blur_that_stays_is_named(check):
+    verdict = check(looks=lambda number: {"sigma": 1.5 if number < 12 else 2.5})
+    assert {(one.kind, one.frame) for one in verdict.findings} == {("pop", 12)}, texts(verdict)
+    assert "stays so" in verdict.findings[0].text
+
+
 def test_object_missing_on_a_frame_is_a_jump(source, tmp_path):
     def lose(pictures, times):
         pictures[7] = list(takes.decode(source))[7]

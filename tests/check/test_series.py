@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.check.series import bend, flicker, freezes, pops, standard_error
+from nlens_video.check.series import bend, flicker, freezes, pops, standard_error, steps
 
 SMOOTH = 0.3 * np.sin(np.arange(60) / 9.0)
 NOISE = 0.01 * np.random.default_rng(3).normal(size=60)
@@ -58,6 +58,17 @@ def test_standard_error_goes_by_the_parts_that_are_known():
     parts[7] = np.nan
     error = standard_error(bend(parts))
     assert np.isfinite(error).all() and error[7] == 0 and error[3] > 0
+
+
+def test_change_of_level_is_a_step_and_no_jump_and_a_jump_is_no_step():
+    values = SMOOTH + 0.2 * NOISE
+    values[30:] += 0.2
+    ((place, size),) = steps(values, 0.1)
+    assert place == 30 and size == pytest.approx(0.2, abs=0.03)
+    single = SMOOTH + 0.2 * NOISE
+    single[30] += 0.4
+    assert steps(single, 0.1) == [] and pops(bend(single), 0.15)
+    assert steps(SMOOTH + 0.2 * NOISE, 0.1) == []
 
 
 def test_freeze_lies_between_movements():
