@@ -213,6 +213,8 @@ def _fit_parser() -> Parser:
     parser = base_parser("nlens-video fit", "Find the lens of a plate and keep it as JSON.")
     _add_common(parser)
     parser.add_argument("save_fit", metavar="FIT.json", type=Path)
+    add_tracking(parser)
+    parser.set_defaults(track_focus="off")
     return parser
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from nlens_video.errors import LensFitError
 from nlens_video.frames import Float64
 from nlens_video.lens import LensFit
 
@@ -70,6 +73,43 @@ class FitTrack:
 
     def _nearest(self, index: int) -> Key:
         return min(self.keys, key=lambda key: abs(key.index - index))
+
+    def for_width(self, width: int, height: int) -> FitTrack:
+        """The same lens on frames of another size."""
+        keys = (replace(key, fit=key.fit.for_width(width, height)) for key in self.keys)
+        return replace(self, keys=tuple(keys))
+
+    def to_json(self) -> str:
+        """A `fit.json` that holds all of it; who knows no tracks reads the first frame's lens."""
+        track = {"stretch": self.stretch, "cuts": self.cuts, "keys": [asdict(k) for k in self.keys]}
+        return json.dumps({**json.loads(self.at(0).to_json()), "track": track}, indent=2) + "\n"
+
+    @classmethod
+    def load(cls, path: Path) -> FitTrack | None:
+        """Read it back; None where the file holds one lens only.
+
+        Raises:
+            LensFitError: the file cannot be read, or its track makes no sense.
+        """
+        LensFit.load(path)
+        track = json.loads(path.read_text()).get("track")
+        if track is None:
+            return None
+        try:
+            keys = tuple(
+                Key(
+                    int(key["index"]), int(key["shot"]),
+                    LensFit.from_json(json.dumps(key["fit"]), str(path)),
+                )
+                for key in track["keys"]
+            )  # fmt: skip
+            if not keys:
+                raise ValueError("no keys")
+            return cls(keys, float(track["stretch"]), tuple(int(cut) for cut in track["cuts"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise LensFitError(
+                f"{path}: its track of a lens that changes makes no sense ({error}); fit again"
+            ) from error
 
     def words(self) -> str:
         """What a person should know of it."""

@@ -136,7 +136,7 @@ def _assembled(
         shutter_deg=settings.shutter_deg,
         frame_s=frame_s(info),
         optics=settings.optics,
-        track=track,
+        track=track or _given_track(settings, info),
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )
@@ -154,6 +154,12 @@ def _assembled(
     return assemble(
         settings.scene, lens, view, profiler, Plate(pictures, settings.source.frames[0])
     )
+
+
+def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
+    """The lens all along the file, where the given fit holds that."""
+    given = None if settings.fit is None else FitTrack.load(settings.fit)
+    return None if given is None else given.for_width(info.width, info.height)
 
 
 def _may_wait(info: SourceInfo) -> bool:

@@ -49,6 +49,8 @@ def plan(settings: Settings) -> tuple[str, ...]:
 def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOutcome:
     """Find the lens on the first frame with the object in view, and save it.
 
+    Where it changes over a file and `track_focus` says so, it is saved as it is all along.
+
     Args:
         settings: the run; `save_fit` names the file.
         look_through: as many frames at most [1].
@@ -59,6 +61,11 @@ def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOut
     if settings.save_fit is None:
         raise UsageError("no file for the fit was named")
     check_folder(settings.save_fit)
+    track = follow(settings)
+    if track is not None:
+        with replacing(settings.save_fit) as partial:
+            partial.write_text(track.to_json())
+        return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.words(),))
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
         intake = stack.enter_context(taken_in(settings, profiler))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from nlens_video import Compositor
 from nlens_video.arguments import parse, settings
 from nlens_video.cli import main
+from nlens_video.errors import LensFitError
 from nlens_video.fit_track import FitTrack, Key, with_holds
 from nlens_video.follow import follow
 from nlens_video.graph.live_lens import LiveLens
@@ -133,6 +134,34 @@ def test_command_follows_and_says_so(pulled, capsys):
     assert any("the lens changes" in note for note in outcome["notes"])
     first, last = (cv2.imread(str(pulled / "out_%04d.png") % at) for at in (0, 39))
     assert first is not None and np.abs(first.astype(int) - last).max() > 20
+
+
+@pytest.mark.needs_gl
+def test_fit_keeps_a_pull_and_a_run_with_it_is_the_run_that_follows(pulled, tmp_path):
+    plate, glb, _ = words(pulled)[:3]
+    kept = tmp_path / "fit.json"
+    rate = ("--input-rate", "25", "-q")
+    assert main(["fit", plate, glb, str(kept), "--track-focus", "auto", *rate]) == 0
+    followed = follow(settings(parse(words(pulled))))
+    assert FitTrack.load(kept) == followed
+    assert LensFit.load(kept) == followed.at(0)
+    double = followed.for_width(2 * shots.WIDTH, 2 * shots.HEIGHT)
+    assert double.at(7).slope == pytest.approx(2 * followed.at(7).slope)
+    for name, more in (("a", ()), ("b", ("--fit", str(kept)))):
+        result = str(tmp_path / f"{name}_%04d.png")
+        assert main([plate, glb, result, "--preset", "realtime", *rate, *more]) == 0
+    for index in (0, 20, 39):
+        pictures = (tmp_path / f"{name}_{index:04d}.png" for name in "ab")
+        assert len({picture.read_bytes() for picture in pictures}) == 1
+
+
+def test_fit_whose_track_is_broken_is_refused_in_one_line(tmp_path):
+    kept = shots.fit_json(tmp_path / "fit.json")
+    assert FitTrack.load(kept) is None
+    for track in ({}, {"keys": []}, {"keys": [{"index": 0}], "stretch": 1, "cuts": []}):
+        kept.write_text(json.dumps({**json.loads(kept.read_text()), "track": track}))
+        with pytest.raises(LensFitError, match="makes no sense"):
+            FitTrack.load(kept)
 
 
 def test_live_lens_moves_softly_and_jumps_at_a_cut_only():
