@@ -203,12 +203,16 @@ class ChunkFile:
             with av.open(f"file:{self.path}", "r", format="nut") as container:
                 stream = container.streams.video[0]
                 stream.thread_type = "AUTO"
-                expected = iter(self._checksums)
-                for packet in container.demux(stream):
-                    if packet.size and zlib.crc32(packet) != next(expected, None):
+                packets = container.demux(stream)
+                for checksum in self._checksums:  # and not on to the line behind the last packet
+                    packet = next(packets)
+                    if zlib.crc32(packet) != checksum:
                         raise ValueError("another checksum")
                     yield from packet.decode()
-        except (av.FFmpegError, OSError, IndexError, ValueError) as error:
+                for frame in stream.decode(None):
+                    frame.time_base = stream.time_base or Fraction(0)  # flushed ones have none
+                    yield frame
+        except (av.FFmpegError, OSError, IndexError, ValueError, StopIteration) as error:
             raise InputError(f"{self.path}: is damaged; render it again") from error
 
 
