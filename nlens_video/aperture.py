@@ -92,3 +92,16 @@ def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture:
     if count == 0:
         raise UsageError("an aperture of 0 blades: write round")
     return Aperture(blades=count, rotation_deg=rotation, roundness=roundness, cat_eye=cat_eye)
+
+
+def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture:
+    """An aperture as it is, or from words.
+
+    Raises:
+        UsageError: words that make no sense, or a cat's eye given twice.
+    """
+    if isinstance(given, str):
+        return parse_aperture(given, cat_eye=cat_eye)
+    if cat_eye:
+        raise UsageError("the cat's eye stands in the Aperture; leave cat_eye out")
+    return given

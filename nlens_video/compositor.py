@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from nlens_video.aperture import Aperture, parse_aperture
+from nlens_video.aperture import Aperture, as_aperture
 from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import UsageError
 from nlens_video.graph.ahead import Ahead
@@ -31,8 +31,11 @@ if TYPE_CHECKING:
     import av
 
     from nlens_video.frames import Picture
+    from nlens_video.notebook import Shown
 
 R = TypeVar("R")
+Frames = TypeVar("Frames", bound=Any)
+"""An array or a tensor: what comes out is what went in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +52,8 @@ class Compositor:
 
     The lens is fitted on the first frame with the object in view and kept. All work happens on one
     thread of the compositor's own (OpenGL lives there), so it can be called from any thread;
-    frames are processed in the order of the calls.
+    frames are processed in the order of the calls. A process that was forked from the one that made
+    it is refused: each makes its own.
 
     Args:
         glb: the animated object, with a perspective camera; or `settings.ObjectSettings`, which
@@ -105,7 +109,7 @@ class Compositor:
         self._objects = glb
         self._lens = Lens(
             preset=preset, effects=effects, fit=fit, fallback=fallback, frame_s=1.0 / fps,
-            shutter_deg=shutter_deg, aperture=_aperture(aperture, cat_eye), optics=optics,
+            shutter_deg=shutter_deg, aperture=as_aperture(aperture, cat_eye), optics=optics,
             live=track_focus == "auto",
         )  # fmt: skip
         self._fps = fps
@@ -115,19 +119,22 @@ class Compositor:
         self._first_s: float | None = None
         self._count = 0
         self._closed = False
+        self._last: Picture | None = None
+        self._process = os.getpid()
         self._stack = ExitStack()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-compositor")
 
-    def process(self, frame: npt.NDArray[Any], time: float | None = None) -> npt.NDArray[Any]:
+    def process(self, frame: Frames, time: float | None = None) -> Frames:
         """Composite one frame.
 
         Args:
             frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
-                uint16, or float32 in [0, 1]; left as it is.
+                uint16, or float32 in [0, 1]; or a torch tensor of that shape and type; left as
+                it is.
             time: moment of the animation [s]; default: frames so far / fps.
 
         Returns:
-            A new array of the same shape, type and channel order.
+            A new array (or a tensor on the same device) of the same shape, type and channel order.
 
         Raises:
             InputError: a shape or type that no picture has.
@@ -136,8 +143,13 @@ class Compositor:
         """
         from nlens_video.video.picture import ArrayPicture
 
+        if type(frame).__module__ == "torch":  # a caller that has tensors has imported it
+            plain: Any = self.process(frame.detach().cpu().numpy(), time)
+            return cast("Frames", frame.new_tensor(plain))
         if not isinstance(frame, np.ndarray):
-            raise UsageError(f"process takes a numpy array, not {type(frame).__name__}")
+            raise UsageError(
+                f"process takes a numpy array or a torch tensor, not {type(frame).__name__}"
+            )
         result = frame.copy()
         self._call(lambda: self._composite(ArrayPicture(result), time))
         return result
@@ -167,7 +179,7 @@ class Compositor:
             result.pts, result.time_base = frame.pts, frame.time_base
         return result
 
-    def stream(self, frames: Iterable[npt.NDArray[Any]]) -> Iterator[npt.NDArray[Any]]:
+    def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
         """Composite frames as they come; a generator that holds one frame at a time."""
         for frame in frames:
             yield self.process(frame)
@@ -178,6 +190,43 @@ class Compositor:
         if self._assembly is None or self._assembly.steps.fit is None:
             return self._lens.fit
         return self._assembly.steps.fit
+
+    @fit.setter
+    def fit(self, fit: LensFit) -> None:
+        """Take another lens from the next frame on, and follow no change of it any more."""
+
+        def take() -> None:
+            self._lens = replace(self._lens, fit=fit)
+            if self._assembly is not None and self._size is not None:
+                self._assembly.steps.hold(fit.for_width(*self._size))
+
+        self._call(take)
+
+    def swap(self, glb: str | Path | ObjectSettings) -> None:
+        """Composite another object from the next frame on; the lens is held, time goes on.
+
+        Args:
+            glb: as at the beginning; a path keeps camera and ground height as they were given.
+
+        Raises:
+            SceneError: the GLB cannot be used; raised at the next frame.
+        """
+        if not isinstance(glb, ObjectSettings):
+            glb = replace(self._objects, glb=Path(glb))
+        objects = glb
+
+        def take() -> None:
+            self._lens = replace(self._lens, fit=self.fit)
+            self._stack.close()
+            self._objects, self._assembly = objects, None
+
+        self._call(take)
+
+    def show(self) -> Shown:
+        """The last composite, the lens and what runs, as a notebook draws them."""
+        from nlens_video.notebook import show
+
+        return self._call(lambda: show(self._last, self.fit, self.plan))
 
     @property
     def plan(self) -> tuple[str, ...]:
@@ -195,6 +244,8 @@ class Compositor:
 
     def close(self) -> None:
         """Free OpenGL, networks and the thread; harmless when repeated."""
+        if os.getpid() != self._process:  # its thread, and OpenGL, are the other process's
+            return
         if not self._closed:
             self._worker.submit(self._stack.close).result()
         self._closed = True
@@ -214,6 +265,8 @@ class Compositor:
     def _call(self, work: Callable[[], R]) -> R:
         if self._closed:
             raise UsageError("the compositor is closed; make a new one")
+        if os.getpid() != self._process:
+            raise UsageError("the compositor was made by another process; make one in each")
         return self._worker.submit(work).result()
 
     def _since_first(self, frame: av.VideoFrame) -> float | None:
@@ -229,6 +282,7 @@ class Compositor:
         moment = self._count / self._fps if time is None else time
         state = steps.enter(_LoopFrame(self._count, moment, picture))
         steps.run(state, assembly.graph.nodes)
+        self._last = picture
         self._profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
         self._count += 1
 
@@ -248,11 +302,3 @@ class Compositor:
                 "takes one size; make another for other frames"
             )
         return self._assembly
-
-
-def _aperture(given: Aperture | str, cat_eye: float) -> Aperture:
-    if isinstance(given, str):
-        return parse_aperture(given, cat_eye=cat_eye)
-    if cat_eye:
-        raise UsageError("the cat's eye stands in the Aperture; leave cat_eye out")
-    return given

@@ -1,5 +1,6 @@
 """The plug-in for OpenCV, PyAV and numpy loops."""
 
+import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -11,7 +12,7 @@ import shots
 
 from nlens_video import Compositor
 from nlens_video.aperture import Aperture
-from nlens_video.errors import LensFitError, SceneError, UsageError
+from nlens_video.errors import InputError, LensFitError, SceneError, UsageError
 from nlens_video.lens import LensFit
 
 pytestmark = pytest.mark.needs_gl
@@ -130,6 +131,82 @@ def test_closing_ends_its_thread_and_may_be_repeated(glb):
     with pytest.raises(UsageError, match="closed"):
         compositor.process(bgr())
     assert not [t for t in threading.enumerate() if t.name.startswith("nlens-compositor")]
+
+
+def test_another_lens_holds_from_the_next_frame_on(lens, glb):
+    first = lens.process(bgr(), time=0.0)
+    lens.fit = LensFit(
+        slope=2 * FIT.slope, intercept=2 * FIT.intercept, width=FIT.width, height=FIT.height
+    )
+    assert lens.fit.slope == 2 * FIT.slope
+    changed = lens.process(bgr(), time=0.0)
+    assert not np.array_equal(first, changed)
+    with Compositor(glb, preset="realtime", fit=lens.fit, fps=25) as other:
+        assert np.array_equal(other.process(bgr(), time=0.0), changed)
+
+
+def test_lens_set_before_the_first_frame_is_taken(glb):
+    with Compositor(glb, preset="realtime", fps=25) as lens:
+        lens.fit = FIT
+        lens.process(bgr())
+        assert lens.fit == FIT
+
+
+def test_swapped_object_keeps_lens_and_time(lens, glb, tmp_path):
+    lens.process(bgr())
+    other = shots.cube_glb(tmp_path / "other.glb", start=(0.3, 0.0, -2.0), size=0.2)
+    lens.swap(other)
+    swapped = lens.process(bgr())
+    assert lens.fit == FIT and lens.timings.frames == 2
+    with Compositor(other, preset="realtime", fit=FIT, fps=25) as plain:
+        assert np.array_equal(plain.process(bgr(), time=1 / 25), swapped)
+    lens.swap(tmp_path / "none.glb")
+    with pytest.raises(SceneError, match=r"none\.glb"):
+        lens.process(bgr())
+    lens.swap(glb)
+    assert lens.process(bgr()).shape == bgr().shape
+
+
+def test_notebook_shows_picture_lens_and_plan(lens):
+    assert "no frame yet" in lens.show()._repr_html_()
+    lens.process(bgr())
+    html = lens.show()._repr_html_()
+    assert "data:image/jpeg;base64," in html and "coc_px = 24" in html and "scatter" in html
+
+
+def test_forked_process_is_told_to_make_its_own(lens):
+    lens.process(bgr())
+    code = os.fork()
+    if code == 0:  # no pytest in here, whatever happens
+        try:
+            lens.process(bgr())
+        except UsageError as error:
+            os._exit(0 if "another process" in str(error) else 2)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(code, 0)[1]) == 0
+    assert lens.process(bgr()).shape == bgr().shape
+
+
+@pytest.mark.needs_torch
+def test_tensors_come_back_as_tensors_of_their_type_and_device(lens):
+    import torch
+
+    frame = torch.from_numpy(bgr())
+    result = lens.process(frame, time=0.0)
+    assert (result.dtype, result.device) == (frame.dtype, frame.device)
+    assert np.array_equal(result.numpy(), lens.process(bgr(), time=0.0))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int32, bool])
+def test_sample_types_that_nothing_is_known_about_are_named(lens, dtype):
+    with pytest.raises(InputError, match="expected"):
+        lens.process(bgr().astype(dtype))
+
+
+def test_grey_of_16_bit_keeps_its_form(lens):
+    frame = bgr()[..., 1].astype(np.uint16) * 257
+    result = lens.process(frame)
+    assert (result.shape, result.dtype) == (frame.shape, np.uint16) and (result != frame).any()
 
 
 def test_frames_of_another_size_are_refused(lens):

@@ -17,7 +17,7 @@ LAYERS = [
     ["run"],
     ["follow"],
     ["intake"],
-    ["look_ahead", "observers", "outcome", "report", "trim"],
+    ["look_ahead", "notebook", "observers", "outcome", "report", "trim"],
     ["arguments", "graph"],
     ["farm_arguments", "measure_arguments"],
     ["object_arguments"],

@@ -13,7 +13,7 @@ from nlens_video.check.findings import KINDS, Verdict
 from nlens_video.check.regions import Track
 from nlens_video.errors import OutputError
 from nlens_video.frames import Float64
-from nlens_video.report.markup import figure, missing, section, table
+from nlens_video.report.markup import count, figure, missing, section, table
 from nlens_video.report.svg import Axes, path
 from nlens_video.video.atomic import replacing
 
@@ -41,7 +41,7 @@ def page(verdict: Verdict, objects: list[Track]) -> str:
     """The page as text; everything that came from outside is escaped."""
     style = files("nlens_video.report").joinpath("page.css").read_text(encoding="utf-8")
     title = f"{_name(verdict.result)} against {_name(verdict.plate)}"
-    word = "Nothing was found." if verdict.fine else f"{len(verdict.findings)} findings."
+    word = "Nothing was found." if verdict.fine else f"{count(len(verdict.findings), 'finding')}."
     rows = [
         (words, "; ".join(one.text for one in verdict.of(kind)) or "fine")
         for kind, words in KINDS.items()

@@ -113,6 +113,11 @@ class FrameSteps:
     def fit(self, fit: LensFit) -> None:
         self._shot["fit"] = fit
 
+    def hold(self, fit: LensFit) -> None:
+        """Take a lens, in the pixels of this stream, and follow no change of it any more."""
+        self._track = self._live = None
+        self.fit = fit
+
     def enter(self, frame: StreamFrame, following: tuple[Picture, ...] = ()) -> FrameState:
         """Start a frame: the ports that are given.
 
