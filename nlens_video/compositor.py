@@ -6,10 +6,10 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from nlens_video.graph.call_for import Plate
 from nlens_video.graph.objects import View
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler, Summary
+from nlens_video.graph.stream import LoopFrame
 from nlens_video.lens import LensFit
 from nlens_video.optics import NOTHING_SAID, Optics
 from nlens_video.settings import Fallback, ObjectSettings
@@ -36,15 +37,6 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 Frames = TypeVar("Frames", bound=Any)
 """An array or a tensor: what comes out is what went in."""
-
-
-@dataclass(frozen=True, slots=True)
-class _LoopFrame:
-    """A frame of somebody's own loop."""
-
-    index: int
-    time_s: float
-    picture: Picture
 
 
 class Compositor:
@@ -280,7 +272,7 @@ class Compositor:
         assembly = self._assembled(picture)
         steps = assembly.steps
         moment = self._count / self._fps if time is None else time
-        state = steps.enter(_LoopFrame(self._count, moment, picture))
+        state = steps.enter(LoopFrame(self._count, moment, picture))
         steps.run(state, assembly.graph.nodes)
         self._last = picture
         self._profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)

@@ -3,6 +3,7 @@
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from fractions import Fraction
 
 import av
@@ -135,9 +136,7 @@ def test_closing_ends_its_thread_and_may_be_repeated(glb):
 
 def test_another_lens_holds_from_the_next_frame_on(lens, glb):
     first = lens.process(bgr(), time=0.0)
-    lens.fit = LensFit(
-        slope=2 * FIT.slope, intercept=2 * FIT.intercept, width=FIT.width, height=FIT.height
-    )
+    lens.fit = replace(FIT, slope=2 * FIT.slope, intercept=2 * FIT.intercept)
     assert lens.fit.slope == 2 * FIT.slope
     changed = lens.process(bgr(), time=0.0)
     assert not np.array_equal(first, changed)
@@ -174,6 +173,7 @@ def test_notebook_shows_picture_lens_and_plan(lens):
     assert "data:image/jpeg;base64," in html and "coc_px = 24" in html and "scatter" in html
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_forked_process_is_told_to_make_its_own(lens):
     lens.process(bgr())
     code = os.fork()

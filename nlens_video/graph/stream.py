@@ -39,6 +39,15 @@ class StreamFrame(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class LoopFrame:
+    """A frame of somebody's own loop."""
+
+    index: int
+    time_s: float
+    picture: Picture
+
+
+@dataclass(frozen=True, slots=True)
 class Ran:
     """A stage that has run on a frame: what another graph need not compute again."""
 
