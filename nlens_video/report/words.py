@@ -201,6 +201,7 @@ def _plate_advice(findings: Findings) -> Iterator[Advice]:
 def _time_advice(findings: Findings) -> Iterator[Advice]:
     summary = findings.summary
     once = {node.name for node in findings.assembly.graph.nodes if node.cadence == "shot"}
+    once.add("measure")  # the look at a shot before its first frame
     steady = {name: ms for name, ms in summary.node_median_ms.items() if name not in once}
     if summary.frames < 2 or summary.within_budget >= _MET or not steady:
         return
