@@ -7,21 +7,21 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
+from nlens_video.color import transfer
 from nlens_video.frames import Float32
 
 _STEPS = 4096
+_SRGB = transfer("iec61966-2-1")
 
 
 def to_code(linear: Float32) -> Float32:
     """Display-coded sRGB of scene-linear light."""
-    curve = 1.055 * np.maximum(linear, 0.0031308) ** (1.0 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
+    return _SRGB.to_coded(linear.astype(np.float64)).astype(np.float32)
 
 
 def to_linear(code: Float32) -> Float32:
     """Scene-linear light of display-coded sRGB."""
-    curve = ((np.maximum(code, 0.04045) + 0.055) / 1.055) ** 2.4
-    return np.where(code <= 0.04045, code / 12.92, curve).astype(np.float32)
+    return _SRGB.to_linear(code.astype(np.float64)).astype(np.float32)
 
 
 @lru_cache(maxsize=1)

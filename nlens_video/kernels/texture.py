@@ -18,6 +18,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from nlens_video.color import transfer
 from nlens_video.kernels.compiled import floor, inlined, narrow, single, truncated
 
 Texels = npt.NDArray[np.uint16]
@@ -93,7 +94,7 @@ def _pyramid(texture: Texture) -> list[Texels]:
     """The picture in linear light and, where the sampler wants them, its halves."""
     codes = np.arange(256) / 255.0
     straight = np.round(codes * 65535.0).astype(np.uint16)
-    linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+    linear = transfer("iec61966-2-1").to_linear(codes)
     decoded = np.round(linear * 65535.0).astype(np.uint16) if texture.srgb else straight
     level: Texels = np.empty(texture.pixels.shape, np.uint16)
     level[..., :3] = decoded[texture.pixels[..., :3]]
