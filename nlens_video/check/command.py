@@ -30,7 +30,7 @@ from nlens_video.check.sound import SoundPair
 from nlens_video.errors import InputError, ReaderGone
 from nlens_video.settings import SourceSettings
 from nlens_video.trim import Trim
-from nlens_video.video.info import SourceFrame
+from nlens_video.video.info import Packet, SourceFrame
 from nlens_video.video.source import Source, open_source
 
 FINDINGS = 1
@@ -132,7 +132,7 @@ class _Reading:
     def looks(self) -> Generator[Look]:
         """The frames, numbered from 0."""
         self.streams = [one.index for one in self.source.info.copied if one.type == "audio"]
-        early = []
+        early: list[Packet] = []
         first_s = 0.0
         for item in Trim(self.source, self.frames).items():
             if not isinstance(item, SourceFrame):
@@ -150,11 +150,11 @@ class _Reading:
         for packet in early:
             self._take(packet, first_s)
 
-    def _take(self, packet: object, first_s: float) -> None:
-        number = getattr(packet, "stream_index", -1)
+    def _take(self, packet: Packet, first_s: float) -> None:
+        number = packet.stream_index
         place = self.streams.index(number) if number in self.streams else len(self.sound)
         if place < len(self.sound):
-            self.sound[place].take(packet, first_s, from_plate=self.from_plate)  # type: ignore[arg-type]
+            self.sound[place].take(packet, first_s, from_plate=self.from_plate)
 
 
 def table(verdict: Verdict) -> list[str]:

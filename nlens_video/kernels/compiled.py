@@ -16,6 +16,8 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _COMMON: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 _KERNEL: dict[str, Any] = {**_COMMON, "cache": True, "nogil": True}
 _INLINED: dict[str, Any] = {**_COMMON, "forceinline": True}
+# The ignored types below: compiled code works on NumPy's scalars, which are no `float` or `int`
+# to a type checker, and its callers write them as plain numbers.
 # Divisions become multiplications, and square roots may be estimated and refined: to about 1e-7.
 _QUICK: dict[str, Any] = {"fastmath": {"contract", "arcp", "afn"}}
 

@@ -56,6 +56,7 @@ def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -
     return out
 
 
+# Compiled for the types of the signature below, which annotations would only repeat.
 @njit(inline="always")
 def _look_up(table, at):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     place = at * np.float32(table.shape[0] - 1)

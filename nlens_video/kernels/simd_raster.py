@@ -12,6 +12,7 @@ from numba.extending import intrinsic
 LANES = 16
 _FLOATS, _INTS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.IntType(32), LANES)
 _Generator = tuple[Any, Callable[..., Any]]
+# `Any` throughout: numba's and llvmlite's code generators have no types of their own.
 
 
 def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, lanes: Any) -> Any:  # noqa: ANN401
