@@ -2,6 +2,7 @@
 # make test    install everything and run all tests
 # make lint    format check, lint, types
 # make gallery  the pictures of docs/gallery
+# make docs    the documentation as a site: site/index.html
 # make bench   time of each node of the demo, and its ratio to plain decode + encode
 
 PYTHON ?= python3
@@ -24,7 +25,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: demo test lint gallery bench install system clean
+.PHONY: demo test lint gallery docs bench install system clean
 
 system:
 	@$(SYSTEM)
@@ -60,9 +61,13 @@ test: lint
 gallery: install
 	$(BIN)/python docs/make_gallery.py
 
+docs: $(VENV)/.installed-test
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Look at site/index.html"
+
 bench: install
 	$(BIN)/python benchmarks/bench_demo.py
 	$(BIN)/python benchmarks/bench_scatter.py
 
 clean:
-	rm -rf $(VENV) build dist samples/out.mp4 samples/report
+	rm -rf $(VENV) build dist site samples/out.mp4 samples/report

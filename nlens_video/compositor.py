@@ -158,7 +158,9 @@ class Compositor:
             A new frame.
 
         Raises:
-            As `process`.
+            InputError: a format that cannot be composited in.
+            SceneError: the GLB cannot be used.
+            LensFitError: no usable lens fit.
         """
         from nlens_video.video.picture import AvPicture, copied
 

@@ -1,0 +1,129 @@
+"""Each command that users are shown runs as it stands there, or is named here with why not."""
+
+import contextlib
+import io
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import shots
+from scene.glb_builder import GlbBuilder
+
+from nlens_video.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+OTHER_PROGRAMS = ("make ", "pip install ", "cp samples/", "python docs/")
+ELSEWHERE = {
+    "/dev/video": "no camera is here; other devices: tests/video",
+    "rtsp://": "no network is here",
+    "ffmpeg -i in.mov": "the pipe's own side: tests/test_live.py and tests/test_real_things.py",
+    "producer |": "tests/test_live.py",
+    "gst-launch": "the pipe's own side: tests/test_live.py",
+    "nlens-video farm": "tests/farm",
+    "chunks --as-chunk --range $first": "tests/farm runs the loop",
+    "nlens-video merge": "tests/farm runs the loop",
+    "nlens-video study make --demo": "tests/study; it renders for a minute",
+    "nlens-video study make PICTURES": "tests/study",
+    "nlens-video study analyse": "tests/study",
+}
+SHELL = re.compile(r"frames=|length=|for |done$")
+
+
+def commands(page):
+    """Lines of the page's blocks that are commands."""
+    for language, block in re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(), re.M | re.S):
+        if language in {"", "bash"}:
+            for line in block.splitlines():
+                yield line.split("  #")[0].strip()
+
+
+def all_commands():
+    found = dict.fromkeys(line for page in PAGES for line in commands(page))
+    return [line for line in found if not SHELL.match(line)]
+
+
+HERE = [
+    line
+    for line in all_commands()
+    if not line.startswith(OTHER_PROGRAMS) and not any(part in line for part in ELSEWHERE)
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The files that the pages speak of."""
+    folder = tmp_path_factory.mktemp("reader")
+    shots.write_video(folder / "in.mp4", frames=14)
+    shots.cube_glb(folder / "anim.glb", end=(0.1, 0.0, -1.6))
+    shots.fit_json(folder / "fit.json")
+    for number in range(14):
+        matte = np.zeros((shots.HEIGHT, shots.WIDTH), np.uint8)
+        matte[:, : shots.WIDTH // 2] = 255
+        cv2.imwrite(str(folder / f"roto.{number:04d}.png"), matte)
+    fox = GlbBuilder()
+    node = fox.node(mesh=fox.mesh(shots.CUBE, shots.CUBE_FACES))
+    keys = np.array([[0, 0, 0], [0.1, 0, 0]], np.float32)
+    fox.animation((node, "translation", [0.0, 0.2], keys, "LINEAR"), name="Run")
+    fox.write(folder / "fox.glb")
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        assert main([str(folder / name) for name in ("in.mp4", "anim.glb", "out.mp4")]) == 0
+    return folder
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("command", HERE)
+def test_command_runs_as_it_stands(command, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    program, *words = shlex.split(command)
+    assert program == "nlens-video", f"{command}: run it here, or say in ELSEWHERE why not"
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
+        code = main(words)
+    assert code == 0, told.getvalue()
+
+
+def test_each_reason_not_to_run_a_command_is_still_needed():
+    shown = "\n".join(all_commands())
+    assert [part for part in ELSEWHERE if part not in shown] == []
+
+
+def test_make_targets_extras_and_scripts_that_pages_name_exist():
+    makefile = (ROOT / "Makefile").read_text()
+    project = (ROOT / "pyproject.toml").read_text()
+    text = "\n".join(page.read_text() for page in PAGES)
+    targets = set(re.findall(r"(?:^|`)make (\w+)", text, re.M))
+    assert targets and all(re.search(rf"^{name}:", makefile, re.M) for name in targets)
+    extras = set(re.findall(r"nlens-video\[(\w+)\]", text))
+    assert extras and all(re.search(rf"^{name} = \[", project, re.M) for name in extras)
+    scripts = set(re.findall(r"`python (docs/\w+\.py)", text))
+    assert scripts and all((ROOT / script).exists() for script in scripts)
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+def test_python_of_the_page_runs_on_an_opencv_capture(page, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
+    seen = []
+    capture = cv2.VideoCapture("in.mp4")
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(block, {"capture": capture, "show": seen.append})
+    assert len(seen) == 14 and all(frame.shape == seen[0].shape for frame in seen)
+
+
+def test_the_site_is_built_without_a_warning(tmp_path):
+    run = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    pages = {path.stem for path in (tmp_path / "site").glob("*.html")}
+    assert {"index", "tutorial", "python", "design", "how-the-lens-is-found"} <= pages
+    python = (tmp_path / "site" / "python.html").read_text()
+    assert "process_av" in python and "shutter_deg" in python
