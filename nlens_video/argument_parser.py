@@ -65,6 +65,17 @@ def _frames(text: str) -> tuple[int, int | None]:
     return frames
 
 
+def positive(text: str) -> float:
+    """A number above 0, from a word."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
 def count(text: str) -> int:
     """A number from 1 on, from a word."""
     if not text.isdigit() or not int(text):

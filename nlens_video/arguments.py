@@ -13,6 +13,7 @@ from nlens_video.argument_parser import (
     add_source,
     base_parser,
     count,
+    positive,
 )
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
 from nlens_video.farm_arguments import add_chunk, add_farm, merge_parser
@@ -25,7 +26,6 @@ from nlens_video.object_arguments import (
     object_settings,
     placing,
     playback,
-    positive,
 )
 from nlens_video.real_arguments import add_real
 from nlens_video.settings import (
@@ -144,6 +144,7 @@ def source_settings(words: argparse.Namespace) -> SourceSettings:
         input_size=words.input_size,
         input_rate=words.input_rate,
         frames=getattr(words, "range", (0, None)),
+        reconnect_s=getattr(words, "reconnect", 0.0),
     )
 
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from nlens_video.argument_parser import Parser, add_encoding, add_source, base_parser, count
-from nlens_video.object_arguments import positive
+from nlens_video.argument_parser import (
+    Parser,
+    add_encoding,
+    add_source,
+    base_parser,
+    count,
+    positive,
+)
 
 
 def add_chunk(parser: argparse._ArgumentGroup) -> None:

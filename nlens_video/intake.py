@@ -26,6 +26,7 @@ from nlens_video.settings import Settings, SourceSettings
 from nlens_video.trim import Trim
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.opening import can_be_read_again
+from nlens_video.video.reconnecting import Reconnecting
 from nlens_video.video.source import Source, open_source
 
 if TYPE_CHECKING:
@@ -106,16 +107,27 @@ def opened(given: SourceSettings) -> Iterator[Source]:
 
     Raises:
         InputError: the source cannot be read.
+        UsageError: one that cannot be opened again is to be.
     """
+    if given.reconnect_s and (given.spec == "-" or can_be_read_again(given.spec)):
+        raise UsageError(
+            f"--reconnect: {given.spec} does not come back when it has ended; leave it out (it is "
+            "for devices and URLs)"
+        )
     size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
-    source = apart(
-        lambda: open_source(
+
+    def connect() -> Source:
+        return open_source(
             given.spec,
             input_format=given.input_format,
             input_size=size,
             input_rate=given.input_rate,
         )
-    )
+
+    def lasting() -> Source:
+        return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()
+
+    source = apart(lasting)
     try:
         yield source
     finally:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from nlens_video.argument_parser import positive
+
 
 def add_live(group: argparse._ArgumentGroup) -> None:
     """Add them to the options of a run."""
@@ -13,4 +15,8 @@ def add_live(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--late", choices=("keep", "drop"), default="keep",
         help="frames that come faster than they are made: let them wait, or leave the oldest out",
+    )  # fmt: skip
+    group.add_argument(
+        "--reconnect", metavar="SEC", type=positive, default=0.0,
+        help="open a lost device or URL again for so long",
     )  # fmt: skip

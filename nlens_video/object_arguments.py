@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from nlens_video.argument_parser import positive
 from nlens_video.errors import UsageError
 from nlens_video.light_arguments import light
 from nlens_video.placing import LEVEL, Placing
@@ -103,14 +104,3 @@ def _point(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
     return x, y
-
-
-def positive(text: str) -> float:
-    """A number above 0, from a word."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
-    return value

@@ -24,7 +24,9 @@ from nlens_video.settings import OutputSettings, Settings
 from nlens_video.video.atomic import check_folder, replacing
 from nlens_video.video.chunk import ChunkSink
 from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.reconnecting import Reconnecting
 from nlens_video.video.sink import Sink, open_sink
+from nlens_video.video.source import Source
 
 if TYPE_CHECKING:
     import av
@@ -163,6 +165,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
                 *ahead.notes,
                 *sink.notes,
                 *_missing(written, total),
+                *_lost(source),
             ),
         )  # fmt: skip
         if settings.save_fit is not None and outcome.fit is not None:
@@ -219,6 +222,13 @@ def _missing(written: int, expected: int | None) -> tuple[str, ...]:
     if expected is None or written >= 0.95 * expected - 2:
         return ()
     return (f"the source promises {expected} frames, {written} came: it is cut short or damaged",)
+
+
+def _lost(source: Source) -> tuple[str, ...]:
+    if not isinstance(source, Reconnecting) or not source.lost:
+        return ()
+    often = "once" if source.lost == 1 else f"{source.lost} times"
+    return (f"the source was lost and opened again {often}; pictures are missing there",)
 
 
 def _expected(info: SourceInfo, settings: Settings) -> int | None:

@@ -31,6 +31,7 @@ class SourceSettings:
         input_size: (width, height) of raw video [px].
         input_rate: frames per second of raw video, stills and sequences [1/s].
         frames: first index and the one past the last, None for an open end.
+        reconnect_s: how long a device or URL that is lost is waited for, 0 not at all [s].
     """
 
     spec: str
@@ -38,6 +39,7 @@ class SourceSettings:
     input_size: tuple[int, int] | None = None
     input_rate: str | None = None
     frames: tuple[int, int | None] = (0, None)
+    reconnect_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

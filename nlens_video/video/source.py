@@ -37,8 +37,12 @@ class Source(Protocol):
     """Frames in order, once. A context manager; closing it early is fine."""
 
     info: SourceInfo
-    damaged: int
     packet_sink: PacketSink | None
+
+    @property
+    def damaged(self) -> int:
+        """Packets and frames that were damaged so far."""
+        ...
 
     def __iter__(self) -> Iterator[SourceFrame]:
         """The frames; other streams' packets go to `packet_sink` as they are met."""
