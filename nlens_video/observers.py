@@ -68,7 +68,7 @@ def observers(
     return watching
 
 
-class _Watching:
+class Watching:
     """What most observers leave as it is."""
 
     def __enter__(self) -> Self:
@@ -89,7 +89,7 @@ class _Watching:
         """Nothing to do."""
 
 
-class TimingRows(_Watching):
+class TimingRows(Watching):
     """`--timings`: one row per frame, written as it comes, so that memory stays the same."""
 
     def __init__(self, path: Path, settings: Settings, started: Started) -> None:
@@ -139,7 +139,7 @@ class TimingRows(_Watching):
         self._stream.write(f'\n ],\n "summary": {tail}\n}}\n')
 
 
-class AovLayers(_Watching):
+class AovLayers(Watching):
     """`--aov`: what the nodes made of each frame, as multi-channel OpenEXR."""
 
     def __init__(self, folder: Path, started: Started) -> None:

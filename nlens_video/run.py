@@ -16,7 +16,7 @@ from nlens_video.graph.lanes import run_lanes
 from nlens_video.graph.plan import describe
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameState
-from nlens_video.intake import taken_in
+from nlens_video.intake import frame_s, taken_in
 from nlens_video.lens import LensFit
 from nlens_video.observers import Started, observers
 from nlens_video.outcome import FitOutcome, Outcome
@@ -27,6 +27,7 @@ from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.reconnecting import Reconnecting
 from nlens_video.video.sink import Sink, open_sink
 from nlens_video.video.source import Source
+from nlens_video.zoom_check import ZoomCheck
 
 if TYPE_CHECKING:
     import av
@@ -126,7 +127,9 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         intake = stack.enter_context(taken_in(settings, profiler, follow(settings)))
         source, assembly = intake.source, intake.assembly
         ahead = stack.enter_context(Ahead(*assembly.graphs))
-        watching = observers(settings, Started(source.info, assembly, profiler), settings.output)
+        zoom = ZoomCheck(frame_s(source.info))
+        started = Started(source.info, assembly, profiler)
+        watching = [*observers(settings, started, settings.output), zoom]
         for observer in watching:
             stack.enter_context(observer)
         sink = _open_result(output, source.info)
@@ -166,6 +169,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
                 *sink.notes,
                 *_missing(written, total),
                 *_lost(source),
+                *zoom.notes,
             ),
         )  # fmt: skip
         if settings.save_fit is not None and outcome.fit is not None:

@@ -16,7 +16,7 @@ LAYERS = [
     ["check", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
     ["run"],
     ["follow"],
-    ["intake"],
+    ["intake", "zoom_check"],
     ["look_ahead", "notebook", "observers", "outcome", "report", "trim"],
     ["arguments", "graph"],
     ["farm_arguments", "measure_arguments"],
