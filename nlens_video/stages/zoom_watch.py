@@ -72,7 +72,12 @@ class WatchZoom:
         if len(self._now) < _FEWEST:
             return False
         moved, held, _ = cv2.calcOpticalFlowPyrLK(
-            before, seen, self._now, self._now.copy(), winSize=(_WINDOW_PX, _WINDOW_PX), maxLevel=_LEVELS
+            before,
+            seen,
+            self._now,
+            self._now.copy(),
+            winSize=(_WINDOW_PX, _WINDOW_PX),
+            maxLevel=_LEVELS,
         )
         kept = held[:, 0] == 1
         first, now = self._first[kept], moved[kept]
