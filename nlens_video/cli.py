@@ -123,6 +123,10 @@ def _composite(words: argparse.Namespace, voice: Voice) -> int:
 
         voice.fit(find_fit(run))
         return 0
+    if words.resume:
+        from nlens_video.farm.command import run_resumable
+
+        return run_resumable(words, run, voice)
     if words.as_chunk:
         from nlens_video.farm.command import run_chunk
 

@@ -16,9 +16,12 @@ from nlens_video.argument_parser import (
 
 
 def add_chunk(parser: argparse._ArgumentGroup) -> None:
-    """Whether the range becomes a chunk."""
+    """Whether the range becomes a chunk, or the whole is made of them."""
     parser.add_argument(
         "--as-chunk", action="store_true", help="OUT is a folder of chunks for merge; needs --fit"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="go on where a killed run with --resume was"
     )
 
 

@@ -85,7 +85,7 @@ def taken_in(
     Raises:
         NlensError: as `run.render`.
     """
-    chunk = settings.output is not None and settings.output.chunk is not None
+    chunk = settings.output is not None and settings.output.chunks != ()
     with opened(settings.source) as source:
         if settings.late == "drop" and source.info.kind != "stream":
             raise UsageError(

@@ -17,7 +17,7 @@ from nlens_video.graph.assemble import Assembly
 from nlens_video.graph.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.stream import FrameState
 from nlens_video.settings import OutputSettings, Settings
-from nlens_video.video.atomic import check_folder, replacing
+from nlens_video.video.atomic import check_folder, replacing, sweep
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import SourceInfo
 
@@ -94,6 +94,7 @@ class TimingRows(Watching):
 
     def __init__(self, path: Path, settings: Settings, started: Started) -> None:
         check_folder(path)
+        sweep(path)
         self._path = path
         self._stack = ExitStack()
         self._stream: IO[str] | None = None
@@ -149,6 +150,7 @@ class AovLayers(Watching):
             raise OutputError(
                 f"{folder}: cannot be made ({error}); give a writable folder"
             ) from error
+        sweep(folder / "any.exr", whole_folder=True)
         self._folder = folder
         self._frame = Box(0, 0, started.info.width, started.info.height)
         self._record = started.assembly.record

@@ -21,8 +21,8 @@ from nlens_video.lens import LensFit
 from nlens_video.observers import Started, observers
 from nlens_video.outcome import FitOutcome, Outcome
 from nlens_video.settings import OutputSettings, Settings
-from nlens_video.video.atomic import check_folder, replacing
-from nlens_video.video.chunk import ChunkSink
+from nlens_video.video.atomic import check_folder, replacing, sweep
+from nlens_video.video.chunk_row import ChunkRow
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.reconnecting import Reconnecting
 from nlens_video.video.sink import Sink, open_sink
@@ -64,6 +64,7 @@ def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOut
     if settings.save_fit is None:
         raise UsageError("no file for the fit was named")
     check_folder(settings.save_fit)
+    sweep(settings.save_fit)
     track = follow(settings)
     if track is not None:
         with replacing(settings.save_fit) as partial:
@@ -121,6 +122,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     output = settings.output
     if settings.save_fit is not None:
         check_folder(settings.save_fit)
+        sweep(settings.save_fit)
     composited = written = 0
     with ExitStack() as stack:
         profiler = Profiler(settings.budget_ms)
@@ -181,8 +183,8 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
 
 
 def _open_result(output: OutputSettings, info: SourceInfo) -> Sink:
-    if output.chunk is not None:
-        return ChunkSink(Path(output.spec), info, output.chunk)
+    if output.chunks:
+        return ChunkRow(Path(output.spec), info, output.chunks)
     return open_sink(
         output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
         keep_partial=output.keep_partial,

@@ -133,8 +133,8 @@ class OutputSettings:
         crf: quality of encoders that have such a number.
         pix_fmt: FFmpeg's name of the pixel format.
         keep_partial: whether an interrupted run leaves a playable part under its temporary name.
-        chunk: what the result is a part of; it is then written lossless, for `merge`. None for a
-            result of its own.
+        chunks: which parts of a longer result, one after the other, are written; `spec` is then
+            their folder, and they are lossless, for `merge`. Empty for a result of its own.
     """
 
     spec: str
@@ -142,7 +142,7 @@ class OutputSettings:
     crf: float | None = None
     pix_fmt: str | None = None
     keep_partial: bool = False
-    chunk: ChunkMark | None = None
+    chunks: tuple[ChunkMark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -90,17 +91,36 @@ def write_chunk(
     path = folder / mark.file_name
     if is_there(path, mark):
         return Chunk(path=path, outcome=None)
+    outcome = write_row(settings, (mark,), folder, on_progress)
+    return Chunk(path=path, outcome=replace(outcome, output=str(path)))
+
+
+def write_row(
+    settings: Settings, marks: Sequence[ChunkMark], folder: Path,
+    on_progress: OnProgress = lambda done, total: None,
+) -> Outcome:  # fmt: skip
+    """Render the frames of marks that follow each other, in one go.
+
+    Args:
+        settings: the run; its range and output count for nothing.
+        marks: at least one, each beginning where the one before ends.
+        folder: where chunks lie; made where it is not there.
+        on_progress: as of `run.render`.
+
+    Raises:
+        NlensError: as `run.render`; the chunks that were whole by then stay.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
     part = replace(
         settings,
-        source=replace(settings.source, frames=(mark.first, mark.end)),
-        output=OutputSettings(spec=str(path), chunk=mark),
+        source=replace(settings.source, frames=(marks[0].first, marks[-1].end)),
+        output=OutputSettings(spec=str(folder), chunks=tuple(marks)),
         track_focus="off",
     )
-    return Chunk(path=path, outcome=render(part, on_progress))
+    return render(part, on_progress)
 
 
 def is_there(path: Path, mark: ChunkMark) -> bool:

@@ -9,8 +9,9 @@ from pathlib import Path
 from nlens_video import interrupts
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.effects.planner import requested_effects
-from nlens_video.errors import OutOfViewError, OutputError, UsageError
+from nlens_video.errors import OutOfViewError, UsageError
 from nlens_video.farm.chunk import is_there, mark_of
+from nlens_video.farm.folder import alone_in
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.intake import frame_s, opened
 from nlens_video.run import OnProgress, find_fit
@@ -48,24 +49,28 @@ def run_job(
         on_progress: called with (frames rendered, frames in all).
 
     Raises:
+        UsageError: a range, a report or the like is asked for, which belong to single runs.
+        OutputError: the folder cannot be made, or another run is at work in it.
         NlensError: as `run.render` and `merge`.
     """
     if settings.output is None:
         raise UsageError("no output was named")
-    prepared = prepare(settings, folder, chunk_s)
-    missing = [mark for mark in prepared.marks if not is_there(folder / mark.file_name, mark)]
-    done = prepared.frames - sum(_length(mark, prepared.frames) for mark in missing)
-    on_progress(done, prepared.frames)
-
-    def finished(mark: ChunkMark) -> None:
-        nonlocal done
-        done += _length(mark, prepared.frames)
+    _check(settings)
+    with alone_in(folder):
+        prepared = prepare(settings, folder, chunk_s)
+        missing = [mark for mark in prepared.marks if not is_there(folder / mark.file_name, mark)]
+        done = prepared.frames - sum(_length(mark, prepared.frames) for mark in missing)
         on_progress(done, prepared.frames)
 
-    if missing:
-        render_all(prepared.settings, missing, folder, finished)
-    files = [folder / mark.file_name for mark in prepared.marks]
-    return merge(settings.source, files, settings.output)
+        def finished(mark: ChunkMark) -> None:
+            nonlocal done
+            done += _length(mark, prepared.frames)
+            on_progress(done, prepared.frames)
+
+        if missing:
+            render_all(prepared.settings, missing, folder, finished)
+        files = [folder / mark.file_name for mark in prepared.marks]
+        return merge(settings.source, files, settings.output)
 
 
 def prepare(settings: Settings, folder: Path, chunk_s: float) -> Prepared:
@@ -73,18 +78,12 @@ def prepare(settings: Settings, folder: Path, chunk_s: float) -> Prepared:
 
     Args:
         settings: the run.
-        folder: where the fit is kept.
+        folder: where the fit is kept; it exists.
         chunk_s: length of a chunk, > 0 [s].
 
     Raises:
-        UsageError: a range, a report or the like is asked for, which belong to single runs.
         NlensError: as `run.find_fit`.
     """
-    _check(settings)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
     frames, seconds = _measured(settings.source)
     known = with_fit(settings, folder, frames)
     whole = mark_of(known)
@@ -135,9 +134,9 @@ def _check(settings: Settings) -> None:
         ("--timings", settings.timings is not None),
     ):
         if given:
-            raise UsageError(f"{option}: a farm renders all frames and only them; leave it out")
+            raise UsageError(f"{option}: chunks are made of all frames and only them; leave it out")
     if settings.output is not None and settings.output.spec == "-":
-        raise UsageError("-: a farm writes a file; name one")
+        raise UsageError("-: chunks are merged into a file; name one")
 
 
 def _measured(source: SourceSettings) -> tuple[int, float]:

@@ -23,6 +23,7 @@ from nlens_video.backends.choose_renderer import VARIABLE, renderer_name
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.settings import Settings
+from nlens_video.video.atomic import sweep
 
 _CPUS = 2  # of a worker: a run keeps about two busy
 _MOST_TRIES = 3  # of one chunk, before it counts as what kills its workers
@@ -133,9 +134,7 @@ class _Crew:
                 f"frames {mark.first} to {mark.end}: {_MOST_TRIES} workers were lost over them "
                 f"({reason}); render that range alone with -v to see why"
             ) from error
-        stem = Path(mark.file_name).stem
-        for partial in self._folder.glob(f".{stem}.partial-*"):  # what it has left
-            partial.unlink(missing_ok=True)
+        sweep(self._folder / mark.file_name)  # what it has left
         self._idle.append(_hired())
 
 

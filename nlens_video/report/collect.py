@@ -15,7 +15,7 @@ from nlens_video.graph.stream import FrameState
 from nlens_video.report.findings import Findings, Shown, StripFrame
 from nlens_video.report.pictures import Image, copied, shown, thumbnail
 from nlens_video.report.thinning import EvenPick, TimingBins
-from nlens_video.video.atomic import replacing
+from nlens_video.video.atomic import replacing, sweep
 
 if TYPE_CHECKING:
     from nlens_video.observers import Started
@@ -48,6 +48,7 @@ class Report:
                 f"{folder}: cannot be made ({error.strerror}); give --report a writable folder"
             ) from error
         self._path = folder / PAGE
+        sweep(self._path)
         self._info = started.info
         self._assembly = started.assembly
         self._output = output

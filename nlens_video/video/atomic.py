@@ -1,9 +1,15 @@
-"""Files that appear only when they are complete: temporary name in the same folder, then rename."""
+"""Files that appear only when they are complete: temporary name in the same folder, then rename.
+
+A temporary's name tells whose it is, so that the next run finds what a killed one has left.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
+import shutil
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +19,49 @@ from nlens_video.errors import OutputError
 
 def partial_name(path: Path) -> Path:
     """Name beside `path` under which it is written; keeps the extension, so players open it."""
-    return path.with_name(f".{path.stem}.partial-{os.getpid()}{path.suffix}")
+    return path.with_name(f".{path.stem}.partial-{_host()}-{os.getpid()}{path.suffix}")
+
+
+def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
+    """Temporaries of `path` whose runs are gone: those of processes of this machine that ended.
+
+    Args:
+        path: the result; of a sequence its pattern.
+        whole_folder: whether temporaries of other results with its extension count too.
+    """
+    stem = ".+" if whole_folder else re.escape(path.stem)
+    shape = re.compile(rf"\.{stem}\.partial-{_host()}-(\d+){re.escape(path.suffix)}")
+    try:
+        names = [(one, shape.fullmatch(one.name)) for one in path.parent.iterdir()]
+    except OSError:
+        return []  # whoever writes there will say so
+    return sorted(one for one, match in names if match and not _runs(int(match[1])))
+
+
+def sweep(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
+    """Remove what `left_over` finds; a note on each."""
+    notes = []
+    for found in left_over(path, whole_folder=whole_folder):
+        with contextlib.suppress(OSError):
+            shutil.rmtree(found) if found.is_dir() else found.unlink()
+            notes.append(f"removed {found.name}, left by a run that was killed")
+    return tuple(notes)
+
+
+def _host() -> str:
+    """This machine, in letters and digits: others that share the folder have other names."""
+    return re.sub(r"[^0-9A-Za-z]", "", socket.gethostname())[:24] or "host"
+
+
+def _runs(process: int) -> bool:
+    """Whether there is such a process."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True  # somebody else's
+    return True
 
 
 def check_folder(path: Path) -> None:

@@ -37,6 +37,6 @@ def read_checksums(path: Path) -> list[int]:
         file.seek(start)
         text = file.read(len(_START) + length)
     found = json.loads(text.removeprefix(_START)) if text.startswith(_START) else None
-    if not isinstance(found, list):
+    if not isinstance(found, list) or not all(type(one) is int for one in found):
         raise ValueError("no checksums")
-    return [int(one) for one in found]
+    return found

@@ -23,7 +23,7 @@ from av.video.stream import VideoStream
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import InputError, OutputError, UsageError
 from nlens_video.kernels.blend_samples import Plane
-from nlens_video.video.atomic import check_folder, partial_name, publish
+from nlens_video.video.atomic import check_folder, partial_name, publish, sweep
 from nlens_video.video.checksums import append_checksums, read_checksums
 from nlens_video.video.formats import layout
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
@@ -73,7 +73,7 @@ class ChunkSink:
         mark: where the chunk belongs.
 
     Attributes:
-        notes: none.
+        notes: what was found of killed runs.
         kept: None; a part of a chunk is of no use.
 
     Raises:
@@ -82,13 +82,13 @@ class ChunkSink:
     """
 
     def __init__(self, path: Path, info: SourceInfo, mark: ChunkMark) -> None:
-        self.notes: tuple[str, ...] = ()
         self.kept: Path | None = None
         self._path = path
         self._info = info
         self._stream: VideoStream | None = None
         self._checksums: list[int] = []
         check_folder(path)
+        self.notes = sweep(path)
         self._partial = partial_name(path)
         with self._writing():
             self._container = av.open(f"file:{self._partial}", "w", format="nut")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +13,7 @@ import av
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.errors import OutputError
-from nlens_video.video.atomic import publish
+from nlens_video.video.atomic import partial_name, publish, sweep
 from nlens_video.video.encoding import choose_encoding
 from nlens_video.video.exr import write_layers
 from nlens_video.video.formats import converted, layout, working_format
@@ -60,7 +59,8 @@ class StillSink:
                 info, {self._codec}, self._path.suffix, codec=self._codec, pix_fmt=pix_fmt
             )
             self._format, self.notes = encoding.pixel_format, encoding.reasons
-        self._folder = self._path.with_name(f".{self._path.stem}.partial-{os.getpid()}")
+        self.notes = (*self.notes, *sweep(self._path))
+        self._folder = partial_name(self._path)
         try:
             self._folder.mkdir(exist_ok=True)
         except OSError as error:
@@ -75,6 +75,7 @@ class StillSink:
     ) -> None:  # fmt: skip
         if self._folder.is_dir() and self._keep and self._written:
             self.kept = self._path.with_name(f"{self._path.stem}.partial")
+            shutil.rmtree(self.kept, ignore_errors=True)  # of an earlier run
             with contextlib.suppress(OSError):
                 self._folder.rename(self.kept)
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -20,7 +20,7 @@ from av.video.stream import VideoStream
 
 from nlens_video.color import FULL_RANGE
 from nlens_video.errors import InputError, OutputError, ReaderGone
-from nlens_video.video.atomic import partial_name, publish
+from nlens_video.video.atomic import left_over, partial_name, publish, sweep
 from nlens_video.video.audio import AudioEncoder
 from nlens_video.video.encoder_clock import encoder_clock
 from nlens_video.video.encoding import Encoding, choose_encoding
@@ -28,6 +28,13 @@ from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
 from nlens_video.video.rendered import picture_frame
 
 _MP4_FAMILY = ("mp4", "mov", "ipod")
+_PLAYABLE = {
+    "flush_packets": "1",
+    # MP4 and MOV: the first index waits for the first part, else it cannot say where time begins
+    "movflags": "hybrid_fragmented+delay_moov", "frag_duration": "500000",
+    "cluster_time_limit": "500",  # Matroska
+}  # fmt: skip
+"""Options of containers that can be played as far as they are written: parts of half a second."""
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 
 
@@ -52,6 +59,7 @@ class VideoSink:
         self._keep = keep_partial and self._path is not None
         self._open = True
         self._committed = False
+        found = self._rescued()
         self._container = self._open_container()
         try:
             if self._path is None and codec is None:
@@ -65,7 +73,7 @@ class VideoSink:
         except BaseException:
             self._discard()
             raise
-        self.notes = (*self.encoding.reasons, *notes)
+        self.notes = (*self.encoding.reasons, *notes, *found)
 
     def __enter__(self) -> Self:
         return self
@@ -79,7 +87,7 @@ class VideoSink:
         if self._keep and self._open and self._path is not None and self._partial is not None:
             with contextlib.suppress(OutputError):
                 self._finish()
-                self.kept = self._path.with_name(f"{self._path.stem}.partial{self._path.suffix}")
+                self.kept = _kept_name(self._path)
                 publish(self._partial, self.kept)
         self._discard()
 
@@ -129,6 +137,19 @@ class VideoSink:
             self._open = False
             self._container.close()
 
+    def _rescued(self) -> tuple[str, ...]:
+        """What killed runs have left: the last of it is kept where that is asked for."""
+        if self._path is None:
+            return ()
+        notes: tuple[str, ...] = ()
+        if self._keep:
+            found = [one for one in left_over(self._path) if one.stat().st_size]
+            if found:
+                kept = _kept_name(self._path)
+                max(found, key=lambda one: one.stat().st_mtime).replace(kept)
+                notes = (f"what a killed run has left is now {kept}",)
+        return (*notes, *sweep(self._path))
+
     def _discard(self) -> None:
         if self._open:
             self._open = False
@@ -157,8 +178,8 @@ class VideoSink:
         if self._path is not None and self._path.suffix in (".mkv", ".webm", ".mka"):
             # Audio that starts before zero must not push the pictures off their own times.
             options["avoid_negative_ts"] = "disabled"
-        if self._keep and self._path is not None and self._path.suffix in (".mp4", ".mov", ".m4v"):
-            options["movflags"] = "hybrid_fragmented"
+        if self._keep:
+            options |= _PLAYABLE
         # a name with a colon in it is no protocol
         target = f"file:{self._partial}" if self._partial else self._spec
         try:
@@ -227,6 +248,11 @@ class VideoSink:
         if self._info.chapters:
             self._container.set_chapters(list(self._info.chapters))
         return notes
+
+
+def _kept_name(path: Path) -> Path:
+    """The name of a part that stays."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
 def _holds(container: av.container.OutputContainer, stream: CopiedStream) -> bool:

@@ -16,7 +16,7 @@ from nlens_video.arguments import parse, settings
 from nlens_video.cli import main
 from nlens_video.errors import UsageError
 from nlens_video.farm.chunk import write_chunk
-from nlens_video.farm.job import prepare, ranges, run_job
+from nlens_video.farm.job import ranges, run_job
 
 FRAMES = 12
 
@@ -51,7 +51,7 @@ def whole(shot):
 def children_at_work(chunks):
     """Processes that are writing a chunk, by the partial files' names."""
     files = list(chunks.iterdir()) if chunks.is_dir() else []
-    found = (re.search(r"partial-(\d+)\.nut$", file.name) for file in files)
+    found = (re.search(r"partial-\w+-(\d+)\.nut$", file.name) for file in files)
     return [int(match[1]) for match in found if match]
 
 
@@ -109,6 +109,6 @@ def test_ranges_cover_every_frame_once():
 def test_farm_refuses_what_belongs_to_single_runs(shot, tmp_path):
     for more in (["--range", "2:4"], ["--timings", "t.json"], ["--report", "r"]):
         run = settings(parse(["farm", *words(shot, "no.mkv", *more)]))
-        with pytest.raises(UsageError, match=f"{more[0]}: a farm renders all frames"):
-            prepare(run, tmp_path, 1.0)
+        with pytest.raises(UsageError, match=f"{more[0]}: chunks are made of all frames"):
+            run_job(run, tmp_path, 1.0, None, None)
     assert not list(Path(tmp_path).iterdir())

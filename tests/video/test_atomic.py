@@ -1,16 +1,14 @@
 """Files that appear complete or not at all."""
 
-import os
-
 import pytest
 
 from nlens_video.errors import OutputError
-from nlens_video.video.atomic import replacing
+from nlens_video.video.atomic import partial_name, replacing
 
 
 def test_a_full_disk_while_writing_text_is_one_clear_line(tmp_path):
     path = tmp_path / "fit.json"
-    (tmp_path / f".fit.partial-{os.getpid()}.json").symlink_to("/dev/full")
+    partial_name(tmp_path / "fit.json").symlink_to("/dev/full")
     with (
         pytest.raises(OutputError, match=r"fit\.json: cannot be written \(No space left") as caught,
         replacing(path) as partial,

@@ -1,6 +1,5 @@
 """Through real codecs and containers: times to the tick, other streams to the byte, errors."""
 
-import os
 import subprocess
 import sys
 from fractions import Fraction
@@ -13,6 +12,7 @@ from clips import VFR, copy, noise_frame, planes, read_packets, read_times, writ
 
 from nlens_video.errors import InputError, OutputError, UsageError
 from nlens_video.frames import Box
+from nlens_video.video.atomic import partial_name
 from nlens_video.video.encoder_clock import EncoderClock
 from nlens_video.video.exr import write_layers
 from nlens_video.video.sink import open_sink
@@ -383,7 +383,7 @@ def test_what_cannot_be_written_is_refused_in_one_line(tmp_path, noise, name, wo
 
 def test_a_full_disk_is_one_clear_line(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mkv", noise)
-    (tmp_path / f".out.partial-{os.getpid()}.mkv").symlink_to("/dev/full")
+    partial_name(tmp_path / "out.mkv").symlink_to("/dev/full")
     with pytest.raises(OutputError, match="No space left"):
         copy(clip, tmp_path / "out.mkv")
     assert [path.name for path in tmp_path.iterdir()] == ["in.mkv"]

@@ -1,0 +1,56 @@
+"""The folder in which the chunks of a run lie until its result is there."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from nlens_video.errors import OutputError
+
+_OURS = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
+
+
+def beside(output: Path) -> Path:
+    """The folder that belongs to a result."""
+    return output.with_name(f"{output.name}.chunks")
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Make the folder, and hold it against a second run; a killed one lets go by itself.
+
+    Raises:
+        OutputError: it cannot be made, or another run holds it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise OutputError(
+            f"{folder}: another run is at work in it; wait for it, or give OUT another name"
+        ) from error
+    except OSError:
+        pass  # some network file systems have no locks: there, one run at a time is the user's care
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
+def remove(folder: Path) -> None:
+    """Remove chunks and fits; the folder too, unless something else lies in it."""
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if _OURS.fullmatch(path.name):
+                path.unlink()
+        folder.rmdir()

@@ -1,0 +1,27 @@
+"""A run that is killed outright leaves no broken result, and the next one goes on from there."""
+
+import pytest
+from hard.faults.kills import Executioner, make_shot
+
+pytestmark = pytest.mark.needs_gl
+
+
+@pytest.fixture(scope="module")
+def executioner(tmp_path_factory):
+    return Executioner(make_shot(tmp_path_factory.mktemp("kills")), seed=3)
+
+
+def test_killed_runs_leave_no_result_and_a_temporary_that_plays(executioner):
+    for _ in range(3):
+        executioner.kill_keeping()
+    executioner.finish()
+    tally = executioner.tally
+    assert (tally.broken, tally.strange, tally.unplayable, tally.different) == (0, [], 0, 0)
+
+
+def test_killed_runs_are_gone_on_with_and_give_the_undisturbed_frames(executioner):
+    for _ in range(3):
+        executioner.kill_resumable()
+    executioner.finish("--resume")
+    tally = executioner.tally
+    assert (tally.broken, tally.strange, tally.lost, tally.different) == (0, [], 0, 0)
