@@ -63,25 +63,25 @@ class Tally:
         kills: runs that were killed while they were at work.
         finished: runs that were done before the blow fell.
         early: of the kills, those before the first half second was written, or the first chunk.
-        broken: results that were there and not whole.
+        after: of the kills, those between the result and the end of its run.
+        broken: results that were there and do not decode to the samples of an undisturbed run.
         lost: chunks that were there before a kill and not after it.
         strange: names left behind that tell nobody what they are.
         played: temporaries of `--keep-partial` that were opened and had frames.
         unplayable: those that had half a second of pictures and did not play.
         resumed: results of `--resume`, finished after one or more kills.
-        different: of those, the ones that do not decode to the samples of an undisturbed run.
     """
 
     kills: int = 0
     finished: int = 0
     early: int = 0
+    after: int = 0
     broken: int = 0
     lost: int = 0
     strange: list[str] = field(default_factory=list)
     played: int = 0
     unplayable: int = 0
     resumed: int = 0
-    different: int = 0
 
 
 class Executioner:
@@ -138,9 +138,10 @@ class Executioner:
         self._look({chunks.name} | merging)
 
     def finish(self, *more: str) -> None:
-        """A run in peace: it must clear what the killed ones have left."""
+        """A run in peace: it must clear what the killed ones have left beside its result."""
         finish(self._folder, *more)
         self._expect_whole()
+        self._look(set())
 
     def _killed(self, *more: str) -> bool:
         run = start(self._folder, *more)
@@ -154,14 +155,14 @@ class Executioner:
         self.tally.kills += killed
         self.tally.finished += not killed
         if killed and self._out.exists():  # killed between its result and its end
-            self.tally.broken += decoded(self._out) != self._whole
-            self._out.unlink()
+            self.tally.after += 1
+            return False
         return killed
 
     def _expect_whole(self) -> None:
-        self.tally.different += decoded(self._out) != self._whole
+        whole = decoded(self._out) == self._whole
+        self.tally.broken += not whole
         self._out.unlink()
-        self._look({"out.partial.mp4"})
         (self._folder / "out.partial.mp4").unlink(missing_ok=True)
 
     def _look(self, allowed: set[str]) -> None:
