@@ -22,6 +22,7 @@ from nlens_video.check.judge import (
     judge_sound,
     objects_among,
     restless,
+    shadows_among,
 )
 from nlens_video.check.look import Look, look_at
 from nlens_video.check.measure import Measures, Measuring
@@ -208,6 +209,12 @@ def _notes(objects: list[Track], measures: Measures) -> tuple[str, ...]:
     notes = []
     if not objects:
         notes.append("no object was found: the result shows the plate alone")
+    for shadow in shadows_among(measures, objects):
+        x, y, width, height = shadow.box_px
+        notes.append(
+            f"frames {shadow.first} to {shadow.last}: {width}x{height} px at {x},{y} are the plate "
+            "with less light: taken for the object's shadow"
+        )
     if measures.tracks.crowded:
         notes.append("so many places differ that only the first 64 are listed")
     return tuple(notes)

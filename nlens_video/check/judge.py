@@ -17,6 +17,7 @@ STEP = 0.08  # change of level from one frame to the next, as a share [1]
 POP = 0.15  # jump of sharpness or coverage that a single frame may make, as a share [1]
 FLICKER = 0.015  # amplitude that they may go up and down by, as a share [1]
 _SMALL = 0.13  # and that divided by the root of the object's blocks, where it has few
+_DIMMED = 0.9  # of its frames on which a shadow is one, and has its object [1]
 _WHOLE_PLATE = 3.0  # median difference that no sensible encoding makes [level]
 _STILL = 0.75  # change of a still block of the result from frame to frame, at most [level]
 
@@ -54,20 +55,33 @@ def objects_among(measures: Measures, count: int) -> list[Track]:
     return chosen
 
 
+def shadows_among(measures: Measures, objects: list[Track]) -> list[Track]:
+    """The tracks that only take light from the plate, always beside an object."""
+    shown = {index for track in objects for index in track.frames}
+    return [
+        track
+        for track in measures.tracks.all()
+        if not any(track is one for one in objects)
+        and sum(track.dimmed) >= _DIMMED * len(track.dimmed)
+        and sum(index in shown for index in track.frames) >= _DIMMED * len(track.frames)
+    ]
+
+
 def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
     """Changes away from the objects."""
     found = []
     tolerance = LEAST_TOLERANCE + 6.0 * float(np.median(measures.noise)) if measures.noise else 0.0
+    shadows = shadows_among(measures, objects)
     for track in measures.tracks.all():
-        if any(track is one for one in objects):
+        if any(track is one for one in (*objects, *shadows)):
             continue
         x, y, width, height = track.box_px
         found.append(
             at(
                 "plate", (track.first, track.last), track.worst,
                 f"{width}x{height} px at {x},{y} differ by up to {track.worst:.1f} of 255 levels "
-                f"(tolerance {tolerance:.1f}) away from the object; if that is another object or "
-                "its shadow, say --objects 2 or more",
+                f"(tolerance {tolerance:.1f}) away from the object; if that is another object, "
+                "say --objects 2 or more",
             )
         )  # fmt: skip
     noise = float(np.median(measures.noise)) if measures.noise else 0.0

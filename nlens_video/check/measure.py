@@ -17,6 +17,9 @@ _NOISE_FACTOR = 6.0  # blocks of much texture are encoded that much worse than t
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
 _LEAST_BLOCKS = 1.5  # of a sector that says something about the object's detail [block]
 _STRONG = 24.0  # a block that differs by this much counts whole as the object's [level]
+_DARKEST = 0.1  # what the deepest shadow leaves of a code value [1]
+_TINT = 0.06  # a shadow may have the sky's hue, not the lamp's [1]
+_MOST = 0.9  # of the region's blocks [1]
 _CLEARER = 0.6  # another frame of the plate fits so much better than the one of this time [1]
 _LEAST_GAIN = 0.3  # and by at least this [level]
 
@@ -90,6 +93,7 @@ class Measuring:
         moved = None if self._last is None else _moved(pair.result, self._last)
         for track in seen:
             _append(track, pair.result, difference, gain, moved)
+            track.dimmed.append(_dimmed(pair, track.mask, tolerance))
 
 
 def _append(
@@ -104,6 +108,25 @@ def _append(
     track.sectors.extend(_by_sector(weight, detail))
     solid = weight >= 0.5 * weight.max()
     track.motion.append(float("nan") if moved is None else float(moved[solid].mean()))
+
+
+def _dimmed(pair: Pair, mask: Mask, tolerance: float) -> bool:
+    """Whether a region shows the plate itself with less light: a shadow, not a thing.
+
+    Code values are compared, so a share of the light that is lost takes about the same share of
+    luma, of the colour differences and of the detail.
+    """
+    plate, result = pair.plate.colour[mask], pair.result.colour[mask]
+    kept = result[:, 0] / np.maximum(plate[:, 0], 1.0)
+    darker = bool((result[:, 0] <= plate[:, 0] + LEAST_TOLERANCE).all() and kept.min() > _DARKEST)
+    hue = np.abs(result[:, 1:] - kept[:, None] * plate[:, 1:]).max(axis=1)
+    expected = kept * pair.plate.detail[mask]
+    detail = np.abs(pair.result.detail[mask] - expected)
+    return (
+        darker
+        and float(np.quantile(hue, _MOST)) <= tolerance + _TINT * (1.0 - float(kept.mean())) * 255.0
+        and float(np.quantile(detail, _MOST)) <= _FLAT + 0.5 * float(expected.mean())
+    )
 
 
 def _by_sector(weight: Float32, detail: Float32) -> Float64:

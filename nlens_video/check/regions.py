@@ -34,6 +34,7 @@ class Track:
         sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a
             sector is too small [1].
         motion: mean change of its luma since the frame before, NaN on its first [level].
+        dimmed: whether it is the plate with less light, as under a shadow, on each of them.
         worst: largest difference of a block so far [level].
         box: first column and row, end column and row of all its blocks [block].
         last: index of the last frame that has it.
@@ -47,6 +48,7 @@ class Track:
     sharpness: array[float] = field(default_factory=lambda: array("d"))
     sectors: array[float] = field(default_factory=lambda: array("d"))
     motion: array[float] = field(default_factory=lambda: array("d"))
+    dimmed: array[int] = field(default_factory=lambda: array("b"))
     worst: float = 0.0
     box: tuple[int, int, int, int] = (1 << 30, 1 << 30, 0, 0)
 

@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 import shots
@@ -176,6 +177,38 @@ def test_second_object_is_a_changed_plate_until_it_is_told(source, tmp_path):
     result = takes.encode(tmp_path / "o.mp4", pictures)
     assert [one.kind for one in found(result, source).findings] == ["plate"]
     assert texts(found(result, source, objects=2)) == []
+
+
+def beside(source, path, edit):
+    """The composite, and something done to the plate beside the object."""
+    pictures = []
+    for number, picture in enumerate(takes.decode(source)):
+        mask = np.zeros(picture.shape[:2], np.float32)
+        cv2.ellipse(mask, (230 + 2 * number, 40), (36, 18), 0, 0, 360, 1.0, -1)
+        soft = cv2.GaussianBlur(mask, (0, 0), 4)[..., None]
+        pictures.append(takes.with_object(edit(picture, soft), number))
+    return takes.encode(path, pictures)
+
+
+def test_detached_shadow_is_noted_and_no_changed_plate(source, tmp_path):
+    result = beside(source, tmp_path / "o.mp4", lambda picture, soft: picture * (1 - 0.45 * soft))
+    verdict = found(result, source)
+    assert texts(verdict) == []
+    assert any("taken for the object's shadow" in note for note in verdict.notes)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda picture, soft: picture + 0.15 * soft,
+        lambda picture, soft: picture * (1 - soft) + 0.25 * soft,
+        lambda picture, soft: picture * (1 - soft * np.array([0.0, 0.5, 0.6], np.float32)),
+    ],
+    ids=["lighter", "painted over", "of another hue"],
+)
+def test_what_does_more_than_take_light_is_a_changed_plate(source, tmp_path, edit):
+    verdict = found(beside(source, tmp_path / "o.mp4", edit), source)
+    assert [one.kind for one in verdict.findings] == ["plate"], texts(verdict)
 
 
 def test_sound_moved_by_80_ms_is_named(check):
