@@ -7,9 +7,10 @@ import numpy.typing as npt
 
 from nlens_video.backends.material_numbers import material_numbers, texture_uses
 from nlens_video.frames import Bool, Float32
+from nlens_video.kernels.corners import Mesh
 from nlens_video.kernels.fragment import Int32
 from nlens_video.kernels.screen import Lens
-from nlens_video.kernels.surface import OPAQUE, UNLIT, Mesh, Paint
+from nlens_video.kernels.surface import OPAQUE, UNLIT, Paint
 from nlens_video.kernels.texture import Atlas, Texture
 from nlens_video.scene.images import Image
 from nlens_video.scene.materials import Material
@@ -24,7 +25,7 @@ class SoftObject:
 
     Attributes:
         positions: in the world (V, 3) [scene unit].
-        normals: (V, 3).
+        normals: (V, 4), the last number 0.
         faces: vertex indices (F, 3): opaque triangles, then masked, then blended ones.
         sides: bit 0 whether a triangle's back is drawn, bit 1 whether it is mirrored (F,).
         starts: where in `faces` masked and blended triangles start, and where they end.
@@ -45,7 +46,7 @@ class SoftObject:
         self._first = np.cumsum([0, *counts])
         total = int(self._first[-1])
         self.positions = np.zeros((total, 3), np.float32)
-        self.normals = np.zeros((total, 3), np.float32)
+        self.normals = np.zeros((total, 4), np.float32)
         self._uv = np.concatenate([mesh.geometry.uv for mesh in posed.meshes])
         self._colors = _colors(posed)
         materials = list(dict.fromkeys(mesh.geometry.material for mesh in posed.meshes))
@@ -79,7 +80,7 @@ class SoftObject:
         for n, (before, mesh) in enumerate(zip(self._meshes, posed.meshes, strict=True)):
             if before is not mesh:
                 place = slice(self._first[n], self._first[n + 1])
-                self.positions[place], self.normals[place] = mesh.positions, mesh.normals
+                self.positions[place], self.normals[place, :3] = mesh.positions, mesh.normals
         self._meshes = posed.meshes
         mirrored = np.array([mesh.mirrored for mesh in posed.meshes], np.uint8)
         self.sides = self._doubles | (mirrored * np.uint8(_MIRRORED))[self._mesh_of]
@@ -115,7 +116,7 @@ class SoftObject:
         return np.where(self._closed, self.sides & ~np.uint8(_BACK), self.sides)
 
     def mesh(self, planes: Float32) -> Mesh:
-        """The triangles with their planes (F, 12) on the screen."""
+        """The triangles with their planes (F, 16) on the screen."""
         return (
             self.positions, self.normals, self._uv, self._colors, self.faces, self._material, planes
         )  # fmt: skip

@@ -123,7 +123,7 @@ class SoftPicture:
         if len(self.masked):
             alpha.cut_out(
                 self.masked, rows, self.rgba.shape[1], (self.shape, self.spans), *self.scene[:2],
-                most, self.disparity, self.ids,
+                most, self.disparity, self.ids, new_block(),
             )  # fmt: skip
 
     @property

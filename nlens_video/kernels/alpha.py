@@ -11,10 +11,11 @@ import numpy as np
 from nlens_video.frames import Float32
 from nlens_video.kernels import fragment as at
 from nlens_video.kernels.compiled import inlined, kernel, narrow, single
+from nlens_video.kernels.corners import Mesh, find
 from nlens_video.kernels.deferred import BRIGHTEST, Scene, shade
 from nlens_video.kernels.fragment import Block, Int32
 from nlens_video.kernels.raster import SAMPLE_X, SAMPLE_Y, covered
-from nlens_video.kernels.surface import Mesh, Paint, base_color, find
+from nlens_video.kernels.surface import Paint, base_colors, same_material
 from nlens_video.kernels.triangles import SAMPLES, Shape, disparity_at
 
 _CUTOFF = 7  # of a material's numbers
@@ -59,18 +60,17 @@ def _ends(runs: Runs) -> tuple[int, int]:
 
 
 @kernel
-def _alpha(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> float:
-    where, change, _ = find(mesh, t, narrow(x), narrow(y))
-    return base_color(mesh, paint, where, change)[3]
+def _kept(block: Float32, i: int, cutoff: float) -> int:
+    """Samples that the cutoff leaves, sharpened to one pixel around it.
 
-
-@kernel
-def _kept(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> int:
-    """Samples that the cutoff leaves, sharpened to one pixel around it."""
-    here = _alpha(mesh, paint, t, x, y)
-    slope = abs(_alpha(mesh, paint, t, x + 1.0, y) - here)
-    slope += abs(_alpha(mesh, paint, t, x, y + 1.0) - here)
-    over = here - paint[0][mesh[5][t], _CUTOFF]
+    Args:
+        block: alphas at the point `i`, a column on, and a row on.
+        i: the first of them.
+        cutoff: of the material.
+    """
+    here = block[at.ALPHA + i]
+    slope = abs(block[at.ALPHA + i + 1] - here) + abs(block[at.ALPHA + i + 2] - here)
+    over = here - cutoff
     share = min(max(over / slope + _HALF, _ZERO), _ONE) if slope > _FLAT else (
         _ONE if over >= _ZERO else _ZERO
     )  # fmt: skip
@@ -78,9 +78,35 @@ def _kept(mesh: Mesh, paint: Paint, t: int, x: float, y: float) -> int:
 
 
 @kernel
+def _cut(
+    block: Float32, whole: Int32, count: int, width: int, mesh: Mesh, paint: Paint,
+    most: Float32, disparity: Float32, ids: Int32,
+) -> None:  # fmt: skip
+    """Draw the masked points of a block, three for each, in order."""
+    find(block, whole, count, mesh)
+    first = 0
+    while first < count:
+        run = same_material(whole, first, count)
+        first = run[1]
+        base_colors(block, whole, run, paint)
+    for i in range(0, count, 3):
+        pixel, t = whole[at.PIXEL + i], whole[at.TRIANGLE + i]
+        y, x = pixel // width, pixel % width
+        mask = whole[at.MASK + i] & _kept(block, i, paint[0][mesh[5][t], _CUTOFF])
+        for s in range(SAMPLES):
+            if mask >> s & 1:
+                d = disparity_at(mesh[6], t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                if len(most) and d > most[y, x]:
+                    continue
+                if d >= disparity[SAMPLES * y + s, x]:
+                    disparity[SAMPLES * y + s, x] = d
+                    ids[SAMPLES * y + s, x] = t
+
+
+@kernel
 def cut_out(
     drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, mesh: Mesh, paint: Paint,
-    most: Float32, disparity: Float32, ids: Int32,
+    most: Float32, disparity: Float32, ids: Int32, block: Block,
 ) -> None:  # fmt: skip
     """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
 
@@ -95,8 +121,9 @@ def cut_out(
             [1 / scene unit].
         disparity: changed: of each sample (4 h, width + PADDING) [1 / scene unit].
         ids: changed: triangle of each sample (4 h, width + PADDING).
+        block: from `new_block`.
     """
-    shape, spans = on_screen
+    (numbers, whole), (shape, spans), count = block, on_screen, 0
     for n in range(len(drawn)):
         t = drawn[n]
         for y in range(max(rows[0], spans[t, 0] >> 2), min(rows[1] - 1, spans[t, 1] >> 2) + 1):
@@ -104,16 +131,18 @@ def cut_out(
             left, right = _ends(runs)
             for x in range(left, right):
                 mask, px, py = _meeting(runs, x)
-                if mask:
-                    mask &= _kept(mesh, paint, t, x + px, y + py)
-                for s in range(SAMPLES):
-                    if mask >> s & 1:
-                        d = disparity_at(mesh[6], t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
-                        if len(most) and d > most[y, x]:
-                            continue
-                        if d >= disparity[SAMPLES * y + s, x]:
-                            disparity[SAMPLES * y + s, x] = d
-                            ids[SAMPLES * y + s, x] = t
+                if not mask:
+                    continue
+                for k in range(3):  # here, a column on, a row on
+                    whole[at.TRIANGLE + count + k] = t
+                    numbers[at.X + count + k] = narrow(x + px + (k == 1))
+                    numbers[at.Y + count + k] = narrow(y + py + (k == 2))
+                whole[at.PIXEL + count], whole[at.MASK + count] = y * width + x, mask
+                count += 3
+                if count > at.WIDTH - 3:
+                    _cut(numbers, whole, count, width, mesh, paint, most, disparity, ids)
+                    count = 0
+    _cut(numbers, whole, count, width, mesh, paint, most, disparity, ids)
 
 
 @kernel

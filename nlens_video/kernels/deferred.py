@@ -12,10 +12,11 @@ import numpy as np
 from nlens_video.frames import Float32
 from nlens_video.kernels import fragment as at
 from nlens_video.kernels.compiled import inlined, kernel, single
+from nlens_video.kernels.corners import Mesh, Pinhole
 from nlens_video.kernels.fragment import Block, Int32
 from nlens_video.kernels.light import light
 from nlens_video.kernels.raster import NOTHING, SAMPLE_X, SAMPLE_Y
-from nlens_video.kernels.surface import Mesh, Paint, Pinhole, lay_out
+from nlens_video.kernels.surface import Paint, lay_out
 from nlens_video.kernels.triangles import FACING, SAMPLES
 
 Lamps = tuple[Float32, int, Float32]
@@ -67,7 +68,7 @@ def _put(
     block[at.WEIGHT + i] = np.float32(place[2])
 
 
-@kernel
+@inlined
 def _edge_pixel(
     block: Float32, whole: Int32, count: int, mesh: Mesh, ids: Int32, passed: Float32,
     where: tuple[int, int, int],

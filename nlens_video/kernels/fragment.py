@@ -30,10 +30,23 @@ F0_R, F0_G, F0_B = 17 * WIDTH, 18 * WIDTH, 19 * WIDTH
 OCCLUSION = 20 * WIDTH
 # Radiance towards the eye: emission at first, then all of it.
 RED, GREEN, BLUE = 21 * WIDTH, 22 * WIDTH, 23 * WIDTH
-FLOATS = 24 * WIDTH
-# Whole numbers: triangle, pixel (row * columns + column), samples (a bit each).
-TRIANGLE, PIXEL, MASK = 0 * WIDTH, 1 * WIDTH, 2 * WIDTH
-INTS = 3 * WIDTH
+DEPTH = 24 * WIDTH  # along the optical axis [scene unit]
+# The mesh's texture coordinates: two pairs, then their change by a column and by a row.
+COORDINATES = 25 * WIDTH
+# What samples a texture: coordinates in its picture and their change by a column and by a row,
+U, V = 37 * WIDTH, 38 * WIDTH
+U_ACROSS, V_ACROSS, U_DOWN, V_DOWN = 39 * WIDTH, 40 * WIDTH, 41 * WIDTH, 42 * WIDTH
+# level, share of the next level, whether texels are mixed; shares of the column and the row beside,
+# on both levels; what was found.
+LEVEL, NEXT, SMOOTH = 43 * WIDTH, 44 * WIDTH, 45 * WIDTH
+ACROSS, DOWN = 46 * WIDTH, 48 * WIDTH
+TEXEL_R, TEXEL_G, TEXEL_B, TEXEL_A = 50 * WIDTH, 51 * WIDTH, 52 * WIDTH, 53 * WIDTH
+FLOATS = 54 * WIDTH
+# Whole numbers: triangle, pixel (row * columns + column), samples (a bit each), material; texel
+# within its level and distance to the one below, on both levels.
+TRIANGLE, PIXEL, MASK, MATERIAL = 0 * WIDTH, 1 * WIDTH, 2 * WIDTH, 3 * WIDTH
+TEXEL, STRIDE = 4 * WIDTH, 6 * WIDTH
+INTS = 8 * WIDTH
 
 
 def new_block() -> Block:

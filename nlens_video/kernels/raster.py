@@ -217,7 +217,7 @@ def fill_behind(
         rows: first row, and one beyond the last [px].
         on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
         most: largest disparity that is drawn in each pixel (h, w) [1 / scene unit].
-        planes: from `triangles.set_up` (F, 12).
+        planes: from `triangles.set_up` (F, 16).
         disparity: changed: of each sample (4 h, w + PADDING) [1 / scene unit].
         ids: changed: triangle of each sample (4 h, w + PADDING).
     """

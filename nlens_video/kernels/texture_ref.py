@@ -42,8 +42,8 @@ def _at(
     atlas: Atlas, level: int, at: tuple[float, float], wrap: list[int], *, linear: bool
 ) -> Float64:
     start, width, height = (int(v) for v in atlas.levels[level])
-    texels = atlas.texels.reshape(-1, 4)[start : start + width * height] / 65535.0
-    picture = texels.reshape(height, width, 4)
+    rows = start + np.arange(height)[:, None] * (width + 2)
+    picture = atlas.texels.reshape(-1, 4)[rows + np.arange(width)] / 65535.0
     x, y = at[0] * width, at[1] * height
     if not linear:
         row, column = _index(math.floor(y), height, wrap[1]), _index(math.floor(x), width, wrap[0])

@@ -22,9 +22,10 @@ Shape = tuple[Float64, Float32, Int32, Float64]
 
 SAMPLES = 4
 """Samples of a pixel, each on a line of its own."""
-# Numbers of a triangle's planes: q_k = a_k (x - x0) + b_k (y - y0) + c_k, by a, b and c.
-PLANES = 12
-X0, Y0, FACING = 9, 10, 11
+# Numbers of a triangle's planes, in rows of four: q_k = a_k (x - x0) + b_k (y - y0) + c_k.
+PLANES = 16
+A, B, C = 0, 4, 8
+X0, Y0, FACING = 12, 13, 14
 
 
 @inlined
@@ -33,13 +34,14 @@ def _corner_planes(
 ) -> None:  # fmt: skip
     """Planes of a triangle whose corners (column, row, disparity) lie before the camera."""
     scale = 1.0 / area
-    row[0] = (b[1] - c[1]) * scale * a[2]
-    row[1] = (c[1] - a[1]) * scale * b[2]
-    row[2] = (a[1] - b[1]) * scale * c[2]
-    row[3] = (c[0] - b[0]) * scale * a[2]
-    row[4] = (a[0] - c[0]) * scale * b[2]
-    row[5] = (b[0] - a[0]) * scale * c[2]
-    row[6], row[7], row[8] = a[2], 0.0, 0.0
+    row[A] = (b[1] - c[1]) * scale * a[2]
+    row[A + 1] = (c[1] - a[1]) * scale * b[2]
+    row[A + 2] = (a[1] - b[1]) * scale * c[2]
+    row[B] = (c[0] - b[0]) * scale * a[2]
+    row[B + 1] = (a[0] - c[0]) * scale * b[2]
+    row[B + 2] = (b[0] - a[0]) * scale * c[2]
+    row[C], row[C + 1], row[C + 2] = a[2], 0.0, 0.0
+    row[A + 3] = row[B + 3] = row[C + 3] = 0.0
     row[X0], row[Y0], row[FACING] = a[0], a[1], facing
 
 
@@ -84,7 +86,8 @@ def _set_crossing(
     if area == 0.0:
         return 0.0
     for k in range(3):
-        row[k], row[3 + k], row[6 + k] = planes[k][0], planes[k][1], planes[k][2]
+        row[A + k], row[B + k], row[C + k] = planes[k][0], planes[k][1], planes[k][2]
+    row[A + 3] = row[B + 3] = row[C + 3] = 0.0
     row[X0], row[Y0] = 0.0, 0.0
     return area
 
@@ -110,7 +113,7 @@ def set_up(
         width: columns of the picture [px].
         lines: lines of samples, four a row of pixels.
         spans: filled in: first and last line of each kept triangle (F, 2).
-        planes: filled in: plane numbers of each kept triangle (F, 12).
+        planes: filled in: plane numbers of each kept triangle (F, 16).
         kept: filled in: indices of the kept triangles, ascending (F,).
 
     Returns:
@@ -154,8 +157,8 @@ def set_up(
 def disparity_at(planes: Float32, t: int, x: float, y: float) -> float:
     """Disparity of a triangle at a position on the screen."""
     dx, dy = narrow(x) - planes[t, X0], narrow(y) - planes[t, Y0]
-    across: float = planes[t, 0] + planes[t, 1] + planes[t, 2]
-    down: float = planes[t, 3] + planes[t, 4] + planes[t, 5]
-    start: float = planes[t, 6] + planes[t, 7] + planes[t, 8]
+    across: float = planes[t, A] + planes[t, A + 1] + planes[t, A + 2]
+    down: float = planes[t, B] + planes[t, B + 1] + planes[t, B + 2]
+    start: float = planes[t, C] + planes[t, C + 1] + planes[t, C + 2]
     found: float = across * dx + down * dy + start
     return found

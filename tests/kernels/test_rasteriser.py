@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from nlens_video.kernels import fragment as at
 from nlens_video.kernels import light_ref, raster, raster_ref, screen, texture_ref, triangles
+from nlens_video.kernels.filtering import sample
 from nlens_video.kernels.light import light
 from nlens_video.kernels.nearest import resolve_depth
-from nlens_video.kernels.texture import Atlas, Texture, sample
+from nlens_video.kernels.texture import Atlas, Texture
 
 SIZE = (24, 32)
 
@@ -167,11 +167,6 @@ def test_a_lamp_gives_what_a_sun_of_its_strength_there_would():
         np.testing.assert_allclose(added[:, i], light_ref.by_suns(here, suns), rtol=3e-3, atol=2e-6)
 
 
-@njit
-def _sample(atlas, at, along_x, along_y):
-    return sample(atlas, 0, at, along_x, along_y)
-
-
 MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
 
 
@@ -184,15 +179,19 @@ def test_textures_are_filtered_and_wrapped_as_defined(wrap, least):
         atlas = Atlas.of(
             [Texture(pixels=pixels, srgb=True, mag_filter=mag, min_filter=least, wrap=(wrap, wrap))]
         )
-        arrays = (atlas.texels, atlas.levels, atlas.table)
-        for _ in range(60):
-            place = rng.uniform(-2.5, 3.5, 2).astype(np.float32)
-            along = (rng.normal(size=(2, 2)) * 10.0 ** rng.uniform(-3, 0)).astype(np.float32)
-            got = _sample(arrays, *((row[0], row[1]) for row in (place, *along)))
-            expected = texture_ref.sample(
-                atlas, 0, (float(place[0]), float(place[1])), tuple(along.astype(float))
-            )
-            assert got == pytest.approx(tuple(expected), abs=2e-4)
+        block, whole = at.new_block()
+        fields, points = block.reshape(-1, at.WIDTH), slice(2, 62)  # part of a block
+        fields[at.U // at.WIDTH : at.U // at.WIDTH + 2, points] = rng.uniform(-2.5, 3.5, (2, 60))
+        changes = rng.normal(size=(4, 60)) * 10.0 ** rng.uniform(-3, 0, 60)
+        fields[at.U_ACROSS // at.WIDTH : at.U_ACROSS // at.WIDTH + 4, points] = changes
+        sample(block, whole, (2, 62), (atlas.texels, atlas.levels, atlas.table), 0)
+        for i in range(2, 62):
+            u, v, ux, vx, uy, vy = fields[at.U // at.WIDTH : at.U // at.WIDTH + 6, i].astype(float)
+            along = np.array([ux, vx]), np.array([uy, vy])
+            expected = texture_ref.sample(atlas, 0, (u, v), along)
+            got = fields[at.TEXEL_R // at.WIDTH : at.TEXEL_R // at.WIDTH + 4, i]
+            assert got == pytest.approx(expected, abs=2e-4)
+            assert not fields[at.TEXEL_R // at.WIDTH :, [0, 1, 62, 63]].any()
 
 
 def test_srgb_is_decoded_before_levels_are_made():
