@@ -19,6 +19,9 @@ FULL_STEP_PX = 4.0
 SPARE_PX = 3.0
 """How much farther than the larger disc a step's surroundings go [px]."""
 
+BESIDE_PX = 3.0
+"""Distance to what is hidden up to which a step counts whole; twice as far it does not [px]."""
+
 _STRAIGHT, _DIAGONAL = 0.955, 1.369  # chamfer distances: off by 4.5 % at most
 
 
@@ -39,13 +42,23 @@ class Hidden:
 
 @njit(cache=True, nogil=True)
 def _find_steps(
-    coc: Float32, alpha: Float32, limits: tuple[float, float, float], reach: Float32, split: Float32
-) -> bool:
+    coc: Float32, alpha: Float32, away: Float32, limits: tuple[float, float, float, float],
+    reach: Float32, split: Float32,
+) -> bool:  # fmt: skip
     """Mark both sides of every step with its reach [px] and the CoC half-way; whether there is one.
 
     Of several steps at one pixel the largest counts.
+
+    Args:
+        coc: of the nearest surfaces.
+        alpha: of them.
+        away: distance to the nearest hidden pixel, 0 where nobody knows: a surface that hides
+            nothing is steep and no step [px].
+        limits: `STEP_PX`, `FULL_STEP_PX`, `SPARE_PX`, `BESIDE_PX`.
+        reach: gets the reach where it is larger.
+        split: gets the CoC half-way there.
     """
-    step_px, full_step_px, spare_px = limits
+    step_px, full_step_px, spare_px, beside_px = limits
     height, width = coc.shape
     largest = np.zeros((height, width), dtype=np.float32)
     found = False
@@ -64,6 +77,10 @@ def _find_steps(
                 found = True
                 share = min(1.0, (step - step_px) / (full_step_px - step_px))
                 radius = share * (0.5 * max(abs(here), abs(there)) + spare_px)
+                beside = away[y, x] if here > there else away[v, u]
+                radius *= min(max(2.0 - beside / beside_px, 0.0), 1.0)
+                if radius <= 0.0:
+                    continue
                 for j, i in ((y, x), (v, u)):
                     reach[j, i] = max(reach[j, i], radius)
                     if step > largest[j, i]:
@@ -83,7 +100,7 @@ def _find_rims(
         coc: of the nearest surfaces.
         alpha: of them.
         nearest: CoC of the nearest hidden pixel, and the distance to it [px].
-        limits: as in `_find_steps`.
+        limits: as in `_find_steps`, the first three.
         reach: gets the reach where it is larger.
         split: gets the CoC half-way there.
     """
@@ -161,7 +178,8 @@ def carried_out(values: Float32, known: Bool) -> Float32:
 def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> Steps | None:
     """Find the steps of the CoC inside the object, and what is within reach of them.
 
-    Where it is known what is hidden, that counts too where the object ends before nothing.
+    Where it is known what is hidden, that counts too where the object ends before nothing, and
+    only what hides something is a step: a surface seen at a glancing angle is steep and hides none.
 
     The reach is that of the larger disc, for light of either side can be misplaced that far. It
     grows from nothing with the step, so that nothing pops when a step appears.
@@ -178,15 +196,18 @@ def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> 
     alpha = np.ascontiguousarray(rgba[..., 3])
     coc = np.ascontiguousarray(coc_px, dtype=np.float32)
     limits = (STEP_PX, FULL_STEP_PX, SPARE_PX)
-    found = _find_steps(coc, alpha, limits, reach, split)
+    away = np.zeros_like(coc)
     if hidden is not None:
         there = hidden.rgba[..., 3] > 0.0
-        if there.any():
-            away = cv2.distanceTransform(
-                np.where(there, np.uint8(0), np.uint8(1)), cv2.DIST_L2, cv2.DIST_MASK_5
-            )
-            nearest = (carried_out(hidden.coc_px, there), np.asarray(away, dtype=np.float32))
-            found |= _find_rims(coc, alpha, nearest, limits, reach, split)
+        if not there.any():
+            return None
+        away[:] = cv2.distanceTransform(
+            np.where(there, np.uint8(0), np.uint8(1)), cv2.DIST_L2, cv2.DIST_MASK_5
+        )
+    found = _find_steps(coc, alpha, away, (*limits, BESIDE_PX), reach, split)
+    if hidden is not None:
+        nearest = (carried_out(hidden.coc_px, there), away)
+        found |= _find_rims(coc, alpha, nearest, limits, reach, split)
     if not found:
         return None
     marked = reach > 0.0

@@ -4,7 +4,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlens_video.kernels.depth_layers import split_at_steps
-from nlens_video.kernels.steps import FULL_STEP_PX, SPARE_PX, STEP_PX, carried_out, find_steps
+from nlens_video.kernels.steps import (
+    BESIDE_PX,
+    FULL_STEP_PX,
+    SPARE_PX,
+    STEP_PX,
+    Hidden,
+    carried_out,
+    find_steps,
+)
 
 OPAQUE = np.float32([0.4, 0.2, 0.1, 1.0])
 
@@ -37,6 +45,31 @@ def test_a_step_reaches_as_far_as_the_larger_disc_and_splits_half_way():
     assert along[9] == along[10] == pytest.approx(5.0 + SPARE_PX)
     assert along[20] == 0.0 and along[4] > 0.0 and along[0] == 0.0
     assert along[36] > 0.0 and along[40] == 0.0
+
+
+def hidden_from_column(rgba, first):
+    """What a near card hides that covers columns 10 to 29 of `two_cards`, from a column on."""
+    seen = np.zeros_like(rgba)
+    seen[10:30, first:30] = OPAQUE
+    coc = np.where(seen[..., 3] > 0.0, np.float32(2.0), np.float32(0.0))
+    return Hidden(rgba=seen, coc_px=coc, front_rgba=rgba)
+
+
+def test_a_steep_place_that_hides_nothing_is_no_step():
+    rgba, coc = two_cards(near=12.0, far=2.0)
+    assert find_steps(rgba, coc, hidden_from_column(rgba, 30)) is None
+
+
+def test_a_step_fades_out_with_the_distance_to_what_it_hides():
+    rgba, coc = two_cards(near=12.0, far=2.0)
+    reaches = []
+    for first in range(10, 22):
+        steps = find_steps(rgba, coc, hidden_from_column(rgba, first))
+        reaches.append(float(steps.inside_px[20, 10]))
+    whole = int(BESIDE_PX) + 1
+    assert reaches[:whole] == [reaches[0]] * whole and reaches[0] == 6.0 + SPARE_PX
+    assert np.diff(reaches).max() <= 0.0 and np.diff(reaches).min() > -0.4 * reaches[0]
+    assert reaches[2 * whole :] == [0.0] * len(reaches[2 * whole :])
 
 
 def test_reach_grows_from_nothing_with_the_step():
