@@ -13,54 +13,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.box import Box as Box
+
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A rectangle of whole pixels, [x0, x1) by [y0, y1); it may reach beyond the frame [px]."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    @property
-    def width(self) -> int:
-        """Columns, 0 where the box is empty [px]."""
-        return max(0, self.x1 - self.x0)
-
-    @property
-    def height(self) -> int:
-        """Rows, 0 where the box is empty [px]."""
-        return max(0, self.y1 - self.y0)
-
-    @property
-    def empty(self) -> bool:
-        """Whether it holds no pixel."""
-        return self.x1 <= self.x0 or self.y1 <= self.y0
-
-    def grown(self, margin: int) -> Box:
-        """The box with `margin` more pixels on every side [px]."""
-        return Box(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
-
-    def intersection(self, other: Box) -> Box:
-        """The pixels in both boxes."""
-        return Box(
-            max(self.x0, other.x0),
-            max(self.y0, other.y0),
-            min(self.x1, other.x1),
-            min(self.y1, other.y1),
-        )
-
-    def slices_in(self, outer: Box) -> tuple[slice, slice]:
-        """Row and column slices that pick this box out of an array that covers `outer`."""
-        return (
-            slice(self.y0 - outer.y0, self.y1 - outer.y0),
-            slice(self.x0 - outer.x0, self.x1 - outer.x0),
-        )
 
 
 class Picture(Protocol):

@@ -33,6 +33,7 @@ LAYERS = [
     ["aperture", "color", "lens", "optics", "placing", "playback", "radius", "shutter", "v_fit"],
     ["chunk_mark"],
     ["frames"],
+    ["box"],
     ["errors", "interrupts"],
 ]
 LEVEL = {name: level for level, names in enumerate(reversed(LAYERS)) for name in names}

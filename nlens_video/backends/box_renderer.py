@@ -73,6 +73,7 @@ class BoxRenderer(ABC):
         self._light = light or SceneLight(scene.light_count)
         self._posed: PosedScene | None = None
         self._drawn: _Drawn | None = None
+        self._drawn_last = False  # whether nothing was drawn after `_drawn`
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -102,7 +103,8 @@ class BoxRenderer(ABC):
         """The object at a time, sharp.
 
         `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
-        of the lens' aperture. While object, camera and light rest, it is the very same layer.
+        of the lens' aperture. While object, camera and light rest, it is the very same layer,
+        whatever was drawn with `nearest` in between.
 
         Args:
             time_s: time of the animation [s].
@@ -124,15 +126,17 @@ class BoxRenderer(ABC):
             self._posed = self._scene.pose(time_s)
         posed = self._posed
         lighting = Lighting.of(self._light.on_object(posed.lights))
-        key = (*_key(posed, camera, lighting), margin, nearest)
-        if self._drawn is not None and self._drawn.key == key:
+        key = (*_key(posed, camera, lighting), margin)
+        if not nearest and self._drawn is not None and self._drawn.key == key:
             return self._drawn.layer
         sight = _sight(posed, camera, margin, nearest=nearest)
         if sight is None:
             return None
         rgba, depth = self._draw(posed, sight, lighting)
         layer = ObjectLayer(box=sight.box, rgba=rgba, depth=depth)
-        self._drawn = _Drawn(key=key, posed=posed, sight=sight, lighting=lighting, layer=layer)
+        self._drawn_last = not nearest
+        if not nearest:
+            self._drawn = _Drawn(key=key, posed=posed, sight=sight, lighting=lighting, layer=layer)
         return layer
 
     def render_behind(
@@ -141,7 +145,7 @@ class BoxRenderer(ABC):
         """What the nearest surfaces of a picture hide.
 
         Args:
-            front: the picture that `render` has drawn last.
+            front: the picture that `render` has given last, those with `nearest` left out.
             region: where to look, a part of its box.
             disparity_step: how much less disparity than the nearest surface what it hides has
                 at least, > 0 [1 / scene unit].
@@ -162,6 +166,9 @@ class BoxRenderer(ABC):
         if region.empty or region.intersection(front.box) != region:
             raise ValueError(f"{region} is not within {front.box}")
         drawn = self._drawn
+        if not self._drawn_last:
+            self._draw(drawn.posed, drawn.sight, drawn.lighting)
+            self._drawn_last = True
         shown = Front(
             depth=front.depth[region.slices_in(front.box)],
             disparity_step=disparity_step,

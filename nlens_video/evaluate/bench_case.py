@@ -14,7 +14,7 @@ from nlens_video.evaluate.bench_glb import UInt8
 from nlens_video.evaluate.bench_metrics import WINDOW, psnr, ssim
 from nlens_video.evaluate.bench_scenes import BuiltScene, plate
 from nlens_video.evaluate.plates import Plate, load_plate
-from nlens_video.frames import Bool, Box
+from nlens_video.frames import Box
 from nlens_video.lens import LensFit
 from nlens_video.scene import Scene
 from nlens_video.stages.l_lens import Shot, lens_views
@@ -81,7 +81,7 @@ def built_case(scene: BuiltScene, size: tuple[int, int], views: int) -> Case:
         fit=scene.fit,
         plate=clean,
         truth=truth,
-        region=_bounds(covered),
+        region=Box.of(covered),
     )
 
 
@@ -112,7 +112,7 @@ def case_of(folder: Path, known: Plate) -> Case:
     if not layers.is_file():
         raise InputError(f"{layers}: no such file; the object's layers are needed on each plate")
     truth = _codes(folder / "gt_noshadow.png", known.rgb.shape[:2])
-    region = _bounds(_codes(folder / "object_rgba.png", known.rgb.shape[:2])[..., 3] > 0)
+    region = Box.of(_codes(folder / "object_rgba.png", known.rgb.shape[:2])[..., 3] > 0)
     if min(region.width, region.height) < WINDOW:
         raise InputError(
             f"{folder}: its object spans {region.width}x{region.height} pixels, SSIM needs "
@@ -155,8 +155,3 @@ def _codes(path: Path, size: tuple[int, ...]) -> UInt8:
         rows, columns = size
         raise InputError(f"{path}: cannot be read as an 8-bit colour picture of {columns}x{rows}")
     return np.asarray(raw[..., [2, 1, 0, 3][: raw.shape[2]]], np.uint8)
-
-
-def _bounds(covered: Bool) -> Box:
-    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
-    return Box(int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)

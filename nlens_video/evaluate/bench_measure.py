@@ -151,7 +151,7 @@ def _timed(steps: FrameSteps, case: Case, effort: Effort) -> tuple[float, ...]:
     blurs = {
         node.name
         for node in steps.graph.nodes
-        if node.output == "blurred" or node.stage == "peel"  # drawn for the blur alone
+        if node.output == "blurred" or node.stage in ("peel", "views")  # drawn for the blur alone
     }
     end = time.perf_counter() + effort.seconds
     for index in itertools.count(1):

@@ -85,7 +85,7 @@ def _works(nodes: Sequence[Node]) -> list[Work]:
             works["render"] = _render
         if node.stage in ("scatter", "lens", "expose"):
             works["scatter"] = _scatter
-        if node.stage == "lens":
+        if node.stage in ("lens", "views"):
             works["cell"] = _cell
         if node.stage == "scatter":  # its own aperture's tables too
             works[node.backend] = partial(node.run, _sharp(), _FRAME)

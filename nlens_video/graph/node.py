@@ -28,6 +28,7 @@ PORTS: dict[str, str] = {
     "fit": "LensFit",
     "layer": "ObjectLayer",
     "defocused": "DefocusedLayer",
+    "views": "FewViews",
     "blurred": "BlurredLayer",
     "shadow": "Shadow",
     "motion": "Motion",

@@ -80,7 +80,7 @@ def make_hold_out(tools: Tools) -> Made:
             object_region = blurred.box.grown(_SOFTENED_PX).intersection(frame_box)
         ground_region = _on_ground(shadow, reflection, frame_box)
         if isinstance(front, Matte):
-            region = _around(object_region, ground_region)
+            region = object_region.joined(ground_region)
             cover = cover_of(picture, region, front.coverage)
             return None if cover is None else Foreground(before_object=cover, before_ground=cover)
         over_object = over_ground = None
@@ -141,15 +141,5 @@ def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: 
     ):
         if coc is not None:
             reach = math.ceil(0.5 * float(np.abs(coc).max(initial=0.0))) + _SPREAD_PX
-            found = _around(found, box.grown(reach).intersection(frame))
+            found = found.joined(box.grown(reach).intersection(frame))
     return found
-
-
-def _around(first: Box, second: Box) -> Box:
-    """The smallest box that holds both."""
-    if first.empty or second.empty:
-        return second if first.empty else first
-    return Box(
-        min(first.x0, second.x0), min(first.y0, second.y0),
-        max(first.x1, second.x1), max(first.y1, second.y1),
-    )  # fmt: skip

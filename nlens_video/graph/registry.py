@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from nlens_video.errors import UsageError
-from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer, Picture
+from nlens_video.frames import CocMap, ObjectLayer, Picture
+from nlens_video.graph.blur_stages import BLUR
 from nlens_video.graph.camera_stages import make_grain, make_soften
 from nlens_video.graph.motion_stages import (
     make_expose,
@@ -23,10 +23,10 @@ from nlens_video.graph.real_stages import (
     make_reflect,
 )  # fmt: skip
 from nlens_video.graph.shadow_stages import make_darken, make_light, make_shadow
-from nlens_video.graph.tools import Made, Stage, Tools, Unavailable
+from nlens_video.graph.tools import Made, Stage, Tools
 from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
-from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
+from nlens_video.stages.l_reblur import crop_to_frame, object_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens, constant_fit
 
@@ -143,96 +143,8 @@ def _object_coc(tools: Tools) -> Made:
     return Made(object_coc, "slope * disparity + intercept")
 
 
-def _peel(tools: Tools) -> Made:
-    from nlens_video.stages.look_behind import look_behind
-
-    if tools.behind is None:
-        raise Unavailable(
-            "pre-rendered layers hold the nearest surfaces only: what they hide of the object is "
-            "guessed from what is seen of it"
-        )
-    renderer = tools.behind
-
-    def run(defocused: DefocusedLayer, fit: LensFit, placement: Placement) -> DefocusedLayer:
-        return look_behind(defocused, fit, placement.farthest, renderer)
-
-    return Made(run, f"depth-peeled second layer, {tools.objects.description}")
-
-
 def _sharp(tools: Tools) -> Made:
     return Made(crop_to_frame, "the layer as it is")
-
-
-def _scatter(tools: Tools, *, detail: str = "fine") -> Made:
-    from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
-
-    details = {"fine": FINE, "draft": DRAFT}
-    if detail not in details:
-        raise UsageError(f"stage 'scatter': no detail {detail!r}; there are {', '.join(details)}")
-    drawn = details[detail]
-    stage = ReblurLayer(
-        scatter=partial(scatter, aperture=tools.aperture, detail=drawn, spread=tools.spread),
-        reach=partial(blur_reach, aperture=tools.aperture, detail=drawn),
-        pixel_aspect=tools.pixel_aspect,
-    )
-
-    def run(defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
-        return stage(defocused, frame_box)
-
-    made_by = "numba" if tools.spread is None else "torch on CUDA"
-    return Made(run, f"L: layered exact-coverage scatter, {detail}, {made_by}")
-
-
-def _lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
-    from nlens_video.kernels.scatter import blur_reach, scatter
-    from nlens_video.stages.l_lens import BlurCell, Reblur, SampleLens, Shot, view_count
-
-    if tools.views is None:
-        raise Unavailable(
-            "pre-rendered layers hold one view of the object, so the lens cannot be sampled: the "
-            "blur of the preset standard stands in"
-        )
-    count = view_count(accuracy_db)
-    wide = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect)
-    stage = SampleLens(
-        renderer=tools.views,
-        whole=cast("Reblur", _scatter(tools).run),
-        cell=BlurCell(wide, tools.pixel_aspect),
-        count=count,
-        aperture=tools.aperture,
-    )
-
-    def run(
-        defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
-    ) -> BlurredLayer:
-        shot = Shot(time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box)
-        return stage(defocused, shot)
-
-    return Made(run, f"L: the lens sampled at {count} points for {accuracy_db:g} dB")
-
-
-def _repair(tools: Tools) -> Made:
-    if tools.repair is None:
-        raise Unavailable("this version ships no repair network: the scatter's result stands")
-    return Made(
-        tools.repair,
-        "L: ordered layers at depth steps, weighed by a network where what is hidden is not known",
-    )
-
-
-def _paper(tools: Tools) -> Made:
-    from nlens_video.backends.reblur_paper import OnnxPaperNetworks
-    from nlens_video.kernels.paper_scatter import paper_scatter
-    from nlens_video.model_store import find_model
-    from nlens_video.stages.l_paper import PaperReblur
-
-    arnet, iunet = find_model("paper-arnet").path, find_model("paper-iunet").path
-    stage = PaperReblur(scatter=paper_scatter, networks=OnnxPaperNetworks(arnet, iunet))
-
-    def run(picture: Picture, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
-        return stage(picture, defocused, frame_box)
-
-    return Made(run, "L: the paper's networks on the whole frame, onnxruntime on the CPU")
 
 
 def _composite(tools: Tools) -> Made:
@@ -246,12 +158,7 @@ STAGES: dict[str, Stage] = {
     "fit": Stage(_fit, ("plate_coc", "ground", "frame"), "fit"),
     "render": Stage(_render, ("placement", "fit?"), "layer"),
     "object-coc": Stage(_object_coc, ("layer", "fit"), "defocused"),
-    "peel": Stage(_peel, ("defocused", "fit", "placement"), "defocused"),
     "sharp": Stage(_sharp, ("layer", "frame_box"), "blurred"),
-    "scatter": Stage(_scatter, ("defocused", "frame_box"), "blurred"),
-    "lens": Stage(_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
-    "paper-reblur": Stage(_paper, ("picture", "defocused", "frame_box"), "blurred"),
-    "repair": Stage(_repair, ("defocused", "blurred"), "blurred"),
     "motion": Stage(make_motion, ("placement", "fit?"), "motion"),
     "moments": Stage(make_moments, ("motion",), "moments"),
     "expose": Stage(make_expose, ("placement", "moments", "layer", "frame_box", "fit?"), "exposed"),
@@ -272,6 +179,7 @@ STAGES: dict[str, Stage] = {
     "lay-reflection": Stage(
         make_lay_reflection, ("picture", "reflection", "frame_box", "foreground?"), "picture"
     ),
+    **BLUR,
     **OPTICS,
     "soften": Stage(make_soften, ("blurred", "frame_box", "defocused?"), "blurred"),
     "grain": Stage(make_grain, ("picture", "blurred", "frame"), "blurred"),

@@ -147,6 +147,16 @@ def _sweep(reach: Float32, straight: float, diagonal: float) -> None:
             reach[y, x] = best
 
 
+def fall_off(reach: Float32) -> None:
+    """Carry the largest reach (h, w) around, less its distance, which is 4.5 % off at most [px].
+
+    Args:
+        reach: how far what is at a pixel reaches, 0 for not at all; changed in place [px].
+    """
+    for turned in (reach, reach[::-1, ::-1]):
+        _sweep(turned, _STRAIGHT, _DIAGONAL)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steps:
     """Where the object's CoC steps.
@@ -214,6 +224,5 @@ def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> 
     if not marked.any():
         return None
     split = carried_out(split, marked)
-    for turned in (reach, reach[::-1, ::-1]):
-        _sweep(turned, _STRAIGHT, _DIAGONAL)
+    fall_off(reach)
     return Steps(inside_px=reach, split_px=split)

@@ -133,14 +133,7 @@ def fade(inside_px: Float32) -> Float32:
 
 def _reached(steps: Steps, whole: Box) -> Box:
     """Bounds in the frame of what is within reach of a step."""
-    rows = np.flatnonzero((steps.inside_px > 0.0).any(axis=1))
-    columns = np.flatnonzero((steps.inside_px > 0.0).any(axis=0))
-    return Box(
-        whole.x0 + int(columns[0]),
-        whole.y0 + int(rows[0]),
-        whole.x0 + int(columns[-1]) + 1,
-        whole.y0 + int(rows[-1]) + 1,
-    )
+    return Box.of(steps.inside_px > 0.0).moved(whole.x0, whole.y0)
 
 
 def _in_cells(box: Box) -> Box:

@@ -76,6 +76,25 @@ def bare_points(count: int) -> LensPoints:
     return LensPoints(spiral(count), np.full(count, 1.0 / count))
 
 
+def points_around(count: int, aperture: Aperture = ROUND) -> LensPoints:
+    """The aperture's centre and a ring about it, each for a round cell of equal light.
+
+    With the ring at sqrt(1/2) the cells spread light as far as the whole disc does, by its second
+    moment. It is turned so that no two of four points stand in one column or row.
+
+    Args:
+        count: how many the ring holds, at least 3.
+        aperture: its shape; blades count as the disc of their area, and where a picture gives the
+            shape, which may be dark in the middle, the points are its `lens_points`.
+    """
+    if aperture.image is not None:
+        return lens_points(count + 1, aperture)
+    angle = math.atan(2.0) + 2.0 * math.pi / count * np.arange(count)
+    ring = math.sqrt(0.5) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    places = np.concatenate([np.zeros((1, 2)), ring])
+    return LensPoints(places, np.full(count + 1, 1.0 / (count + 1)))
+
+
 def _dense(aperture: Aperture) -> tuple[Float64, Float64]:
     """Many points (M, 2) of an aperture, turned as a near highlight shows it, their light (M,)."""
     if aperture.image is None:

@@ -47,13 +47,4 @@ def look_behind(
 def _nearer(defocused: DefocusedLayer, coc_px: np.float32) -> Box:
     """Bounds of what has a CoC of so much at least: only that can hide what has a step less."""
     near = (defocused.layer.rgba[..., 3] > 0) & (defocused.coc_px >= coc_px)
-    rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    if not rows.size:
-        return Box(0, 0, 0, 0)
-    box = defocused.layer.box
-    return Box(
-        box.x0 + int(columns[0]),
-        box.y0 + int(rows[0]),
-        box.x0 + int(columns[-1]) + 1,
-        box.y0 + int(rows[-1]) + 1,
-    )
+    return Box.of(near).moved(defocused.layer.box.x0, defocused.layer.box.y0)
