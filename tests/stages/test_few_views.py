@@ -102,9 +102,7 @@ def see(tmp_path):
         seen.renderer.close()
 
 
-@pytest.mark.parametrize(
-    "kind", ["software", pytest.param("opengl", marks=pytest.mark.needs_gl)]
-)
+@pytest.mark.parametrize("kind", ["software", pytest.param("opengl", marks=pytest.mark.needs_gl)])
 def test_small_discs_come_closer_to_the_lens_than_any_scatter(see, kind):
     path = np.array(
         [OPTICS.point(Place(480 + 40 * math.sin(k), 80 + 40 * k, 5.0)) for k in range(9)]
