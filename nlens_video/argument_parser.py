@@ -10,11 +10,33 @@ from nlens_video.errors import UsageError
 
 
 class Parser(argparse.ArgumentParser):
-    """Errors are ours: one line, no usage dump."""
+    """Errors are ours: one line, no usage dump.
+
+    Attributes:
+        often: options that the help shows; empty for all of them.
+        whole: the command whose help has the others.
+    """
+
+    often: frozenset[str] = frozenset()
+    whole: str = ""
 
     def error(self, message: str) -> NoReturn:
         """Raise a UsageError."""
         raise UsageError(f"{message}; see {self.prog} --help")
+
+    def format_help(self) -> str:
+        """All of it, or what is used often and fits on a screen."""
+        if not self.often:
+            return super().format_help()
+        formatter = argparse.RawDescriptionHelpFormatter(self.prog)
+        formatter.add_text(self.description)
+        formatter.start_section("often used")
+        formatter.add_arguments(
+            action for action in self._actions if self.often & set(action.option_strings)
+        )
+        formatter.end_section()
+        formatter.add_text(f"All options: {self.whole} --help")
+        return formatter.format_help()
 
 
 def base_parser(prog: str, description: str) -> Parser:

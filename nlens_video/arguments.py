@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from nlens_video.aperture import parse_aperture
@@ -38,6 +39,7 @@ from nlens_video.settings import (
 
 COMMANDS = (
     "render", "fit", "farm", "merge", "place", "check", "evaluate", "bench", "study", "doctor",
+    "completion",
 )  # fmt: skip
 
 _ABOUT = """\
@@ -53,7 +55,13 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video study make|analyse      the paper's user study: its page, and its answers
   nlens-video doctor                  what works on this machine, and what to install
+  nlens-video completion bash|zsh|fish    what makes the Tab key complete these words
 """
+
+_OFTEN = frozenset(
+    "--report --preset --effects --range --fit --at --animation --env --shadow-strength --holdout "
+    "--budget-ms --codec --crf --plan --json --version".split()
+)
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
@@ -62,10 +70,21 @@ def parse(argv: list[str]) -> argparse.Namespace:
     Raises:
         UsageError: unknown or malformed arguments.
     """
+    named = bool(argv) and argv[0] in COMMANDS
     command = "render"
-    if argv and argv[0] in COMMANDS:
+    if named:
         command, argv = argv[0], argv[1:]
-    parsers = {
+    parser = parser_of(command)
+    if command == "render" and not named:
+        parser.often, parser.whole = _OFTEN, "nlens-video render"
+    namespace = parser.parse_args(argv)
+    namespace.command = command
+    return namespace
+
+
+def parser_of(command: str) -> Parser:
+    """The parser of one of COMMANDS."""
+    parsers: dict[str, Callable[[], Parser]] = {
         "render": _render_parser,
         "fit": _fit_parser,
         "farm": _farm_parser,
@@ -76,11 +95,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
         "bench": bench_parser,
         "study": study_parser,
         "doctor": _doctor_parser,
+        "completion": _completion_parser,
     }
-    parser = parsers[command]()
-    namespace = parser.parse_args(argv)
-    namespace.command = command
-    return namespace
+    return parsers[command]()
 
 
 def settings(words: argparse.Namespace) -> Settings:
@@ -251,3 +268,10 @@ def _check_parser() -> Parser:
 
 def _doctor_parser() -> Parser:
     return base_parser("nlens-video doctor", "What works on this machine, and what to install.")
+
+
+def _completion_parser() -> Parser:
+    about = 'The shell\'s completion of nlens-video: eval "$(nlens-video completion bash)"'
+    parser = base_parser("nlens-video completion", about)
+    parser.add_argument("shell", choices=("bash", "zsh", "fish"))
+    return parser

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlens_video import arguments, interrupts
+from nlens_video import arguments, completion, interrupts
 from nlens_video.errors import NlensError, ReaderGone
 from nlens_video.side_commands import SIDE_COMMANDS
 
@@ -24,6 +24,8 @@ INTERRUPTED = 130
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
+    if completion.ASKED in os.environ:
+        completion.answer()
     words = list(sys.argv[1:] if argv is None else argv)
     with _interruptible():
         code = _answered(words)

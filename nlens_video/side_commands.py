@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 
 from nlens_video import arguments
@@ -51,10 +52,18 @@ def _study(words: argparse.Namespace) -> int:
     return analyse_answers(words.answers, words.reference, as_json=words.json, quiet=words.quiet)
 
 
+def _completion(words: argparse.Namespace) -> int:
+    from nlens_video.completion import script
+
+    sys.stdout.write(script(words.shell))
+    return 0
+
+
 SIDE_COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "doctor": _doctor,
     "evaluate": _evaluate,
     "check": _check,
     "bench": _bench,
     "study": _study,
+    "completion": _completion,
 }

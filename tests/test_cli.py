@@ -4,6 +4,7 @@ import contextlib
 import io
 import itertools
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -398,6 +399,37 @@ def test_help_answers_without_loading_anything():
     out, _ = run.communicate(timeout=30)
     assert run.returncode == 0
     assert b"IN ANIM.glb OUT" in out
+    lines = out.decode().splitlines()  # it fits on a screen; the whole is one word away
+    assert len(lines) <= 40 and max(map(len, lines)) <= 100
+    assert b"nlens-video render --help" in out
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("nlens-video in.mp4 a.glb b.mp4 --pres", {"--preset "}),
+        ("nlens-video fit in.mp4 a.glb b.json --sav", set()),
+        ("nlens-video fit in.mp4 a.glb b.json --track", {"--track-focus "}),
+        ("nlens-video a.mp4 a.glb b.mp4 --late ", {"keep", "drop"}),
+        ("nlens-video doc", {"doctor "}),
+        ("nlens-video completion ", {"bash", "zsh", "fish"}),
+    ],
+)
+def test_shell_completes_commands_options_and_their_values(line, offered, tmp_path):
+    answer = tmp_path / "answer"
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "IFS": "\013",
+             "_ARGCOMPLETE_STDOUT_FILENAME": str(answer)}  # fmt: skip
+    run = process(env={**os.environ, **asked}, cwd=tmp_path)
+    assert run.wait(timeout=30) == 0
+    run.stderr.close()
+    words = {word for word in answer.read_text().split("\013") if word}
+    assert words == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_script_names_the_program(shell):
+    run = nlens("completion", shell)
+    assert run.returncode == 0 and "nlens-video" in run.stdout
 
 
 class TestExitCodes:

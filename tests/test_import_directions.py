@@ -13,7 +13,7 @@ LAYERS = [
     ["__main__"],
     ["cli"],
     ["side_commands"],
-    ["check", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
+    ["check", "completion", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
     ["run"],
     ["follow"],
     ["intake", "zoom_check"],
