@@ -13,7 +13,7 @@ from nlens_video.graph.objects import Placement, View
 from nlens_video.graph.tools import Made, Stage, Tools
 from nlens_video.optics import Aberration, Bloom, Distortion, Vignetting
 from nlens_video.scene.gltf import Scene
-from nlens_video.stages.shadow import Shadow
+from nlens_video.stages.darken import Shadow
 
 
 def make_fringe(tools: Tools) -> Made:

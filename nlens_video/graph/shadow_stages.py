@@ -11,11 +11,12 @@ from nlens_video.frames import BlurredLayer, Box, Picture
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.tools import LitGround, Made, Tools, Unavailable
 from nlens_video.lens import LensFit
-from nlens_video.scene.casters import Casters, Opacity
+from nlens_video.scene.casters import Casters, Surface
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.mesh import Geometry
+from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.occlusion import Foreground
-from nlens_video.stages.shadow import CastShadow, Darken, Shadow
+from nlens_video.stages.shadow import CastShadow
 
 
 def make_light(tools: Tools) -> Made:
@@ -39,13 +40,13 @@ def make_shadow(tools: Tools, *, lamp_points: int = 24, ambient_directions: int 
     cast = CastShadow(
         strength=ground.strength, lamp_points=lamp_points, ambient_directions=ambient_directions
     )
-    opacities: dict[Geometry, Opacity | None] = {}
+    surfaces: dict[Geometry, Surface] = {}
     before: tuple[tuple[object, ...], Shadow | None] | None = None
 
     def run(placement: Placement, fit: LensFit | None) -> Shadow | None:
         nonlocal before
         posed = ground.pose(placement.time_s)
-        casters = Casters.of(posed, opacities)
+        casters = Casters.of(posed, surfaces)
         light = ground.light.on_ground(posed.lights)
         given = (casters, light, placement.camera, fit)
         if before is None or not alike(before[0], given):

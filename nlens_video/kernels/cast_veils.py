@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.frames import Float32, Float64
-from nlens_video.kernels.cast import Int32, _edges, _extent
+from nlens_video.kernels.cast import Bits, Int32, edge_functions, extent
 
 REPEATED, MIRRORED, CLAMPED = 0, 1, 2
 _Texture = tuple[Float32, tuple[int, int], float]
@@ -37,7 +37,7 @@ def new_veiled(height: int, width: int) -> Veiled:
 
 def count_veiled(
     veiled: Veiled,
-    opaque: Int32,
+    opaque: tuple[Bits, int],
     points: Float64,
     surface: Float64,
     faces: Int32,
@@ -49,9 +49,10 @@ def count_veiled(
 
     Args:
         veiled: from `new_veiled`; changed.
-        opaque: counts of `cast`, which must have had the same call before; what it covers is taken
-            there.
-        points: homogeneous positions (V, 3) as of `cast.count_covered` [px].
+        opaque: bits of `cast` and the number of the one that what is opaque has set; where it is
+            set, all is taken already.
+        points: homogeneous positions (V, 3), (column * w, row * w, w), before the camera where
+            w > 0, in pixels of `veiled` [px].
         surface: texture coordinates and factor of alpha at each vertex (V, 3).
         faces: vertex indices of triangles (T, 3).
         texture: alpha (H, W), how it goes on along u and v (`REPEATED`, `MIRRORED`, `CLAMPED`), and
@@ -60,9 +61,10 @@ def count_veiled(
         at: where in each pixel it is sampled [px].
     """
     alpha, wrap, cutoff = texture
+    bits, number = opaque
     _count(
-        (veiled.taken, veiled.left), (veiled.call, opaque), points, surface, faces,
-        (alpha, wrap, cutoff), call, at,
+        (veiled.taken, veiled.left), (veiled.call, bits, number), points, surface,
+        faces, (alpha, wrap, cutoff), call, at,
     )  # fmt: skip
 
 
@@ -111,7 +113,7 @@ def _stopped(
     return share
 
 
-_PLANE = "UniTuple(f4[:,::1],2),Tuple((i4[:,::1],i4[:,:,::1]))"
+_PLANE = "UniTuple(f4[:,::1],2),Tuple((i4[:,::1],u1[:,::1],i8))"
 _TEXTURE = "Tuple((f4[:,::1],UniTuple(i8,2),f8))"
 
 
@@ -122,7 +124,7 @@ _TEXTURE = "Tuple((f4[:,::1],UniTuple(i8,2),f8))"
 )
 def _count(
     sums: tuple[Float32, Float32],
-    calls: tuple[Int32, Int32],
+    calls: tuple[Int32, Bits, int],
     points: Float64,
     surface: Float64,
     faces: Int32,
@@ -131,20 +133,20 @@ def _count(
     at: tuple[float, float],
 ) -> None:  # fmt: skip
     taken, left = sums
-    last, opaque = calls
+    last, opaque, number = calls
     edge = np.empty((3, 3), np.float64)
     for t in range(faces.shape[0]):
         i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
-        inside = _extent(points[i], points[j], points[k], taken.shape, at)
+        inside = extent(points[i], points[j], points[k], taken.shape, at)
         if inside[0] > inside[2] or inside[1] > inside[3]:
             continue
-        if not _edges(points[i], points[j], points[k], edge):
+        if not edge_functions(points[i], points[j], points[k], edge):
             continue
         corners = (surface[i], surface[j], surface[k])
         for y in range(inside[1], inside[3] + 1):
             py = y + at[1]
             for x in range(inside[0], inside[2] + 1):
-                if opaque[1, y, x] == call:
+                if (opaque[y, x] >> number) & 1:
                     continue
                 px = x + at[0]
                 p = edge[0, 0] * px + edge[0, 1] * py + edge[0, 2]

@@ -96,10 +96,32 @@ class Camera:
         Returns:
             1 / camera-space depth [1 / scene unit]; all zero where the camera lies in the plane.
         """
+        columns, rows = np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=float)
+        return self._disparity(columns + 0.5, rows + 0.5, ground_y)
+
+    def corner_disparity(self, ground_y: float) -> Float64:
+        """Disparity of that plane at the corners of the frame (2, 2) [1 / scene unit].
+
+        Between them it is affine.
+        """
+        ends = np.array([0.0, self.width]), np.array([0.0, self.height])
+        return self._disparity(*ends, ground_y)
+
+    def plane_points(self, ground_y: float) -> Float64:
+        """Points of that plane at pixel centres (H, W, 3); any point where it is not seen."""
+        disparity = self.plane_disparity(ground_y)
+        depth = 1.0 / np.where(disparity > 0.0, disparity, 1.0)
+        x = (np.arange(self.width) + 0.5 - self.cx) / self.fx
+        y = -(np.arange(self.height) + 0.5 - self.cy) / self.fy
+        rays = np.stack(np.broadcast_arrays(x[None, :], y[:, None], -1.0), axis=-1)
+        rotation, eye = self.world_from_camera[:3, :3], self.world_from_camera[:3, 3]
+        return np.asarray(depth[..., None] * (rays @ rotation.T) + eye)
+
+    def _disparity(self, x: Float64, y: Float64, ground_y: float) -> Float64:
+        """Disparity of a plane at columns (W,) and rows (H,) of places: (H, W)."""
         up = self.world_from_camera[1, :3]
         below = ground_y - self.world_from_camera[1, 3]
         if below == 0.0:
-            return np.zeros((self.height, self.width))
-        columns = (np.arange(self.width) + 0.5 - self.cx) / self.fx
-        rows = -(np.arange(self.height) + 0.5 - self.cy) / self.fy
+            return np.zeros((len(y), len(x)))
+        columns, rows = (x - self.cx) / self.fx, -(y - self.cy) / self.fy
         return np.asarray((up[0] * columns[None, :] + up[1] * rows[:, None] - up[2]) / below)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.frames import Float32, Float64
+from nlens_video.kernels.cast import edges_of
 from nlens_video.scene.materials import Material
 from nlens_video.scene.mesh import Geometry, Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
@@ -31,6 +32,26 @@ class Opacity:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """What is the same of a geometry at all times.
+
+    Attributes:
+        opacity: how much light it stops, None where it stops all.
+        edges: of its triangles, as `edges_of` gives them; none where they are not asked for (E, 4).
+    """
+
+    opacity: Opacity | None
+    edges: Int32
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> Surface:
+        """See what a geometry is to light."""
+        opacity = opacity_of(geometry)
+        faces = geometry.faces
+        return cls(opacity, edges_of(faces if opacity is None else faces[:0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Veil:
     """Triangles that are not opaque everywhere.
 
@@ -52,37 +73,53 @@ class Casters:
     Attributes:
         vertices: of what is opaque, in the world (V, 3) [scene unit].
         faces: vertex indices of its triangles (T, 3).
+        edges: of its triangles, as `edges_of` gives them (E, 4).
         veils: the rest.
     """
 
     vertices: Float64
     faces: Int32
+    edges: Int32
     veils: tuple[Veil, ...] = ()
 
     @classmethod
-    def of(cls, posed: PosedScene, opacities: dict[Geometry, Opacity | None]) -> Casters:
+    def of(cls, posed: PosedScene, surfaces: dict[Geometry, Surface]) -> Casters:
         """Sort a scene's triangles.
 
         Args:
             posed: the scene.
-            opacities: kept from one moment to the next: what is known of each geometry; filled in.
+            surfaces: kept from one moment to the next: what is known of each geometry; filled in.
         """
         solid: list[PosedMesh] = []
         veils: list[Veil] = []
         for mesh in posed.meshes:
             geometry = mesh.geometry
-            if geometry not in opacities:
-                opacities[geometry] = opacity_of(geometry)
-            opacity = opacities[geometry]
+            if geometry not in surfaces:
+                surfaces[geometry] = Surface.of(geometry)
+            opacity = surfaces[geometry].opacity
             if opacity is None:
                 solid.append(mesh)
             else:
                 carried = np.concatenate([mesh.positions, _carried(geometry)], axis=1)
                 veils.append(Veil(carried.astype(np.float64), mesh.faces, opacity))
         if not solid:
-            return cls(np.zeros((0, 3)), np.zeros((0, 3), np.int32), tuple(veils))
+            nothing = np.zeros((0, 4), np.int32)
+            return cls(np.zeros((0, 3)), nothing[:, :3], nothing, tuple(veils))
         vertices, faces = PosedScene(posed.time_s, tuple(solid), ()).triangles()
-        return cls(vertices.astype(np.float64), faces, tuple(veils))
+        edges = _joined([surfaces[mesh.geometry].edges for mesh in solid], solid)
+        return cls(vertices.astype(np.float64), faces, edges, tuple(veils))
+
+
+def _joined(edges: list[Int32], meshes: list[PosedMesh]) -> Int32:
+    """Edges of meshes, by the numbers that vertices and triangles have in all of them together."""
+    vertex = triangle = 0
+    moved = []
+    for own, mesh in zip(edges, meshes, strict=True):
+        sides = np.where(own[:, 2:] >= 0, own[:, 2:] + triangle, -1)
+        moved.append(np.concatenate([own[:, :2] + vertex, sides], axis=1))
+        vertex += len(mesh.positions)
+        triangle += len(mesh.faces)
+    return np.ascontiguousarray(np.concatenate(moved), dtype=np.int32)
 
 
 def opacity_of(geometry: Geometry) -> Opacity | None:

@@ -6,30 +6,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.frames import Float64
+from nlens_video.frames import Bool, Float64
+from nlens_video.kernels.cast import edges_of
 from nlens_video.scene.mesh import Int32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solid:
-    """Triangles, all of them above the ground.
+    """Triangles, all of them on one side of a plane.
 
     Attributes:
         vertices: in the world (V, 3), and after that whatever else each vertex carries (V, 3 + C).
         faces: vertex indices (T, 3).
+        edges: of the triangles (E, 4), as `edges_of` gives them.
     """
 
     vertices: Float64
     faces: Int32
+    edges: Int32
 
     @classmethod
-    def above(cls, vertices: Float64, faces: Int32, height: float) -> Solid:
+    def above(cls, vertices: Float64, faces: Int32, edges: Int32, height: float) -> Solid:
         """What lies above a height; triangles that cross it are cut."""
-        return cls._kept(vertices, faces, vertices[:, 1] - height)
+        whole = cls(vertices=vertices, faces=faces, edges=edges)
+        return whole._kept(vertices[:, 1] - height)
 
     def below(self, height: float) -> Solid:
         """What lies below a height; triangles that cross it are cut."""
-        return self._kept(self.vertices, self.faces, height - self.vertices[:, 1])
+        return self._kept(height - self.vertices[:, 1])
 
     @property
     def points(self) -> Float64:
@@ -37,36 +41,55 @@ class Solid:
         return self.vertices[:, :3]
 
     @property
-    def used(self) -> Float64:
-        """Where the corners of its triangles are (3 T, 3)."""
-        return np.asarray(self.points[self.faces.ravel()])
+    def bounds(self) -> Float64:
+        """Least and greatest coordinates of its triangles' corners (2, 3)."""
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces.ravel()] = True
+        points = self.points[used]
+        return np.stack([points.min(axis=0), points.max(axis=0)])
 
-    @classmethod
-    def _kept(cls, vertices: Float64, faces: Int32, distance: Float64) -> Solid:
+    def _kept(self, distance: Float64) -> Solid:
         """The side on which the distance (V,) of a plane is not negative."""
-        inside = (distance >= 0.0)[faces]
+        if (distance >= 0.0).all():
+            return self
+        inside = (distance >= 0.0)[self.faces]
         count = inside.sum(axis=1)
-        kept = [faces[count == 3]]
-        points = [vertices]
-        first = len(vertices)
+        points, pieces = [self.vertices], [np.zeros((0, 3), np.int32)]
+        first = len(self.vertices)
         for wanted in (1, 2):  # corners inside
-            crossing = faces[count == wanted]
+            crossing = self.faces[count == wanted]
             alone = inside[count == wanted] == (wanted == 1)
             lead = np.argmax(alone, axis=1)
             a, b, c = (crossing[np.arange(len(crossing)), (lead + k) % 3] for k in range(3))
-            cuts = [_between(vertices, distance, a, other) for other in (b, c)]
+            cuts = [_between(self.vertices, distance, a, other) for other in (b, c)]
             n = len(crossing)
             ab, ac = first + np.arange(n), first + n + np.arange(n)
             points += cuts
             first += 2 * n
             if wanted == 1:
-                kept.append(np.stack([a, ab, ac], axis=1))
+                pieces.append(np.stack([a, ab, ac], axis=1))
             else:
-                kept += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
-        return cls(
+                pieces += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
+        cut = np.concatenate(pieces).astype(np.int32)
+        whole = count == 3
+        more = edges_of(cut)
+        more[:, 2:][more[:, 2:] >= 0] += int(whole.sum())
+        return Solid(
             vertices=np.concatenate(points),
-            faces=np.ascontiguousarray(np.concatenate(kept), dtype=np.int32),
+            faces=np.ascontiguousarray(np.concatenate([self.faces[whole], cut])),
+            edges=np.ascontiguousarray(np.concatenate([_without(self.edges, whole), more])),
         )
+
+
+def _without(edges: Int32, whole: Bool) -> Int32:
+    """Edges (E, 4) of those triangles that are left, by their new numbers."""
+    number = np.append(np.where(whole, np.cumsum(whole) - 1, -1), -1).astype(np.int32)
+    sides = number[edges[:, 2:]]
+    left = (sides >= 0).any(axis=1)
+    sides, ends = sides[left], edges[left, :2]
+    back = sides[:, 0] < 0  # only the triangle that comes back along it is left
+    ends[back], sides[back] = ends[back, ::-1], sides[back, ::-1]
+    return np.concatenate([ends, sides], axis=1)
 
 
 def _between(vertices: Float64, distance: Float64, a: Int32, b: Int32) -> Float64:

@@ -17,7 +17,7 @@ from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32, Float
 from nlens_video.optics import Distortion
 from nlens_video.radius import half_diagonal, undistorted_radius
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.shadow import Shadow
+from nlens_video.stages.darken import Shadow
 
 MARGIN_LIMIT_PX = 512
 _NOWHERE = -1e4  # a place that no layer covers [px]
@@ -138,6 +138,7 @@ def bent(layer: BlurredLayer, bend: Bend) -> BlurredLayer:
 
 def bent_shadow(shadow: Shadow, bend: Bend) -> Shadow:
     """A shadow where the lens puts it."""
+    shadow = shadow.fine
     box = bend.reached(shadow.box, _reach(shadow.coc_px))
     places = bend.taken_from(box, shadow.box)
     return Shadow(

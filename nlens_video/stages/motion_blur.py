@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -183,10 +184,5 @@ def through_shutter(
             before.result()
     if not reached:
         return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
-    box = Box(
-        min(part.x0 for part in reached),
-        min(part.y0 for part in reached),
-        max(part.x1 for part in reached),
-        max(part.y1 for part in reached),
-    )
+    box = reduce(Box.joined, reached)
     return BlurredLayer(box=box, rgba=total[box.slices_in(frame)])

@@ -3,55 +3,33 @@
 The plate is multiplied by the ratio of the light that its ground gets with the object to that
 without it. Soft edges come from many points of each lamp, contact darkening from many directions of
 the light from around, each a projection of the same triangles on the plane. The lens then blurs the
-loss of light as it blurs the ground there: the paper leaves that open.
+loss of light as it blurs the ground there (`darken`), so it is worked out no finer than that blur
+lets through.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
-from nlens_video.frames import (
-    BlurredLayer,
-    Bool,
-    Box,
-    DefocusedLayer,
-    Float32,
-    Float64,
-    ObjectLayer,
-    Picture,
-)  # fmt: skip
+from nlens_video.frames import Box, Float32, Float64
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.casters import Casters
-from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.illumination import Illumination, Lamp
 from nlens_video.scene.irradiance import from_around, from_lamp, reaches
-from nlens_video.scene.solid import Solid
-from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
-from nlens_video.stages.occlusion import Cover
-from nlens_video.stages.shadow_cast import Stage
+from nlens_video.stages.darken import Shadow, enlarged, pixels_of
+from nlens_video.stages.shadow_cast import Asked, Grid, Stage, around, lamp_points
 
 _RETURNED = 0.4  # of the light from around that a body hides, by its own bright surface
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
+_COARSE = 4  # contact darkening is smooth: one pixel in so many each way is enough [px]
+_FAINT = 0.03  # a share below which nobody sees it: bounds how far contact darkening reaches
+_PIXELS_A_DISC = 3.0  # across the smallest disc that the ground's blur spreads [px]
 _BLACKEST = 0.999  # the most that is taken away: something always comes back from around
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shadow:
-    """The light that the object takes from the ground.
-
-    Attributes:
-        box: where the arrays lie in the frame; may reach beyond it.
-        loss: share of the light that is gone (h, w, 3), 0 outside the shadow [1].
-        coc_px: signed CoC diameter of the ground (h, w), 0 where the lens is not known [px].
-    """
-
-    box: Box
-    loss: Float32
-    coc_px: Float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,11 +40,14 @@ class CastShadow:
         strength: 1 as the light has it, 0 none [1].
         lamp_points: points of each lamp that are followed.
         ambient_directions: directions of the light from around that are followed.
+        threads: how many share the work at most; default: one a processor. The result does not
+            depend on it.
     """
 
     strength: float = 1.0
     lamp_points: int = 24
     ambient_directions: int = 64
+    threads: int | None = None
 
     def __call__(
         self,
@@ -88,147 +69,120 @@ class CastShadow:
         Returns:
             The loss around the shadow; None where it is out of view or there is none.
         """
-        if camera.world_from_camera[1, 3] <= ground_y:
+        if camera.world_from_camera[1, 3] <= ground_y or self.strength <= 0.0:
             return None
-        margin = _margin(camera, ground_y, fit)
-        stage = Stage(
-            Solid.above(casters.vertices, casters.faces, ground_y),
-            _cut(camera, _frame(camera).grown(margin)),
-            ground_y,
-            tuple(
-                (Solid.above(veil.vertices, veil.faces, ground_y), veil.opacity)
-                for veil in casters.veils
-            ),
-        )
-        if stage.empty or self.strength <= 0.0:
+        stage = Stage.of(casters, ground_y)
+        if stage is None:
             return None
+        frame = Box(0, 0, camera.width, camera.height)
+        _, most = _blur(camera, ground_y, frame, fit)
+        seen = frame.grown(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
         lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
-        hidden = [stage.hidden(lamp, self.lamp_points) for lamp in lamps]
-        around = from_around(light, stage.base)
-        if around.any():
-            hidden.append((1.0 - _RETURNED) * stage.occlusion(self.ambient_directions))
-        inner = _bounds(hidden, stage.camera.plane_disparity(ground_y) > 0.0)
+        base = stage.bounds.mean(axis=0) * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0)
+        ambient = from_around(light, base)
+        hidden = self._hidden(stage, lamps, ambient, camera, seen, fit)
+        if hidden is None:
+            return None
+        grid, shares = hidden
+        loss = self._lost(lamps, ambient, shares, grid, ground_y)
+        disparity = grid.camera.plane_disparity(ground_y).astype(np.float32)
+        loss[disparity <= 0.0] = 0.0
+        coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
+        return Shadow(box=grid.box, loss=loss, coc_px=coc, step=grid.step)
+
+    def _hidden(
+        self, stage: Stage, lamps: list[Lamp], ambient: Float64, camera: Camera, seen: Box,
+        fit: LensFit | None,
+    ) -> tuple[Grid, list[Float32]] | None:  # fmt: skip
+        """Which share of each lamp, and of the light from around, is hidden; None: none of any."""
+        middle = stage.bounds.mean(axis=0)
+        lights = [lamp_points(lamp, middle, self.lamp_points) for lamp in lamps]
+        reached = reduce(
+            Box.joined, (stage.reached(own, camera, seen) for own in lights), Box(0, 0, 0, 0)
+        )
+        least, _ = _blur(camera, stage.ground_y, reached, fit)
+        step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
+        asked = [Asked(own, len(own), Grid.on(camera, reached, step)) for own in lights]
+        if ambient.any():
+            directions = around(self.ambient_directions)
+            wide = Grid.on(camera, stage.reached(directions, camera, seen), _COARSE)
+            asked.append(Asked(directions, self.ambient_directions, wide))
+        hidden = zip(asked, stage.hidden(asked, self.threads), strict=True)
+        found = [_Share(share, one.grid) for one, share in hidden]
+        if ambient.any():
+            found[-1] = found[-1].contact(self.ambient_directions)
+        inner = reduce(Box.joined, (one.bounds for one in found), Box(0, 0, 0, 0))
         if inner.empty:
             return None
-        box = Box(inner.x0 - margin, inner.y0 - margin, inner.x1 - margin, inner.y1 - margin)
-        part = replace(stage, camera=_cut(camera, box))
-        at = inner.slices_in(_frame(stage.camera))
-        ground = part.ground
-        lost, total = np.zeros(part.size), np.broadcast_to(around, part.size).copy()
-        for lamp, share in zip(lamps, hidden, strict=False):
-            given = from_lamp(lamp, ground)
-            total += given
-            lost += given * share[at][..., None]
-        if around.any():
-            lost += around * hidden[-1][at][..., None]
-        gone = np.divide(lost, total, out=np.zeros(part.size), where=total > 0.0)
-        disparity = part.camera.plane_disparity(ground_y).astype(np.float32)
-        gone[disparity <= 0.0] = 0.0
-        loss = np.minimum(gone * self.strength, _BLACKEST).astype(np.float32)
-        coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
-        return Shadow(box=box, loss=loss, coc_px=coc)
+        grid = Grid.on(camera, inner, step)
+        return grid, [one.on(grid) for one in found]
+
+    def _lost(
+        self, lamps: list[Lamp], ambient: Float64, shares: list[Float32], grid: Grid,
+        ground_y: float,
+    ) -> Float32:  # fmt: skip
+        """Share of the light in each channel that is gone (h, w, 3), up to the horizon [1]."""
+        near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
+        ground = grid.camera.plane_points(ground_y) if near else np.zeros(3)
+        given = [from_lamp(lamp, ground) for lamp in lamps]
+        total = sum(given, ambient)
+        if ambient.any():
+            given.append((1.0 - _RETURNED) * ambient)
+        loss = np.zeros((*grid.shape, 3), np.float32)
+        for light, share in zip(given, shares, strict=True):
+            part = np.divide(light, total, out=np.zeros_like(total), where=total > 0.0)
+            part = (self.strength * part).astype(np.float32)
+            for channel in range(3):
+                loss[..., channel] += part[..., channel] * share
+        return np.minimum(loss, np.float32(_BLACKEST), out=loss)
 
 
-def _behind(loss: Float32, plate: Float32, box: Box, cover: Cover) -> Float32:
-    """Loss and its mean (h, w, 4) on a box, where only what lies behind the cover loses light."""
-    common = box.intersection(cover.box)
-    if common.empty:
-        return loss
-    light = np.zeros_like(plate)
-    light[common.slices_in(box)] = cover.light[common.slices_in(cover.box)]
-    share = np.ones_like(plate)
-    np.divide(plate - light, plate, out=share, where=plate > 0.0)
-    hidden = cover.coverage[common.slices_in(cover.box)] >= 1.0
-    share[common.slices_in(box)][hidden] = 0.0
-    behind = loss[..., :3] * np.clip(share, 0.0, 1.0)
-    return np.concatenate([behind, behind.mean(axis=2, keepdims=True)], axis=2)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Share:
+    """Which share of a light is hidden (h, w), and where."""
+
+    hidden: Float32
+    grid: Grid
+
+    def contact(self, directions: int) -> _Share:
+        """What is seen of it where it is light from around: nothing of what is faint."""
+        faint = max(_FAINT, min(1.0 / directions, 0.5))
+        left = np.maximum(self.hidden - np.float32(faint), np.float32(0.0))
+        return _Share(left / np.float32(1.0 - faint), self.grid)
+
+    @property
+    def bounds(self) -> Box:
+        """The part of the frame in which it is not 0."""
+        some = self.hidden > 0.0
+        rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
+        if not rows.size:
+            return Box(0, 0, 0, 0)
+        box, step = self.grid.box, self.grid.step
+        return Box(
+            box.x0 + int(columns[0]) * step, box.y0 + int(rows[0]) * step,
+            box.x0 + (int(columns[-1]) + 1) * step, box.y0 + (int(rows[-1]) + 1) * step,
+        )  # fmt: skip
+
+    def on(self, grid: Grid) -> Float32:
+        """The same on another grid, 0 where it is not known."""
+        size = self.grid.step // grid.step
+        hidden = enlarged(self.hidden, size) if size > 1 else self.hidden
+        out = np.zeros(grid.shape, np.float32)
+        here, there = (pixels_of(one.box, grid.step) for one in (grid, self.grid))
+        common = here.intersection(there)
+        if not common.empty:
+            out[common.slices_in(here)] = hidden[common.slices_in(there)]
+        return out
 
 
-def _bounds(hidden: list[Float64], ground: Bool) -> Box:
-    """The pixels of the ground (h, w) on which any map is not 0; empty if there are none."""
-    seen = np.zeros_like(ground)
-    for one in hidden:
-        seen |= one > 0.0
-    seen &= ground
-    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-    if not rows.size:
-        return Box(0, 0, 0, 0)
-    return Box(int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+def _blur(camera: Camera, ground_y: float, box: Box, fit: LensFit | None) -> tuple[float, float]:
+    """Least and greatest CoC diameter of the ground in a box of the frame [px].
 
-
-def _frame(camera: Camera) -> Box:
-    """The whole frame."""
-    return Box(0, 0, camera.width, camera.height)
-
-
-def _cut(camera: Camera, box: Box) -> Camera:
-    """The same view on a box of the frame, which may reach beyond it."""
-    return replace(
-        camera, cx=camera.cx - box.x0, cy=camera.cy - box.y0, width=box.width, height=box.height
-    )
-
-
-def _margin(camera: Camera, ground_y: float, fit: LensFit | None) -> int:
-    """How far beyond the frame the ground blurs into it [px]."""
-    if fit is None:
-        return 0
-    disparity = camera.plane_disparity(ground_y)
-    coc = fit.coc_px(disparity[disparity > 0.0].astype(np.float32))
-    return math.ceil(min(0.5 * float(np.abs(coc).max(initial=0.0)), _MARGIN_LIMIT_PX))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Darken:
-    """Lays a shadow on the plate, blurred as the lens blurs the ground.
-
-    Attributes:
-        scatter: as of `ReblurLayer`.
-        reach: as of `ReblurLayer`.
-        pixel_aspect: width of a pixel by its height [1].
+    It is affine there, up to the horizon.
     """
-
-    scatter: ScatterKernel
-    reach: Callable[[Float32, Float32, float], int]
-    pixel_aspect: float = 1.0
-
-    def __call__(
-        self, picture: Picture, shadow: Shadow, frame: Box, cover: Cover | None = None
-    ) -> Picture:
-        """Multiply the plate in place by what the shadow leaves; the picture itself comes back.
-
-        Args:
-            picture: the plate; changed where the blurred shadow reaches, and only there.
-            shadow: the light that is gone.
-            frame: the frame's own box.
-            cover: what really stands before the ground.
-        """
-        return self.taken(picture, self.blurred(shadow, frame), cover)
-
-    def taken(self, picture: Picture, blurred: BlurredLayer, cover: Cover | None) -> Picture:
-        """Take a blurred shadow's light from the plate, in place; the picture itself comes back.
-
-        Args:
-            picture: the plate; changed where the shadow reaches, and only there.
-            blurred: from `blurred`.
-            cover: what really stands before the ground.
-        """
-        box, loss = blurred.box, blurred.rgba
-        if not box.empty and loss.any():
-            plate = picture.linear(box)
-            if cover is not None:
-                loss = _behind(loss, plate, box, cover)
-            mean = loss[..., 3:]
-            # Over has one alpha for all channels: what is coloured about the loss is added back.
-            picture.over(box, np.concatenate([(mean - loss[..., :3]) * plate, mean], axis=2))
-        return picture
-
-    def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
-        """Loss in each channel and its mean, as the lens shows them, on a box inside the frame."""
-        mean = shadow.loss.mean(axis=2, keepdims=True)
-        layer = ObjectLayer(
-            box=shadow.box,
-            rgba=np.concatenate([shadow.loss, mean], axis=2),
-            depth=np.ones(mean.shape[:2], np.float32),
-        )
-        blur = ReblurLayer(scatter=self.scatter, reach=self.reach, pixel_aspect=self.pixel_aspect)
-        return blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
+    if fit is None or box.empty:
+        return 0.0, 0.0
+    corners = Grid.on(camera, box, 1).camera.corner_disparity(ground_y)
+    coc = fit.coc_px(np.maximum(corners, 0.0).astype(np.float32))
+    crosses = coc.min() <= 0.0 <= coc.max()
+    return 0.0 if crosses else float(np.abs(coc).min()), float(np.abs(coc).max())

@@ -12,9 +12,9 @@ from nlens_video.frames import BlurredLayer, Box, CocMap, DepthMap, ObjectLayer
 from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
+from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.in_front import CoverByCoc, CoverByDepth, object_disparity
 from nlens_video.stages.occlusion import Foreground, behind, cover_of, foreground_light, lay
-from nlens_video.stages.shadow import Darken, Shadow
 from nlens_video.video.exr_source import LINEAR
 from nlens_video.video.picture import ArrayPicture
 

@@ -19,7 +19,8 @@ from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.irradiance import from_around, from_lamp
 from nlens_video.scene.lights import Light, PosedLight
 from nlens_video.scene.solid import Solid
-from nlens_video.stages.shadow import CastShadow, Darken
+from nlens_video.stages.darken import Darken
+from nlens_video.stages.shadow import CastShadow
 from nlens_video.video.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120
