@@ -28,6 +28,10 @@ class Shutter:
         """How long it is open [s]."""
         return self.angle_deg / 360.0 * self.frame_s
 
+    def edges(self, time_s: float) -> tuple[float, float, float]:
+        """When it opens, is half through, and closes round a frame's moment [s]."""
+        return time_s - 0.5 * self.open_s, time_s, time_s + 0.5 * self.open_s
+
     def middles(self, time_s: float, count: int) -> tuple[float, ...]:
         """Middles of `count` equal parts of the time that it is open round a frame's moment [s]."""
         return tuple(time_s + self.open_s * ((i + 0.5) / count - 0.5) for i in range(count))

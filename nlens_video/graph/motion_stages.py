@@ -20,9 +20,10 @@ from nlens_video.stages.l_reblur import (
 from nlens_video.stages.motion_blur import (
     MOST_MOMENTS,
     Motion,
+    averaged,
+    mean_of_blurred,
     measure_motion,
     smeared,
-    through_shutter,
 )
 
 
@@ -31,10 +32,13 @@ def make_motion(tools: Tools, *, most_moments: int = MOST_MOMENTS) -> Made:
     shutter = tools.shutter
 
     def run(placement: Placement, fit: LensFit | None) -> Motion | None:
-        half_s = 0.5 * shutter.open_s
-        edges = (placement.time_s - half_s, placement.time_s, placement.time_s + half_s)
-        coc_px = _least_coc_px(placement, fit)
-        return measure_motion(tools.objects.places, edges, coc_px, most_moments)
+        seen = [tools.objects.places(moment) for moment in shutter.edges(placement.time_s)]
+        known = [places for places in seen if places is not None and len(places)]
+        if len(known) < len(seen):
+            return None
+        disparity = np.array([1.0 / places[:, 2] for places in known], np.float32)
+        coc_px = np.zeros(disparity.shape) if fit is None else fit.coc_px(disparity).astype(float)
+        return measure_motion([places[:, :2] for places in known], coc_px, most_moments)
 
     return Made(run, f"vertices on the screen, shutter {shutter.angle_deg:g} degrees")
 
@@ -63,26 +67,31 @@ def make_expose(tools: Tools) -> Made:
         placement: Placement, moments: Motion, layer: ObjectLayer, frame_box: Box,
         fit: LensFit | None,
     ) -> BlurredLayer:  # fmt: skip
-        count = len(moments.ways)
+        times = shutter.middles(placement.time_s, len(moments.ways))
 
-        def drawn() -> Iterator[ObjectLayer | None]:
-            for number, moment in enumerate(shutter.middles(placement.time_s, count)):
-                if number == count // 2:
+        def drawn(numbers: range) -> Iterator[ObjectLayer | None]:
+            for number in numbers:
+                if number == len(times) // 2:
                     yield layer
                     continue
-                there = objects.locate(0, moment)
+                there = objects.locate(0, times[number])
                 yield None if there is None else objects.render(there, fit)
 
-        def blurred(part: ObjectLayer) -> BlurredLayer:
+        def blurred(mean: ObjectLayer | None) -> BlurredLayer:
+            if mean is None:
+                return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
             if fit is not None:
-                defocused = object_coc(part, fit)
+                defocused = object_coc(mean, fit)
                 if defocused.largest_coc_px >= NEGLIGIBLE_COC_PX:
                     return through_lens(defocused, frame_box)
-            return crop_to_frame(part, frame_box)
+            return crop_to_frame(mean, frame_box)
 
-        return through_shutter(drawn(), moments.ways, blurred, frame_box)
+        parts = moments.parts
+        layers = [blurred(averaged(drawn(numbers))) for numbers in parts]
+        mean = mean_of_blurred(layers, [len(numbers) for numbers in parts])
+        return smeared(mean, moments.ways.mean(axis=0), frame_box)
 
-    return Made(run, "several moments, each through the lens")
+    return Made(run, "the mean of several moments, through the lens")
 
 
 def make_smear(tools: Tools) -> Made:
@@ -96,11 +105,3 @@ def make_smear(tools: Tools) -> Made:
         return None if blurred is None else smeared(blurred, motion.ways[0], frame_box)
 
     return Made(run, "along its way, or the mean of its moments")
-
-
-def _least_coc_px(placement: Placement, fit: LensFit | None) -> float:
-    """Least CoC diameter between the object's nearest and farthest point [px]."""
-    if fit is None:
-        return 0.0
-    ends = fit.coc_px(np.array([1 / placement.nearest, 1 / placement.farthest], np.float32))
-    return 0.0 if ends[0] * ends[1] <= 0.0 else float(np.abs(ends).min())

@@ -110,7 +110,7 @@ class ObjectSource(Protocol):
         ...
 
     def places(self, time_s: float) -> Float64 | None:
-        """Its vertices on the frame (V, 2) [px]; None where one lies behind the camera."""
+        """Its vertices: columns, rows [px], depths [scene unit] (V, 3); None if one lies behind."""
         ...
 
     def footprint(self, time_s: float) -> Float64:
@@ -155,10 +155,12 @@ class RenderedObject:
         return self.renderer.description
 
     def places(self, time_s: float) -> Float64 | None:
-        """Its vertices on the frame (V, 2) [px]; None where one lies behind the camera."""
+        """Its vertices: columns, rows [px], depths [scene unit] (V, 3); None if one lies behind."""
         camera = _camera(self.scene, self.view, time_s)
         seen = camera.to_camera(self.scene.pose(time_s).vertices().astype(np.float64))
-        return camera.pixels(seen) if (seen[:, 2] < 0.0).all() else None
+        if not (seen[:, 2] < 0.0).all():
+            return None
+        return np.column_stack([camera.pixels(seen), -seen[:, 2]])
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""

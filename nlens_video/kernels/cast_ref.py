@@ -11,7 +11,7 @@ from nlens_video.kernels.cast import Int32
 
 
 def covered(size: tuple[int, int], points: Float64, faces: Int32, at: tuple[float, float]) -> Bool:
-    """Pixels (h, w) that any triangle covers; arguments as of `cast.count_covered`.
+    """Pixels (h, w) that any triangle covers; positions homogeneous (V, 3), see `cast`.
 
     A pixel (x, y, 1) is covered where it is a sum of the corners with weights that are not
     negative.

@@ -25,6 +25,7 @@ from nlens_video.scene.posed import PosedScene
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
+_MOMENTS_KEPT = 4  # the frame's own, and the shutter opening and closing
 
 
 @dataclass(slots=True)
@@ -45,7 +46,7 @@ class Scene:
     _lights: tuple[tuple[int, Light], ...]
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
-    _last: PosedScene | None = field(init=False, default=None)
+    _kept: dict[float, PosedScene] = field(init=False, default_factory=dict)
 
     @classmethod
     def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
@@ -145,17 +146,19 @@ class Scene:
         """Triangles and lights at a moment of the plate [s].
 
         Before the first key of an animation they rest, and after its last unless it loops. The
-        last moment is kept: several stages ask for it.
+        last few moments are kept: several stages ask for them.
         """
-        last = self._last
-        if last is not None and last.time_s == time_s:
-            return last
+        if (known := self._kept.get(time_s)) is not None:
+            return known
         moment = self._playback.moment(time_s, self._animation.duration_s)
         world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
         weights = self._animation.weights(moment)
         meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
-        self._last = posed = PosedScene(time_s, meshes, lights)
+        posed = PosedScene(time_s, meshes, lights)
+        if len(self._kept) >= _MOMENTS_KEPT:
+            self._kept.pop(next(iter(self._kept)), None)
+        self._kept[time_s] = posed
         return posed
 
     def camera(

@@ -49,8 +49,9 @@ class Shadow:
         """The same on the frame's own pixels."""
         if self.step == 1:
             return self
-        loss, coc = (enlarged(values, self.step) for values in (self.loss, self.coc_px))
-        return Shadow(box=self.box, loss=loss, coc_px=coc)
+        size = self.box.width, self.box.height
+        coc: Float32 = np.asarray(cv2.resize(self.coc_px, size), dtype=np.float32)
+        return Shadow(box=self.box, loss=enlarged(self.loss, self.step), coc_px=coc)
 
 
 def pixels_of(box: Box, step: int) -> Box:
@@ -59,10 +60,11 @@ def pixels_of(box: Box, step: int) -> Box:
 
 
 def enlarged(values: Float32, step: int) -> Float32:
-    """A picture (h, w) or (h, w, c) on pixels so many times smaller, interpolated."""
+    """Shares (h, w) or (h, w, c) on pixels so many times smaller, between 0 and 1."""
     height, width = values.shape[:2]
     size = (width * step, height * step)
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_LINEAR))
+    fine = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_CUBIC), dtype=np.float32)
+    return np.clip(fine, np.float32(0.0), np.float32(1.0), out=fine)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Motion blur: the object at some moments while the shutter is open, each through the lens.
+"""Motion blur: the object at some moments while the shutter is open, through the lens.
 
 Shutter and lens average light over time and over the aperture. What the whole object does on the
 screen, one picture shows when it is smeared along the way; what its parts do differently takes
@@ -10,10 +10,10 @@ vectors by pixel, the usual shortcut, are wrong wherever the silhouette changes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -23,6 +23,8 @@ from nlens_video.frames import BlurredLayer, Box, Float32, Float64, ObjectLayer
 NEGLIGIBLE_SPAN_PX = 1.0
 MOST_MOMENTS = 33
 _STEP_PX = 2.0
+_REFOCUS_PX = 1.5  # a change of the CoC that one blur of the mean does not show [px]
+_NEAREST = 1e-9  # a depth, so that nothing is divided by 0 [scene unit]
 _SUB_STEPS = 8  # places by pixel of way that a smear is measured at
 
 
@@ -33,66 +35,77 @@ class Motion:
     Attributes:
         span_px: way of its fastest vertex [px].
         spread_px: most that a vertex moves differently from the mean of all [px].
+        refocus_px: most that the CoC diameter of a vertex changes [px].
         ways: mean way of the vertices in each of an odd number of equal parts of the time,
             columns and rows (K, 2) [px].
     """
 
     span_px: float
     spread_px: float
+    refocus_px: float
     ways: Float64
 
+    @property
+    def parts(self) -> list[range]:
+        """Numbers of the moments whose mean goes through the lens at once.
 
-def moment_count(spread_px: float, coc_px: float, most: int = MOST_MOMENTS) -> int:
+        All of them, unless the blur itself changes meanwhile.
+        """
+        count = len(self.ways)
+        wanted = min(count, max(1, math.ceil(self.refocus_px / _REFOCUS_PX)))
+        ends = [round(count * part / wanted) for part in range(wanted + 1)]
+        return [range(*pair) for pair in pairwise(ends)]
+
+
+def moment_count(
+    spread_px: Float64 | float, coc_px: Float64 | float, most: int = MOST_MOMENTS
+) -> int:
     """How many moments a motion takes, an odd number, so that they are not told apart.
 
     Discs of a CoC hide steps of half of it; what is sharp takes a picture every two pixels, since
     each is smeared along the mean way and only the fastest parts differ from that so much.
 
     Args:
-        spread_px: most that a vertex moves differently from the mean [px].
-        coc_px: least CoC diameter of the object [px].
+        spread_px: what vertices move differently from the mean (V,) [px].
+        coc_px: least CoC diameters of theirs (V,), without sign [px].
         most: limit of the count.
     """
-    count = math.ceil(spread_px / max(_STEP_PX, 0.5 * coc_px)) if spread_px > 0.5 else 1
+    told_apart = spread_px / np.maximum(_STEP_PX, 0.5 * coc_px)
+    count = math.ceil(float(np.max(told_apart))) if np.max(spread_px) > 0.5 else 1
     return min(count + (count + 1) % 2, most - (most + 1) % 2)
 
 
 def measure_motion(
-    places: Callable[[float], Float64 | None],
-    edges: tuple[float, float, float],
-    coc_px: float,
-    most: int = MOST_MOMENTS,
+    places: Sequence[Float64], coc_px: Float64, most: int = MOST_MOMENTS
 ) -> Motion | None:
     """See how an object moves while the shutter is open.
 
     Args:
-        places: its vertices on the frame (V, 2) at a time [px], None where that is not known.
-        edges: when the shutter opens, is half through, and closes [s].
-        coc_px: least CoC diameter of the object [px].
+        places: its vertices on the frame (V, 2) when the shutter opens, is half through, and closes
+            [px].
+        coc_px: their signed CoC diameters then (3, V), 0 where the lens is not known [px].
         most: limit of the number of moments.
 
     Returns:
-        The motion; None where it is negligible or not known.
+        The motion; None where it is negligible.
     """
-    seen = [places(moment) for moment in edges]
-    if any(there is None or not len(there) for there in seen):
-        return None
-    opening, middle, closing = (np.asarray(there) for there in seen)
+    opening, middle, closing = places
     halves = (middle - opening, closing - middle)
-    span = float(sum(np.linalg.norm(half, axis=1) for half in halves).max())
+    span = float(sum(np.linalg.norm(half, axis=1) for half in halves).max(initial=0.0))
     if span < NEGLIGIBLE_SPAN_PX:
         return None
-    spread = sum(_spread(half) for half in halves)
-    count = moment_count(spread, coc_px, most)
-    start, half_way, end = (part.mean(axis=0) for part in (opening, middle, closing))
+    spread = sum(np.linalg.norm(half - half.mean(axis=0), axis=1) for half in halves)
+    count = moment_count(spread, np.abs(coc_px).min(axis=0), most)
+    start, half_way, end = (part.mean(axis=0) for part in places)
     # the mean's way is a parabola through its three places
     at = np.linspace(-1.0, 1.0, count + 1)[:, None]
     centres = half_way + 0.5 * at * (end - start) + 0.5 * at**2 * (start + end - 2.0 * half_way)
-    return Motion(span_px=span, spread_px=spread, ways=np.diff(centres, axis=0))
-
-
-def _spread(ways: Float64) -> float:
-    return float(np.linalg.norm(ways - ways.mean(axis=0), axis=1).max())
+    return Motion(
+        span_px=span,
+        spread_px=float(spread.max()),
+        refocus_px=float(np.ptp(coc_px, axis=0).max()),
+        ways=np.diff(centres, axis=0),
+    )
 
 
 def smeared(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
@@ -145,44 +158,55 @@ def way_kernel(way_px: Float64) -> Float32:
     return kernel[1:-1, 1:-1].astype(np.float32)
 
 
-def through_shutter(
-    moments: Iterable[ObjectLayer | None],
-    ways: Float64,
-    blur: Callable[[ObjectLayer], BlurredLayer],
-    frame: Box,
-) -> BlurredLayer:
-    """The mean of an object's pictures at some moments, each smeared over its share of the time.
+def averaged(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:
+    """The mean of an object's sharp pictures at some moments.
+
+    What is blurred later is blurred once: discs add up as light does. Only where parts of another
+    CoC cross one pixel in the meantime do both get the mean of the two.
 
     Args:
-        moments: the sharp layers in order; drawn on this thread, one at a time; None among them
-            is an object out of view.
-        ways: way that each is smeared along (K, 2) [px].
-        blur: what the lens makes of one; runs on another thread.
-        frame: the frame's own box.
+        layers: in any order, each held no longer than it takes; None: out of view at that moment.
 
     Returns:
-        Premultiplied scene-linear, on the pixels that any of them reach.
+        Premultiplied mean; disparity is the mean by coverage. None: never in view.
     """
-    total = np.zeros((frame.height, frame.width, 4), np.float32)
-    share = np.float32(1.0 / len(ways))
-    reached: list[Box] = []
+    held, count = Box(0, 0, 0, 0), 0
+    rgba, known = np.zeros((0, 0, 4), np.float32), np.zeros((2, 0, 0), np.float32)
+    for layer in layers:
+        count += 1
+        if layer is None:
+            continue
+        box = held.joined(layer.box)
+        if box != held:
+            wider = np.zeros((box.height, box.width, 4), np.float32)
+            known_there = np.zeros((2, box.height, box.width), np.float32)
+            if not held.empty:
+                wider[held.slices_in(box)] = rgba
+                known_there[(slice(None), *held.slices_in(box))] = known
+            held, rgba, known = box, wider, known_there
+        at = layer.box.slices_in(held)
+        rgba[at] += layer.rgba
+        coverage = layer.rgba[..., 3] * np.isfinite(layer.depth)
+        known[0][at] += coverage
+        known[1][at] += coverage / np.maximum(layer.depth, np.float32(_NEAREST))
+    if held.empty:
+        return None
+    depth = np.full(known.shape[1:], np.inf, np.float32)
+    np.divide(known[0], known[1], where=known[1] > 0.0, out=depth)
+    return ObjectLayer(box=held, rgba=rgba / np.float32(count), depth=depth)
 
-    def add(layer: ObjectLayer, way_px: Float64) -> None:
-        part = smeared(blur(layer), way_px, frame)
-        if not part.box.empty:
-            total[part.box.slices_in(frame)] += share * part.rgba
-            reached.append(part.box)
 
-    # While OpenGL draws one moment another is blurred; they are added in order.
-    with ThreadPoolExecutor(1, thread_name_prefix="shutter") as blurring:
-        before: Future[None] | None = None
-        for layer, way_px in zip(moments, ways, strict=True):
-            if before is not None:
-                before.result()
-            before = blurring.submit(add, layer, way_px) if layer is not None else None
-        if before is not None:
-            before.result()
-    if not reached:
-        return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
-    box = reduce(Box.joined, reached)
-    return BlurredLayer(box=box, rgba=total[box.slices_in(frame)])
+def mean_of_blurred(layers: Sequence[BlurredLayer], counts: Sequence[int]) -> BlurredLayer:
+    """The mean of blurred pictures that stand for so many moments each.
+
+    Args:
+        layers: premultiplied, each inside the frame.
+        counts: moments of each.
+    """
+    if len(layers) == 1:
+        return layers[0]
+    box = reduce(Box.joined, (layer.box for layer in layers))
+    total = np.zeros((box.height, box.width, 4), np.float32)
+    for layer, count in zip(layers, counts, strict=True):
+        total[layer.box.slices_in(box)] += np.float32(count / sum(counts)) * layer.rgba
+    return BlurredLayer(box=box, rgba=total)

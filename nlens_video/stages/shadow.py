@@ -28,7 +28,7 @@ _RETURNED = 0.4  # of the light from around that a body hides, by its own bright
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening is smooth: one pixel in so many each way is enough [px]
 _FAINT = 0.03  # a share below which nobody sees it: bounds how far contact darkening reaches
-_PIXELS_A_DISC = 3.0  # across the smallest disc that the ground's blur spreads [px]
+_PIXELS_A_DISC = 4.0  # across the smallest disc that the ground's blur spreads [px]
 _BLACKEST = 0.999  # the most that is taken away: something always comes back from around
 
 

@@ -1,6 +1,7 @@
 """Motion blur: against hand-worked kernels and against hundreds of moments."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,14 +13,18 @@ from scene.glb_builder import GlbBuilder
 
 from nlens_video.cli import main
 from nlens_video.effects.planner import MOTION_BLUR, Circumstances, decide
-from nlens_video.frames import BlurredLayer, Box
+from nlens_video.frames import BlurredLayer, Box, ObjectLayer
+from nlens_video.kernels.scatter import blur_reach, scatter
+from nlens_video.lens import LensFit
 from nlens_video.shutter import Shutter
+from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 from nlens_video.stages.motion_blur import (
     MOST_MOMENTS,
+    averaged,
+    mean_of_blurred,
     measure_motion,
     moment_count,
     smeared,
-    through_shutter,
     way_kernel,
 )
 
@@ -63,14 +68,19 @@ def test_number_of_moments_is_odd_and_limited():
 
 
 def test_motion_below_a_pixel_is_not_called_for():
-    def places(moment):
-        return np.array([[10.0 + 0.9 * moment, 20.0]])
+    places = [np.array([[10.0 + 0.9 * moment, 20.0]]) for moment in (-0.5, 0.0, 0.5)]
+    assert measure_motion(places, np.zeros((3, 1))) is None
+    assert measure_motion([3.0 * seen for seen in places], np.zeros((3, 1))) is not None
 
-    assert measure_motion(places, (-0.5, 0.0, 0.5), 0.0) is None
 
-
-def test_vertices_behind_the_camera_have_no_motion_on_the_screen():
-    assert measure_motion(lambda moment: None, (0.0, 0.5, 1.0), 0.0) is None
+def test_fast_parts_that_are_out_of_focus_take_no_more_moments_than_slow_ones_in_focus():
+    still, moved = np.zeros((3, 2)), np.array([[0.0, 0.0], [2.0, 0.0], [16.0, 0.0]])
+    places = [still, 0.5 * moved, moved]
+    in_focus, fast_blurred = (
+        measure_motion(places, np.tile(coc_px, (3, 1))) for coc_px in ([0.0] * 3, [0.0, 0.0, 20.0])
+    )
+    assert len(in_focus.ways) == 5 and len(fast_blurred.ways) == 3
+    assert in_focus.spread_px == fast_blurred.spread_px == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize(
@@ -114,6 +124,52 @@ def spinning_glb(path, turn=np.pi / 3, way=0.5, seconds=0.2):
     return builder.write(path)
 
 
+def card_at(x, depth, shade):
+    """A square of 40 px on a layer of its own, its depth the same all over."""
+    rgba = np.zeros((60, 60, 4), np.float32)
+    rgba[10:50, 10:50] = (shade, 0.5, 0.2, 1.0)
+    away = np.where(rgba[..., 3] > 0.0, np.float32(depth), np.float32(np.inf))
+    return ObjectLayer(box=Box(x, 30, x + 60, 90), rgba=rgba, depth=away)
+
+
+@pytest.mark.parametrize(("nearer", "parts"), [(0.004, 1), (0.012, 3)])
+def test_mean_of_sharp_pictures_goes_through_the_lens_at_once_unless_the_blur_changes(
+    nearer, parts
+):
+    # it slides by 8 px and comes nearer, out of the focus at depth 1
+    layers = [card_at(50 + 2 * i, 1.0 - nearer * i, 0.3 + 0.01 * i) for i in range(5)]
+    fit = LensFit(slope=60.0, intercept=-60.0, width=shots.WIDTH, height=shots.HEIGHT)
+    lens = ReblurLayer(scatter=scatter, reach=blur_reach)
+    frame = Box(0, 0, 200, 120)
+
+    def through_lens(layer):
+        return lens(object_coc(layer, fit), frame)
+
+    def whole(layer):
+        out = np.zeros((120, 200, 4), np.float32)
+        out[layer.box.slices_in(frame)] = layer.rgba
+        return out
+
+    disparity = [[1.0 / (1.0 - nearer * at)] for at in (-0.5, 2.0, 4.5)]
+    motion = measure_motion(
+        [np.array([[x, 0.0]]) for x in (0.0, 5.0, 10.0)], fit.coc_px(np.array(disparity))
+    )
+    motion = replace(motion, ways=np.zeros((5, 2)))
+    assert len(motion.parts) == parts
+    truth = np.mean([whole(through_lens(layer)) for layer in layers], axis=0)
+    means = [through_lens(averaged(layers[number] for number in part)) for part in motion.parts]
+    result = whole(mean_of_blurred(means, [len(part) for part in motion.parts]))
+    assert psnr(result, truth, truth[..., 3] > 0) > 45
+    assert psnr(whole(through_lens(layers[2])), truth, truth[..., 3] > 0) < 32
+
+
+def test_moment_out_of_view_counts_as_nothing():
+    half = averaged([card_at(50, 1.0, 0.4), None])
+    assert half.rgba[30, 30] == pytest.approx([0.2, 0.25, 0.1, 0.5])
+    assert half.depth[30, 30] == pytest.approx(1.0) and np.isinf(half.depth[0, 0])
+    assert averaged([None, None]) is None
+
+
 def psnr(a, b, where):
     return -10 * np.log10(np.mean((a - b)[where] ** 2))
 
@@ -122,10 +178,7 @@ def psnr(a, b, where):
 @pytest.mark.parametrize("coc_px", [0.0, 12.0])
 def test_turning_and_sliding_card_is_what_hundreds_of_moments_show(tmp_path, coc_px):
     from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-    from nlens_video.kernels.scatter import blur_reach, scatter
-    from nlens_video.lens import LensFit
     from nlens_video.scene.gltf import Scene
-    from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 
     scene = Scene.load(spinning_glb(tmp_path / "card.glb"))
     camera = shots.camera()
@@ -141,16 +194,15 @@ def test_turning_and_sliding_card_is_what_hundreds_of_moments_show(tmp_path, coc
     def places(moment):
         return camera.pixels(camera.to_camera(scene.pose(moment).vertices().astype(np.float64)))
 
-    motion = measure_motion(
-        places, (0.1 - 0.5 * shutter.open_s, 0.1, 0.1 + 0.5 * shutter.open_s), coc_px
-    )
+    coc = np.full((3, len(places(0.1))), coc_px)
+    motion = measure_motion([places(moment) for moment in shutter.edges(0.1)], coc)
     assert motion is not None and motion.span_px > 20
 
     def exposed(ways):
         with PyrenderObjectRenderer(scene) as renderer:
             moments = shutter.middles(0.1, len(ways))
-            layers = (renderer.render(moment, camera) for moment in moments)
-            layer = through_shutter(layers, ways, through_lens, FRAME)
+            mean = averaged(renderer.render(moment, camera) for moment in moments)
+        layer = smeared(through_lens(mean), ways.mean(axis=0), FRAME)
         whole = np.zeros((FRAME.height, FRAME.width, 4), np.float32)
         whole[layer.box.slices_in(FRAME)] = layer.rgba
         return whole

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlens_video.frames import Box
-from nlens_video.kernels.cast import count_covered, new_counts
+from nlens_video.kernels.cast import PER_PIXEL, edges_of, mark_covered
 from nlens_video.kernels.cast_ref import covered
 from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.lens import LensFit
@@ -19,7 +19,7 @@ from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.irradiance import from_around, from_lamp
 from nlens_video.scene.lights import Light, PosedLight
 from nlens_video.scene.solid import Solid
-from nlens_video.stages.darken import Darken
+from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.shadow import CastShadow
 from nlens_video.video.picture import ArrayPicture
 
@@ -58,7 +58,7 @@ def loss(shadow):
 
 
 def cast(light, camera=None, fit=None, vertices=CARD, **given):
-    casters = Casters(vertices, FACES)
+    casters = Casters(vertices, FACES, edges_of(FACES))
     return CastShadow(**given)(casters, light, camera or looking_down(), 0.0, fit)
 
 
@@ -164,7 +164,7 @@ def test_no_shadow_above_the_horizon_or_from_below_the_ground():
 
 def test_what_is_sunk_into_the_ground_casts_nothing():
     wall = np.array([[0.0, -1.0, -0.5], [0.0, -1.0, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
-    sunk = Solid.above(wall, FACES, 0.0)
+    sunk = Solid.above(wall, FACES, edges_of(FACES), 0.0)
     used = sunk.vertices[sunk.faces.ravel()]
     assert used[:, 1].min() == pytest.approx(0.0) and used[:, 1].max() == 1.0
     corners = sunk.vertices[sunk.faces]
@@ -215,10 +215,30 @@ def test_shadow_that_lies_beside_the_frame_blurs_into_it():
     assert (after[60, -3:] < 0.499).all() and (after[60, :-12] == 0.5).all()
 
 
-def test_the_same_moment_gives_the_same_bits():
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_the_same_moment_gives_the_same_bits_on_any_number_of_threads(threads):
     light = of_sun(ambient=0.5, diameter=0.2)
-    first, second = cast(light), cast(light)
+    first, second = cast(light), cast(light, threads=threads)
     assert first.box == second.box and np.array_equal(first.loss, second.loss)
+
+
+def test_shadow_on_blurred_ground_is_cast_coarsely_and_looks_the_same():
+    plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    light = of_sun(ambient=0.5, diameter=0.2)
+    fit = LensFit(slope=0.0, intercept=17.0, width=WIDTH, height=HEIGHT)
+    coarse = cast(light, fit=fit, lamp_points=64)
+    assert coarse.step == 4 and cast(light).step == 1
+    whole = cast(light, lamp_points=64)
+    fine = Shadow(box=whole.box, loss=whole.loss, coc_px=np.full_like(whole.coc_px, 17.0))
+    assert darkened(plate, coarse) == pytest.approx(darkened(plate, fine), abs=3.0 / 255)
+    assert coarse.fine.loss.sum() == pytest.approx(fine.loss.sum(), rel=0.02)
+
+
+def marked(size, points, faces, at):
+    bits = np.zeros(size, np.uint8)
+    mark_covered(bits, 5, (points, faces, edges_of(faces)), np.eye(3, 4), at)
+    assert not (bits & ~np.uint8(1 << 5)).any()
+    return bits > 0
 
 
 @settings(max_examples=30, deadline=None)
@@ -227,10 +247,33 @@ def test_covered_pixels_are_those_of_the_definition_behind_the_camera_too(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(9, 3)) * (30, 30, 1) + (10, 10, 0.5)
     faces = np.arange(9, dtype=np.int32).reshape(3, 3)
-    counts = new_counts(17, 23)
-    count_covered(counts, points, faces, 1, (0.3, 0.7))
-    truth = covered((17, 23), points, faces, (0.3, 0.7))
-    assert (counts[0].astype(bool) != truth).sum() <= 1  # a pixel on an edge may go either way
+    size, at = (17, 23), (0.3, 0.7)
+    # places are rounded: a pixel counts where the definition is sure all around it
+    little = 1.0 / PER_PIXEL
+    around = [
+        covered(size, points, faces, (at[0] + dx, at[1] + dy))
+        for dx in (-little, 0.0, little)
+        for dy in (-little, 0.0, little)
+    ]
+    found = marked(size, points, faces, at)
+    assert (found | ~np.all(around, axis=0)).all() and (~found | np.any(around, axis=0)).all()
+
+
+def test_meshes_with_inner_edges_folds_and_borders_leave_neither_gap_nor_spill():
+    rng = np.random.default_rng(7)
+    x, y = np.meshgrid(np.linspace(4, 60, 12), np.linspace(4, 40, 9))
+    rough = np.column_stack([x.ravel(), y.ravel()]) + rng.normal(size=(108, 2)) * 4.0  # folds over
+    points = np.column_stack([np.round(rough * PER_PIXEL) / PER_PIXEL + 0.001, np.ones(108)])
+    number = np.arange(108).reshape(9, 12)
+    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:],
+                                            number[1:, :-1]))  # fmt: skip
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+    faces = faces[rng.permutation(len(faces))[:150]]  # with holes
+    turned = rng.random(len(faces)) < 0.3  # and faces that turn the other way
+    faces[turned] = faces[turned][:, ::-1]
+    at = (0.501, 0.501)  # places are whole parts of a pixel from here: nothing is rounded
+    assert np.array_equal(marked((44, 64), points, faces, at), covered((44, 64), points, faces, at))
+    assert len(edges_of(faces)) < 3 * len(faces)
 
 
 @pytest.mark.needs_truth

@@ -10,7 +10,7 @@ from nlens_video.frames import Box
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.shadow_stages import alike, make_darken, make_shadow
 from nlens_video.graph.tools import LitGround, ShotRecord, Tools
-from nlens_video.kernels.cast import count_covered, new_counts
+from nlens_video.kernels.cast import edges_of, mark_covered
 from nlens_video.kernels.cast_ref import covered, stopped
 from nlens_video.kernels.cast_veils import count_veiled, new_veiled
 from nlens_video.lens import LensFit
@@ -128,12 +128,13 @@ def test_what_is_stopped_is_as_the_definition_has_it(seed):
         float(rng.choice([-1.0, 0.35])),
     )
     opaque = rng.normal(size=(3, 3)) * (20, 20, 1) + (8, 6, 0.7)
-    counts, veiled = new_counts(*size), new_veiled(*size)
+    bits, veiled = np.zeros(size, np.uint8), new_veiled(*size)
+    one = np.array([[0, 1, 2]], np.int32)
     for call in (1, 2):  # a second call takes as much again
-        count_covered(counts, opaque, np.array([[0, 1, 2]], np.int32), call, at)
-        count_veiled(veiled, counts, points, surface, faces, texture, call, at)
+        mark_covered(bits, call - 1, (opaque, one, edges_of(one)), np.eye(3, 4), at)
+        count_veiled(veiled, (bits, call - 1), points, surface, faces, texture, call, at)
     truth = stopped(size, points, surface, faces, texture, at)
-    truth[covered(size, opaque, np.array([[0, 1, 2]], np.int32), at)] = 0.0
+    truth[covered(size, opaque, one, at)] = 0.0
     assert (np.abs(veiled.taken - 2 * truth) > 1e-3).sum() <= 2  # pixels on an edge
 
 
