@@ -23,10 +23,10 @@ from nlens_video.frames import (
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.tools import Made, Tools, Unavailable
 from nlens_video.lens import LensFit
+from nlens_video.stages.darken import Shadow
 from nlens_video.stages.in_front import CoverByCoc, CoverByDepth, object_disparity
 from nlens_video.stages.occlusion import Foreground, cover_of
 from nlens_video.stages.reflection import LayReflection, MirrorObject
-from nlens_video.stages.darken import Shadow
 
 if TYPE_CHECKING:
     from nlens_video.graph.stream import StreamFrame
