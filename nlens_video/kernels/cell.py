@@ -1,6 +1,7 @@
 """Blur of one view of the lens over its own cell of the aperture: `cell_ref`, made fast.
 
-Discs are small, so each pixel gathers from those around it, many columns at a time.
+Discs are small, so each pixel gathers from those around it: sixteen columns at a time, whose sums
+stay in registers while their neighbours pass, from the nearest on as far as any disc there reaches.
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ from numba import njit
 
 from nlens_video.frames import Bool, Box, Float32, Float64
 from nlens_video.kernels.disc import coverage, fitted_radius
+from nlens_video.kernels.extend import Int32
+from nlens_video.kernels.lanes import all_sixteen, chosen, put_sixteen, sixteen
+from nlens_video.kernels.scratch import scratch
 
 LARGEST_RADIUS_PX = 8.0
 """Largest radius that is gathered; beyond it a scatter costs less [px]."""
 STEPS = 32
 """Entries of a table per pixel of radius."""
 # numba's cache follows changes of this file only, so the kernels' numbers stand here.
-_CHUNK = 128  # columns that are gathered at a time, more than any disc reaches [px]
+_LANES = 16  # columns that are gathered at a time, more than any disc reaches [px]
 _RADIUS, _SHARE, _COC, _PLANES = 4, 5, 6, 7  # after the four of the light
-_NEAR, _WEIGHTS, _BEFORE, _ROOM = 5, 10, 11, 12
 _NOWHERE = np.float32(-1e9)
+_ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 
 def ramp(distance: Float64, radius: float) -> Float64:
@@ -107,18 +111,32 @@ def blur_cell(
     largest = float(np.max(np.abs(coc_px), where=covered, initial=0.0))
     if not largest <= 2.0 * LARGEST_RADIUS_PX:
         raise ValueError(f"a CoC of {largest} px; at most {2.0 * LARGEST_RADIUS_PX} is gathered")
-    out = np.zeros((target.height, target.width, 4), np.float32)
     reach = cell_reach(largest, pixel_aspect)
-    around = target.grown(reach)
-    planes = np.empty((around.height, _PLANES, around.width), np.float32)
-    widest = np.zeros((around.height, -(-target.width // _CHUNK) + 2), np.float32)
+    tiles = -(-target.width // _LANES)
+    around = Box(
+        target.x0 - reach, target.y0 - reach,
+        target.x0 + tiles * _LANES + reach, target.y1 + reach,
+    )  # fmt: skip
+    planes = scratch("cell", (around.height, _PLANES, around.width))
+    widest = scratch("cell widest", (around.height, tiles + 2))
+    widest[:] = 0.0
     _lay_out(
         np.ascontiguousarray(light, np.float32), np.ascontiguousarray(covered),
         np.ascontiguousarray(coc_px, np.float32), cell_table(pixel_aspect),
         (around.y0, around.x0, reach), planes, widest,
     )  # fmt: skip
-    _gather(planes, widest, reach, 1.0 / pixel_aspect, out)
+    out = np.empty((target.height, target.width, 4), np.float32)
+    _gather(planes, widest, reach, *_neighbours(reach, pixel_aspect), out)
     return out
+
+
+@lru_cache(maxsize=32)
+def _neighbours(reach: int, pixel_aspect: float) -> tuple[Int32, Float32]:
+    """Rows and columns (n, 2) that a neighbour is away by, and how far (n,), the nearest first."""
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
+    distance = np.hypot(x, y / pixel_aspect)
+    order = np.lexsort((x, y, distance))  # the same, however far they reach
+    return np.stack([y, x], 1)[order].astype(np.int32), distance[order].astype(np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,18 +153,21 @@ def _lay_out(
         table: `cell_table`.
         place: row and column of the view at which the planes start, how far discs reach.
         planes: to fill in; where nothing is, it lies behind everything and spreads nothing.
-        widest: largest radius of each chunk of a row (h, chunks + 2), one more on each side [px].
+        widest: largest radius of each tile of a row (h, tiles + 2), one more on each side [px].
     """
     top, left, reach = place
+    first = max(0, -left)
     for y in range(planes.shape[0]):
         row = y + top
         of_row = planes[y]
+        last = min(planes.shape[2], covered.shape[1] - left)
+        if not 0 <= row < covered.shape[0]:
+            last = 0
         for x in range(planes.shape[2]):
             column = x + left
-            inside = 0 <= row < covered.shape[0] and 0 <= column < covered.shape[1]
-            if not inside or not covered[row, column]:
+            if not first <= x < last or not covered[row, column]:
                 for k in range(_COC):
-                    of_row[k, x] = 0.0
+                    of_row[k, x] = _ZERO
                 of_row[_COC, x] = _NOWHERE
                 continue
             for k in range(4):
@@ -161,94 +182,78 @@ def _lay_out(
             of_row[_RADIUS, x] = radius
             of_row[_SHARE, x] = low + part * (table[1, entry + 1] - low)
             of_row[_COC, x] = coc
-            chunk = (x - reach + _CHUNK) // _CHUNK
-            widest[y, chunk] = max(widest[y, chunk], radius)
+            tile = (x - reach + _LANES) // _LANES
+            widest[y, tile] = max(widest[y, tile], radius)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_from(
-    theirs: Float32, start: int, mine: Float32, first: int, distance: np.float32, sums: Float32,
-    count: int,
-) -> None:  # fmt: skip
-    """Add what some of a row's pixels give to as many pixels of another row.
-
-    Args:
-        theirs: planes of the row that gives (7, w).
-        start: column of it that gives to the first pixel.
-        mine: planes of the row of the pixels.
-        first: column of the first pixel.
-        distance: between the two [px, columns].
-        sums: to add to (12, n): light and weight of all, light and weight of what lies before;
-            room for two rows of weights.
-        count: how many pixels [1].
-    """
-    stop, last = start + count, first + count
-    radii, my_radii = theirs[_RADIUS, start:stop], mine[_RADIUS, first:last]
-    shares, my_shares = theirs[_SHARE, start:stop], mine[_SHARE, first:last]
-    depths, my_depths = theirs[_COC, start:stop], mine[_COC, first:last]
-    weights, before = sums[_WEIGHTS, :count], sums[_BEFORE, :count]
-    rim = np.float32(0.5) - distance
-    zero, one = np.float32(0.0), np.float32(1.0)
-    # Loops of few arrays each: of more the compiler makes no vectors.
-    for x in range(count):
-        nearer = depths[x] > my_depths[x]
-        radius = radii[x] if nearer else my_radii[x]
-        share = shares[x] if nearer else my_shares[x]
-        weights[x] = min(max(radius + rim, zero), one) * share
-    for x in range(count):
-        before[x] = weights[x] if depths[x] > my_depths[x] else zero
-    for k in range(4):
-        light, whole, near = theirs[k, start:stop], sums[k, :count], sums[_NEAR + k, :count]
-        for x in range(count):
-            whole[x] += weights[x] * light[x]
-            near[x] += before[x] * light[x]
-    whole, near = sums[4, :count], sums[_NEAR + 4, :count]
-    for x in range(count):
-        whole[x] += weights[x]
-        near[x] += before[x]
+def _rim(widest: Float32, y: int, rows: int, tile: int) -> np.float32:
+    """How far discs reach that may touch a tile, 0 where there are none [px]."""
+    found = _ZERO
+    for row in range(y, y + rows):
+        for beside in range(tile, tile + 3):
+            found = max(found, widest[row, beside])
+    return found + _HALF if found > _ZERO else _ZERO
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _finish(sums: Float32, depths: Float32, out: Float32) -> None:
-    """Lay what lies before some pixels (n, 4) over the rest, seen as far as that leaves room."""
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for x in range(out.shape[0]):
-        near = sums[_NEAR + 4, x]
-        behind = zero
-        if depths[x] != _NOWHERE:
-            behind = max(one - near, zero) / (sums[4, x] - near)
-        scale = one / max(near, one)
-        for k in range(4):
-            before = sums[_NEAR + k, x]
-            out[x, k] = scale * before + behind * (sums[k, x] - before)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _gather(planes: Float32, widest: Float32, reach: int, tall: float, out: Float32) -> None:
+def _gather(
+    planes: Float32, widest: Float32, reach: int, places: Int32, distances: Float32, out: Float32
+) -> None:
     """Fill in the target (H, W, 4).
 
     Args:
         planes: see `_lay_out`, `reach` pixels larger than the target on each side.
         widest: see there.
         reach: how far discs reach at most [px].
-        tall: height of a pixel by its width [1].
+        places: from `_neighbours`.
+        distances: likewise.
         out: to fill in.
     """
     height, width = out.shape[:2]
-    sums = np.empty((_ROOM, _CHUNK), np.float32)
+    stride = planes.shape[2]
+    zero, one = all_sixteen(_ZERO), all_sixteen(_ONE)
+    of_tile = np.empty((4, _LANES), np.float32)
     for y in range(height):
-        mine = planes[y + reach]
-        for first in range(0, width, _CHUNK):
-            chunk = first // _CHUNK
-            rim = widest[y : y + 2 * reach + 1, chunk : chunk + 3].max() + np.float32(0.5)
-            if rim == np.float32(0.5):
-                continue
-            sums[:] = np.float32(0.0)
-            count, at = min(_CHUNK, width - first), first + reach
-            for dy in range(-reach, reach + 1):
-                theirs = planes[y + reach + dy]
-                for dx in range(-reach, reach + 1):
-                    distance = np.float32(math.sqrt(dx * dx + dy * dy * tall * tall))
-                    if distance < rim:
-                        _add_from(theirs, at + dx, mine, at, distance, sums, count)
-            _finish(sums, mine[_COC, at : at + count], out[y, first : first + count])
+        for first in range(0, width, _LANES):
+            rim = _rim(widest, y, 2 * reach + 1, first // _LANES)
+            here = (y + reach) * _PLANES * stride + first + reach
+            mine = sixteen(planes, here + _COC * stride)
+            my_radius = sixteen(planes, here + _RADIUS * stride) + all_sixteen(_HALF)
+            my_share = sixteen(planes, here + _SHARE * stride)
+            r = g = b = a = weights = zero  # of all
+            near_r = near_g = near_b = near_a = near = zero  # of what lies before
+            for k in range(distances.shape[0]):
+                if distances[k] >= rim:
+                    break
+                away = all_sixteen(distances[k])
+                there = here + places[k, 0] * _PLANES * stride + places[k, 1]
+                coc = sixteen(planes, there + _COC * stride)
+                radius = sixteen(planes, there + _RADIUS * stride) + all_sixteen(_HALF)
+                share = sixteen(planes, there + _SHARE * stride)
+                covered = chosen(coc, mine, radius, my_radius) - away
+                covered = chosen(covered, zero, covered, zero)
+                weight = chosen(covered, one, one, covered) * chosen(coc, mine, share, my_share)
+                before = chosen(coc, mine, weight, zero)
+                light = sixteen(planes, there)
+                r, near_r = r + weight * light, near_r + before * light
+                light = sixteen(planes, there + stride)
+                g, near_g = g + weight * light, near_g + before * light
+                light = sixteen(planes, there + 2 * stride)
+                b, near_b = b + weight * light, near_b + before * light
+                light = sixteen(planes, there + 3 * stride)
+                a, near_a = a + weight * light, near_a + before * light
+                weights, near = weights + weight, near + before
+            # What lies before is laid over the rest, seen as far as that leaves room.
+            room = chosen(one, near, one - near, zero)
+            rest = weights - near
+            behind = chosen(rest, zero, room / chosen(rest, zero, rest, one), zero)
+            behind = chosen(mine, all_sixteen(_NOWHERE), behind, zero)
+            scale = one / chosen(near, one, near, one)
+            put_sixteen(of_tile, 0, scale * near_r + behind * (r - near_r))
+            put_sixteen(of_tile, _LANES, scale * near_g + behind * (g - near_g))
+            put_sixteen(of_tile, 2 * _LANES, scale * near_b + behind * (b - near_b))
+            put_sixteen(of_tile, 3 * _LANES, scale * near_a + behind * (a - near_a))
+            for x in range(min(_LANES, width - first)):
+                for c in range(4):
+                    out[y, first + x, c] = of_tile[c, x]

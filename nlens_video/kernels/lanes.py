@@ -1,7 +1,8 @@
-"""Four float32 numbers as one value inside compiled kernels: a vector register, by name.
+"""Four or sixteen float32 numbers as one value inside compiled kernels: a vector, by name.
 
-numba makes vector instructions of loops over long arrays only. What is worked out point by point,
-from four numbers here and four there, it takes one by one; with these it does not.
+numba makes vector instructions of plain loops over long arrays only. What is worked out point by
+point from four numbers here and four there it takes one by one, and what is summed over many steps
+it keeps in memory; with these it does not.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from numba.extending import intrinsic, lower_builtin
 # `Any` throughout: numba's and llvmlite's code generators have no types of their own, and to a type
 # checker a kernel is plain Python, in which the values below do not exist.
 Float4 = Any
+Float16 = Any
 _signature: Any = signature
 _register: Any = infer_global
 _lower: Any = lower_builtin
 _initialise: Any = types.Type.__init__
 _hold: Any = PrimitiveModel.__init__
+
 Generator = tuple[Any, Callable[..., Any]]
 _INT32 = ir.IntType(32)
-FLOATS = ir.VectorType(ir.FloatType(), 4)
-_ORDER = ir.VectorType(_INT32, 4)
 FUSED = ("contract",)  # a product and a sum may be rounded once in the place of twice
 
 
@@ -41,28 +42,38 @@ def instruction(generator: Callable[..., Generator]) -> Any:  # noqa: ANN401
     return intrinsic(generator)
 
 
-class _Float4(types.Type):
-    """The type of four numbers, to numba."""
+class _Lanes(types.Type):
+    """The type of so many numbers, to numba."""
 
-    def __init__(self) -> None:
-        _initialise(self, name="Float4")
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.vector = ir.VectorType(ir.FloatType(), count)
+        _initialise(self, name=f"Float{count}")
 
 
-FLOAT4 = _Float4()
+FLOAT4, FLOAT16 = _Lanes(4), _Lanes(16)
+FLOATS = FLOAT4.vector
 
 
-@register_default(_Float4)
-class _Float4Model(PrimitiveModel):
+@register_default(_Lanes)
+class _LanesModel(PrimitiveModel):
     """Held as a vector of LLVM's."""
 
-    def __init__(self, manager: object, kind: object) -> None:
-        _hold(self, manager, kind, FLOATS)
+    def __init__(self, manager: object, kind: _Lanes) -> None:
+        _hold(self, manager, kind, kind.vector)
 
 
-def spread(builder: Any, value: Any) -> Any:  # noqa: ANN401
-    """LLVM's code for a number in all four lanes."""
-    one = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), value, _INT32(0))
-    return builder.shuffle_vector(one, one, ir.Constant(_ORDER, [0] * 4))
+def spread(builder: Any, value: Any, count: int = 4) -> Any:  # noqa: ANN401
+    """LLVM's code for a number in all of so many lanes."""
+    empty = ir.Constant(ir.VectorType(ir.FloatType(), count), ir.Undefined)
+    one = builder.insert_element(empty, value, _INT32(0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INT32, count), [0] * count))
+
+
+def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:  # noqa: ANN401
+    """Address of the numbers of a contiguous array from the flat index `index` on."""
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
 @instruction
@@ -70,21 +81,32 @@ def row(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
     """Compile: row `index` >= 0 of contiguous float32 values (n, 4)."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
-        data = context.make_array(signature.args[0])(context, builder, given[0]).data
-        at = builder.gep(data, [builder.shl(given[1], given[1].type(2))])
-        return builder.load(builder.bitcast(at, FLOATS.as_pointer()), align=4)
+        first = builder.shl(given[1], given[1].type(2))
+        at = _address(context, builder, signature.args[0], given[0], first, FLOATS)
+        return builder.load(at, align=4)
 
     return FLOAT4(values, types.intp), generate
 
 
 @instruction
-def put_row(_: Any, values: Any, index: Any, numbers: Any) -> Generator:  # noqa: ANN401
-    """Compile: write row `index` >= 0 of contiguous float32 values (n, 4)."""
+def sixteen(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
+    """Compile: sixteen numbers of a contiguous float32 array from the flat index >= 0 on."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
-        data = context.make_array(signature.args[0])(context, builder, given[0]).data
-        at = builder.gep(data, [builder.shl(given[1], given[1].type(2))])
-        builder.store(given[2], builder.bitcast(at, FLOATS.as_pointer()), align=4)
+        at = _address(context, builder, signature.args[0], given[0], given[1], FLOAT16.vector)
+        return builder.load(at, align=4)
+
+    return FLOAT16(values, types.intp), generate
+
+
+@instruction
+def put_sixteen(_: Any, values: Any, index: Any, numbers: Any) -> Generator:  # noqa: ANN401
+    """Compile: write sixteen numbers to a contiguous float32 array from the flat index >= 0 on."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+        kind, vector = signature.args[0], FLOAT16.vector
+        at = _address(context, builder, kind, given[0], given[1], vector)
+        builder.store(given[2], at, align=4)
         return context.get_dummy_value()
 
     return types.void(values, types.intp, numbers), generate
@@ -101,21 +123,18 @@ def all_of(_: Any, value: Any) -> Generator:  # noqa: ANN401
 
 
 @instruction
-def four(_: Any, a: Any, b: Any, c: Any, d: Any) -> Generator:  # noqa: ANN401
-    """Compile: four numbers as one value."""
+def all_sixteen(_: Any, value: Any) -> Generator:  # noqa: ANN401
+    """Compile: a number sixteen times."""
 
     def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
-        made = ir.Constant(FLOATS, ir.Undefined)
-        for lane, value in enumerate(given):
-            made = builder.insert_element(made, value, _INT32(lane))
-        return made
+        return spread(builder, given[0], FLOAT16.count)
 
-    return FLOAT4(*(types.float32,) * 4), generate
+    return FLOAT16(types.float32), generate
 
 
 @instruction
 def lane(_: Any, numbers: Any, index: Any) -> Generator:  # noqa: ANN401
-    """Compile: one of the four numbers."""
+    """Compile: one of the numbers."""
 
     def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
         return builder.extract_element(given[0], builder.trunc(given[1], _INT32))
@@ -123,10 +142,20 @@ def lane(_: Any, numbers: Any, index: Any) -> Generator:  # noqa: ANN401
     return types.float32(numbers, types.intp), generate
 
 
-class _Arithmetic(ConcreteTemplate):
-    """Of four numbers and four numbers, four numbers."""
+@instruction
+def chosen(_: Any, one: Any, other: Any, if_greater: Any, if_not: Any) -> Generator:  # noqa: ANN401
+    """Compile: lane by lane, `if_greater` where `one` > `other`, else `if_not`."""
 
-    cases = (_signature(FLOAT4, FLOAT4, FLOAT4),)
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+        return builder.select(builder.fcmp_ordered(">", given[0], given[1]), given[2], given[3])
+
+    return one(one, other, if_greater, if_not), generate
+
+
+class _Arithmetic(ConcreteTemplate):
+    """Of two values of as many numbers, one."""
+
+    cases = tuple(_signature(kind, kind, kind) for kind in (FLOAT4, FLOAT16))
 
 
 def _define(symbol: object, name: str) -> None:
@@ -136,8 +165,10 @@ def _define(symbol: object, name: str) -> None:
         return getattr(builder, name)(*given, flags=FUSED)
 
     _register(symbol)(_Arithmetic)
-    _lower(symbol, FLOAT4, FLOAT4)(generate)
+    for kind in (FLOAT4, FLOAT16):
+        _lower(symbol, kind, kind)(generate)
 
 
-for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+_OPERATORS = (operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")
+for _symbol, _name in (*_OPERATORS, (operator.truediv, "fdiv")):
     _define(_symbol, _name)
