@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
@@ -121,15 +123,11 @@ class BoxRenderer(ABC):
                 another thread owns the context.
             SceneError: the animation scales the object beyond all numbers.
         """
-        self._check()
-        if self._posed is None or self._posed.time_s != time_s:
-            self._posed = self._scene.pose(time_s)
-        posed = self._posed
-        lighting = Lighting.of(self._light.on_object(posed.lights))
+        posed, lighting = self._moment(time_s)
         key = (*_key(posed, camera, lighting), margin)
         if not nearest and self._drawn is not None and self._drawn.key == key:
             return self._drawn.layer
-        sight = _sight(posed, camera, margin, nearest=nearest)
+        sight = sight_of(posed, camera, margin, nearest=nearest)
         if sight is None:
             return None
         rgba, depth = self._draw(posed, sight, lighting)
@@ -138,6 +136,38 @@ class BoxRenderer(ABC):
         if not nearest:
             self._drawn = _Drawn(key=key, posed=posed, sight=sight, lighting=lighting, layer=layer)
         return layer
+
+    def render_views(
+        self,
+        time_s: float,
+        cameras: Sequence[Camera],
+        margin: int,
+        use: Callable[[int, ObjectLayer | None], None],
+        *,
+        nearest: bool = False,
+    ) -> None:
+        """Draw the object from several points, and wait until all are used.
+
+        Args:
+            time_s: time of the animation [s].
+            cameras: as for `render`.
+            margin: likewise.
+            use: gets each camera's number and layer, in order; while it runs on a thread of its
+                own, this one draws the next view.
+            nearest: as for `render`.
+
+        Raises:
+            As `render`, and what `use` raises.
+        """
+        with ThreadPoolExecutor(1, thread_name_prefix="views") as using:
+            before: Future[None] | None = None
+            for at, camera in enumerate(cameras):
+                layer = self.render(time_s, camera, margin, nearest=nearest)
+                if before is not None:
+                    before.result()
+                before = using.submit(use, at, layer)
+            if before is not None:
+                before.result()
 
     def render_behind(
         self, front: ObjectLayer, region: Box, disparity_step: float
@@ -191,6 +221,13 @@ class BoxRenderer(ABC):
     ) -> BehindPicture | None:
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 
+    def _moment(self, time_s: float) -> tuple[PosedScene, Lighting]:
+        """The object and its light at a time."""
+        self._check()
+        if self._posed is None or self._posed.time_s != time_s:
+            self._posed = self._scene.pose(time_s)
+        return self._posed, Lighting.of(self._light.on_object(self._posed.lights))
+
     def _check(self) -> None:
         """Refuse what can't be drawn here and now."""
         if self._closed:
@@ -214,7 +251,7 @@ def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object,
     )
 
 
-def _sight(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> Sight | None:
+def sight_of(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> Sight | None:
     """The box that the object covers, with near and far depth; None if it is out of view."""
     seen = extent(posed, camera)
     lowest, highest = seen.nearest, seen.farthest

@@ -7,17 +7,17 @@ of threads gives the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
 from nlens_video.backends.behind import BehindPicture, Front
-from nlens_video.backends.box_renderer import BoxRenderer, Sight
+from nlens_video.backends.box_renderer import BoxRenderer, Sight, sight_of
 from nlens_video.backends.lighting import Lighting
 from nlens_video.backends.soft_object import SoftObject
 from nlens_video.backends.soft_picture import Rows, SoftPicture
-from nlens_video.frames import Box, Float32
+from nlens_video.frames import Box, Float32, ObjectLayer
 from nlens_video.kernels.pool import processors, share
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
@@ -47,6 +47,45 @@ class SoftwareObjectRenderer(BoxRenderer):
         super().__init__(scene, light)
         self._threads = threads
         self._object: SoftObject | None = None
+
+    def render_views(
+        self,
+        time_s: float,
+        cameras: Sequence[Camera],
+        margin: int,
+        use: Callable[[int, ObjectLayer | None], None],
+        *,
+        nearest: bool = False,
+    ) -> None:
+        """Draw the object from several points, each view on one thread, and wait for all.
+
+        Threads that share a view's rows would wait for each other at each step of it.
+
+        Args:
+            time_s: time of the animation [s].
+            cameras: as for `render`.
+            margin: likewise.
+            use: gets each camera's number and layer, on the thread that has drawn it; views are
+                begun in order.
+            nearest: as for `render`.
+
+        Raises:
+            As `render`, and what `use` raises.
+        """
+        posed, lighting = self._moment(time_s)
+        shown = self._moved(posed)
+
+        def draw(at: int) -> None:
+            sight = sight_of(posed, cameras[at], margin, nearest=nearest)
+            if sight is None:
+                use(at, None)
+                return
+            picture = SoftPicture.of(shown, sight, lighting)
+            for step in picture.steps:
+                step((0, sight.box.height))
+            use(at, ObjectLayer(box=sight.box, rgba=picture.rgba, depth=picture.depth))
+
+        share(draw, range(len(cameras)), self._threads)
 
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
         picture = SoftPicture.of(self._moved(posed), sight, lighting)

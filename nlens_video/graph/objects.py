@@ -17,7 +17,7 @@ from nlens_video.scene.extent import extent
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
-from nlens_video.stages.protocols import BehindRenderer
+from nlens_video.stages.protocols import BehindRenderer, ViewRenderer
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
@@ -122,21 +122,12 @@ class ObjectSource(Protocol):
         ...
 
 
-class Renderer(BehindRenderer, Protocol):
+class Renderer(BehindRenderer, ViewRenderer, Protocol):
     """Draws a scene; see `backends`."""
 
     @property
     def description(self) -> str:
         """What draws, in words."""
-        ...
-
-    def render(
-        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
-    ) -> ObjectLayer | None:
-        """The layer on the object's box, at most `margin` px beyond the frame; None if empty.
-
-        With `nearest`, depth may be that of a pixel's nearest sample, which is quicker.
-        """
         ...
 
 

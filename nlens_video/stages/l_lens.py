@@ -8,8 +8,8 @@ itself, goes wrong by no more than the parallax within one cell.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ NEGLIGIBLE_PARALLAX_PX = 1.0
 FEWEST_VIEWS, MOST_VIEWS = 8, 256
 _DB_OF_ONE_VIEW = 35.5  # measured, see `view_count`
 _LARGEST_MARGIN_PX = 256
+_NOTHING = BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
 
 Reblur = Callable[[DefocusedLayer, Box], BlurredLayer]
 
@@ -110,7 +111,7 @@ def lens_views(
     """The mean of an object's pictures from points of the aperture.
 
     Args:
-        renderer: draws the object; called on this thread only.
+        renderer: draws the object; called on this thread.
         shot: what is seen.
         points: where from, and how much each counts.
         cell: blurs a picture over its cell's disc; None takes the pictures as they are, the
@@ -122,38 +123,54 @@ def lens_views(
         Premultiplied scene-linear, on the pixels that any of the pictures reach.
     """
     frame = shot.frame
-    total = np.zeros((frame.height, frame.width, 4), np.float32)
     vignette = _Vignette(frame, points, aperture) if aperture.cat_eye > 0.0 else None
-    boxes: list[Box] = []
+    mean = _Mean(frame, points, vignette)
 
-    def add(layer: ObjectLayer | None, at: int) -> None:
-        if layer is None:
-            return
-        part = crop_to_frame(layer, frame)
-        if cell is not None:
-            own = _scaled(shot.fit, float(points.radii[at]))
-            part = cell(object_coc(layer, own), frame)
+    def add(at: int, layer: ObjectLayer | None) -> None:
+        part = _NOTHING
+        if layer is not None and cell is None:
+            part = crop_to_frame(layer, frame)
+        elif layer is not None and cell is not None:
+            part = cell(object_coc(layer, _scaled(shot.fit, float(points.radii[at]))), frame)
+        mean.add(at, part)
+
+    cameras = [lens_camera(shot.camera, shot.fit, u, v) for u, v in points.places.tolist()]
+    renderer.render_views(shot.time_s, cameras, margin, add, nearest=cell is not None)
+    return mean.layer
+
+
+class _Mean:
+    """Sums views up in their order, whichever is ready first: any number of threads may add."""
+
+    def __init__(self, frame: Box, points: LensPoints, vignette: _Vignette | None) -> None:
+        self._frame, self._points, self._vignette = frame, points, vignette
+        self._total = np.zeros((frame.height, frame.width, 4), np.float32)
+        self._box: list[Box] = []
+        self._ready: dict[int, BlurredLayer] = {}
+        self._next = 0
+        self._lock = threading.Lock()
+
+    def add(self, at: int, part: BlurredLayer) -> None:
+        """Take a view; it is kept until those before it have come."""
+        with self._lock:
+            self._ready[at] = part
+            while self._next in self._ready:
+                self._sum_up(self._next, self._ready.pop(self._next))
+                self._next += 1
+
+    def _sum_up(self, at: int, part: BlurredLayer) -> None:
         if part.box.empty:
             return
-        weight = np.float32(points.weights[at])
-        shaded = weight if vignette is None else vignette.weight(at, part.box)
-        total[part.box.slices_in(frame)] += shaded * part.rgba
-        boxes.append(part.box)
+        weight = np.float32(self._points.weights[at])
+        shaded = weight if self._vignette is None else self._vignette.weight(at, part.box)
+        self._total[part.box.slices_in(self._frame)] += shaded * part.rgba
+        self._box.append(part.box)
 
-    # While this thread draws a view, which OpenGL asks for, another blurs the one before. They
-    # are added in order, so the result does not depend on timing.
-    with ThreadPoolExecutor(1, thread_name_prefix="lens") as blurring:
-        before: Future[None] | None = None
-        for at, (u, v) in enumerate(points.places.tolist()):
-            view = lens_camera(shot.camera, shot.fit, u, v)
-            layer = renderer.render(shot.time_s, view, margin, nearest=cell is not None)
-            if before is not None:
-                before.result()
-            before = blurring.submit(add, layer, at)
-        if before is not None:
-            before.result()
-    box = _around(boxes)
-    return BlurredLayer(box=box, rgba=total[box.slices_in(frame)])
+    @property
+    def layer(self) -> BlurredLayer:
+        """The mean, on the pixels that any view reaches."""
+        box = _around(self._box)
+        return BlurredLayer(box=box, rgba=self._total[box.slices_in(self._frame)])
 
 
 @dataclass(frozen=True, slots=True)

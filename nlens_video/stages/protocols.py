@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from nlens_video.frames import (
@@ -69,6 +70,27 @@ class ViewRenderer(Protocol):
 
         Returns:
             The sharp layer; None where the object is out of view.
+        """
+        ...
+
+    def render_views(
+        self,
+        time_s: float,
+        cameras: Sequence[Camera],
+        margin: int,
+        use: Callable[[int, ObjectLayer | None], None],
+        *,
+        nearest: bool = False,
+    ) -> None:
+        """Draw it from several points, and wait until all are used.
+
+        Args:
+            time_s: moment of the animation [s].
+            cameras: as for `render`.
+            margin: likewise.
+            use: gets each camera's number and layer; they are begun in order, but on several
+                threads perhaps, and what it does to one must not wait for a later one.
+            nearest: as for `render`.
         """
         ...
 

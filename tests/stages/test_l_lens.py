@@ -13,6 +13,7 @@ from scene.glb_builder import QUAD, QUAD_FACES, QUAD_UV, GlbBuilder
 
 from nlens_video.aperture import Aperture
 from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
+from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.frames import Box
 from nlens_video.kernels.disc import coverage
 from nlens_video.kernels.scatter import blur_reach, scatter
@@ -254,6 +255,57 @@ def test_alpha_stays_one_inside_and_zero_out_of_reach(near_over_far):
 @pytest.mark.needs_gl
 def test_the_same_frame_gives_the_same_bits(near_over_far):
     assert np.array_equal(sampled(near_over_far), sampled(near_over_far))
+
+
+def cards_scene(folder, *cards):
+    builder = GlbBuilder()
+    for number, (depth, changes) in enumerate(cards):
+        card(builder, depth, seed=number, **changes)
+    return Scene.load(builder.write(folder / "cards.glb"))
+
+
+def test_any_number_of_threads_gives_the_same_bits(tmp_path):
+    scene = cards_scene(tmp_path, *NEAR_OVER_FAR)
+    with SoftwareObjectRenderer(scene, threads=1) as one, SoftwareObjectRenderer(scene) as many:
+        assert np.array_equal(sampled(one), sampled(many))
+
+
+def test_views_that_are_drawn_side_by_side_are_those_drawn_one_by_one(tmp_path):
+    scene, seen = cards_scene(tmp_path, *NEAR_OVER_FAR), {}
+    cameras = [lens_camera(camera(), FIT, u, v) for u, v in lens_points(8).places.tolist()]
+    behind = dataclasses.replace(camera(), world_from_camera=np.diag([1.0, 1.0, -1.0, 1.0]))
+    with SoftwareObjectRenderer(scene) as drawn:
+        drawn.render_views(0.0, [*cameras, behind], 4, seen.__setitem__, nearest=True)
+        assert sorted(seen) == list(range(9)) and seen.pop(8) is None
+        for at, layer in seen.items():
+            alone = drawn.render(0.0, cameras[at], 4, nearest=True)
+            assert layer.box == alone.box
+            assert np.array_equal(layer.rgba, alone.rgba)
+            assert np.array_equal(layer.depth, alone.depth)
+
+
+def test_views_are_summed_up_in_their_order_whichever_is_ready_first(tmp_path):
+    class Backwards(SoftwareObjectRenderer):
+        def render_views(self, time_s, cameras, margin, use, *, nearest=False):
+            views = {}
+            super().render_views(time_s, cameras, margin, views.__setitem__, nearest=nearest)
+            for at in sorted(views, reverse=True):
+                use(at, views[at])
+
+    scene = cards_scene(tmp_path, *NEAR_OVER_FAR)
+    with SoftwareObjectRenderer(scene) as drawn, Backwards(scene) as backwards:
+        assert np.array_equal(sampled(drawn), sampled(backwards))
+
+
+@pytest.mark.parametrize("kind", [SoftwareObjectRenderer, PyrenderObjectRenderer])
+@pytest.mark.needs_gl
+def test_what_fails_in_a_view_is_not_swallowed(tmp_path, kind):
+    def fail(at, _):
+        if at == 2:
+            raise ZeroDivisionError
+
+    with kind(cards_scene(tmp_path, *NEAR_OVER_FAR)) as drawn, pytest.raises(ZeroDivisionError):
+        drawn.render_views(0.0, [camera()] * 4, 0, fail)
 
 
 @pytest.mark.needs_gl
