@@ -1,4 +1,4 @@
-"""Four or sixteen float32 numbers as one value inside compiled kernels: a vector, by name.
+"""Four, eight or sixteen numbers as one value inside compiled kernels: a vector, by name.
 
 numba makes vector instructions of plain loops over long arrays only. What is worked out point by
 point from four numbers here and four there it takes one by one, and what is summed over many steps
@@ -21,6 +21,8 @@ from numba.extending import intrinsic, lower_builtin
 # `Any` throughout: numba's and llvmlite's code generators have no types of their own, and to a type
 # checker a kernel is plain Python, in which the values below do not exist.
 Float4 = Any
+Float8 = Any
+Double8 = Any
 Float16 = Any
 _signature: Any = signature
 _register: Any = infer_global
@@ -45,14 +47,16 @@ def instruction(generator: Callable[..., Generator]) -> Any:  # noqa: ANN401
 class _Lanes(types.Type):
     """The type of so many numbers, to numba."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, name: str, kind: Any, count: int) -> None:  # noqa: ANN401
         self.count = count
-        self.vector = ir.VectorType(ir.FloatType(), count)
-        _initialise(self, name=f"Float{count}")
+        self.vector = ir.VectorType(kind, count)
+        _initialise(self, name=name)
 
 
-FLOAT4, FLOAT16 = _Lanes(4), _Lanes(16)
+FLOAT4, FLOAT8 = _Lanes("Float4", ir.FloatType(), 4), _Lanes("Float8", ir.FloatType(), 8)
+FLOAT16, DOUBLE8 = _Lanes("Float16", ir.FloatType(), 16), _Lanes("Double8", ir.DoubleType(), 8)
 FLOATS = FLOAT4.vector
+_KINDS = (FLOAT4, FLOAT8, FLOAT16, DOUBLE8)
 
 
 @register_default(_Lanes)
@@ -88,28 +92,38 @@ def row(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
     return FLOAT4(values, types.intp), generate
 
 
-@instruction
-def sixteen(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
-    """Compile: sixteen numbers of a contiguous float32 array from the flat index >= 0 on."""
+def _read(kind: _Lanes, name: str) -> Any:  # noqa: ANN401
+    """Make what reads numbers of a contiguous float32 array from a flat index >= 0 on."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
-        at = _address(context, builder, signature.args[0], given[0], given[1], FLOAT16.vector)
-        return builder.load(at, align=4)
+    def read(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+            at = _address(context, builder, signature.args[0], given[0], given[1], kind.vector)
+            return builder.load(at, align=4)
 
-    return FLOAT16(values, types.intp), generate
+        return kind(values, types.intp), generate
+
+    read.__name__ = read.__qualname__ = name
+    return instruction(read)
 
 
-@instruction
-def put_sixteen(_: Any, values: Any, index: Any, numbers: Any) -> Generator:  # noqa: ANN401
-    """Compile: write sixteen numbers to a contiguous float32 array from the flat index >= 0 on."""
+def _write(kind: _Lanes, name: str) -> Any:  # noqa: ANN401
+    """Make what writes numbers to a contiguous float32 array from a flat index >= 0 on."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
-        kind, vector = signature.args[0], FLOAT16.vector
-        at = _address(context, builder, kind, given[0], given[1], vector)
-        builder.store(given[2], at, align=4)
-        return context.get_dummy_value()
+    def write(_: Any, values: Any, index: Any, numbers: Any) -> Generator:  # noqa: ANN401
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+            at = _address(context, builder, signature.args[0], given[0], given[1], kind.vector)
+            builder.store(given[2], at, align=4)
+            return context.get_dummy_value()
 
-    return types.void(values, types.intp, numbers), generate
+        return types.void(values, types.intp, numbers), generate
+
+    write.__name__ = write.__qualname__ = name
+    return instruction(write)
+
+
+four_at, put_four = _read(FLOAT4, "four_at"), _write(FLOAT4, "put_four")
+eight_at = _read(FLOAT8, "eight_at")
+sixteen, put_sixteen = _read(FLOAT16, "sixteen"), _write(FLOAT16, "put_sixteen")
 
 
 @instruction
@@ -133,6 +147,19 @@ def all_sixteen(_: Any, value: Any) -> Generator:  # noqa: ANN401
 
 
 @instruction
+def four(_: Any, a: Any, b: Any, c: Any, d: Any) -> Generator:  # noqa: ANN401
+    """Compile: four numbers as one value."""
+
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+        made = ir.Constant(FLOATS, ir.Undefined)
+        for at, value in enumerate(given):
+            made = builder.insert_element(made, value, _INT32(at))
+        return made
+
+    return FLOAT4(*(types.float32,) * 4), generate
+
+
+@instruction
 def lane(_: Any, numbers: Any, index: Any) -> Generator:  # noqa: ANN401
     """Compile: one of the numbers."""
 
@@ -140,6 +167,37 @@ def lane(_: Any, numbers: Any, index: Any) -> Generator:  # noqa: ANN401
         return builder.extract_element(given[0], builder.trunc(given[1], _INT32))
 
     return types.float32(numbers, types.intp), generate
+
+
+@instruction
+def lower(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
+    """Compile: the first four of eight."""
+
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+        order = ir.Constant(ir.VectorType(_INT32, 4), [0, 1, 2, 3])
+        return builder.shuffle_vector(given[0], given[0], order)
+
+    return FLOAT4(FLOAT8), generate
+
+
+@instruction
+def widened(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
+    """Compile: eight numbers as float64."""
+
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+        return builder.fpext(given[0], DOUBLE8.vector)
+
+    return DOUBLE8(FLOAT8), generate
+
+
+@instruction
+def narrowed(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
+    """Compile: eight float64 numbers as float32."""
+
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+        return builder.fptrunc(given[0], FLOAT8.vector)
+
+    return FLOAT8(DOUBLE8), generate
 
 
 @instruction
@@ -155,7 +213,7 @@ def chosen(_: Any, one: Any, other: Any, if_greater: Any, if_not: Any) -> Genera
 class _Arithmetic(ConcreteTemplate):
     """Of two values of as many numbers, one."""
 
-    cases = tuple(_signature(kind, kind, kind) for kind in (FLOAT4, FLOAT16))
+    cases = tuple(_signature(kind, kind, kind) for kind in _KINDS)
 
 
 def _define(symbol: object, name: str) -> None:
@@ -165,7 +223,7 @@ def _define(symbol: object, name: str) -> None:
         return getattr(builder, name)(*given, flags=FUSED)
 
     _register(symbol)(_Arithmetic)
-    for kind in (FLOAT4, FLOAT16):
+    for kind in _KINDS:
         _lower(symbol, kind, kind)(generate)
 
 

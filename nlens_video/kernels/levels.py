@@ -16,6 +16,7 @@ import numpy.typing as npt
 from numba import njit
 
 from nlens_video.frames import Box, Float32
+from nlens_video.kernels.coarse import above, gather_coarse
 from nlens_video.kernels.extend import BAND_ROWS, Band, SourceLayer, bands
 from nlens_video.kernels.pool import share
 from nlens_video.kernels.scratch import scratch
@@ -87,12 +88,6 @@ class Level:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _above(radius: np.float32, start: np.float32, fade: np.float32) -> np.float32:
-    """How much of a disc is drawn at levels that start at a radius [1]."""
-    return min(max((radius - start) / (fade * start), np.float32(0.0)), np.float32(1.0))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(numbers: Float32, rows: RowNumbers, y: int, rule: Rule) -> None:
     """Split the mass of a row's pixels, which is in `SPAN`, in span and stamp by their radius."""
     start, stop = np.float32(rule[0]), np.float32(rule[1])
@@ -145,7 +140,7 @@ def _fill_fine(
             radius = radii[y, x]
             mass = np.float32(0.0)
             if not math.isnan(radius):
-                mass = np.float32(1.0) - _above(abs(radius), start, fade)
+                mass = np.float32(1.0) - above(abs(radius), start, fade)
             numbers[y, SPAN, x] = mass
             numbers[y, RADIUS, x] = radius if mass > 0.0 else np.float32(0.0)
             numbers[y, ALONG, x] = skews[0, y, x]
@@ -155,56 +150,34 @@ def _fill_fine(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_coarse(
-    layer: tuple[Float32, Float32, Float32], light: Light, rows: RowNumbers, rule: Rule,
-    grid: tuple[int, int, int], starts: tuple[float, float], band: Band,
-) -> None:  # fmt: skip
+    sums: Float32, light: Light, rows: RowNumbers, rule: Rule, size: int, band: Band
+) -> None:
     """Make rows of a coarser level: each pixel the mean of those of the layer that belong to it.
 
     Args:
-        layer: colours, signed radii and skews at full size.
+        sums: of those (h, w, `coarse.SUMS`).
         light: to fill in.
         rows: to fill in.
         rule: how a pixel's mass is weighed.
-        grid: columns of the layer that make one of the level; row and column of the layer at
-            which the level's box starts [px].
-        starts: radius from which discs go over to this level [px]; `COARSE_FADE`.
+        size: columns of the layer that make one of the level.
         band: first row and the one past the last.
     """
-    colours, radii, skews = layer
     rgba, numbers = light
-    size, top, left = grid
-    start, fade = np.float32(starts[0]), np.float32(starts[1])
-    height, width = radii.shape
     # moving light to the middle of a block and back by interpolation spreads it already
     spread = np.float32(4.0 / 3.0 * (1.0 - 1.0 / (size * size)))
     zero, scale = np.float32(0.0), np.float32(size)
     for y in range(band[0], band[1]):
         for x in range(rgba.shape[1]):
-            mass = r = g = b = a = far = sign = along = down = zero
-            for row in range(max(0, top + y * size), min(height, top + (y + 1) * size)):
-                for column in range(max(0, left + x * size), min(width, left + (x + 1) * size)):
-                    radius = abs(radii[row, column])
-                    if not radius > start:
-                        continue
-                    part = _above(radius, start, fade) - _above(radius, start + start, fade)
-                    mass += part
-                    r += part * colours[row, column, 0]
-                    g += part * colours[row, column, 1]
-                    b += part * colours[row, column, 2]
-                    a += part * colours[row, column, 3]
-                    far += part * radius
-                    sign += part * radii[row, column]
-                    along += part * skews[0, row, column]
-                    down += part * skews[1, row, column]
-            whole = max(mass, np.float32(1e-30))
-            rgba[y, x, 0], rgba[y, x, 1] = r / whole, g / whole
-            rgba[y, x, 2], rgba[y, x, 3] = b / whole, a / whole
-            mean = far / (whole * scale)
+            here = sums[y, x]
+            whole = max(here[4], np.float32(1e-30))
+            for c in range(4):
+                rgba[y, x, c] = here[c] / whole
+            mean = here[5] / (whole * scale)
             mean = np.sqrt(max(mean * mean - spread, zero))
-            numbers[y, RADIUS, x] = mean if sign >= zero else -mean
-            numbers[y, SPAN, x] = mass
-            numbers[y, ALONG, x] = scale * along / whole
-            numbers[y, DOWN, x] = scale * down / whole
+            numbers[y, RADIUS, x] = mean if here[6] >= zero else -mean
+            numbers[y, SPAN, x] = here[4]
+            numbers[y, ALONG, x] = scale * here[7] / whole
+            numbers[y, DOWN, x] = scale * here[8] / whole
         _weigh(numbers, rows, y, rule)
 
 
@@ -229,15 +202,15 @@ def make_levels(
     height, width = layer.radius_px.shape
     whole = Box(corner[0], corner[1], corner[0] + width, corner[1] + height)
     levels = []
-    for level in range(detail.levels(radius_px) - 1, 0, -1):
-        box = on_level(whole, level)
+    count = detail.levels(radius_px)
+    boxes = [on_level(whole, level) for level in range(1, count)]
+    gathered = gather_coarse(layer, corner, boxes, (detail.coarse_px, COARSE_FADE), threads)
+    for level in range(count - 1, 0, -1):
+        box, sums = boxes[level - 1], gathered[level - 1]
         rgba = scratch(f"colours {level}", (box.height, box.width, 4))
         numbers, rows = _empty(box, level)
-        grid = (1 << level, (box.y0 << level) - corner[1], (box.x0 << level) - corner[0])
-        starts = (detail.coarse_px * 2.0 ** (level - 1), COARSE_FADE)
-        source = (layer.rgba, layer.radius_px, layer.skew)
-        fill = partial(_fill_coarse, source, (rgba, numbers), rows, rule, grid, starts)
-        share(fill, bands(box.height, BAND_ROWS), threads)
+        fill_coarse = partial(_fill_coarse, sums, (rgba, numbers), rows, rule, 1 << level)
+        share(fill_coarse, bands(box.height, BAND_ROWS), threads)
         levels.append(Level(box=box, light=(rgba, numbers), rows=rows))
     numbers, rows = _empty(whole, 0)
     source_numbers, starts = (layer.radius_px, layer.skew), (detail.coarse_px, COARSE_FADE)

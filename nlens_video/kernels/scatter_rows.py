@@ -13,6 +13,16 @@ from numba import njit
 
 from nlens_video.frames import Float32, Float64
 from nlens_video.kernels.extend import Band
+from nlens_video.kernels.lanes import (
+    all_of,
+    eight_at,
+    four_at,
+    lane,
+    lower,
+    narrowed,
+    put_four,
+    widened,
+)
 from nlens_video.kernels.levels import Light, RowNumbers
 from nlens_video.kernels.simd import add_end, add_spot
 
@@ -161,20 +171,15 @@ def _clear(numbers: Float32) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _finish(spans: Float32, spots: Float32, sums: Float32, start: int) -> None:
-    """Run the sums of a row into `sums` (w, 5), `start` in the buffers."""
-    r = g = b = a = weight = 0.0
+    """Run the sums of a row into `sums` (w, 5), `start` in the buffers; in float64."""
+    total = widened(eight_at(spans, 0)) - widened(eight_at(spans, 0))
     for i in range(1, start + sums.shape[0]):
-        r += spans[i, 0] + spans[i - 1, 8]
-        g += spans[i, 1] + spans[i - 1, 9]
-        b += spans[i, 2] + spans[i - 1, 10]
-        a += spans[i, 3] + spans[i - 1, 11]
-        weight += spans[i, 4] + spans[i - 1, 12]
+        ends = widened(eight_at(spans, 16 * i)) + widened(eight_at(spans, 16 * i - 8))
+        total = total + ends
         if i >= start:
-            sums[i - start, 0] = r + spots[i, 0]
-            sums[i - start, 1] = g + spots[i, 1]
-            sums[i - start, 2] = b + spots[i, 2]
-            sums[i - start, 3] = a + spots[i, 3]
-            sums[i - start, 4] = weight + spots[i, 4]
+            found = narrowed(total) + eight_at(spots, 8 * i)
+            put_four(sums, 5 * (i - start), lower(found))
+            sums[i - start, 4] = lane(found, 4)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -193,17 +198,20 @@ def _add_coarse(
     row = y - offset[0]
     near = row >> 1
     far = near + 1 if row & 1 else near - 1
-    quarter = np.float32(0.25)
-    three = np.float32(0.75)
-    for x in range(line.shape[0]):
-        for c in range(5):
-            line[x, c] = quarter * (three * coarse[near, x, c] + quarter * coarse[far, x, c])
+    quarter, three = np.float32(0.25), np.float32(0.75)
+    one, other, mixed = coarse[near].reshape(-1), coarse[far].reshape(-1), line.reshape(-1)
+    for i in range(mixed.shape[0]):
+        mixed[i] = quarter * (three * one[i] + quarter * other[i])
+    near_part, far_part = all_of(three), all_of(quarter)
     for x in range(sums.shape[0]):
         column = x - offset[1]
         here = column >> 1
         beside = here + 1 if column & 1 else here - 1
-        for c in range(5):
-            sums[x, c] += three * line[here, c] + quarter * line[beside, c]
+        # Colour and alpha, then the weight with them: it must be rounded as alpha is.
+        light = four_at(sums, 5 * x) + near_part * four_at(line, 5 * here)
+        others = four_at(sums, 5 * x + 1) + near_part * four_at(line, 5 * here + 1)
+        put_four(sums, 5 * x, light + far_part * four_at(line, 5 * beside))
+        put_four(sums, 5 * x + 1, others + far_part * four_at(line, 5 * beside + 1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
