@@ -17,7 +17,11 @@ def add_light(parser: argparse.ArgumentParser) -> None:
     lit.add_argument("--env-rotation", metavar="D", type=_finite, help="about up, degrees")
     lit.add_argument("--env-exposure", metavar="EV", type=_finite, help="of the map, in stops")
     lit.add_argument(
-        "--shadow-strength", metavar="S", type=share, default=1.0, help="0 none to 1 full"
+        "--shadow-strength",
+        metavar="S",
+        type=_strength,
+        default=1.0,
+        help="0 none, 1 as the light has it, to 2",
     )
 
 
@@ -50,10 +54,18 @@ def _finite(text: str) -> float:
 
 def share(text: str) -> float:
     """A number from 0 to 1, from a word."""
+    return _up_to(1.0, text)
+
+
+def _strength(text: str) -> float:
+    return _up_to(2.0, text)
+
+
+def _up_to(most: float, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to 1")
+    if not 0.0 <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 0 to {most:g}")
     return value

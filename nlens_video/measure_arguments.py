@@ -13,7 +13,9 @@ def evaluate_parser() -> Parser:
     about = "Measure stages on plates with known lens: rendered ground truth, a folder a plate."
     parser = base_parser("nlens-video evaluate", about)
     parser.add_argument(
-        "what", choices=("coc", "composite"), help="the plate's CoC and the lens fit; composites"
+        "what",
+        choices=("coc", "composite", "scene"),
+        help="the plate's CoC and the lens fit; composites; the drawn object and its shadow",
     )
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
     parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")

@@ -50,7 +50,7 @@ class LightSettings:
         env: equirectangular map of the surroundings, None for none.
         env_rotation_deg: turn of the map about the up axis, counter-clockwise from above [deg].
         env_exposure_ev: brightness of the map in stops, 0 as it is [EV].
-        shadow_strength: 1 as the light has it, 0 none [1].
+        shadow_strength: 1 as the light has it, 0 none, up to 2 [1].
     """
 
     env: Path | None = None

@@ -19,6 +19,8 @@ def _doctor(words: argparse.Namespace) -> int:
 def _evaluate(words: argparse.Namespace) -> int:
     if words.what == "composite":
         from nlens_video.evaluate.composite import evaluate_composite as evaluate
+    elif words.what == "scene":
+        from nlens_video.evaluate.scene import evaluate_scene as evaluate
     else:
         from nlens_video.evaluate.coc import evaluate_coc as evaluate
     return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)

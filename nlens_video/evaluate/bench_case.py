@@ -111,8 +111,8 @@ def case_of(folder: Path, known: Plate) -> Case:
     layers = folder / "object.exr"
     if not layers.is_file():
         raise InputError(f"{layers}: no such file; the object's layers are needed on each plate")
-    truth = _codes(folder / "gt_noshadow.png", known.rgb.shape[:2])
-    region = Box.of(_codes(folder / "object_rgba.png", known.rgb.shape[:2])[..., 3] > 0)
+    truth = codes_of(folder / "gt_noshadow.png", known.rgb.shape[:2])
+    region = Box.of(codes_of(folder / "object_rgba.png", known.rgb.shape[:2])[..., 3] > 0)
     if min(region.width, region.height) < WINDOW:
         raise InputError(
             f"{folder}: its object spans {region.width}x{region.height} pixels, SSIM needs "
@@ -148,8 +148,12 @@ def _true_fit(known: Plate) -> LensFit:
     )  # fmt: skip
 
 
-def _codes(path: Path, size: tuple[int, ...]) -> UInt8:
-    """Code values, RGB or RGBA, of an 8-bit picture of a known size (rows, columns)."""
+def codes_of(path: Path, size: tuple[int, ...]) -> UInt8:
+    """Code values, RGB or RGBA, of an 8-bit picture of a known size (rows, columns).
+
+    Raises:
+        InputError: it cannot be read as that.
+    """
     raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if raw is None or raw.ndim != 3 or raw.dtype != np.uint8 or raw.shape[:2] != size:
         rows, columns = size

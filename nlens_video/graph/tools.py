@@ -46,7 +46,7 @@ class LitGround:
         pose: the scene at a time [s].
         light: what lights it.
         pre_rendered: whether the object comes with its own light, as layers do.
-        strength: of the shadow, 0 to 1 [1].
+        strength: of the shadow, 1 as the light has it [1].
     """
 
     pose: Callable[[float], PosedScene]

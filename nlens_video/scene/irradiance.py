@@ -9,7 +9,7 @@ import numpy as np
 from nlens_video.frames import Float64
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp
 
-_AROUND = 2.0  # light from around by that of the strongest lamp, where no file tells it
+_AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
 _UP = np.array([0.0, 1.0, 0.0])
 
 
