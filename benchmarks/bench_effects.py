@@ -1,0 +1,129 @@
+"""What effects cost that a scene does not call for, and an object that is out of view.
+
+    python benchmarks/bench_effects.py [--rounds N]
+
+Processor time of a frame, from runs over few and over many, in turn: a shot that calls for defocus
+alone with `--effects auto` and with `--effects defocus`; and an object out of view against plain
+decode + encode.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import struct
+import tempfile
+import time
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from bench_demo import SAMPLES, transcode
+
+from nlens_video.playback import Playback
+from nlens_video.run import render
+from nlens_video.settings import (
+    LightSettings,
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
+
+FEW, FRAMES, RATE = 24, 168, 24
+SLOW = 0.02  # of its own pace: the object moves, by less than a pixel while the shutter is open
+
+
+def clean_plate(path: Path) -> None:
+    """A shot without noise, drift or motion: a frame of the sample, pressed hard in quality."""
+    with av.open(str(SAMPLES / "in.mp4")) as clip:
+        first = next(clip.decode(video=0)).to_ndarray(format="bgr24")
+    still = cv2.bilateralFilter(first, 5, 8, 2)
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", rate=RATE, options={"crf": "8", "preset": "veryfast"})
+        stream.width, stream.height, stream.pix_fmt = first.shape[1], first.shape[0], "yuv420p"
+        picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(still), "bgr24").reformat(
+            format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
+        )
+        for number in range(FRAMES):
+            picture.pts, picture.time_base = number, Fraction(1, RATE)
+            out.mux(stream.encode(picture))
+        out.mux(stream.encode())
+
+
+def moved_away(glb: Path) -> Path:
+    """The sample's object a kilometre to the side of its camera, written to a file."""
+    whole = (SAMPLES / "anim.glb").read_bytes()
+    (length,) = struct.unpack_from("<I", whole, 12)
+    content = json.loads(whole[20 : 20 + length])
+    nodes = content["nodes"]
+    roots = content["scenes"][content.get("scene", 0)]["nodes"]
+    for root in roots:
+        if "camera" not in nodes[root]:
+            x, y, z = nodes[root].get("translation", (0.0, 0.0, 0.0))
+            nodes[root]["translation"] = [x + 1000.0, y, z]
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    rest = whole[20 + length :]
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A)
+    glb.write_bytes(head + text + rest)
+    return glb
+
+
+def frame_s(run: Settings) -> float:
+    """Processor time of a frame, all threads, without what is done once [s]."""
+    spent = []
+    for count in (FEW, FRAMES):
+        start = time.process_time()
+        render(replace(run, source=replace(run.source, frames=(0, count))))
+        spent.append(time.process_time() - start)
+    return (spent[1] - spent[0]) / (FRAMES - FEW)
+
+
+def main() -> None:
+    """Print both ratios, and what was called for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    rounds = parser.parse_args().rounds
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        plate, out = folder / "plate.mp4", folder / "out.mp4"
+        clean_plate(plate)
+        auto = Settings(
+            source=SourceSettings(spec=str(plate)),
+            scene=ObjectSettings(
+                glb=SAMPLES / "anim.glb",
+                playback=Playback(speed=SLOW),
+                light=LightSettings(shadow_strength=0.0),
+            ),
+            output=OutputSettings(spec=str(out)),
+            track_focus="off",
+        )
+        alone = replace(auto, effects="defocus")
+        away = replace(auto, scene=ObjectSettings(glb=moved_away(folder / "away.glb")))
+        outcome = render(auto)
+        wanted = [one.effect for one in outcome.decisions if one.wanted]
+        print(f"decided on, some of them frame by frame: {', '.join(wanted)}")
+        print(f"object out of view: {render(away).composited} frames changed")
+        ratios = [frame_s(auto) / frame_s(alone) for _ in range(rounds)]
+        _print("auto / defocus alone", ratios)
+        plain = [_transcode_s(plate, out) / FRAMES for _ in range(rounds)]
+        _print("out of view / decode + encode", [frame_s(away) / one for one in plain])
+
+
+def _transcode_s(plate: Path, out: Path) -> float:
+    start = time.process_time()
+    transcode(plate, out)
+    return time.process_time() - start
+
+
+def _print(words: str, ratios: list[float]) -> None:
+    print(f"{words}: {statistics.median(ratios):.3f} ({min(ratios):.3f} to {max(ratios):.3f})")
+
+
+if __name__ == "__main__":
+    main()
