@@ -11,6 +11,7 @@ import argparse
 import statistics
 import tempfile
 import time
+from itertools import islice
 from pathlib import Path
 
 from nlens_video.graph.profiler import Summary
@@ -22,12 +23,12 @@ from nlens_video.video.source import open_source
 SAMPLES = Path(__file__).parents[1] / "samples"
 
 
-def transcode(plate: Path, output: Path) -> float:
-    """Decode and encode with the same settings and nothing between; seconds."""
+def transcode(plate: Path, output: Path, frames: int | None = None) -> float:
+    """Decode and encode the first frames, or all, and nothing between; seconds."""
     start = time.perf_counter()
     with open_source(str(plate)) as source, open_sink(str(output), source.info) as sink:
         source.packet_sink = sink.write_packet
-        for frame in source:
+        for frame in islice(source, frames):
             sink.write(frame)
         sink.commit()
     return time.perf_counter() - start

@@ -14,7 +14,7 @@ from nlens_video.observers import Watching
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.zoom_watch import WatchZoom, Zoom
 
-_EVERY_S = 0.25
+_EVERY_S = 0.5
 _TOLERATED = 0.03  # of the size; a zoom is seen from there on, and breathing of the focus is less
 _AT_REST = 1e-3  # of the way to the object: a camera that moves on makes things larger as well
 

@@ -156,11 +156,13 @@ class RenderedObject:
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
         camera = _camera(self.scene, self.view, time_s)
+        surroundings = self.view.box.grown(MARGIN_LIMIT_PX)
+        if _misses(self.scene.hull(time_s), camera, surroundings):
+            return None  # without moving a vertex
         bounds = _bounds(self.scene.pose(time_s), camera)
         if bounds is None:
             return None
         box, nearest, farthest = bounds
-        surroundings = self.view.box.grown(MARGIN_LIMIT_PX)
         if box.intersection(surroundings).empty:
             return None
         return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
@@ -254,6 +256,16 @@ def _camera(scene: Scene, view: View, time_s: float) -> Camera:
     return scene.camera(
         time_s, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
     )
+
+
+def _misses(points: Float64, camera: Camera, box: Box) -> bool:
+    """Whether all that lies in the hull of points (N, 3) is certain to miss a box of the frame."""
+    seen = camera.to_camera(points)
+    if not (np.isfinite(seen).all() and (seen[:, 2] < 0.0).all()):
+        return bool((seen[:, 2] >= 0.0).all())
+    places = camera.pixels(seen)
+    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    return bool(low[0] > box.x1 or low[1] > box.y1 or high[0] < box.x0 or high[1] < box.y0)
 
 
 def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:

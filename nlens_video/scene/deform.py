@@ -79,6 +79,7 @@ class Instance:
     weights: tuple[float, ...]
     _influence: csr_matrix | None = field(init=False, default=None)
     _last: tuple[bytes, PosedMesh] | None = field(init=False, default=None)
+    _boxes: Float64 | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         joints, weights = self.geometry.joints, self.geometry.weights
@@ -111,6 +112,52 @@ class Instance:
         if self._last is None or self._last[0] != key:
             self._last = (key, self._deformed(carriers, amounts))
         return self._last[1]
+
+    def hull(self, world: Float64, weights: Float64 | None) -> Float64:
+        """Points (N, 3) in the world whose convex hull holds every vertex, at little cost.
+
+        A skinned vertex is a mean of what its joints make of it, so it lies in the hull of the
+        boxes round the vertices of each joint, carried by that joint.
+
+        Args:
+            world: as of `place`.
+            weights: as of `place`.
+        """
+        if self._boxes is None:
+            self._boxes = self._rest_boxes()
+        amounts = np.array(self.weights) if weights is None else weights
+        boxes = self._boxes + self._morph_reach(amounts)
+        carriers = world[self.node][None] if self.skin is None else self.skin.matrices(world)
+        places = np.indices((2, 2, 2)).reshape(3, 8).T
+        corners = boxes[:, places, np.arange(3)]
+        carried = np.einsum("jik,jck->jci", carriers[:, :3, :3], corners)
+        carried += carriers[:, None, :3, 3]
+        return np.asarray(carried[np.isfinite(boxes).all(axis=(1, 2))].reshape(-1, 3))
+
+    def _rest_boxes(self) -> Float64:
+        """Lowest and highest corner (J, 2, 3) of each joint's vertices, infinite where none are."""
+        positions = self.geometry.positions.astype(np.float64)
+        joints, weights = self.geometry.joints, self.geometry.weights
+        if self.skin is None or joints is None or weights is None:
+            return np.stack([positions.min(axis=0), positions.max(axis=0)])[None]
+        boxes = np.full((len(self.skin.joints), 2, 3), np.inf)
+        boxes[:, 1] = -np.inf
+        for column, share in zip(joints.T, weights.T, strict=True):
+            held = share > 0.0
+            np.minimum.at(boxes[:, 0], column[held], positions[held])
+            np.maximum.at(boxes[:, 1], column[held], positions[held])
+        return boxes
+
+    def _morph_reach(self, amounts: Float64) -> Float64:
+        """How far the morph targets may move a vertex down and up (2, 3)."""
+        reach = np.zeros((2, 3))
+        if self.geometry.targets is None:
+            return reach
+        for target, amount in zip(self.geometry.targets, amounts, strict=True):
+            if amount:
+                ends = np.stack([target.min(axis=0), target.max(axis=0)]) * amount
+                reach += np.sort(ends, axis=0)
+        return reach
 
     def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
         positions, normals = self._morphed(amounts)

@@ -142,6 +142,17 @@ class Scene:
         named = (index for index, own in enumerate(self._node_names) if own == name)
         return frozenset().union(*(self._hierarchy.with_descendants(index) for index in named))
 
+    def hull(self, time_s: float) -> Float64:
+        """Points (N, 3) whose convex hull holds all triangles at a moment; cheaper than `pose`."""
+        world, weights = self._moved(time_s)
+        return np.concatenate([i.hull(world, weights.get(i.node)) for i in self._instances])
+
+    def _moved(self, time_s: float) -> tuple[Float64, dict[int, Float64]]:
+        """World matrices of all nodes, and animated morph weights, at a moment of the plate."""
+        moment = self._playback.moment(time_s, self._animation.duration_s)
+        world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
+        return world, self._animation.weights(moment)
+
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a moment of the plate [s].
 
@@ -150,9 +161,7 @@ class Scene:
         """
         if (known := self._kept.get(time_s)) is not None:
             return known
-        moment = self._playback.moment(time_s, self._animation.duration_s)
-        world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
-        weights = self._animation.weights(moment)
+        world, weights = self._moved(time_s)
         meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
         posed = PosedScene(time_s, meshes, lights)

@@ -1,0 +1,75 @@
+"""What holds an object without moving its vertices holds it whole, and is looked at first."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scene.glb_builder import GlbBuilder
+from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
+
+from nlens_video.graph.objects import RenderedObject, View
+from nlens_video.scene.gltf import Scene
+
+TRIANGLES = 12
+FACES = np.arange(3 * TRIANGLES, dtype=np.uint16).reshape(-1, 3)
+
+
+def body(seed, *, skinned, morphed):
+    """A GLB of a random mesh whose joints, node and morph weights move over a second."""
+    rng = np.random.default_rng(seed)
+    builder = GlbBuilder()
+    count = 3 * TRIANGLES
+    parts = {}
+    if skinned:
+        parts["JOINTS_0"] = rng.integers(0, 3, (count, 4)).astype(np.uint8)
+        share = rng.random((count, 4)) * (rng.random((count, 4)) > 0.4) + 1e-3
+        parts["WEIGHTS_0"] = (share / share.sum(axis=1, keepdims=True)).astype(np.float32)
+    targets = [{"POSITION": rng.normal(size=(count, 3))} for _ in range(2)] if morphed else ()
+    mesh = builder.mesh(
+        rng.normal(size=(count, 3)).astype(np.float32), FACES, targets=targets, **parts
+    )
+    times = [0.0, 1.0]
+
+    def turned():
+        return Rotation.random(2, random_state=rng).as_quat()
+
+    bones = [builder.node(translation=rng.normal(size=3).tolist()) for _ in range(3)]
+    channels = [(bone, "rotation", times, turned(), "LINEAR") for bone in bones]
+    inverse = np.tile(np.eye(4), (3, 1, 1)) + np.pad(
+        0.2 * rng.normal(size=(3, 3, 3)), ((0, 0), (0, 1), (0, 1))
+    )
+    skin = {"skin": builder.skin(bones, inverse)} if skinned else {}
+    node = builder.node(mesh=mesh, scale=(0.5 + rng.random(3)).tolist(), **skin)
+    channels.append((node, "translation", times, rng.normal(size=(2, 3)), "LINEAR"))
+    if morphed:
+        channels.append((node, "weights", times, rng.normal(size=(2, 2)), "LINEAR"))
+    builder.animation(*channels)
+    return builder
+
+
+@pytest.mark.parametrize(("skinned", "morphed"), [(0, 0), (1, 0), (0, 1), (1, 1)])
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10_000), moment=st.floats(0, 1))
+def test_every_vertex_lies_in_the_hull(tmp_path_factory, skinned, morphed, seed, moment):
+    path = tmp_path_factory.mktemp("hull") / "body.glb"
+    scene = Scene.load(body(seed, skinned=skinned, morphed=morphed).write(path))
+    points, vertices = scene.hull(moment), scene.pose(moment).vertices().astype(np.float64)
+    middle = points.mean(axis=0)
+    inside = Delaunay(points).find_simplex(middle + (1 - 1e-4) * (vertices - middle)) >= 0
+    assert inside.all()
+
+
+@pytest.mark.parametrize("offset", [(0, 0, 5.0), (40.0, 0, 0), (-40.0, 0, 0), (0, 40.0, 0)])
+def test_object_far_out_of_view_is_let_go_without_moving_a_vertex(tmp_path, offset, monkeypatch):
+    builder = GlbBuilder()
+    mesh = builder.mesh(np.random.default_rng(0).random((3 * TRIANGLES, 3), np.float32), FACES)
+    x, y, z = offset
+    builder.node(mesh=mesh, translation=[x, y, z - 3.0])
+    builder.node(camera=builder.camera(0.7))
+    scene = Scene.load(builder.write(tmp_path / "away.glb"))
+    monkeypatch.setattr(Scene, "pose", lambda *_: pytest.fail("its vertices were moved"))
+    objects = RenderedObject(
+        scene=scene, view=View(width=320, height=200), renderer=None
+    )  # never asked
+    assert objects.locate(0, 0.0) is None
