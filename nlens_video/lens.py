@@ -15,6 +15,9 @@ from nlens_video.frames import Float32
 
 Sign = Literal["resolved", "assumed", "ambiguous"]
 MODEL = "coc_px = slope * disparity + intercept"
+LARGEST_COC_PX = 1e9
+"""Where a CoC stops growing: larger than any frame, and its square is still a float32 [px]."""
+_LARGEST = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +55,7 @@ class LensFit:
     method: str = "given"
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.slope) and math.isfinite(self.intercept)):
+        if not max(abs(self.slope), abs(self.intercept)) <= _LARGEST:  # nor where one is NaN
             raise LensFitError(
                 f"lens fit is not finite (slope {self.slope}, intercept {self.intercept}); "
                 "give --fit FILE.json or --fallback constant"
@@ -71,9 +74,13 @@ class LensFit:
         return -self.intercept / self.slope if self.slope else math.inf
 
     def coc_px(self, disparity: Float32) -> Float32:
-        """Signed CoC diameter [px], positive nearer than focus, of disparity [1 / scene unit]."""
-        coc = np.float32(self.slope) * disparity + np.float32(self.intercept)
-        return np.asarray(coc, dtype=np.float32)
+        """Signed CoC diameter [px], positive nearer than focus, of disparity [1 / scene unit].
+
+        A finite number for any finite disparity: beyond `LARGEST_COC_PX` it stays there.
+        """
+        with np.errstate(over="ignore"):
+            coc = np.float32(self.slope) * disparity + np.float32(self.intercept)
+        return np.asarray(np.clip(coc, -LARGEST_COC_PX, LARGEST_COC_PX), dtype=np.float32)
 
     def for_width(self, width: int, height: int) -> LensFit:
         """The same lens on a frame of another size: diameters scale with the width."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,4 +38,10 @@ def _outward(mesh: PosedMesh) -> Int32:
 
 
 def _closes(positions: Float32, faces: Int32) -> bool:
-    return bool(trimesh.Trimesh(positions, faces, process=True).is_volume)
+    # trimesh takes what is nearer than a fixed distance for one place: in units of the body's own
+    # size, a power of two so that places stay as exact as they are
+    size = float(np.abs(positions).max(initial=0.0))
+    if not 0.0 < size < np.inf:
+        return False
+    places = np.ldexp(positions.astype(np.float64), -math.frexp(size)[1])
+    return bool(trimesh.Trimesh(places, faces, process=True).is_volume)

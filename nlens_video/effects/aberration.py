@@ -64,8 +64,8 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 
 def _reduced(rgb: Float32, step: int) -> Float32:
-    height, width = (side // step * step for side in rgb.shape[:2])
-    size = (width // step, height // step)
+    height, width = (max(1, side // step) * min(step, side) for side in rgb.shape[:2])
+    size = (max(1, width // step), max(1, height // step))
     small = cv2.resize(rgb[:height, :width], size, interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.GaussianBlur(small, (0, 0), _SMOOTHING_PX))
 

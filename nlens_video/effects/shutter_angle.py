@@ -58,6 +58,8 @@ def shutter_angle(pictures: Sequence[Picture]) -> float | None:
 
 def _common_move(first: Float32, second: Float32) -> tuple[float, float] | None:
     """Columns and rows by which the whole view moves [px], None where it does not."""
+    if min(first.shape) < 2.0 * _LEAST_MOVE_PX:
+        return None
     window = np.asarray(cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F), np.float32)
     centred = [(luma - luma.mean()) * window for luma in (first, second)]
     (across, down), response = cv2.phaseCorrelate(centred[0], centred[1])

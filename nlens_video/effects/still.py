@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from nlens_video.frames import Bool, Box, Float32, Picture
 from nlens_video.kernels.regrain import to_code
-from nlens_video.stages.f_pool import LUMA, is_still, moving
+from nlens_video.stages.f_pool import LUMA, border_window, is_still, moving
 
 _MOST_COLUMNS, _MOST_ROWS = 1280, 720
 
@@ -38,7 +37,7 @@ def still_run(pictures: Sequence[Float32]) -> tuple[list[Float32], Bool]:
         any of those (H, W).
     """
     first = np.asarray(pictures[0] @ LUMA, np.float32)
-    window = np.asarray(cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F), np.float32)
+    window = border_window(first)
     kept, same = [pictures[0]], np.ones(first.shape, np.bool_)
     for picture in pictures[1:]:
         luma = np.asarray(picture @ LUMA, np.float32)

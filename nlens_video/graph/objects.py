@@ -19,6 +19,7 @@ from nlens_video.scene.placed import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
 from nlens_video.stages.protocols import BehindRenderer, ViewRenderer
 
+_TRACE = 2.0**-24  # of alpha: less than any code or float of the plate tells
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
 
@@ -237,15 +238,21 @@ class LayerReader(Protocol):
 
 
 def covered_part(layer: ObjectLayer) -> ObjectLayer | None:
-    """The layer cut to the pixels that have alpha or colour; None when there are none."""
+    """The layer cut to the pixels that have alpha or colour; None when there are none.
+
+    Light without alpha, such as a flame's, gets a trace of it: it belongs to the object, with a
+    depth, a CoC and an outline of its own.
+    """
     covered = (layer.rgba != 0).any(axis=2)
     rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
     if not rows.size:
         return None
     y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+    rgba = layer.rgba[y0:y1, x0:x1].copy()
+    rgba[covered[y0:y1, x0:x1] & (rgba[..., 3] == 0), 3] = _TRACE
     return ObjectLayer(
         box=Box(layer.box.x0 + x0, layer.box.y0 + y0, layer.box.x0 + x1, layer.box.y0 + y1),
-        rgba=layer.rgba[y0:y1, x0:x1],
+        rgba=rgba,
         depth=layer.depth[y0:y1, x0:x1],
     )
 

@@ -10,10 +10,11 @@ from numba import njit
 from nlens_video.frames import Float32, Float64
 from nlens_video.kernels.extend import Band, Int32
 
-ALPHA_FLOOR = 1e-7
+REMAINDER = 1e-6
+"""Share of a row's greatest sum below which a sum is rounding left over by the running sum, and
+means 0 [1]."""
 WEIGHT_FLOOR = 1e-4
-"""Coverage and weight below these are rounding left over by the running sum, and mean 0 [1]. The
-ratio of two such remainders looks like any other."""
+"""Weight below which it is such a remainder itself [1]. The ratio of two looks like any other."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -63,15 +64,20 @@ def normalise(
         out: result (h, w, 4).
         band: first row and the one past the last.
     """
+    nothing = np.float32(0.0)
     for y in range(band[0], band[1]):
         low, high = columns[0][y + origin[0]], columns[1][y + origin[0]]
+        red = green = blue = alpha = nothing
         for x in range(sums.shape[1]):
-            alpha, weight = sums[y, x, 3], sums[y, x, 4]
-            nothing = alpha < ALPHA_FLOOR or weight < WEIGHT_FLOOR
-            if nothing or not low <= x + origin[1] <= high:
-                for c in range(4):
-                    out[y, x, c] = 0.0
-                continue
+            red, green = max(red, abs(sums[y, x, 0])), max(green, abs(sums[y, x, 1]))
+            blue, alpha = max(blue, abs(sums[y, x, 2])), max(alpha, abs(sums[y, x, 3]))
+        least = np.float32(REMAINDER)
+        floors = (least * red, least * green, least * blue, least * alpha)
+        for x in range(sums.shape[1]):
+            weight = sums[y, x, 4]
+            reached = weight >= WEIGHT_FLOOR and low <= x + origin[1] <= high
+            covered = reached and sums[y, x, 3] > floors[3]
             for c in range(3):
-                out[y, x, c] = sums[y, x, c] / weight
-            out[y, x, 3] = min(np.float32(1.0), alpha / weight)
+                kept = covered or (reached and sums[y, x, c] > floors[c])
+                out[y, x, c] = sums[y, x, c] / weight if kept else nothing
+            out[y, x, 3] = min(np.float32(1.0), sums[y, x, 3] / weight) if covered else nothing

@@ -36,7 +36,7 @@ def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
         The mean (H, W, 3), and how many pictures are in it (1: the first alone).
     """
     luma = np.asarray(first @ LUMA, dtype=np.float32)
-    window = np.asarray(cv2.createHanningWindow(luma.shape[::-1], cv2.CV_32F), np.float32)
+    window = border_window(luma)
     total, count = first.astype(np.float32), np.ones(luma.shape, np.float32)
     used = 1
     for picture in following:
@@ -53,6 +53,13 @@ def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
 def _noise(luma: Float32, other: Float32) -> float:
     """Deviation of the noise in each of two pictures of the same scene [sRGB code]."""
     return 1.4826 * float(np.median(np.abs(other - luma)[::2, ::2])) / math.sqrt(2.0)
+
+
+def border_window(luma: Float32) -> Float32:
+    """Weights that hide a picture's borders (H, W); even ones for one that is nothing else."""
+    if min(luma.shape) < 2:
+        return np.ones_like(luma)
+    return np.asarray(cv2.createHanningWindow(luma.shape[::-1], cv2.CV_32F), np.float32)
 
 
 def is_still(luma: Float32, other: Float32, window: Float32) -> bool:

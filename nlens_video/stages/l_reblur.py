@@ -17,6 +17,7 @@ import numpy as np
 from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 
 NEGLIGIBLE_COC_PX = 0.5  # a disc this wide stays within its pixel
+_LEAST_DEPTH = np.finfo(np.float32).tiny  # what is nearer has no disparity that a float can hold
 
 
 class CocLaw(Protocol):
@@ -38,7 +39,7 @@ def object_coc(layer: ObjectLayer, fit: CocLaw) -> DefocusedLayer:
         fit: the lens.
     """
     covered = layer.rgba[..., 3] > 0
-    known = covered & np.isfinite(layer.depth) & (layer.depth > 0)
+    known = covered & np.isfinite(layer.depth) & (layer.depth >= _LEAST_DEPTH)
     disparity = np.zeros_like(layer.depth)
     np.divide(1.0, layer.depth, out=disparity, where=known)
     if known.any() and (covered & ~known).any():

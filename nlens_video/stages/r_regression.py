@@ -28,6 +28,8 @@ UNSURE_PX = 8.0  # an estimate that expects to be off by more, and by more than 
 _FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
 _LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
 _INDEPENDENT = 3.0  # samples that a plate is worth: 68 % of rendered plates lie within one error
+_AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
+_FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
 
 
@@ -103,8 +105,7 @@ class FitLens:
             LensFitError: the plane is not in view, or nothing on it tells the blur.
         """
         samples = _sample(coc, ground, whole_plane=self.whole_plane)
-        problem = samples.problem(self.anchor_weight, coc.coc_px.shape[1])
-        lens = problem.solve()
+        problem, lens = self._solved(samples, coc.coc_px.shape[1])
         if lens is None:
             raise LensFitError(
                 "the plate shows no blur on the ground under the object; give --fit FILE.json, "
@@ -132,12 +133,29 @@ class FitLens:
         _check(fit, covariance, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))
 
+    def _solved(self, samples: FitSamples, width: int) -> tuple[VFit, Lens | None]:
+        """The lens; most of the plane may be something else, but not the footprint."""
+        problem = samples.problem(self.anchor_weight, width)
+        lens = problem.solve()
+        if lens is None or _agreeing(problem, lens, samples) >= _AGREEING:
+            return problem, lens
+        anchored = samples.problem(_FIRM_ANCHOR, width)
+        other = anchored.solve()
+        if other is None or _agreeing(anchored, other, samples) < _AGREEING:
+            return problem, lens
+        return anchored, other
+
     def _where(self, samples: FitSamples) -> str:
         if not self.whole_plane:
             return "the footprint"
         if not samples.anchor.any():
             return "the ground plane without a footprint in view"
         return "the whole ground plane, anchored by the footprint"
+
+
+def _agreeing(problem: VFit, lens: Lens, samples: FitSamples) -> float:
+    """What the loss leaves of the footprint, 0 to 1; 1 where there is none."""
+    return float(problem.kept(lens)[samples.anchor].mean()) if samples.anchor.any() else 1.0
 
 
 def _of_frames(coc: CocMap) -> str:

@@ -1,0 +1,218 @@
+"""Circles of confusion that are nothing, almost nothing, both signs at once, and enormous."""
+
+import numpy as np
+from hard.catalogue import Outcome, at_least, at_most, case, exactly
+from hard.drawing import INK, OTHER, OURS, PALE, over_grey, panels, plot
+from hard.rungs import RUNGS, Card, cards, lens_at, lens_of_coc, sharp, spread_px, through
+from kernels.lens_truth import Slab, lens, pinhole, psnr_over_plate
+
+from nlens_video.errors import LensFitError
+from nlens_video.kernels.scatter import scatter
+from nlens_video.lens import LensFit
+
+COLOURS = dict(zip(RUNGS, (PALE, OURS, OTHER, INK), strict=True))
+
+
+@case
+def test_zero():
+    """An object on the focal plane comes back bit for bit, on every rung."""
+    scene = cards(Card(2.0))
+    plain = sharp(scene)
+    seen = {rung: through(rung, scene, lens_of_coc(0.0, 2.0)) for rung in RUNGS}
+    changed = {rung: np.count_nonzero(seen[rung] != plain) for rung in RUNGS}
+    return Outcome(
+        tuple(exactly(f"values that {rung} changes", changed[rung], 0) for rung in RUNGS),
+        lambda: panels({"sharp": over_grey(plain), **{k: over_grey(v) for k, v in seen.items()}}),
+    )
+
+
+@case
+def test_epsilon_of_either_sign():
+    """A CoC next to nothing, from the smallest float up, changes nothing, whatever its sign."""
+    rgba = sharp(cards(Card(2.0)))
+    sizes = [1.4e-45, 1e-38, 1e-12, 1e-6, 1e-3, 1e-2]
+    changes = {
+        sign: [float(np.abs(scatter(rgba, _plane(rgba, sign * s)) - rgba).max()) for s in sizes]
+        for sign in (1.0, -1.0)
+    }
+    apart = max(abs(a - b) for a, b in zip(*changes.values(), strict=True))
+
+    def draw(axes):
+        for (sign, values), mark in zip(changes.items(), ("o-", "x--"), strict=True):
+            axes.plot(sizes, np.maximum(values, 1e-9), mark, label=f"CoC {'+-'[sign < 0]} eps")
+
+    return Outcome(
+        (
+            at_most("change by a CoC up to 1e-6 px", max(changes[1.0][:4]), 1e-6),
+            at_most("change by a CoC of 0.01 px", changes[1.0][-1], 4e-3),
+            exactly("difference between the two signs", apart, 0.0),
+        ),
+        lambda: plot(draw, x="|CoC| [px]", y="largest change", log=("x", "y")),
+    )
+
+
+@case
+def test_where_blur_begins():
+    """From 0 to 1.5 px the picture departs from the sharp one without a jump, on every rung."""
+    scene = cards(Card(2.0))
+    steps = np.arange(0.0, 1.52, 0.05)
+    curves = {
+        rung: np.stack([through(rung, scene, lens_of_coc(c, 2.0)) for c in steps]) for rung in RUNGS
+    }
+    jumps = {rung: float(np.abs(np.diff(seen, axis=0)).max()) for rung, seen in curves.items()}
+
+    def draw(axes):
+        for rung, seen in curves.items():
+            away = np.abs(seen - seen[0]).max(axis=(1, 2, 3))
+            axes.plot(steps, away, color=COLOURS[rung], label=rung)
+
+    return Outcome(
+        tuple(at_most(f"largest step of {rung} by 0.05 px", jumps[rung], 0.035) for rung in RUNGS),
+        lambda: plot(draw, x="CoC [px]", y="largest change to sharp"),
+    )
+
+
+@case
+def test_through_zero_inside_one_triangle():
+    """A slab whose CoC runs from -12 through 0 to +20 px stays opaque and close to the lens."""
+    slab = Slab(corners=(16, 16.3, 116.4, 86), coc_px=-12.4, slope=(0.05, 0.35))
+    layer, coc = pinhole([slab], (102, 132))
+    truth, seen = lens([slab], (102, 132), views=300), scatter(layer, coc)
+    inside = seen[28:72, 30:96, 3]
+    signs = {"negative": (coc < 0).any(), "positive": (coc > 0).any()}
+    return Outcome(
+        (
+            at_least("least alpha well inside", inside.min(), 1.0 - 1e-6),
+            at_least("PSNR to 300 points of the lens [dB]", psnr_over_plate(seen, truth), 46.0),
+            exactly("signs of the CoC in it", " and ".join(k for k, v in signs.items() if v),
+                    "negative and positive"),
+        ),
+        lambda: panels(
+            {"sharp": over_grey(layer), "blurred": over_grey(seen), "the lens": over_grey(truth)}
+        ),
+    )  # fmt: skip
+
+
+@case
+def test_larger_than_the_object():
+    """A card of 6 px under a CoC of 40 px keeps all its light, thin and wide, on every rung."""
+    scene = cards(Card(2.0, half=(3.0, 3.0)))
+    before = sharp(scene).sum((0, 1), dtype=np.float64)
+    seen = {rung: through(rung, scene, lens_of_coc(40.0, 2.0)) for rung in RUNGS}
+    lost = {k: np.abs(v.sum((0, 1), dtype=np.float64) / before - 1).max() for k, v in seen.items()}
+    disc = np.pi * 20.0**2
+    return Outcome(
+        (
+            *(at_most(f"light that {k} loses or gains, share", lost[k], 1e-3) for k in RUNGS),
+            *(
+                at_most(
+                    f"alpha in the middle by {k}, off from area / area of the disc",
+                    abs(v[44, 56, 3] * disc / before[3] - 1),
+                    0.4 if k == "draft" else 0.02,
+                )
+                for k, v in seen.items()
+            ),
+        ),
+        lambda: panels({k: over_grey(4 * v) for k, v in seen.items()}),
+    )
+
+
+@case
+def test_larger_than_the_frame():
+    """A CoC of three frames and more leaves a thin haze, finite and even."""
+    scene = cards(Card(2.0))
+    seen = {
+        (rung, coc): through(rung, scene, lens_of_coc(coc, 2.0))
+        for rung in RUNGS
+        for coc in (300.0, -300.0, 1e6)
+    }
+    figures = []
+    for rung in RUNGS:
+        those = np.stack([v for (name, _), v in seen.items() if name == rung])
+        finite = bool(np.isfinite(those).all())
+        figures += [
+            exactly(f"{rung} is finite", str(finite), "True"),
+            at_most(f"greatest alpha of {rung}", those[..., 3].max(), 0.03),
+            at_least(f"least value of {rung}", those.min(), 0.0),
+        ]
+    return Outcome(
+        tuple(figures),
+        lambda: panels({f"{r}, {c:g} px, x 20": over_grey(20 * seen[r, c]) for r, c in (
+            ("draft", 300.0), ("realtime", 300.0), ("lens", 300.0), ("realtime", 1e6))}),
+    )  # fmt: skip
+
+
+@case
+def test_beyond_all_numbers():
+    """A fit as steep as a float holds gives the largest disc there is, not an overflow."""
+    rgba = sharp(cards(Card(2.0)))
+    largest = scatter(rgba, _plane(rgba, 512.0))
+    seen = {coc: scatter(rgba, _plane(rgba, coc)) for coc in (513.0, 1e9, 3.4e38, -3.4e38)}
+    apart = max(float(np.abs(v - largest).max()) for v in seen.values())
+    steep = LensFit(slope=3e38, intercept=-3e38, width=8, height=8)
+    told = steep.coc_px(np.array([0.0, 1e-30, 0.5, 2.0, 1e38], np.float32))
+    try:
+        refused = str(LensFit(slope=1e300, intercept=-1e300, width=8, height=8))
+    except LensFitError as error:
+        refused = type(error).__name__
+    return Outcome(
+        (
+            exactly("difference to a CoC of 512 px", apart, 0.0),
+            at_most("CoC by a fit of 3e38, at most [px]", np.abs(told).max(), 1e9),
+            exactly("a fit of 1e300 is", refused, "LensFitError"),
+        ),
+        lambda: panels({f"{c:g} px, x 50": over_grey(50 * v) for c, v in seen.items()}),
+    )
+
+
+@case
+def test_growing_from_level_to_level():
+    """While the CoC grows to 90 px, over every level of coarser pixels, nothing pops."""
+    scene = cards(Card(2.0, half=(16.0, 16.0)))
+    steps = np.geomspace(0.5, 90.0, 90)
+    widths = {
+        rung: np.array([spread_px(through(rung, scene, lens_of_coc(c, 2.0))) for c in steps])
+        for rung in ("draft", "realtime")
+    }
+    begin = spread_px(sharp(scene))
+    disc = np.sqrt(begin**2 + steps**2 / 8)  # second moments add up; a disc's is r^2 / 2
+    seen = steps < 50.0  # beyond it the frame cuts the disc
+    off = {rung: np.abs(w / disc - 1.0)[seen].max() for rung, w in widths.items()}
+    falls = {rung: float(np.diff(w).min()) for rung, w in widths.items()}
+
+    def draw(axes):
+        axes.plot(steps, disc, color=PALE, lw=4, label="an even disc, before the frame cuts it")
+        for rung, width in widths.items():
+            axes.plot(steps, width, color=COLOURS[rung], lw=1, label=rung)
+
+    return Outcome(
+        (
+            *(at_most(f"width by {rung}, off from the disc's, share", off[rung], limit)
+              for rung, limit in (("draft", 0.02), ("realtime", 0.005))),
+            *(at_least(f"least growth of {rung} by a step [px]", falls[rung], 0.0)
+              for rung in widths),
+        ),
+        lambda: plot(draw, x="CoC [px]", y="width of the picture [px]", log=("x",)),
+    )  # fmt: skip
+
+
+@case
+def test_step_from_negative_to_positive():
+    """A near card before a far one, +9 and -9 px: the near one hides, the far one shines round."""
+    scene = cards(Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
+    fit = lens_at(2.18, 21.0)
+    seen = {rung: through(rung, scene, fit) for rung in RUNGS}
+    near, far = (float(fit.coc_px(np.float32(1 / depth))) for depth in (1.5, 4.0))
+    figures = [at_least("CoC of the near card [px]", near, 9), at_most("of the far", far, -9)]
+    for rung in RUNGS:
+        figures += [
+            exactly(f"{rung} is finite", str(bool(np.isfinite(seen[rung]).all())), "True"),
+            at_most(f"greatest alpha of {rung}", seen[rung][..., 3].max(), 1.0),
+        ]
+    off = np.abs(seen["standard"] - seen["lens"]).mean()
+    figures.append(at_most("mean difference of standard and lens", off, 5e-3))
+    return Outcome(tuple(figures), lambda: panels({k: over_grey(v) for k, v in seen.items()}))
+
+
+def _plane(rgba, coc_px):
+    return np.full(rgba.shape[:2], coc_px, np.float32)
