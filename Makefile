@@ -2,6 +2,7 @@
 # make test    install everything and run all tests
 # make lint    format check, lint, types
 # make gallery  the pictures of docs/gallery
+# make hard    docs/hard.md and its pictures: every case of tests/hard
 # make docs    the documentation as a site: site/index.html
 # make bench   time of each node of the demo, and its ratio to plain decode + encode
 
@@ -64,6 +65,9 @@ gallery: install
 docs: $(VENV)/.installed-test
 	$(BIN)/python -m mkdocs build --strict --quiet
 	@echo "Look at site/index.html"
+
+hard: system $(VENV)/.installed-test
+	$(BIN)/python docs/make_hard.py
 
 bench: install
 	$(BIN)/python benchmarks/bench_demo.py

@@ -57,6 +57,9 @@ def normalise(
 ) -> None:  # fmt: skip
     """Divide rows of sums (h, w, 5) by their weight; 0 where the object does not reach.
 
+    Light without coverage to speak of, such as a flame's, counts where it is no remainder; dark
+    parts beside a highlight count because they are covered.
+
     Args:
         sums: red, green, blue, alpha, weight.
         columns: as in `scatter_rows`.
@@ -78,6 +81,7 @@ def normalise(
             reached = weight >= WEIGHT_FLOOR and low <= x + origin[1] <= high
             covered = reached and sums[y, x, 3] > floors[3]
             for c in range(3):
-                kept = covered or (reached and sums[y, x, c] > floors[c])
-                out[y, x, c] = sums[y, x, c] / weight if kept else nothing
+                light = sums[y, x, c]
+                kept = reached and (abs(light) > floors[c] or (covered and light > nothing))
+                out[y, x, c] = light / weight if kept else nothing
             out[y, x, 3] = min(np.float32(1.0), sums[y, x, 3] / weight) if covered else nothing

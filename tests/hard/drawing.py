@@ -31,6 +31,11 @@ def over_grey(rgba, grey: float = 0.18):
     return srgb8(rgba[..., :3] + (1.0 - rgba[..., 3:]) * plate)
 
 
+def haze(rgba):
+    """Coverage of a thin layer, its greatest as full colour (h, w, 3) uint8."""
+    return heat(rgba[..., 3], max(float(rgba[..., 3].max()), 1e-30))
+
+
 def heat(values, largest: float):
     """A map as shades, blue below zero, red above; `largest` is full colour (h, w, 3) uint8."""
     share = np.clip(np.nan_to_num(values) / largest, -1.0, 1.0)[..., None]
@@ -55,6 +60,7 @@ def panels(pictures: Mapping[str, object], height: int = HEIGHT) -> Image.Image:
     for width, (title, one) in zip(widths, shown, strict=True):
         draw.text((left, 2), title, font=font, fill=INK)
         sheet.paste(one, (left, TITLE))
+        draw.rectangle((left, TITLE, left + one.width - 1, TITLE + one.height - 1), outline=PALE)
         left += width + GAP
     return sheet
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
-from hard.drawing import INK, OTHER, OURS, PALE, over_grey, panels, plot
+from hard.drawing import INK, OTHER, OURS, PALE, haze, over_grey, panels, plot
 from hard.rungs import RUNGS, Card, cards, lens_at, lens_of_coc, sharp, spread_px, through
 from kernels.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
@@ -113,7 +113,7 @@ def test_larger_than_the_object():
                 for k, v in seen.items()
             ),
         ),
-        lambda: panels({k: over_grey(4 * v) for k, v in seen.items()}),
+        lambda: panels({f"{k}, coverage": haze(v) for k, v in seen.items()}),
     )
 
 
@@ -137,7 +137,7 @@ def test_larger_than_the_frame():
         ]
     return Outcome(
         tuple(figures),
-        lambda: panels({f"{r}, {c:g} px, x 20": over_grey(20 * seen[r, c]) for r, c in (
+        lambda: panels({f"{r}, {c:g} px, coverage": haze(seen[r, c]) for r, c in (
             ("draft", 300.0), ("realtime", 300.0), ("lens", 300.0), ("realtime", 1e6))}),
     )  # fmt: skip
 
@@ -161,7 +161,7 @@ def test_beyond_all_numbers():
             at_most("CoC by a fit of 3e38, at most [px]", np.abs(told).max(), 1e9),
             exactly("a fit of 1e300 is", refused, "LensFitError"),
         ),
-        lambda: panels({f"{c:g} px, x 50": over_grey(50 * v) for c, v in seen.items()}),
+        lambda: panels({f"{c:g} px, coverage": haze(v) for c, v in seen.items()}),
     )
 
 

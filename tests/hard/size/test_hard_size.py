@@ -82,7 +82,8 @@ def test_tiny_plates_for_the_network():
             plate = _plate(size)
             coc = estimate_coc(network, plate.astype(np.float32) / 255.0)
             name = f"{size[0]} x {size[1]}"
-            shown[name] = plate[..., ::-1]
+            if size in TINY:
+                shown[name] = plate[..., ::-1]
             finite = np.isfinite(coc.coc_px).all() and np.isfinite(coc.sigma_px).all()
             figures += [
                 exactly(f"{name}: shape", str(coc.coc_px.shape == size[::-1]), "True"),
