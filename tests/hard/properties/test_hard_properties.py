@@ -1,0 +1,265 @@
+"""What holds for every scene, on every rung: tried on scenes that hypothesis makes up."""
+
+import numpy as np
+from hard.catalogue import Outcome, at_least, at_most, case
+from hard.drawing import INK, OTHER, OURS, PALE, over_grey, panels, plot
+from hard.rungs import (
+    HEIGHT,
+    RUNGS,
+    WIDTH,
+    Card,
+    camera,
+    cards,
+    lens_at,
+    sharp,
+    spread_px,
+    through,
+)
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from nlens_video.kernels.scatter import scatter
+from nlens_video.lens import LensFit
+
+COLOURS = dict(zip(RUNGS, (PALE, OURS, OTHER, INK), strict=True))
+FEW = settings(max_examples=12, deadline=None)
+CARD = st.builds(
+    Card,
+    depth=st.floats(1.0, 5.0),
+    at=st.tuples(st.floats(-12, 12), st.floats(-8, 8)),
+    half=st.tuples(st.floats(3, 20), st.floats(3, 14)),
+    seed=st.integers(0, 50),
+)
+FOCUS, INFINITY_PX = st.floats(0.8, 6.0), st.floats(0.0, 9.0)
+
+
+class Worst:
+    """The largest value for each rung, with the scene that had it."""
+
+    def __init__(self):
+        self.values, self.pictures = dict.fromkeys(RUNGS, 0.0), {}
+
+    def seen(self, rung, value, picture):
+        if not value <= self.values[rung] or rung not in self.pictures:
+            self.values[rung], self.pictures[rung] = float(value), picture
+
+    def figures(self, what, limits):
+        return tuple(at_most(f"{what}, {r}", self.values[r], limits[r]) for r in limits)
+
+    def draw(self):
+        return panels({f"{r}, at its worst": over_grey(p) for r, p in self.pictures.items()})
+
+
+def _outcome(worst, what, limit):
+    limits = limit if isinstance(limit, dict) else dict.fromkeys(RUNGS, limit)
+    return Outcome(worst.figures(what, limits), worst.draw)
+
+
+@case
+def test_energy_is_kept():
+    """Red, green, blue and alpha of a card sum up to what they were, away from the borders."""
+    worst = Worst()
+
+    @FEW
+    @given(card=CARD, focus=FOCUS, infinity=INFINITY_PX)
+    def holds(card, focus, infinity):
+        scene = cards(card)
+        before = sharp(scene).sum((0, 1), dtype=np.float64)
+        for rung in RUNGS:
+            seen = through(rung, scene, lens_at(focus, infinity))
+            lost = np.abs(seen.sum((0, 1), dtype=np.float64) / before - 1.0).max()
+            worst.seen(rung, lost, seen)
+
+    holds()
+    return _outcome(worst, "light lost or won, share", 2e-5)
+
+
+@case
+def test_alpha_and_light_stay_in_range():
+    """Two cards that may hide each other: alpha within [0, 1], light finite, none below zero."""
+    low, high = Worst(), Worst()
+
+    @FEW
+    @given(first=CARD, second=CARD, focus=FOCUS, infinity=st.floats(0.0, 40.0))
+    def holds(first, second, focus, infinity):
+        scene = cards(first, second)
+        for rung in RUNGS:
+            seen = through(rung, scene, lens_at(focus, infinity))
+            assert np.isfinite(seen).all()
+            assert seen.dtype == np.float32
+            low.seen(rung, -seen.min(), seen)
+            high.seen(rung, max(seen[..., 3].max() - 1.0, seen[..., :3].max() - 1.0), seen)
+
+    holds()
+    return Outcome(
+        (*low.figures("light below 0 by", dict.fromkeys(RUNGS, 1e-6)),
+         *high.figures("alpha or light above 1 by", dict.fromkeys(RUNGS, 1e-5))),
+        high.draw,
+    )  # fmt: skip
+
+
+@case
+def test_identity_at_coc_zero():
+    """A card anywhere, in focus, is the sharp picture bit for bit."""
+    worst = Worst()
+
+    @FEW
+    @given(card=CARD, infinity=st.floats(0.0, 60.0))
+    def holds(card, infinity):
+        scene = cards(card)
+        plain = sharp(scene)
+        for rung in RUNGS:
+            seen = through(rung, scene, lens_at(card.depth, infinity))
+            worst.seen(rung, np.abs(seen - plain).max(), seen)
+
+    holds()
+    return _outcome(worst, "largest change", 0.0)
+
+
+@case
+def test_monotone_blur():
+    """The larger the CoC, of either sign, the wider the card and the lower its brightest pixel."""
+    widths, peaks = dict.fromkeys(RUNGS, np.inf), dict.fromkeys(RUNGS, np.inf)
+    steps = np.linspace(0.0, 24.0, 13)
+    curves = {}
+
+    @settings(max_examples=6, deadline=None)
+    @given(depth=st.floats(1.0, 4.0), half=st.floats(3.0, 14.0), sign=st.sampled_from([1, -1]))
+    def holds(depth, half, sign):
+        scene = cards(Card(depth, half=(half, half)))
+        for rung in RUNGS:
+            seen = [through(rung, scene, _flat_lens(sign * c, depth)) for c in steps]
+            width = np.array([spread_px(one) for one in seen])
+            curves[rung] = width / width[0]
+            widths[rung] = min(widths[rung], float(np.diff(width).min()))
+            peak = np.array([one[..., 3].max() for one in seen])
+            peaks[rung] = min(peaks[rung], float(-np.diff(peak).max()))
+
+    holds()
+
+    def draw(axes):
+        for rung, width in curves.items():
+            axes.plot(steps, width, color=COLOURS[rung], label=rung)
+
+    return Outcome(
+        (
+            *(at_least(f"least growth of the width by a step [px], {r}", widths[r], -1e-4)
+              for r in RUNGS),
+            *(at_least(f"least fall of the greatest alpha, {r}", peaks[r],
+                       -0.03 if r == "draft" else -2e-3) for r in RUNGS),
+        ),
+        lambda: plot(draw, x="|CoC| [px]", y="width by the sharp one's"),
+    )  # fmt: skip
+
+
+@case
+def test_translation():
+    """A picture moved by whole pixels blurs to the same, moved; `draft` draws on a coarse grid."""
+    worst = Worst()
+
+    @FEW
+    @given(
+        card=CARD, focus=FOCUS, infinity=INFINITY_PX,
+        shift=st.tuples(st.integers(-9, 9), st.integers(-9, 9)),
+    )  # fmt: skip
+    def holds(card, focus, infinity, shift):
+        scene, fit = cards(card), lens_at(focus, infinity)
+        x, y = shift
+        for rung in RUNGS:
+            here, there = through(rung, scene, fit), through(rung, scene, fit, camera(shift))
+            part = there[max(0, y) : HEIGHT + min(0, y), max(0, x) : WIDTH + min(0, x)]
+            same = here[max(0, -y) : HEIGHT + min(0, -y), max(0, -x) : WIDTH + min(0, -x)]
+            worst.seen(rung, np.abs(part - same).max(), there)
+
+    holds()
+    return _outcome(worst, "largest difference", {**dict.fromkeys(RUNGS, 3e-5), "draft": 0.06})
+
+
+@case
+def test_order_of_disjoint_objects():
+    """Two cards whose blurs do not touch look the same whichever the file names first."""
+    worst, alone = Worst(), Worst()
+
+    @FEW
+    @given(
+        left=st.floats(1.0, 5.0), right=st.floats(1.0, 5.0), focus=FOCUS,
+        infinity=st.floats(0.0, 5.0), seed=st.integers(0, 99),
+    )  # fmt: skip
+    def holds(left, right, focus, infinity, seed):
+        one = Card(left, at=(-28.0, 0.0), half=(9.0, 12.0), seed=seed)
+        other = Card(right, at=(28.0, 0.0), half=(9.0, 12.0), seed=seed + 1)
+        fit = lens_at(focus, infinity)
+        if max(abs(float(fit.coc_px(np.float32(1 / d)))) for d in (left, right)) > 30.0:
+            return
+        for rung in RUNGS:
+            seen = through(rung, cards(one, other), fit)
+            turned = through(rung, cards(other, one), fit)
+            worst.seen(rung, np.abs(seen - turned).max(), seen)
+            apart = through(rung, cards(one), fit) + through(rung, cards(other), fit)
+            alone.seen(rung, np.abs(seen - apart).mean(), seen)
+
+    holds()
+    return Outcome(
+        (*worst.figures("largest difference to the other order", dict.fromkeys(RUNGS, 0.0)),
+         *alone.figures("mean difference to each alone", dict.fromkeys(RUNGS, 2e-3))),
+        worst.draw,
+    )  # fmt: skip
+
+
+@case
+def test_linear_in_light():
+    """A card with a share of the light blurs to that share; coverage does not know the light."""
+    worst = Worst()
+
+    @FEW
+    @given(card=CARD, focus=FOCUS, infinity=INFINITY_PX, gain=st.floats(0.01, 1.0))
+    def holds(card, focus, infinity, gain):
+        fit = lens_at(focus, infinity)
+        dim = Card(card.depth, card.at, card.half, card.seed, gain)
+        for rung in RUNGS:
+            full, less = through(rung, cards(card), fit), through(rung, cards(dim), fit)
+            away = np.abs(less[..., :3] - np.float32(gain) * full[..., :3]).max()
+            away = max(away, np.abs(less[..., 3] - full[..., 3]).max())
+            worst.seen(rung, away, less)
+
+    holds()
+    return _outcome(worst, "largest deviation", 2e-6)
+
+
+@case
+def test_sums_of_lights():
+    """The blur of two lights of one layer is the sum of their blurs, from 1e-6 to 1e6 of white."""
+    worst = {"share": 0.0}
+    rng = np.random.default_rng(0)
+
+    @settings(max_examples=25, deadline=None)
+    @given(power=st.floats(-6, 6), coc=st.floats(0.0, 30.0), seed=st.integers(0, 99))
+    @example(power=6.0, coc=12.0, seed=0)
+    def holds(power, coc, seed):
+        made = np.random.default_rng(seed)
+        rgba = np.zeros((48, 52, 4), np.float32)
+        rgba[12:36, 12:40, 3] = 1.0
+        lights = [rgba.copy(), rgba.copy(), rgba]
+        for one, scale in zip(lights[:2], (1.0, 10.0**power), strict=True):
+            one[12:36, 12:40, :3] = scale * made.random((24, 28, 3))
+        rgba[..., :3] = lights[0][..., :3] + lights[1][..., :3]
+        plane = np.full(rgba.shape[:2], coc, np.float32)
+        first, second, both = (scatter(light, plane)[..., :3] for light in lights)
+        away = np.abs(both - (first + second)).max() / both.max()
+        worst["share"] = max(worst["share"], float(away))
+
+    holds()
+    shown = np.zeros((48, 52, 4), np.float32)
+    shown[12:36, 12:40, 3] = 1.0
+    shown[12:36, 12:40, :3] = rng.random((24, 28, 3))
+    seen = scatter(shown, np.full((48, 52), 9.0, np.float32))
+    return Outcome(
+        (at_most("deviation by the brightest pixel", worst["share"], 1e-6),),
+        lambda: panels({"sharp": over_grey(shown), "CoC 9 px": over_grey(seen)}),
+    )
+
+
+def _flat_lens(coc_px: float, depth: float) -> LensFit:
+    """Gives that CoC to that depth."""
+    slope = (max(coc_px, 0.0) + 4.0) * depth
+    return LensFit(slope=slope, intercept=coc_px - slope / depth, width=WIDTH, height=HEIGHT)
