@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.frames import Box, Float32, Float64
+from nlens_video.frames import Bool, Box, Float32, Float64
 from nlens_video.kernels.barrel import cut_by_barrel
 from nlens_video.kernels.disc import MAX_COC_PX, SURPLUS, fitted_radius, reach
 from nlens_video.kernels.extend import Silhouette, bands, lay_out, survey
@@ -85,6 +85,20 @@ def _columns(silhouette: Silhouette, shape: tuple[float, float, int], layer_box:
     return reached_columns(first, last, radius, shape)
 
 
+def _within(columns: Columns, wanted: Bool, layer_box: Box) -> Columns:
+    """The columns of each row that are wanted as well [px of the box]."""
+    low, high = columns
+    first = np.full(low.shape, np.inf)
+    last = np.full(low.shape, -np.inf)
+    rows = np.arange(layer_box.y0, layer_box.y1)
+    inside = np.flatnonzero((rows >= 0) & (rows < wanted.shape[0]))
+    of_rows = wanted[rows[inside]]
+    inside, of_rows = inside[of_rows.any(axis=1)], of_rows[of_rows.any(axis=1)]
+    first[inside] = np.argmax(of_rows, axis=1) - layer_box.x0
+    last[inside] = wanted.shape[1] - 1 - np.argmax(of_rows[:, ::-1], axis=1) - layer_box.x0
+    return np.maximum(low, first), np.minimum(high, last)
+
+
 def scatter(
     rgba: Float32,
     coc_px: Float32,
@@ -95,6 +109,7 @@ def scatter(
     frame: Box | None = None,
     detail: Detail = FINE,
     spread: Spread | None = None,
+    wanted: Bool | None = None,
 ) -> Float32:
     """Blur an object's layer by its own CoC, as a lens does where the object hides none of itself.
 
@@ -116,6 +131,8 @@ def scatter(
             the grid of coarser levels starts; default: the array.
         detail: how finely discs are drawn.
         spread: does what `spread_levels` does, perhaps elsewhere; None for that itself.
+        wanted: pixels that are looked at (h, w), which saves time; those of a row before the first
+            and past the last of them are 0. None for all.
 
     Returns:
         The blurred layer (h, w, 4), premultiplied, alpha in [0, 1]; exactly 0 out of reach.
@@ -141,11 +158,15 @@ def scatter(
     layer = lay_out(rgba, coc_px, bounds, margin, threads)
     whole = Box(0, 0, rgba.shape[1], rgba.shape[0])
     frame = whole if frame is None else frame
-    target = bounds.grown(margin).intersection(whole)
+    target = bounds.grown(margin).intersection(whole if wanted is None else Box.of(wanted))
+    if target.empty:
+        return out
     outer = discs.outer * SKEW_REACH
     radius = 0.5 * min(largest, MAX_COC_PX)
     shape = (pixel_aspect, outer, detail.spread(radius))
     columns = _columns(silhouette, shape, layer.box)
+    if wanted is not None:
+        columns = _within(columns, wanted, layer.box)
     corner = (layer.box.x0 - frame.x0, layer.box.y0 - frame.y0)
     at = Box(target.x0 - frame.x0, target.y0 - frame.y0, target.x1 - frame.x0, target.y1 - frame.y0)
     fades = (detail.stamps_px, detail.spans_px)

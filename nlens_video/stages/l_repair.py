@@ -53,7 +53,7 @@ class RepairLayer:
 
     Attributes:
         network: judges by geometry.
-        scatter: (rgba (h, w, 4), coc_px (h, w), pixel_aspect=) -> blurred rgba (h, w, 4).
+        scatter: (rgba (h, w, 4), coc_px (h, w), pixel_aspect=, wanted=) -> blurred rgba (h, w, 4).
         reach: (coc_px, alpha, pixel_aspect) -> pixels that the blur spreads beyond the silhouette.
         pixel_aspect: width of a pixel by its height [1].
     """

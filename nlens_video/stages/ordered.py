@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def candidates(
             at least a disc farther on every side than the pixels that count.
         scattered: what the scatter made of the whole object (h, w, 4).
         steps: where the CoC steps.
-        scatter: (rgba, coc_px, pixel_aspect=) -> blurred rgba.
+        scatter: (rgba, coc_px, pixel_aspect=, wanted=) -> blurred rgba.
         pixel_aspect: width of a pixel by its height, > 0 [1].
         corner: row and column of the region's first pixel in the frame [px].
         hidden: what the nearest surfaces hide, where that is known.
@@ -88,13 +89,15 @@ def candidates(
         parts = split_at_steps(rgba, coc, steps, corner)
     else:
         parts = split_before(rgba, coc, steps, hidden)
-    near = scatter(parts.near_rgba, parts.near_coc_px, pixel_aspect=pixel_aspect)
-    back = scatter(parts.back_rgba, parts.back_coc_px, pixel_aspect=pixel_aspect)
+    reached = steps.inside_px > 0.0
+    drawn = partial(scatter, pixel_aspect=pixel_aspect, wanted=reached)
+    near = drawn(parts.near_rgba, parts.near_coc_px)
+    back = drawn(parts.back_rgba, parts.back_coc_px)
     near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])
     near_coc = carried_out(parts.near_coc_px, near_alpha > 0.0)
     back_coc = carried_out(parts.back_coc_px, parts.back_rgba[..., 3] > 0.0)
     coverage = near[..., 3]
-    partly = (steps.inside_px > 0.0) & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR)
+    partly = reached & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR)
     covariance = aperture_covariance(
         (near_alpha, near_coc),
         (parts.back_rgba, back_coc),
@@ -118,7 +121,7 @@ def candidates(
         back[..., 3],
         covariance[..., 3],
     ]
-    geometry = np.stack(maps, axis=2) * (steps.inside_px > 0.0)[..., None]
+    geometry = np.stack(maps, axis=2) * reached[..., None]
     return replace(made, geometry=geometry)
 
 
