@@ -44,4 +44,9 @@ def _closes(positions: Float32, faces: Int32) -> bool:
     if not 0.0 < size < np.inf:
         return False
     places = np.ldexp(positions.astype(np.float64), -math.frexp(size)[1])
-    return bool(trimesh.Trimesh(places, faces, process=True).is_volume)
+    merged = trimesh.Trimesh(places, faces, process=True)
+    corners = np.asarray(merged.faces)
+    # what exporters put at the poles of a ball: triangles with two corners in one place
+    flat = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
+    merged.update_faces(~flat)
+    return bool(merged.is_volume)

@@ -223,14 +223,13 @@ def _lay_out_background(
             inner_row, inner_column = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
             inside = inner_row == row and inner_column == column
             hidden = not inside and rgba[inner_row, inner_column, 3] > 0.0
+            skews[0, y, x] = skews[1, y, x] = 0.0  # the CoC is carried on as it is
             if hidden or distance[y, x] > limits[0]:
                 radii[y, x] = np.nan
-                skews[0, y, x] = skews[1, y, x] = 0.0
                 continue
             label = labels[y, x]
             row, column = places[label, 0], places[label, 1]
             radii[y, x] = radii[row, column]
-            skews[0, y, x], skews[1, y, x] = skews[0, row, column], skews[1, row, column]
 
 
 def lay_out(

@@ -157,7 +157,7 @@ def prepare(
     limit = np.float32(0.5 * MAX_COC_PX)
     radius = np.clip(np.float32(0.5) * coc.ravel()[nearest], -limit, limit)
     radius[_beyond_covered(mask, within) | (distance > 2 * margin + 1)] = np.nan
-    skew = coc_skew(coc).reshape(-1, 2)[nearest]
+    skew = coc_skew(coc)  # even where the object is not: the CoC is carried on as it is
     target = Box.of(covered).grown(margin).intersection(whole)
     return SourceLayer(
         box=box, target=target, margin=margin, rgba=colour, radius_px=radius, skew=skew

@@ -288,6 +288,18 @@ def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(detail, times):
     assert seen < times * largest_bend([scatter_ref(*frame) for frame in frames])
 
 
+def test_an_edge_is_as_wide_as_its_own_disc_however_the_coc_changes_inside():
+    coverage = []
+    for slope in (0.0, 0.1, 0.3, 0.5):
+        columns = np.arange(120, dtype=np.float32)
+        rgba = np.zeros((41, 120, 4), np.float32)
+        rgba[:, :60] = 1.0
+        coc = np.tile(12.0 + slope * (59.5 - columns), (41, 1)).astype(np.float32)
+        coverage.append(scatter(rgba, coc)[20, :, 3])
+    off = [float(np.abs(sloping - coverage[0]).max()) for sloping in coverage[1:]]
+    assert off[0] < 0.004 and off[1] < 0.01 and off[2] < 0.017
+
+
 @pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
 def test_an_object_that_moves_through_focus_never_pops(detail, times):
     rgba = blob(56, 56, margin=20)
@@ -302,3 +314,18 @@ def test_a_draft_of_a_slab_is_above_36_db(slope, start):
     sharp, coc = pinhole([slab], (102, 132))
     truth = lens([slab], (102, 132), views=300)
     assert psnr_over_plate(scatter(sharp, coc, detail=DRAFT), truth) > 36.0
+
+
+@pytest.mark.parametrize("detail", [FINE, DRAFT], ids=["fine", "draft"])
+def test_what_is_not_wanted_changes_nothing_of_what_is(detail):
+    rng = np.random.default_rng(3)
+    rgba = blob(90, 110, margin=34)
+    coc = rng.uniform(-60.0, 60.0, (3, 3)).repeat(30, axis=0).repeat(37, axis=1)[:, :110]
+    coc = np.ascontiguousarray(coc, np.float32)
+    wanted = np.zeros(coc.shape, np.bool_)
+    wanted[20:41, 30:50] = wanted[35:60, 70:95] = True
+    whole = scatter(rgba, coc, detail=detail)
+    part = scatter(rgba, coc, detail=detail, wanted=wanted)
+    np.testing.assert_allclose(part[wanted], whole[wanted], atol=2e-6)
+    assert not part[:20].any() and not part[:, :30].any() and not part[60:].any()
+    assert not scatter(rgba, coc, wanted=np.zeros_like(wanted)).any()

@@ -6,7 +6,7 @@ import pytest
 from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
 from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.errors import NlensError
-from nlens_video.evaluate.bench_glb import write_glb
+from nlens_video.evaluate.bench_glb import Surface, write_glb
 from nlens_video.evaluate.bench_shapes import YFOV, Optics, Place, card, rectangle, tube
 from nlens_video.frames import Box
 from nlens_video.graph.node import CONDITIONS
@@ -160,6 +160,28 @@ def test_nobody_looks_into_a_closed_body_though_its_material_is_double_sided(see
     path = np.array([OPTICS.point(Place(480, y, 20.0)) for y in (100, 240, 380)])
     radius = OPTICS.size(Place(480, 240, 20.0), 60)
     assert see(tube(path, [radius] * 3, 3)).peeled().behind.box.empty
+
+
+def ball(place, radius_px, *, rings=12):
+    """A textured ball; as exporters do, two of three corners of a triangle at a pole are one."""
+    turn, down = np.meshgrid(
+        np.linspace(0.0, 2.0 * np.pi, 2 * rings + 1), np.linspace(0.0, np.pi, rings + 1)
+    )
+    normals = np.stack([np.sin(down) * np.cos(turn), np.cos(down), np.sin(down) * np.sin(turn)], 2)
+    row = 2 * rings + 1
+    at = np.arange(rings)[:, None] * row + np.arange(2 * rings)[None, :]
+    first = np.stack([at, at + 1, at + row], axis=2).reshape(-1, 3)
+    second = np.stack([at + 1, at + row + 1, at + row], axis=2).reshape(-1, 3)
+    return Surface(
+        points=OPTICS.point(place) + OPTICS.size(place, radius_px) * normals.reshape(-1, 3),
+        uv=np.stack([turn.ravel(), down.ravel()], axis=1),
+        faces=np.concatenate([first, second]),
+        texture=np.full((8, 8, 3), RED, np.uint8),
+    )
+
+
+def test_triangles_without_area_do_not_open_a_body(see):
+    assert see(ball(Place(480, 240, 20.0), 60)).peeled().behind.box.empty
 
 
 def test_the_inner_side_of_an_open_shell_is_seen(see):
