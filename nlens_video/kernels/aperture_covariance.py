@@ -8,7 +8,6 @@ light. It is small where either is smooth, so a few points of the aperture suffi
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 import numpy as np
@@ -17,21 +16,8 @@ from numba import njit
 from nlens_video.frames import Bool, Float32, Float64
 from nlens_video.kernels.pool import share
 
-POINTS = 12
-"""Points of the aperture that suffice."""
-
 BAND_ROWS = 8
 """Rows that a thread takes at a time."""
-
-
-def aperture_points(count: int = POINTS) -> Float32:
-    """Points of equal share of the unit disc, a spiral around 0 (count, 2): columns, rows."""
-    index = np.arange(count)
-    radius = np.sqrt((index + 0.5) / count)
-    turn = index * (math.pi * (3.0 - math.sqrt(5.0)))
-    points = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
-    points -= points.mean(axis=0)
-    return np.asarray(points, dtype=np.float32)
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.frames import Float64
+from nlens_video.frames import Float32, Float64
 from nlens_video.kernels.shape import contains, outer_radius, read_picture
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -74,6 +74,19 @@ def lens_points(count: int, aperture: Aperture = ROUND) -> LensPoints:
 def bare_points(count: int) -> LensPoints:
     """A round aperture as many points of equal weight, for views that are not blurred any more."""
     return LensPoints(spiral(count), np.full(count, 1.0 / count))
+
+
+@lru_cache(maxsize=4)
+def even_points(count: int) -> Float32:
+    """Points (N, 2) of equal weight that have the round aperture's mean and second moments.
+
+    Args:
+        count: how many, 1 to 256.
+    """
+    places = lens_points(count).places
+    centred = places - places.mean(axis=0)
+    spread = np.mean(np.sum(centred * centred, axis=1))
+    return np.asarray(centred * math.sqrt(0.5 / spread), dtype=np.float32)
 
 
 def points_around(count: int, aperture: Aperture = ROUND) -> LensPoints:

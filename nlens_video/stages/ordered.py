@@ -9,13 +9,17 @@ from functools import partial
 import numpy as np
 
 from nlens_video.frames import Float32
-from nlens_video.kernels.aperture_covariance import aperture_covariance, aperture_points
+from nlens_video.kernels.aperture_covariance import aperture_covariance
 from nlens_video.kernels.depth_layers import split_at_steps
 from nlens_video.kernels.known_layers import split_before
 from nlens_video.kernels.steps import Hidden, Steps, carried_out
+from nlens_video.stages.lens_points import even_points
 
 CHANNELS = 11
 """Maps that the network reads."""
+
+POINTS = 16
+"""Points of the aperture that suffice for a covariance."""
 
 _COC_SCALE = 1.0 / 32.0
 _COC_LIMIT = 1.25  # of the scaled CoC: what the network was trained to
@@ -97,12 +101,12 @@ def candidates(
     near_coc = carried_out(parts.near_coc_px, near_alpha > 0.0)
     back_coc = carried_out(parts.back_coc_px, parts.back_rgba[..., 3] > 0.0)
     coverage = near[..., 3]
-    partly = reached & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR)
+    partly = reached & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR) & (back[..., 3] > _CLEAR)
     covariance = aperture_covariance(
         (near_alpha, near_coc),
         (parts.back_rgba, back_coc),
         partly,
-        aperture_points(),
+        even_points(POINTS),
         pixel_aspect=pixel_aspect,
     )
     made = Candidates(scattered=scattered, near=near, back=back, covariance=covariance)
