@@ -14,6 +14,7 @@ from nlens_video.frames import Float64
 from nlens_video.lens import LensFit
 
 _LEAST_ERROR = 1e-3  # of a fit [px]
+_MOST_FRAMES = 1 << 40  # of a film that a file may speak of
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +106,14 @@ class FitTrack:
             )  # fmt: skip
             if not keys:
                 raise ValueError("no keys")
-            return cls(keys, float(track["stretch"]), tuple(int(cut) for cut in track["cuts"]))
-        except (KeyError, TypeError, ValueError) as error:
+            stretch, cuts = float(track["stretch"]), tuple(int(cut) for cut in track["cuts"])
+            frames = (*(key.index for key in keys), *cuts)
+            if not 1e-3 < stretch < _MOST_FRAMES or max(map(abs, frames)) > _MOST_FRAMES:
+                raise ValueError(f"a stretch of {stretch:g} frames, or numbers beyond any film")
+            if list(cuts) != sorted(cuts):
+                raise ValueError("cuts that are not in order")
+            return cls(keys, stretch, cuts)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise LensFitError(
                 f"{path}: its track of a lens that changes makes no sense ({error}); fit again"
             ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -103,7 +104,7 @@ class LensFit:
         """
         try:
             raw = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise LensFitError(
                 f"{source}: not JSON ({error}); expected a saved lens fit"
             ) from error
@@ -129,8 +130,9 @@ class LensFit:
                 continue
             value = raw[name]
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or not math.isfinite(value):
-                raise LensFitError(f'{source}: "{name}" is {value!r}, expected a number')
+            if not number or not abs(value) <= sys.float_info.max:
+                said = f"{value!r}"[:40]
+                raise LensFitError(f'{source}: "{name}" is {said}, expected a number')
             known[name] = kind(value)
         sign = raw.get("sign", "resolved")
         if sign not in get_args(Sign):

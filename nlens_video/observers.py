@@ -171,7 +171,7 @@ class AovLayers(Watching):
             channels[name] = self._on_frame(blurred.box, blurred.rgba[..., at], 0.0)
         channels["object.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
         channels["object.coc_px"] = self._on_frame(layer.box, coc, 0.0)
-        write_layers(self._folder / f"{timing.index:06d}.exr", channels)
+        write_layers(self._folder / f"{state.frame.number:06d}.exr", channels)
 
     def _plate(self) -> dict[str, Float32]:
         """What the fit was made from; empty until it is made, and where it was given."""

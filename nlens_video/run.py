@@ -166,6 +166,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
             timing=profiler.summary(), composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
+                *source.mishaps(),
                 *assembly.notes(),
                 *ahead.notes,
                 *sink.notes,

@@ -19,9 +19,8 @@ from nlens_video.errors import NlensError
 from nlens_video.evaluate.bench_case import Case
 from nlens_video.evaluate.bench_glb import UInt8
 from nlens_video.evaluate.bench_rungs import Rung, opened
-from nlens_video.frames import Picture
 from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.stream import FrameSteps
+from nlens_video.graph.stream import FrameSteps, LoopFrame
 from nlens_video.video.picture import ArrayPicture
 
 _WARM_UP = 2  # frames that load, compile and fill caches
@@ -129,19 +128,10 @@ def run_rung(rung: Rung, cases: Sequence[Case], effort: Effort, started: float) 
     return RungRun(cases=made, startup_s=startup, peak_mib=_peak_mib())
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """A frame of a case: each shows the same moment."""
-
-    index: int
-    time_s: float
-    picture: Picture
-
-
 def one_frame(steps: FrameSteps, case: Case, index: int) -> tuple[UInt8, dict[str, float]]:
     """The composite (H, W, 3), and what each node took [ms]."""
     codes = case.plate.copy()
-    state = steps.enter(_Frame(index, 0.0, ArrayPicture(codes, "rgb")))
+    state = steps.enter(LoopFrame(index, 0.0, ArrayPicture(codes, "rgb")))
     steps.run(state, steps.graph.nodes)
     return codes, steps.profiler.close_frame(index, index).nodes
 

@@ -85,7 +85,7 @@ def load_pipeline(preset: str) -> PipelineFile:
             )
     try:
         raw = tomllib.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path}: cannot be read as a pipeline file ({error})") from error
     nodes = raw.get("node")
     if not isinstance(nodes, list) or not nodes:

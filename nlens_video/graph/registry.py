@@ -75,7 +75,7 @@ def check_ports(name: str, stage: str, inputs: tuple[str, ...], output: str) -> 
 
 def _locate(tools: Tools) -> Made:
     def run(frame: StreamFrame) -> Placement | None:
-        return tools.objects.locate(frame.index, frame.time_s)
+        return tools.objects.locate(frame.number, frame.time_s)
 
     return Made(run, "camera and depth bounds of the GLB")
 

@@ -28,6 +28,11 @@ class StreamFrame(Protocol):
         ...
 
     @property
+    def number(self) -> int:
+        """The same with lost pictures counted, for files that lie beside the stream's."""
+        ...
+
+    @property
     def time_s(self) -> float:
         """Moment of the animation [s]."""
         ...
@@ -45,6 +50,11 @@ class LoopFrame:
     index: int
     time_s: float
     picture: Picture
+
+    @property
+    def number(self) -> int:
+        """Its index: nothing is lost in a loop."""
+        return self.index
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,7 +121,10 @@ def read_picture(path: Path) -> Float64:
     Raises:
         InputError: not a picture, too large, or all black.
     """
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    try:
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    except cv2.error:
+        picture = None  # states a size that nothing could hold
     if picture is None:
         raise InputError(
             f"aperture {path}: cannot be read as a picture; give a PNG, white on black"

@@ -65,7 +65,8 @@ def reduce_environment(
     bright = light @ LUMINANCE
     mean = float((bright * sphere.solid_angle).sum()) / (4.0 * math.pi)
     limit = _PEAK * mean
-    kept = np.minimum(1.0, limit / np.maximum(bright, np.finfo(np.float64).tiny))[..., None]
+    above = bright > max(limit, 0.0)
+    kept = np.divide(limit, bright, out=np.ones_like(bright), where=above)[..., None]
     peaks = light * (1.0 - kept) * sphere.solid_angle[..., None]
     if float((peaks @ LUMINANCE).sum()) <= _FAINT * 4.0 * math.pi * mean:
         return Illumination((), sphere.harmonics(light))

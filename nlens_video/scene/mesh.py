@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.errors import SceneError
-from nlens_video.frames import Float32
+from nlens_video.frames import Float32, Float64
 from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
 from nlens_video.scene.draco import EXTENSION, DracoReader
@@ -68,12 +68,13 @@ class Mesh:
 
 def face_normals(positions: Float32, faces: Int32) -> Float32:
     """Unit normals (F, 3) of triangles; +Y where a triangle has no area."""
-    a, b, c = (positions[faces[:, corner]] for corner in range(3))
+    # in float64: coordinates of 1e20 overflow when multiplied
+    a, b, c = (positions[faces[:, corner]].astype(np.float64) for corner in range(3))
     (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
     return unit(np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1))
 
 
-def unit(vectors: Float32) -> Float32:
+def unit(vectors: Float32 | Float64) -> Float32:
     """Vectors (N, 3) scaled to length 1; +Y where they have none."""
     # In float64: the cross product of micrometres would underflow when squared.
     x, y, z = vectors.T.astype(np.float64)

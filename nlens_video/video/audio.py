@@ -17,6 +17,7 @@ from nlens_video.video.info import Packet
 _PREFERRED = ("aac", "libopus", "pcm_s16le")
 _TOLERANCE_S = 0.02
 """Time stamps in milliseconds and encoder delays wander less than this; sync is seen from 40 ms."""
+_LONGEST_GAP_S = 3600
 _USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 8: "7.1"}
 
 
@@ -60,7 +61,7 @@ class AudioEncoder:
         if packet is not None:
             try:
                 frames = self._decoder.decode(packet)
-            except av.InvalidDataError:
+            except av.FFmpegError:
                 return []
         packets: list[av.Packet[AudioStream]] = []
         for frame in (*frames, *((None,) if packet is None else ())):
@@ -76,6 +77,8 @@ class AudioEncoder:
         if self._start is None:
             self._start = pts or 0
         gap = 0 if pts is None else pts - self._start - self._counted
+        if abs(gap) > _LONGEST_GAP_S * self._rate:
+            gap = 0  # a damaged time stamp, not an hour of silence
         packets: list[av.Packet[AudioStream]] = []
         if gap > _TOLERANCE_S * self._rate:
             packets = self._silence(part, gap)

@@ -19,6 +19,8 @@ from nlens_video.video.numbered import Numbered
 from nlens_video.video.opening import DEFAULT_RATE
 from nlens_video.video.picture import ArrayPicture
 
+MOST_UNREADABLE = 8
+"""Files of a sequence in a row after which it counts as ended."""
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 
 
@@ -27,7 +29,7 @@ class ExrSource:
 
     Attributes:
         info: what is known about the source.
-        damaged: always 0; a file that cannot be read is an error here.
+        damaged: files of the sequence that could not be read so far, the first not among them.
         packet_sink: never called, there is nothing beside the pictures.
     """
 
@@ -42,6 +44,7 @@ class ExrSource:
             fps = Fraction(rate or DEFAULT_RATE)
         except (ValueError, ZeroDivisionError) as error:
             raise UsageError(f"--input-rate {rate}: expected a number such as 25") from error
+        self._ended_early: tuple[str, ...] = ()
         first = _picture(self._file(0))
         self.info = SourceInfo(
             name=spec, kind="sequence" if self._pattern else "still", width=first.width,
@@ -60,17 +63,32 @@ class ExrSource:
 
     def __iter__(self) -> Iterator[SourceFrame]:
         info = self.info
-        for index in range(info.frame_count or 0):
-            picture = _picture(self._file(index))
+        lost = in_a_row = 0
+        for number in range(info.frame_count or 0):
+            try:
+                picture = _picture(self._file(number))
+            except InputError:
+                self.damaged += 1
+                lost += 1
+                in_a_row += 1
+                if in_a_row == MOST_UNREADABLE:
+                    self._ended_early = (f"given up after {in_a_row} unreadable files in a row",)
+                    return
+                continue
+            in_a_row = 0
             if (picture.width, picture.height) != (info.width, info.height):
                 raise InputError(
-                    f"{self._file(index)}: {picture.width}x{picture.height} pixels, the first file "
-                    f"has {info.width}x{info.height}; make them one size first"
+                    f"{self._file(number)}: {picture.width}x{picture.height} pixels, the first "
+                    f"file has {info.width}x{info.height}; make them one size first"
                 )
             yield SourceFrame(
-                index=index, pts=index, time_base=info.time_base,
-                time_s=float(index * info.time_base), duration=1, picture=picture,
+                index=number - lost, pts=number, time_base=info.time_base,
+                time_s=float(number * info.time_base), duration=1, picture=picture, lost=lost,
             )  # fmt: skip
+
+    def mishaps(self) -> tuple[str, ...]:
+        """What happened so far that a person should know, beside the damaged files."""
+        return self._ended_early
 
     def _file(self, index: int) -> Path:
         return self._pattern.path(self._start + index) if self._pattern else self._path

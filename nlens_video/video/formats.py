@@ -159,6 +159,19 @@ def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
     return frame if target == frame.format.name else converted(frame, target)
 
 
+def resized(frame: av.VideoFrame, width: int, height: int) -> av.VideoFrame:
+    """The frame in another size, its format and tags kept."""
+    matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
+    span = frame.color_range or 1
+    result = frame.reformat(
+        width=width, height=height, src_colorspace=matrix, dst_colorspace=matrix,
+        src_color_range=span, dst_color_range=span, interpolation=_SWS,
+    )  # fmt: skip
+    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
+        setattr(result, name, getattr(frame, name))
+    return result
+
+
 def converted(
     frame: av.VideoFrame, target: str, tags: ColorTags | None = None
 ) -> av.VideoFrame:  # fmt: skip

@@ -118,6 +118,7 @@ class SourceFrame:
         time_s: moment of the animation: seconds since the first frame [s].
         duration: of the frame, 0 where the source does not say [ticks].
         picture: its samples, composited in place.
+        lost: pictures before it that were damaged beyond reading, as far as times tell [1].
     """
 
     index: int
@@ -126,3 +127,9 @@ class SourceFrame:
     time_s: float
     duration: int
     picture: Picture
+    lost: int = 0
+
+    @property
+    def number(self) -> int:
+        """Position in the source with the lost ones counted: by it files belong to frames."""
+        return self.index + self.lost

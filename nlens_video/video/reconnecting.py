@@ -43,6 +43,7 @@ class Reconnecting:
         self._closed = threading.Event()
         self._connection = connect()
         self._damaged_before = 0
+        self._mishaps_before: tuple[str, ...] = ()
         # from this connection's times to the output's [s], None until its first frame tells
         self._shift: Fraction | None = Fraction(0)
         self._waiting: list[Packet] = []  # for that
@@ -57,6 +58,10 @@ class Reconnecting:
     def damaged(self) -> int:
         """Packets and frames that were damaged so far."""
         return self._damaged_before + self._connection.damaged
+
+    def mishaps(self) -> tuple[str, ...]:
+        """What happened so far that a person should know, beside the damaged packets."""
+        return (*self._mishaps_before, *self._connection.mishaps())
 
     def __enter__(self) -> Self:
         return self
@@ -122,6 +127,7 @@ class Reconnecting:
                     return False
                 continue
             self._damaged_before += self._connection.damaged
+            self._mishaps_before += self._connection.mishaps()
             self._connection = again
             self._check(again.info)
             self._shift = None

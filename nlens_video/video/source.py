@@ -4,33 +4,29 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
-from fractions import Fraction
 from types import TracebackType
 from typing import Protocol, Self, TypeAlias
 
 import av
 import av.container
 import av.video.stream
-from av.sidedata.sidedata import Type as SideDataType
-from av.stream import Stream
 
 from nlens_video.errors import InputError, UsageError
+from nlens_video.video.conform import Conform
+from nlens_video.video.describe import copied_streams, described
 from nlens_video.video.exr_source import ExrSource
-from nlens_video.video.info import CopiedStream, FrameTags, Kind, Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.opening import InputHints, open_container, video_stream
 from nlens_video.video.picture import AvPicture
-from nlens_video.video.samples import frame_tags
+from nlens_video.video.source_clock import SourceClock
 
 PacketSink: TypeAlias = Callable[[Packet], None]
-_SRGB_TRC = 13
 _CENTRED_CHROMA = ("mjpeg", "mpeg1video")
 """Codecs whose 4:2:0 and 4:2:2 have chroma midway between luma columns (JFIF, ISO 11172-2)."""
-_HDR_METADATA = (
-    SideDataType.MASTERING_DISPLAY_METADATA, SideDataType.CONTENT_LIGHT_LEVEL,
-    SideDataType.DYNAMIC_HDR_PLUS, SideDataType.DOVI_METADATA,
-)  # fmt: skip
 _RETRIES = 8
 """Read errors in a row after which a source counts as ended."""
+MOST_UNDECODABLE = 500
+"""Packets in a row without a picture after which a source counts as ended."""
 
 
 class Source(Protocol):
@@ -42,6 +38,10 @@ class Source(Protocol):
     @property
     def damaged(self) -> int:
         """Packets and frames that were damaged so far."""
+        ...
+
+    def mishaps(self) -> tuple[str, ...]:
+        """What happened so far that a person should know, beside the damaged packets."""
         ...
 
     def __iter__(self) -> Iterator[SourceFrame]:
@@ -100,17 +100,20 @@ class AvSource:
         self._spec = spec
         self._early: deque[Packet] = deque()
         self._started = False
+        self._ended_early: tuple[str, ...] = ()
         self._container, kind = open_container(spec, hints)
         try:
             self._stream = video_stream(self._container, spec)
-            self._copied = _copied(self._container) if kind != "still" else ()
+            self._copied = copied_streams(self._container) if kind != "still" else ()
             self._stream.codec_context.thread_type = "AUTO"
             self._decoded = self._decode()
             first = next(self._decoded, None)
             if first is None:
                 raise InputError(_undecodable(spec, self._container, self._stream))
             self._first = first
-            self.info = self._describe(first, kind)
+            self.info = described(spec, kind, self._container, self._stream, first, self._copied)
+            self._clock = SourceClock(self.info)
+            self._conform = Conform(first)
         except BaseException:
             self._container.close()
             raise
@@ -126,19 +129,19 @@ class AvSource:
         self._container.close()
 
     def __iter__(self) -> Iterator[SourceFrame]:
-        clock = _Clock(self.info)
-        size = self.info.stored_size
+        clock = self._clock
         frame: av.VideoFrame | None = self._first
         del self._first
-        index = 0
+        index = lost = seen_damage = 0
         self._started = True
         self._flush_early()
         while frame is not None:
-            if (frame.width, frame.height) != size:
-                raise InputError(
-                    f"{self._spec}: frame {index} has {frame.width}x{frame.height} pixels, the "
-                    f"first has {size[0]}x{size[1]}; convert it to one size first"
-                )
+            frame = self._conform(frame, index)
+            if self.damaged > seen_damage and frame.pts is not None:
+                # where packets were damaged a gap in time is pictures that were lost
+                missing = clock.missing_before(frame.pts)
+                lost += missing
+                seen_damage = self.damaged if missing else seen_damage
             pts = clock.tick(frame.pts)
             frame.pts = pts
             picture = AvPicture(
@@ -147,13 +150,14 @@ class AvSource:
             )  # fmt: skip
             yield SourceFrame(
                 index=index, pts=pts, time_base=clock.time_base, time_s=clock.seconds(pts),
-                duration=frame.duration or 0, picture=picture,
+                duration=frame.duration or 0, picture=picture, lost=lost,
             )  # fmt: skip
             index += 1
             frame = next(self._decoded, None)
 
     def _decode(self) -> Generator[av.VideoFrame, None, None]:
         """The frames of the video stream; hands on the packets of the others."""
+        failed = 0
         for packet in self._packets():
             if packet is not None and packet.stream is not self._stream:
                 if packet.dts is not None and packet.stream in self._copied:
@@ -163,8 +167,13 @@ class AvSource:
                 frames = self._stream.decode(packet)
             except av.FFmpegError:
                 self.damaged += 1
+                failed += 1
+                if failed == MOST_UNDECODABLE:
+                    self._ended_early = (f"given up after {failed} undecodable packets in a row",)
+                    return
                 continue
             for frame in frames:
+                failed = 0
                 self.damaged += frame.is_corrupt
                 yield frame
 
@@ -182,7 +191,14 @@ class AvSource:
                 errors += 1
             else:
                 return
+        self._ended_early = (f"given up after {errors} failed reads in a row",)
         yield None
+
+    def mishaps(self) -> tuple[str, ...]:
+        """What happened so far that a person should know, beside the damaged packets."""
+        mended = self._clock.mended
+        times = f"{mended} frames had no time stamp that makes sense; they follow each other"
+        return (*self._conform.notes(), *((times,) if mended else ()), *self._ended_early)
 
     def _hand_on(self, packet: Packet) -> None:
         self._early.append(packet)
@@ -195,69 +211,6 @@ class AvSource:
             packet = self._early.popleft()
             if self.packet_sink is not None:
                 self.packet_sink(packet)
-
-    def _describe(self, first: av.VideoFrame, kind: Kind) -> SourceInfo:
-        stream, container = self._stream, self._container
-        picture = kind in ("still", "sequence")
-        jpeg = picture and first.format.name.startswith("yuv")
-        rotation = first.rotation if first.rotation % 90 == 0 and abs(first.rotation) < 360 else 0
-        worked = AvPicture(first, rotation=rotation)
-        tags = frame_tags(worked.frame, transfer=_SRGB_TRC if jpeg else 0)
-        rate = stream.average_rate or stream.guessed_rate or stream.base_rate
-        duration = _duration(stream, container)
-        count = stream.frames or (round(duration * rate) if duration and rate else None)
-        return SourceInfo(
-            name=self._spec, kind=kind, width=worked.width, height=worked.height,
-            rotation=rotation, time_base=stream.time_base or Fraction(1, 1000),
-            average_rate=rate or None, frame_count=1 if kind == "still" else count,
-            duration_s=duration, pixel_format=first.format.name, tags=tags,
-            frame_tags=FrameTags(
-                colorspace=first.colorspace, color_range=first.color_range,
-                color_primaries=first.color_primaries, color_trc=first.color_trc,
-            ),
-            sample_aspect_ratio=stream.sample_aspect_ratio or None,
-            codec=stream.codec.name, bit_rate=stream.bit_rate or None,
-            interlaced=first.interlaced_frame,
-            hdr_metadata=any(one in first.side_data for one in _HDR_METADATA),
-            copied=tuple(map(_described, self._copied)),
-            metadata=dict(container.metadata), chapters=tuple(container.chapters()),
-            notes=_left_out(container, stream, self._copied),
-        )  # fmt: skip
-
-
-class _Clock:
-    """Gives every frame a pts: its own, or where that is missing or not later, the next one."""
-
-    def __init__(self, info: SourceInfo) -> None:
-        self.time_base = info.time_base
-        self._step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
-        self._first: int | None = None
-        self._last: int | None = None
-
-    def tick(self, pts: int | None) -> int:
-        """The frame's pts [ticks], later than the one before."""
-        if pts is None:
-            pts = 0 if self._last is None else self._last + self._step
-        if self._last is not None:
-            pts = max(pts, self._last + 1)
-        if self._first is None:
-            self._first = pts
-        self._last = pts
-        return pts
-
-    def seconds(self, pts: int) -> float:
-        """Since the first frame [s]."""
-        return float((pts - (self._first or 0)) * self.time_base)
-
-
-def _described(stream: Stream) -> CopiedStream:
-    context = stream.codec_context
-    name = "" if context is None else context.name
-    return CopiedStream(index=stream.index, type=stream.type, codec=name, stream=stream)
-
-
-def _copied(container: av.container.InputContainer) -> tuple[Stream, ...]:
-    return tuple(one for one in container.streams if one.type in ("audio", "subtitle", "data"))
 
 
 def _undecodable(
@@ -272,23 +225,3 @@ def _undecodable(
         f"{spec}: no frame can be decoded ({stream.codec.name}); "
         "the file is damaged or not complete"
     )
-
-
-def _left_out(
-    container: av.container.InputContainer, video: av.video.stream.VideoStream,
-    copied: tuple[Stream, ...],
-) -> tuple[str, ...]:  # fmt: skip
-    return tuple(
-        f"stream {one.index} ({one.type}) is not carried over: only one video stream is rendered"
-        for one in container.streams
-        if one is not video and one not in copied
-    )
-
-
-def _duration(
-    stream: av.video.stream.VideoStream, container: av.container.InputContainer
-) -> float | None:
-    """Length [s], None where it is unknown."""
-    if stream.duration and stream.time_base:
-        return float(stream.duration * stream.time_base)
-    return container.duration / av.time_base if container.duration else None

@@ -88,7 +88,7 @@ class StillSink:
         """
         if self._numbered is None and self._written:
             raise OutputError(f"{self._path}: is one picture; give a sequence such as out_%04d.png")
-        path = self._name(frame.index)
+        path = self._name(frame.number)
         target = self._folder / path.name
         if self._codec == "exr":
             write_layers(target, picture_channels(frame.picture))

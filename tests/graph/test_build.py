@@ -48,7 +48,8 @@ class Slab:
 
 class Frame:
     def __init__(self, index):
-        self.index, self.time_s = index, index / 25
+        self.index = self.number = index
+        self.time_s = index / 25
         self.picture = ArrayPicture(shots.plate().copy(), "rgb")
 
 
