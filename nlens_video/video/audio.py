@@ -30,21 +30,25 @@ class AudioEncoder:
 
     Attributes:
         codec: FFmpeg's name of the encoder.
+
+    Raises:
+        ValueError: nothing decodes it, or no encoder takes what it says of itself.
     """
 
     def __init__(self, container: av.container.OutputContainer, source: Stream) -> None:
         context = source.codec_context
         if not isinstance(context, AudioCodecContext):
-            raise ValueError(f"{source.type} is no audio")
+            raise ValueError("nothing decodes it")
         supported = container.supported_codecs
         named = [name for name in _PREFERRED if name in supported]
         self.codec = named[0] if named else container.default_audio_codec
         rate = 48000 if self.codec == "libopus" else context.sample_rate
+        layout = _layout(context)
+        _try(self.codec, rate, layout)  # a stream that was added cannot be taken back
         added = container.add_stream(self.codec, rate)
         if not isinstance(added, AudioStream):
             raise ValueError(f"{self.codec} is no audio encoder")
         self._stream = added
-        layout = _layout(context)
         self._stream.codec_context.layout = layout
         formats = self._stream.codec_context.codec.audio_formats or (context.format,)
         self._stream.codec_context.format = formats[0]
@@ -120,6 +124,24 @@ class AudioEncoder:
                 packets += self._encoded(rest)
             packets += self._stream.encode(None)
         return packets
+
+
+def _try(codec: str, rate: int, layout: str) -> None:
+    """See that the encoder opens.
+
+    Raises:
+        ValueError: it does not.
+    """
+    trial = av.CodecContext.create(codec, "w")
+    if not isinstance(trial, AudioCodecContext):
+        raise ValueError(f"{codec} is no audio encoder")
+    try:
+        trial.sample_rate, trial.layout, trial.time_base = rate, layout, Fraction(1, max(1, rate))
+        if trial.codec.audio_formats:
+            trial.format = trial.codec.audio_formats[0]
+        trial.open()
+    except (av.FFmpegError, ValueError) as error:
+        raise ValueError(f"{codec} does not take {rate} Hz, {layout}") from error
 
 
 def _layout(context: AudioCodecContext) -> str:

@@ -96,6 +96,8 @@ def video_stream(container: av.container.InputContainer, spec: str) -> av.video.
     ):
         kinds = ", ".join(sorted({one.type for one in container.streams})) or "nothing"
         raise InputError(f"{spec}: has no video stream (found: {kinds}); give a video or a picture")
+    if stream.codec_context is None:
+        raise InputError(f"{spec}: nothing here decodes its video stream; convert it first")
     return stream
 
 

@@ -18,12 +18,15 @@ class Sink(Protocol):
     """Takes frames in order. A context manager: left without `commit`, it leaves nothing behind.
 
     Attributes:
-        notes: what differs from the source, and why; for the plan and the log.
         kept: the partial file that an aborted run has left, where that was asked for.
     """
 
-    notes: tuple[str, ...]
     kept: Path | None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What differs from the source so far, and why; for the plan and the log."""
+        ...
 
     def write(self, frame: SourceFrame) -> None:
         """Encode one frame."""

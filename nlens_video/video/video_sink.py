@@ -43,7 +43,6 @@ class VideoSink:
 
     Attributes:
         encoding: encoder, pixel format, options.
-        notes: what differs from the source, and why.
         kept: the partial file that an aborted run has left, where that was asked for.
     """
 
@@ -59,6 +58,7 @@ class VideoSink:
         self._keep = keep_partial and self._path is not None
         self._open = True
         self._committed = False
+        self._left_out = 0
         found = self._rescued()
         self._container = self._open_container()
         try:
@@ -73,7 +73,14 @@ class VideoSink:
         except BaseException:
             self._discard()
             raise
-        self.notes = (*self.encoding.reasons, *notes, *found)
+        self._notes = (*self.encoding.reasons, *notes, *found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What differs from the source so far, and why."""
+        count = self._left_out
+        lost = f"{count} damaged packets of sound or other streams were left out"
+        return (*self._notes, *((lost,) if count else ()))
 
     def __enter__(self) -> Self:
         return self
@@ -106,16 +113,21 @@ class VideoSink:
     def write_packet(self, packet: Packet) -> None:
         """Carry over a packet of another stream; one that was dropped, or after the end: nothing.
 
+        One that is damaged, or whose time steps back, is left out and counted.
+
         Raises:
             OutputError: the disk is full, or the container refuses it.
         """
         with self._writing():
             target = self._targets.get(packet.stream.index) if self._open else None
-            if isinstance(target, AudioEncoder):
-                self._container.mux(target.encode(packet))
-            elif target is not None:
-                packet.stream = target
-                self._container.mux(packet)
+            try:
+                if isinstance(target, AudioEncoder):
+                    self._container.mux(target.encode(packet))
+                elif target is not None:
+                    packet.stream = target
+                    self._container.mux(packet)
+            except (av.InvalidDataError, av.ArgumentError):
+                self._left_out += 1
 
     def commit(self) -> None:
         """Finish the file and give it its name.
@@ -237,9 +249,7 @@ class VideoSink:
                 target.metadata.update(stream.stream.metadata)
                 self._targets[stream.index] = target
             elif stream.type == "audio" and self._container.default_audio_codec != "none":
-                encoder = AudioEncoder(self._container, stream.stream)
-                self._targets[stream.index] = encoder
-                notes.append(f"{label} becomes {encoder.codec}: {name} does not hold its codec")
+                notes.append(self._encode_anew(stream, label))
             else:
                 notes.append(f"{label} is left out: {name} does not hold it")
         for key, value in self._info.metadata.items():
@@ -248,6 +258,15 @@ class VideoSink:
         if self._info.chapters:
             self._container.set_chapters(list(self._info.chapters))
         return notes
+
+    def _encode_anew(self, stream: CopiedStream, label: str) -> str:
+        try:
+            encoder = AudioEncoder(self._container, stream.stream)
+        except ValueError as error:
+            return f"{label} is left out: {error}"
+        self._targets[stream.index] = encoder
+        name = self._container.format.name
+        return f"{label} becomes {encoder.codec}: {name} does not hold its codec"
 
 
 def _kept_name(path: Path) -> Path:

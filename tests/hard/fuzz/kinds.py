@@ -12,6 +12,8 @@ from pathlib import Path
 from hard.fuzz import seeds
 from hard.fuzz.mutate import changed_json, changed_text, damaged, json_bytes
 
+from nlens_video.errors import OutputError
+from nlens_video.video.info import Packet
 from nlens_video.video.sink import Sink
 from nlens_video.video.source import Source
 
@@ -122,18 +124,24 @@ def _use_still(path: Path) -> None:
 
 def _use_video(path: Path, target: str = "copy.mkv") -> None:
     """Through a whole copy: what a damaged file says of itself reaches the muxer too."""
-    from nlens_video.errors import OutputError
     from nlens_video.video.sink import open_sink
     from nlens_video.video.source import open_source
 
     codec = "ffv1" if target.endswith(".mkv") else None
     out = str(path.with_name(target))
     with open_source(str(path)) as source, open_sink(out, source.info, codec=codec) as sink:
-        source.packet_sink = sink.write_packet
+        source.packet_sink = _writing_to(sink)
+        _copy(source, sink)
+
+
+def _writing_to(sink: Sink) -> Callable[[Packet], None]:
+    def write(packet: Packet) -> None:
         try:
-            _copy(source, sink)
+            sink.write_packet(packet)
         except OutputError as error:
-            raise AssertionError("what was read cannot be written") from error
+            raise AssertionError("a packet beside the pictures ends the run") from error
+
+    return write
 
 
 def _copy(source: Source, sink: Sink) -> None:
@@ -144,7 +152,12 @@ def _copy(source: Source, sink: Sink) -> None:
         last = moment
         if frame.index < 3:
             frame.picture.srgb()
-        sink.write(frame)
+        try:
+            sink.write(frame)
+        except OutputError as error:
+            if not frame.index:
+                raise  # the encoder does not take such pictures, and says so at once
+            raise AssertionError(f"frame {frame.index} cannot be written") from error
         if frame.index >= 64:  # a damaged file may say that it goes on for ever
             break
     sink.commit()
