@@ -18,7 +18,7 @@ from numba import njit
 
 from nlens_video.frames import Box, Float32
 from nlens_video.kernels.disc import MAX_COC_PX
-from nlens_video.kernels.pool import share
+from nlens_video.kernels.pool import run_all, share
 from nlens_video.kernels.scratch import scratch
 
 Int32 = npt.NDArray[np.int32]
@@ -146,6 +146,16 @@ def _places(away: npt.NDArray[np.uint8], labels: Int32, places: Int32) -> None:
                 places[labels[y, x], 1] = x
 
 
+def _find_nearest(
+    away: npt.NDArray[np.uint8], labels: Int32, places: Int32, distance: Float32
+) -> None:
+    """Fill in each pixel's label, the labels' places and the distance to them."""
+    cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, cv2.DIST_MASK_5, distance, labels, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    _places(away, labels, places)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _step(before: np.float32, here: np.float32, after: np.float32) -> np.float32:
     """The smaller of the steps to both neighbours, 0 where they disagree; NaN: no neighbour."""
@@ -253,17 +263,16 @@ def lay_out(
     coc, parts = scratch("coc", away.shape), bands(box.height, BAND_ROWS)
     share(partial(_cut, rgba, coc_px, corner, coc, away), parts, threads)
     distance, labels = scratch("distance", away.shape), scratch("labels", away.shape, np.int32)
-    cv2.distanceTransformWithLabels(
-        away, cv2.DIST_L2, cv2.DIST_MASK_5, distance, labels, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    places = scratch("places", (away.size + 1, 2), np.int32)
-    _places(away, labels, places)
     colours = scratch("colours", (*away.shape, 4))
     radii = scratch("radii", away.shape)
     skews = scratch("skews", (2, *away.shape))
     made = colours, radii, skews
     limits = (2.0 * margin + 1.0, 0.5 * MAX_COC_PX, SKEW_FADE_PX)
-    share(partial(_lay_out_object, rgba, coc, away, made, corner, limits), parts, threads)
+    places = scratch("places", (away.size + 1, 2), np.int32)
+    # One thread finds what is nearest, which OpenCV does on one only, while others go on.
+    find = partial(_find_nearest, away, labels, places, distance)
+    own = partial(_lay_out_object, rgba, coc, away, made, corner, limits)
+    run_all([find, *(partial(own, part) for part in parts)], threads)
     nearest = labels, places, distance
     share(partial(_lay_out_background, rgba, nearest, away, made, corner, limits), parts, threads)
     return SourceLayer(box=box, rgba=colours, radius_px=radii, skew=skews)

@@ -8,6 +8,7 @@ that of the frame, so what is drawn depends neither on the layer's box nor on th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,7 +19,7 @@ from numba import njit
 from nlens_video.frames import Box, Float32
 from nlens_video.kernels.coarse import above, gather_coarse
 from nlens_video.kernels.extend import BAND_ROWS, Band, SourceLayer, bands
-from nlens_video.kernels.pool import share
+from nlens_video.kernels.pool import run_all
 from nlens_video.kernels.scratch import scratch
 
 COARSE_FADE = 0.25
@@ -201,22 +202,23 @@ def make_levels(
     """
     height, width = layer.radius_px.shape
     whole = Box(corner[0], corner[1], corner[0] + width, corner[1] + height)
-    levels = []
     count = detail.levels(radius_px)
     boxes = [on_level(whole, level) for level in range(1, count)]
-    gathered = gather_coarse(layer, corner, boxes, (detail.coarse_px, COARSE_FADE), threads)
-    for level in range(count - 1, 0, -1):
-        box, sums = boxes[level - 1], gathered[level - 1]
+    starts = detail.coarse_px, COARSE_FADE
+    gathered = gather_coarse(layer, corner, boxes, starts, threads)
+    levels: list[Level] = []
+    jobs: list[Callable[[], None]] = []
+    for level, (box, sums) in enumerate(zip(boxes, gathered, strict=True), 1):
         rgba = scratch(f"colours {level}", (box.height, box.width, 4))
         numbers, rows = _empty(box, level)
-        fill_coarse = partial(_fill_coarse, sums, (rgba, numbers), rows, rule, 1 << level)
-        share(fill_coarse, bands(box.height, BAND_ROWS), threads)
+        coarse = partial(_fill_coarse, sums, (rgba, numbers), rows, rule, 1 << level)
+        jobs += [partial(coarse, band) for band in bands(box.height, BAND_ROWS)]
         levels.append(Level(box=box, light=(rgba, numbers), rows=rows))
     numbers, rows = _empty(whole, 0)
-    source_numbers, starts = (layer.radius_px, layer.skew), (detail.coarse_px, COARSE_FADE)
-    fill = partial(_fill_fine, source_numbers, numbers, rows, rule, starts)
-    share(fill, bands(height, BAND_ROWS), threads)
-    return [*levels, Level(box=whole, light=(layer.rgba, numbers), rows=rows)]
+    fine = partial(_fill_fine, (layer.radius_px, layer.skew), numbers, rows, rule, starts)
+    jobs += [partial(fine, band) for band in bands(height, BAND_ROWS)]
+    run_all(jobs, threads)
+    return [*levels[::-1], Level(box=whole, light=(layer.rgba, numbers), rows=rows)]
 
 
 def on_level(box: Box, level: int) -> Box:

@@ -58,6 +58,15 @@ def share(work: Callable[[T], None], items: Iterable[T], workers: int | None = N
         future.result()
 
 
+def run_all(jobs: Iterable[Callable[[], None]], workers: int | None = None) -> None:
+    """Run jobs of several kinds as `share` does work on items: one wait for all of them."""
+    share(_run, jobs, workers)
+
+
+def _run(job: Callable[[], None]) -> None:
+    job()
+
+
 def _threads() -> ThreadPoolExecutor:
     global _pool  # one pool a process is the point
     with _lock:

@@ -37,6 +37,7 @@ SKEW_REACH = 7.0 / 6.0
 """How many of its half axes a disc reaches at most when its light is skew [1]."""
 BAND_ROWS = 16
 """Rows that a thread takes at a time."""
+_SMALL_PX = 4096  # pixels of a level that are done before another thread would have begun
 
 
 def blur_reach(
@@ -227,6 +228,7 @@ def spread_levels(
             view,
             origin,
         )
-        share(work, bands(inner.height, max(4, BAND_ROWS // size)), threads)
+        small = inner.width * inner.height < _SMALL_PX
+        share(work, bands(inner.height, max(4, BAND_ROWS // size)), 1 if small else threads)
         sums, start = made, (here.y0, here.x0)
     return sums
