@@ -13,7 +13,8 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from nlens_video.frames import Bool, Float32, Float64
+from nlens_video.frames import Bool, Float32
+from nlens_video.kernels.lanes import all_of, put_four, row
 from nlens_video.kernels.pool import share
 
 BAND_ROWS = 8
@@ -21,46 +22,33 @@ BAND_ROWS = 8
 
 
 @njit(cache=True, nogil=True)
-def _seen(coc: Float32, x: int, y: int, ux: float, uy: float, rounds: int) -> tuple[float, float]:
-    """The surface point p that appears at (x, y) from the point u of the aperture.
+def _seen(
+    coc: Float32, place: tuple[int, int], ux: np.float32, uy: np.float32, rounds: int
+) -> tuple[np.float32, np.float32]:
+    """The surface point p that appears at a place (x, y) from the point u of the aperture.
 
     It solves p + coc(p) / 2 * u = (x, y) by a few rounds of fixed-point search.
     """
-    last_x, last_y = coc.shape[1] - 1, coc.shape[0] - 1
-    here = coc[y, x]
+    last_x, last_y = np.float32(coc.shape[1] - 1), np.float32(coc.shape[0] - 1)
+    x, y = np.float32(place[0]), np.float32(place[1])
+    zero, half = np.float32(0.0), np.float32(0.5)
+    here = coc[place[1], place[0]]
     for _ in range(rounds):
-        i = min(max(int(x - here * ux + 0.5), 0), last_x)
-        j = min(max(int(y - here * uy + 0.5), 0), last_y)
+        i = np.int32(min(max(x - here * ux + half, zero), last_x))
+        j = np.int32(min(max(y - here * uy + half, zero), last_y))
         here = coc[j, i]
-    px = min(max(x - here * ux, 0.0), float(last_x))
-    py = min(max(y - here * uy, 0.0), float(last_y))
-    return px, py
+    return min(max(x - here * ux, zero), last_x), min(max(y - here * uy, zero), last_y)
 
 
 @njit(cache=True, nogil=True)
-def _cover(cover: Float32, px: float, py: float) -> float:
+def _cover(cover: Float32, px: np.float32, py: np.float32) -> np.float32:
     """Coverage between four pixels."""
-    i, j = int(px), int(py)
-    along, down = px - i, py - j
+    i, j = np.int32(px), np.int32(py)
+    along, down = px - np.float32(i), py - np.float32(j)
     i1, j1 = min(i + 1, cover.shape[1] - 1), min(j + 1, cover.shape[0] - 1)
     above = cover[j, i] + along * (cover[j, i1] - cover[j, i])
     below = cover[j1, i] + along * (cover[j1, i1] - cover[j1, i])
-    return float(above + down * (below - above))
-
-
-@njit(cache=True, nogil=True)
-def _add_light(light: Float32, px: float, py: float, a: float, sums: Float64) -> None:
-    """Add the light between four pixels, and its product with the coverage (2, 4)."""
-    i, j = int(px), int(py)
-    along, down = px - i, py - j
-    i1, j1 = min(i + 1, light.shape[1] - 1), min(j + 1, light.shape[0] - 1)
-    w00, w01 = (1.0 - down) * (1.0 - along), (1.0 - down) * along
-    w10, w11 = down * (1.0 - along), down * along
-    for c in range(4):
-        b = w00 * light[j, i, c] + w01 * light[j, i1, c]
-        b += w10 * light[j1, i, c] + w11 * light[j1, i1, c]
-        sums[0, c] += b
-        sums[1, c] += a * b
+    return np.float32(above + down * (below - above))
 
 
 @njit(cache=True, nogil=True)
@@ -74,23 +62,33 @@ def _rows(
     band: tuple[int, int],
 ) -> None:
     """Rows `band[0]` to `band[1]` of the result."""
-    sums = np.zeros((2, 4))
-    scale = 1.0 / points.shape[0]
+    light, columns, rows = back[0], back[0].shape[1], back[0].shape[0]
+    half, tall = np.float32(0.5), np.float32(0.5 * aspect)
+    scale = np.float32(1.0 / points.shape[0])
     for y in range(band[0], band[1]):
         for x in range(wanted.shape[1]):
             if not wanted[y, x]:
                 continue
-            sums[:] = 0.0
-            covered = 0.0
+            total = both = all_of(np.float32(0.0))  # light, and its product with the coverage
+            covered = np.float32(0.0)
             for k in range(points.shape[0]):
-                ux, uy = 0.5 * points[k, 0], 0.5 * points[k, 1] * aspect
-                px, py = _seen(near[1], x, y, ux, uy, 2)
+                ux, uy = half * points[k, 0], tall * points[k, 1]
+                px, py = _seen(near[1], (x, y), ux, uy, 2)
                 a = _cover(near[0], px, py)
-                px, py = _seen(back[1], x, y, ux, uy, 1)
-                _add_light(back[0], px, py, a, sums)
+                px, py = _seen(back[1], (x, y), ux, uy, 1)
+                i, j = np.int32(px), np.int32(py)
+                along, down = all_of(px - np.float32(i)), all_of(py - np.float32(j))
+                first, beside = j * columns + i, min(i + 1, columns - 1) - i
+                below = (min(j + 1, rows - 1) - j) * columns
+                above = row(light, first)
+                above = above + along * (row(light, first + beside) - above)
+                under = row(light, first + below)
+                under = under + along * (row(light, first + below + beside) - under)
+                seen = above + down * (under - above)
+                total, both = total + seen, both + all_of(a) * seen
                 covered += a
-            for c in range(4):
-                out[y, x, c] = scale * (sums[1, c] - scale * covered * sums[0, c])
+            found = all_of(scale) * (both - all_of(scale * covered) * total)
+            put_four(out, 4 * (y * columns + x), found)
 
 
 def aperture_covariance(
@@ -123,6 +121,7 @@ def aperture_covariance(
             (top, min(top + BAND_ROWS, int(rows[-1]) + 1))
             for top in range(int(rows[0]), int(rows[-1]) + 1, BAND_ROWS)
         ]
-        work = partial(_rows, near, back, points, pixel_aspect, wanted, out)
+        light = np.ascontiguousarray(back[0], dtype=np.float32)
+        work = partial(_rows, near, (light, back[1]), points, pixel_aspect, wanted, out)
         share(work, bands, threads)
     return out

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
@@ -56,6 +57,17 @@ def share(work: Callable[[T], None], items: Iterable[T], workers: int | None = N
         wait(started)
     for future in started:
         future.result()
+
+
+def mapped(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """What `work` makes of each item, in their order, made side by side as by `share`."""
+    made: dict[int, R] = {}
+
+    def do(at: int) -> None:
+        made[at] = work(items[at])
+
+    share(do, range(len(items)))
+    return [made[at] for at in range(len(items))]
 
 
 def run_all(jobs: Iterable[Callable[[], None]], workers: int | None = None) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from nlens_video.frames import Bool, Float32
@@ -180,9 +181,22 @@ def carried_out(values: Float32, known: Bool) -> Float32:
         cv2.DIST_MASK_5,
         labelType=cv2.DIST_LABEL_PIXEL,
     )
-    of_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
-    of_label[labels[known]] = values[known]
-    return np.asarray(of_label[labels], dtype=np.float32)
+    out = np.empty(values.shape, np.float32)
+    _carry(values, known, np.asarray(labels, np.int32), out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _carry(values: Float32, known: Bool, labels: npt.NDArray[np.int32], out: Float32) -> None:
+    """Give every pixel the known value of its label."""
+    of_label = np.zeros(labels.size + 1, np.float32)
+    for y in range(known.shape[0]):
+        for x in range(known.shape[1]):
+            if known[y, x]:
+                of_label[labels[y, x]] = values[y, x]
+    for y in range(known.shape[0]):
+        for x in range(known.shape[1]):
+            out[y, x] = of_label[labels[y, x]]
 
 
 def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> Steps | None:

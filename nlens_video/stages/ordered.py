@@ -12,6 +12,7 @@ from nlens_video.frames import Float32
 from nlens_video.kernels.aperture_covariance import aperture_covariance
 from nlens_video.kernels.depth_layers import split_at_steps
 from nlens_video.kernels.known_layers import split_before
+from nlens_video.kernels.pool import mapped
 from nlens_video.kernels.steps import Hidden, Steps, carried_out
 from nlens_video.stages.lens_points import even_points
 
@@ -95,11 +96,15 @@ def candidates(
         parts = split_before(rgba, coc, steps, hidden)
     reached = steps.inside_px > 0.0
     drawn = partial(scatter, pixel_aspect=pixel_aspect, wanted=reached)
-    near = drawn(parts.near_rgba, parts.near_coc_px)
-    back = drawn(parts.back_rgba, parts.back_coc_px)
+
+    def spread(part: tuple[Float32, Float32]) -> tuple[Float32, Float32]:
+        return drawn(*part), carried_out(part[1], part[0][..., 3] > 0.0)
+
+    # Side by side: what is done on a single thread for one goes on beside the other.
+    (back, back_coc), (near, near_coc) = mapped(
+        spread, [(parts.back_rgba, parts.back_coc_px), (parts.near_rgba, parts.near_coc_px)]
+    )
     near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])
-    near_coc = carried_out(parts.near_coc_px, near_alpha > 0.0)
-    back_coc = carried_out(parts.back_coc_px, parts.back_rgba[..., 3] > 0.0)
     coverage = near[..., 3]
     partly = reached & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR) & (back[..., 3] > _CLEAR)
     covariance = aperture_covariance(
