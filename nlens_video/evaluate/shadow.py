@@ -24,6 +24,7 @@ from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.shadow import CastShadow
+from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.exr import read_exr
 from nlens_video.video.picture import ArrayPicture
 
@@ -126,12 +127,12 @@ class Shaded:
 
         known, without = self.known, self.case.truth
         frame = Box(0, 0, without.shape[1], without.shape[0])
-        casters = Casters.of(scene.pose(0.0), {})
+        moment = Moment(Casters.of(scene.pose(0.0), {}), known.camera)
         darken = Darken(scatter=scatter, reach=blur_reach)
 
         def picture(strength: float) -> UInt8:
             shadow: Shadow | None = CastShadow(strength=strength)(
-                casters, light, known.camera, known.ground_y, self.case.fit
+                [moment], light, known.ground_y, self.case.fit
             )
             codes = without.copy()
             if shadow is not None:

@@ -19,8 +19,9 @@ from nlens_video.graph.front import closing, open_front
 from nlens_video.graph.held import HeldBudget
 from nlens_video.graph.ladder import check_rung, held_budget
 from nlens_video.graph.lanes import Lane
+from nlens_video.graph.layered import LayeredObject
 from nlens_video.graph.live_lens import LiveLens
-from nlens_video.graph.objects import LayeredObject, ObjectSource, RenderedObject, View, place
+from nlens_video.graph.objects import ObjectSource, RenderedObject, View, place
 from nlens_video.graph.optics_stages import seen_beyond
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import FrameTiming, Profiler

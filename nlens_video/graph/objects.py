@@ -1,4 +1,4 @@
-"""Where the object's layers come from: rendered from the GLB, or read from EXR files."""
+"""Where the object's layers come from: rendered from the GLB here, read from files in `layered`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Protocol
 
 import numpy as np
 
-from nlens_video.errors import InputError
 from nlens_video.frames import Box, Float64, ObjectLayer
 from nlens_video.lens import LensFit
 from nlens_video.placing import Placing
@@ -19,7 +18,6 @@ from nlens_video.scene.placed import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
 from nlens_video.stages.protocols import BehindRenderer, ViewRenderer
 
-_TRACE = 2.0**-24  # of alpha: less than any code or float of the plate tells
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
 
@@ -50,6 +48,14 @@ class View:
     def box(self) -> Box:
         """The whole frame."""
         return Box(0, 0, self.width, self.height)
+
+    def camera_at(self, scene: Scene, time_s: float) -> Camera:
+        """What sees a scene at a moment of the plate [s]."""
+        if self.placed is not None:
+            return self.placed
+        return scene.camera(
+            time_s, self.width, self.height, name=self.camera, pixel_aspect=self.pixel_aspect
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +116,10 @@ class ObjectSource(Protocol):
         """Where the object is on a frame; None when it is out of view."""
         ...
 
+    def camera(self, time_s: float) -> Camera:
+        """The camera at a moment of the plate [s]."""
+        ...
+
     def places(self, time_s: float) -> Float64 | None:
         """Its vertices: columns, rows [px], depths [scene unit] (V, 3); None if one lies behind."""
         ...
@@ -146,9 +156,13 @@ class RenderedObject:
         """What makes the layers, in words."""
         return self.renderer.description
 
+    def camera(self, time_s: float) -> Camera:
+        """The camera at a moment of the plate [s]."""
+        return self.view.camera_at(self.scene, time_s)
+
     def places(self, time_s: float) -> Float64 | None:
         """Its vertices: columns, rows [px], depths [scene unit] (V, 3); None if one lies behind."""
-        camera = _camera(self.scene, self.view, time_s)
+        camera = self.camera(time_s)
         seen = camera.to_camera(self.scene.pose(time_s).vertices().astype(np.float64))
         if not (seen[:, 2] < 0.0).all():
             return None
@@ -156,7 +170,7 @@ class RenderedObject:
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
-        camera = _camera(self.scene, self.view, time_s)
+        camera = self.camera(time_s)
         surroundings = self.view.box.grown(MARGIN_LIMIT_PX)
         if _misses(self.scene.hull(time_s), camera, surroundings):
             return None  # without moving a vertex
@@ -180,89 +194,6 @@ class RenderedObject:
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
             margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
         return self.renderer.render(placement.time_s, placement.camera, margin)
-
-
-@dataclass(frozen=True, slots=True)
-class LayeredObject:
-    """Pre-rendered layers; the GLB still gives camera, ground and footprint."""
-
-    scene: Scene
-    layers: LayerReader
-    view: View
-    standing: str | None = None
-
-    @property
-    def description(self) -> str:
-        """What makes the layers, in words."""
-        return "pre-rendered OpenEXR layers"
-
-    def places(self, time_s: float) -> Float64 | None:
-        """Not known from a picture."""
-        return None
-
-    def locate(self, index: int, time_s: float) -> Placement | None:
-        """Read the frame's layer, cut to what it covers."""
-        layer = covered_part(self.layers.read(index))
-        if layer is None:
-            return None
-        depth = layer.depth[np.isfinite(layer.depth)]
-        if not depth.size:
-            raise InputError(
-                f"layer of frame {index}: alpha without depth anywhere; expected camera-space "
-                "depth in channel Z"
-            )
-        return Placement(
-            time_s=time_s,
-            camera=_camera(self.scene, self.view, time_s),
-            box=layer.box,
-            nearest=float(depth.min()),
-            farthest=float(depth.max()),
-            layer=layer,
-        )
-
-    def footprint(self, time_s: float) -> Float64:
-        """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
-        return self.scene.triangles(time_s, self.standing)
-
-    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
-        """The layer that was read."""
-        return placement.layer
-
-
-class LayerReader(Protocol):
-    """Reads pre-rendered layers; see `video.exr`."""
-
-    def read(self, index: int) -> ObjectLayer:
-        """The layer of a frame, on the whole frame or part of it."""
-        ...
-
-
-def covered_part(layer: ObjectLayer) -> ObjectLayer | None:
-    """The layer cut to the pixels that have alpha or colour; None when there are none.
-
-    Light without alpha, such as a flame's, gets a trace of it: it belongs to the object, with a
-    depth, a CoC and an outline of its own.
-    """
-    covered = (layer.rgba != 0).any(axis=2)
-    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
-    if not rows.size:
-        return None
-    y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
-    rgba = layer.rgba[y0:y1, x0:x1].copy()
-    rgba[covered[y0:y1, x0:x1] & (rgba[..., 3] == 0), 3] = _TRACE
-    return ObjectLayer(
-        box=Box(layer.box.x0 + x0, layer.box.y0 + y0, layer.box.x0 + x1, layer.box.y0 + y1),
-        rgba=rgba,
-        depth=layer.depth[y0:y1, x0:x1],
-    )
-
-
-def _camera(scene: Scene, view: View, time_s: float) -> Camera:
-    if view.placed is not None:
-        return view.placed
-    return scene.camera(
-        time_s, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
-    )
 
 
 def _misses(points: Float64, camera: Camera, box: Box) -> bool:

@@ -25,6 +25,8 @@ from nlens_video.graph.tools import Made, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.stages.darken import Shadow
 from nlens_video.stages.in_front import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.stages.l_reblur import object_coc
+from nlens_video.stages.motion_blur import Motion, averaged, sampled_count
 from nlens_video.stages.occlusion import Foreground, cover_of
 from nlens_video.stages.reflection import LayReflection, MirrorObject
 
@@ -97,20 +99,58 @@ def make_hold_out(tools: Tools) -> Made:
     return Made(run, "hidden behind it, its light told apart from the background's in soft edges")
 
 
-def make_reflect(tools: Tools) -> Made:
-    """The object's mirror image in the ground."""
+def make_reflect(tools: Tools, *, most_moments: int = 9) -> Made:
+    """The object's mirror image in the ground, blurred by its motion where that shows."""
     if tools.views is None:
         raise Unavailable("pre-rendered layers do not show the object from below")
     draw = MirrorObject(renderer=tools.views, reflectance=tools.reflectance)
 
-    def run(placement: Placement, fit: LensFit | None) -> DefocusedLayer | None:
+    def run(
+        placement: Placement, fit: LensFit | None, motion: Motion | None
+    ) -> DefocusedLayer | None:
         # The virtual image lies farther off than the object: up to infinity, to be on the safe side
         ends = np.array([1.0 / placement.nearest, 0.0], np.float32)
         reach = 0.0 if fit is None else 0.5 * float(np.abs(fit.coc_px(ends)).max())
         reach *= max(1.0, tools.pixel_aspect)
-        return draw(placement.time_s, placement.camera, tools.ground_height(), fit, reach)
+        height = tools.ground_height()
 
-    return Made(run, f"the mirrored camera's picture, {tools.reflectance:g} from straight above")
+        def drawn(time_s: float) -> ObjectLayer | None:
+            own = time_s == placement.time_s
+            camera = placement.camera if own else tools.objects.camera(time_s)
+            return draw(time_s, camera, height, reach)
+
+        count = 1 if motion is None else _mirrored_moments(tools, placement.time_s, fit)
+        times = tools.shutter.middles(placement.time_s, min(count, most_moments))
+        layer = averaged(drawn(time_s) for time_s in times)
+        if layer is None:
+            return None
+        if fit is None:
+            return DefocusedLayer(layer=layer, coc_px=np.zeros(layer.depth.shape, np.float32))
+        return object_coc(layer, fit)
+
+    return Made(
+        run,
+        f"the mirrored camera's picture, {tools.reflectance:g} from straight above, at several "
+        "moments where it moves by a pixel while the shutter is open",
+    )
+
+
+def _mirrored_moments(tools: Tools, time_s: float, fit: LensFit | None) -> int:
+    """How many moments the mirror image's motion takes."""
+    if tools.ground is None:
+        return 1
+    height, places, depths = tools.ground_height(), [], []
+    for moment in tools.shutter.edges(time_s):
+        vertices = tools.ground.pose(moment).vertices().astype(np.float64)
+        vertices[:, 1] = 2.0 * height - vertices[:, 1]
+        camera = tools.objects.camera(moment)
+        seen = camera.to_camera(vertices)
+        if not (seen[:, 2] < 0.0).all():
+            return 1
+        places.append(camera.pixels(seen))
+        depths.append(-seen[:, 2])
+    coc = 0.0 if fit is None else np.abs(fit.coc_px((1.0 / depths[1]).astype(np.float32)))
+    return sampled_count(places, np.asarray(coc, dtype=np.float64))
 
 
 def make_lay_reflection(tools: Tools) -> Made:

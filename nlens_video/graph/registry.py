@@ -164,9 +164,9 @@ STAGES: dict[str, Stage] = {
     "expose": Stage(make_expose, ("placement", "moments", "layer", "frame_box", "fit?"), "exposed"),
     "smear": Stage(make_smear, ("motion", "frame_box", "blurred?", "exposed?"), "blurred"),
     "light": Stage(make_light, ("picture",), "illumination"),
-    "shadow": Stage(make_shadow, ("placement", "fit?"), "shadow"),
+    "shadow": Stage(make_shadow, ("placement", "fit?", "motion?"), "shadow"),
     "matte": Stage(make_matte, ("frame", "picture", "placement", "plate_coc?"), "front"),
-    "reflect": Stage(make_reflect, ("placement", "fit?"), "reflection"),
+    "reflect": Stage(make_reflect, ("placement", "fit?", "motion?"), "reflection"),
     "hold-out": Stage(
         make_hold_out,
         (

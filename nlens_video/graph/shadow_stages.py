@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, is_dataclass
 from functools import partial
 
 import numpy as np
 
-from nlens_video.frames import BlurredLayer, Box, Picture
+from nlens_video.frames import BlurredLayer, Box, Float64, Picture
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.tools import LitGround, Made, Tools, Unavailable
 from nlens_video.lens import LensFit
@@ -15,8 +16,10 @@ from nlens_video.scene.casters import Casters, Surface
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.mesh import Geometry
 from nlens_video.stages.darken import Darken, Shadow
+from nlens_video.stages.motion_blur import Motion, sampled_count
 from nlens_video.stages.occlusion import Foreground
-from nlens_video.stages.shadow import CastShadow
+from nlens_video.stages.shadow import CastShadow, ground_blur
+from nlens_video.stages.shadow_cast import Moment, shadow_places
 
 
 def make_light(tools: Tools) -> Made:
@@ -34,8 +37,14 @@ def make_light(tools: Tools) -> Made:
     return Made(run, "the plate's mean colour and what is above it, once", remembers=True)
 
 
-def make_shadow(tools: Tools, *, lamp_points: int = 24, ambient_directions: int = 64) -> Made:
-    """The object's shadow on the ground."""
+def make_shadow(
+    tools: Tools,
+    *,
+    lamp_points: int = 24,
+    ambient_directions: int = 64,
+    most_moments: int = 9,
+) -> Made:
+    """The object's shadow on the ground, blurred by its motion where that shows."""
     ground = _ground(tools)
     cast = CastShadow(
         strength=ground.strength, lamp_points=lamp_points, ambient_directions=ambient_directions
@@ -43,19 +52,42 @@ def make_shadow(tools: Tools, *, lamp_points: int = 24, ambient_directions: int 
     surfaces: dict[Geometry, Surface] = {}
     before: tuple[tuple[object, ...], Shadow | None] | None = None
 
-    def run(placement: Placement, fit: LensFit | None) -> Shadow | None:
+    def seen(time_s: float, placement: Placement) -> Moment:
+        own = time_s == placement.time_s
+        camera = placement.camera if own else tools.objects.camera(time_s)
+        return Moment(Casters.of(ground.pose(time_s), surfaces), camera)
+
+    def run(placement: Placement, fit: LensFit | None, motion: Motion | None) -> Shadow | None:
         nonlocal before
-        posed = ground.pose(placement.time_s)
-        casters = Casters.of(posed, surfaces)
-        light = ground.light.on_ground(posed.lights)
-        given = (casters, light, placement.camera, fit)
+        height = tools.ground_height()
+        light = ground.light.on_ground(ground.pose(placement.time_s).lights)
+        moments = [seen(placement.time_s, placement)]
+        if motion is not None:
+            edges = [seen(time_s, placement) for time_s in tools.shutter.edges(placement.time_s)]
+            places = shadow_places(edges, light.lamps, height)
+            coc_px, _ = ground_blur(placement.camera, height, _around(places[1]), fit)
+            count = sampled_count(list(places), coc_px, most_moments)
+            times = tools.shutter.middles(placement.time_s, count)
+            moments = [seen(time_s, placement) for time_s in times] if count > 1 else moments
+        given = (tuple(moments), light, fit)
         if before is None or not alike(before[0], given):
-            height = tools.ground_height()
-            before = given, cast(casters, light, placement.camera, height, fit)
+            before = given, cast(moments, light, height, fit)
         return before[1]
 
     points = f"{lamp_points} points a lamp, {ambient_directions} directions around"
-    return Made(run, f"triangles cast on the ground, {points}, numba; again when something moves")
+    return Made(
+        run,
+        f"triangles cast on the ground, {points}, numba; again when something moves, at several "
+        "moments where it moves by a pixel while the shutter is open",
+    )
+
+
+def _around(places: Float64) -> Box:
+    """The least box of pixels round some places (V, 2); empty where there are none."""
+    if not len(places):
+        return Box(0, 0, 0, 0)
+    (x0, y0), (x1, y1) = places.min(axis=0), places.max(axis=0)
+    return Box(math.floor(x0), math.floor(y0), math.ceil(x1), math.ceil(y1))
 
 
 def make_darken(tools: Tools) -> Made:

@@ -25,6 +25,7 @@ MOST_MOMENTS = 33
 _STEP_PX = 2.0
 _REFOCUS_PX = 1.5  # a change of the CoC that one blur of the mean does not show [px]
 _NEAREST = 1e-9  # a depth, so that nothing is divided by 0 [scene unit]
+_SAMPLED_STEP_PX = 4.0  # what lies on the ground is soft or faint
 _SUB_STEPS = 8  # places by pixel of way that a smear is measured at
 
 
@@ -72,6 +73,11 @@ def moment_count(
     """
     told_apart = spread_px / np.maximum(_STEP_PX, 0.5 * coc_px)
     count = math.ceil(float(np.max(told_apart))) if np.max(spread_px) > 0.5 else 1
+    return _odd(count, most)
+
+
+def _odd(count: int, most: int) -> int:
+    """The next odd number, or the last one up to a limit."""
     return min(count + (count + 1) % 2, most - (most + 1) % 2)
 
 
@@ -106,6 +112,26 @@ def measure_motion(
         refocus_px=float(np.ptp(coc_px, axis=0).max()),
         ways=np.diff(centres, axis=0),
     )
+
+
+def sampled_count(
+    places: Sequence[Float64], coc_px: Float64 | float, most: int = MOST_MOMENTS
+) -> int:
+    """How many moments show a motion that is not smeared, an odd number; 1: it is negligible.
+
+    Args:
+        places: of what moves, on the frame (V, 2), when the shutter opens, is half through, and
+            closes [px].
+        coc_px: its CoC diameters (V,), or the least of them, without sign [px].
+        most: limit of the count.
+    """
+    opening, middle, closing = places
+    halves = (middle - opening, closing - middle)
+    span: Float64 = np.asarray(sum(np.linalg.norm(half, axis=1) for half in halves))
+    if float(span.max(initial=0.0)) < NEGLIGIBLE_SPAN_PX:
+        return 1
+    told_apart = span / np.maximum(_SAMPLED_STEP_PX, 0.5 * coc_px)
+    return _odd(math.ceil(float(told_apart.max())), most)
 
 
 def smeared(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:

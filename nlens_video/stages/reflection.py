@@ -16,9 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.frames import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
-from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel, object_coc
+from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
 from nlens_video.stages.occlusion import Cover, lay
 from nlens_video.stages.protocols import ViewRenderer
 
@@ -67,20 +66,19 @@ class MirrorObject:
     margin_limit_px: int = 256
 
     def __call__(
-        self, time_s: float, camera: Camera, ground_y: float, fit: LensFit | None, reach_px: float
-    ) -> DefocusedLayer | None:
+        self, time_s: float, camera: Camera, ground_y: float, reach_px: float
+    ) -> ObjectLayer | None:
         """Draw one moment's mirror image.
 
         Args:
             time_s: moment of the animation [s].
             camera: that moment's.
             ground_y: height of the plane [scene unit].
-            fit: the lens, None where it is not known.
             reach_px: how far its blur may spread [px].
 
         Returns:
-            The layer, as much of it as the ground mirrors, and its CoC; None where nothing of it
-            is in view.
+            The layer, as much of it as the ground mirrors, at the depth of the virtual image; None
+            where nothing of it is in view.
         """
         if camera.world_from_camera[1, 3] <= ground_y:
             return None
@@ -92,12 +90,7 @@ class MirrorObject:
         depth = np.ascontiguousarray(seen.depth[:, ::-1])
         share = self._mirrored(camera, box, ground_y, depth)
         rgba = np.ascontiguousarray(seen.rgba[:, ::-1]) * share[..., None]
-        layer = ObjectLayer(box=box, rgba=rgba, depth=depth)
-        if not rgba[..., 3].any():
-            return None
-        if fit is None:
-            return DefocusedLayer(layer=layer, coc_px=np.zeros(depth.shape, np.float32))
-        return object_coc(layer, fit)
+        return ObjectLayer(box=box, rgba=rgba, depth=depth) if rgba[..., 3].any() else None
 
     def _mirrored(self, camera: Camera, box: Box, ground_y: float, depth: Float32) -> Float32:
         """Share (h, w) that the ground mirrors, 0 where the image does not lie behind it."""

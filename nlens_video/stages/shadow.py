@@ -10,6 +10,7 @@ lets through.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -18,11 +19,10 @@ import numpy as np
 from nlens_video.frames import Box, Float32, Float64
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.casters import Casters
 from nlens_video.scene.illumination import Illumination, Lamp
 from nlens_video.scene.irradiance import from_around, from_lamp, reaches
 from nlens_video.stages.darken import Shadow, enlarged, pixels_of
-from nlens_video.stages.shadow_cast import Asked, Grid, Stage, around, lamp_points
+from nlens_video.stages.shadow_cast import Asked, Grid, Moment, Stage, around, hidden, lamp_points
 
 _RETURNED = 0.4  # of the light from around that a body hides, by its own bright surface
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
@@ -50,85 +50,74 @@ class CastShadow:
     threads: int | None = None
 
     def __call__(
-        self,
-        casters: Casters,
-        light: Illumination,
-        camera: Camera,
-        ground_y: float,
-        fit: LensFit | None,
+        self, moments: Sequence[Moment], light: Illumination, ground_y: float, fit: LensFit | None
     ) -> Shadow | None:
-        """Cast one moment's shadow.
+        """Cast the mean shadow of some moments.
 
         Args:
-            casters: what throws it.
+            moments: what throws it, and the camera, at an odd number of moments while the shutter
+                is open; the frame's own is in the middle.
             light: what lights the ground.
-            camera: that moment's camera.
             ground_y: height of the plane [scene unit].
             fit: the lens, None where it is not known.
 
         Returns:
             The loss around the shadow; None where it is out of view or there is none.
         """
+        camera = moments[len(moments) // 2].camera
         if camera.world_from_camera[1, 3] <= ground_y or self.strength <= 0.0:
             return None
-        stage = Stage.of(casters, ground_y)
-        if stage is None:
+        stages = [Stage.of(moment, ground_y) for moment in moments]
+        standing = [stage for stage in stages if stage is not None]
+        if not standing:
             return None
-        frame = Box(0, 0, camera.width, camera.height)
-        _, most = _blur(camera, ground_y, frame, fit)
-        seen = frame.grown(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
         lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
-        base = stage.bounds.mean(axis=0) * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0)
-        ambient = from_around(light, base)
-        hidden = self._hidden(stage, lamps, ambient, camera, seen, fit)
-        if hidden is None:
-            return None
-        grid, shares = hidden
-        loss = self._lost(lamps, ambient, shares, grid, ground_y)
-        disparity = grid.camera.plane_disparity(ground_y).astype(np.float32)
-        loss[disparity <= 0.0] = 0.0
-        coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
-        return Shadow(box=grid.box, loss=loss, coc_px=coc, step=grid.step)
-
-    def _hidden(
-        self, stage: Stage, lamps: list[Lamp], ambient: Float64, camera: Camera, seen: Box,
-        fit: LensFit | None,
-    ) -> tuple[Grid, list[Float32]] | None:  # fmt: skip
-        """Which share of each lamp, and of the light from around, is hidden; None: none of any."""
-        middle = stage.bounds.mean(axis=0)
+        middle = np.mean([stage.bounds for stage in standing], axis=(0, 1))
+        ambient = from_around(light, middle * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0))
         lights = [lamp_points(lamp, middle, self.lamp_points) for lamp in lamps]
-        reached = reduce(
-            Box.joined, (stage.reached(own, camera, seen) for own in lights), Box(0, 0, 0, 0)
-        )
-        least, _ = _blur(camera, stage.ground_y, reached, fit)
-        step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
-        asked = [Asked(own, len(own), Grid.on(camera, reached, step)) for own in lights]
         if ambient.any():
-            directions = around(self.ambient_directions)
-            wide = Grid.on(camera, stage.reached(directions, camera, seen), _COARSE)
-            asked.append(Asked(directions, self.ambient_directions, wide))
-        hidden = zip(asked, stage.hidden(asked, self.threads), strict=True)
-        found = [_Share(share, one.grid) for one, share in hidden]
+            lights.append(around(self.ambient_directions))
+        frame = Box(0, 0, camera.width, camera.height)
+        _, most = ground_blur(camera, ground_y, frame, fit)
+        seen = frame.grown(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
+        boxes = [
+            reduce(Box.joined, (stage.reached(own, seen) for stage in standing)) for own in lights
+        ]
+        lit = reduce(Box.joined, boxes[: len(lamps)], Box(0, 0, 0, 0))
+        least, _ = ground_blur(camera, ground_y, lit, fit)
+        step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
+        asked = [Asked(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
+        if ambient.any():
+            asked.append(Asked(lights[-1], self.ambient_directions, Grid.on(boxes[-1], _COARSE)))
+        found = [
+            _Share(share, one.grid)
+            for one, share in zip(asked, hidden(stages, asked, self.threads), strict=True)
+        ]
         if ambient.any():
             found[-1] = found[-1].contact(self.ambient_directions)
         inner = reduce(Box.joined, (one.bounds for one in found), Box(0, 0, 0, 0))
         if inner.empty:
             return None
-        grid = Grid.on(camera, inner, step)
-        return grid, [one.on(grid) for one in found]
+        grid = Grid.on(inner, step)
+        view = grid.view(camera)
+        loss = self._lost(lamps, ambient, [one.on(grid) for one in found], view, ground_y)
+        disparity = view.plane_disparity(ground_y).astype(np.float32)
+        loss[disparity <= 0.0] = 0.0
+        coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
+        return Shadow(box=grid.box, loss=loss, coc_px=coc, step=step)
 
     def _lost(
-        self, lamps: list[Lamp], ambient: Float64, shares: list[Float32], grid: Grid,
+        self, lamps: list[Lamp], ambient: Float64, shares: list[Float32], view: Camera,
         ground_y: float,
     ) -> Float32:  # fmt: skip
         """Share of the light in each channel that is gone (h, w, 3), up to the horizon [1]."""
         near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
-        ground = grid.camera.plane_points(ground_y) if near else np.zeros(3)
+        ground = view.plane_points(ground_y) if near else np.zeros(3)
         given = [from_lamp(lamp, ground) for lamp in lamps]
         total = sum(given, ambient)
         if ambient.any():
             given.append((1.0 - _RETURNED) * ambient)
-        loss = np.zeros((*grid.shape, 3), np.float32)
+        loss = np.zeros((view.height, view.width, 3), np.float32)
         for light, share in zip(given, shares, strict=True):
             part = np.divide(light, total, out=np.zeros_like(total), where=total > 0.0)
             part = (self.strength * part).astype(np.float32)
@@ -175,14 +164,16 @@ class _Share:
         return out
 
 
-def _blur(camera: Camera, ground_y: float, box: Box, fit: LensFit | None) -> tuple[float, float]:
+def ground_blur(
+    camera: Camera, ground_y: float, box: Box, fit: LensFit | None
+) -> tuple[float, float]:
     """Least and greatest CoC diameter of the ground in a box of the frame [px].
 
     It is affine there, up to the horizon.
     """
     if fit is None or box.empty:
         return 0.0, 0.0
-    corners = Grid.on(camera, box, 1).camera.corner_disparity(ground_y)
+    corners = Grid.on(box, 1).view(camera).corner_disparity(ground_y)
     coc = fit.coc_px(np.maximum(corners, 0.0).astype(np.float32))
     crosses = coc.min() <= 0.0 <= coc.max()
     return 0.0 if crosses else float(np.abs(coc).min()), float(np.abs(coc).max())

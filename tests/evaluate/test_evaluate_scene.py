@@ -17,6 +17,7 @@ from nlens_video.scene.gltf import Scene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.darken import Darken
 from nlens_video.stages.shadow import CastShadow
+from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.exr import write_layers
 from nlens_video.video.picture import ArrayPicture
 
@@ -34,7 +35,8 @@ def plate(tmp_path):
     posed = scene.pose(0.0)
     light = SceneLight(scene.light_count).on_ground(posed.lights)
     fit = case_of(folder, known).fit
-    shadow = CastShadow(strength=0.75)(Casters.of(posed, {}), light, known.camera, 0.0, fit)
+    moment = Moment(Casters.of(posed, {}), known.camera)
+    shadow = CastShadow(strength=0.75)([moment], light, 0.0, fit)
     codes = cv2.imread(str(folder / "gt_noshadow.png"))
     frame = Box(0, 0, codes.shape[1], codes.shape[0])
     Darken(scatter=scatter, reach=blur_reach)(ArrayPicture(codes), shadow, frame)

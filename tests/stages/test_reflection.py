@@ -9,6 +9,7 @@ from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
 from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.lens import LensFit
 from nlens_video.scene import Scene
+from nlens_video.stages.l_reblur import object_coc
 from nlens_video.stages.reflection import LayReflection, MirrorObject, mirrored_camera, schlick
 from nlens_video.video.exr_source import LINEAR
 from nlens_video.video.picture import ArrayPicture
@@ -73,7 +74,7 @@ def test_the_mirror_image_is_the_picture_of_the_mirrored_object(tmp_path):
     with PyrenderObjectRenderer(scene) as renderer:
         draw = MirrorObject(renderer=renderer, reflectance=1.0)
         fit = LensFit(slope=50.0, intercept=-10.0, width=WIDTH, height=HEIGHT)
-        got = draw(0.0, camera, GROUND, fit, 8.0)
+        got = object_coc(draw(0.0, camera, GROUND, 8.0), fit)
     with PyrenderObjectRenderer(pyramid(tmp_path / "b.glb", mirrored=True)) as renderer:
         truth_rgba, truth_depth = on_frame(renderer.render(0.0, camera))
     rgba, depth = on_frame(got.layer)
@@ -93,13 +94,12 @@ def test_what_lies_below_the_ground_is_not_mirrored_above_it(tmp_path):
     scene = pyramid(tmp_path / "a.glb", sunk=0.4)
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
-        got = MirrorObject(renderer=renderer, reflectance=1.0)(0.0, camera, GROUND, None, 0.0)
-    rgba, depth = on_frame(got.layer)
+        got = MirrorObject(renderer=renderer, reflectance=1.0)(0.0, camera, GROUND, 0.0)
+    rgba, depth = on_frame(got)
     there = rgba[..., 3] > 0
     assert there.sum() > 100
     plane = camera.plane_disparity(GROUND)
     assert (depth[there] * plane[there] >= 0.998).all()
-    assert not got.coc_px.any()
 
 
 @pytest.mark.needs_gl
@@ -108,8 +108,8 @@ def test_no_image_from_below_the_ground_or_out_of_view(tmp_path):
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
         draw = MirrorObject(renderer=renderer, reflectance=1.0)
-        assert draw(0.0, camera, 2.0, None, 0.0) is None
-        assert draw(0.0, camera, -50.0, None, 0.0) is None
+        assert draw(0.0, camera, 2.0, 0.0) is None
+        assert draw(0.0, camera, -50.0, 0.0) is None
 
 
 def test_the_ground_mirrors_as_schlick_has_it():
@@ -132,7 +132,7 @@ class Wall:
 
 def test_the_share_follows_the_angle_of_each_pixels_ray(tmp_path):
     camera = pyramid(tmp_path / "a.glb").camera(0.0, WIDTH, HEIGHT)
-    layer = MirrorObject(renderer=Wall(), reflectance=0.04)(0.0, camera, GROUND, None, 0.0).layer
+    layer = MirrorObject(renderer=Wall(), reflectance=0.04)(0.0, camera, GROUND, 0.0)
     rgba, _ = on_frame(layer)
     for row, column in ((119, 80), (90, 10), (40, 150)):
         ray = np.array(

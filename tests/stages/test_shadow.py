@@ -21,6 +21,7 @@ from nlens_video.scene.lights import Light, PosedLight
 from nlens_video.scene.solid import Solid
 from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.shadow import CastShadow
+from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120
@@ -59,7 +60,8 @@ def loss(shadow):
 
 def cast(light, camera=None, fit=None, vertices=CARD, **given):
     casters = Casters(vertices, FACES, edges_of(FACES))
-    return CastShadow(**given)(casters, light, camera or looking_down(), 0.0, fit)
+    moment = Moment(casters, camera or looking_down())
+    return CastShadow(**given)([moment], light, 0.0, fit)
 
 
 def test_shadow_of_a_card_under_a_sun_at_45_degrees_lies_its_height_aside():
@@ -172,6 +174,14 @@ def test_what_is_sunk_into_the_ground_casts_nothing():
     assert 0.5 * np.linalg.norm(cross, axis=1).sum() == pytest.approx(1.0)  # half of its area
     columns = np.nonzero(loss(cast(of_sun(), vertices=wall))[60, :, 0] > 0.5)[0]
     assert (columns.min(), columns.max() + 1) == (80, 100)
+
+
+def test_feet_that_graze_the_ground_are_raised_and_those_that_stand_in_it_cut():
+    wall = np.array([[0.0, -9e-4, -0.5], [0.0, -9e-4, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
+    raised = Solid.above(wall, FACES, edges_of(FACES), 0.0)
+    assert raised.faces is FACES and raised.vertices[:, 1].min() == 0.0
+    sunk = Solid.above(wall * (1.0, 2.0, 1.0) - (0.0, 1e-3, 0.0), FACES, edges_of(FACES), 0.0)
+    assert len(sunk.faces) > 2 and sunk.vertices[sunk.faces.ravel(), 1].min() == 0.0
 
 
 def linear(codes):
@@ -288,7 +298,7 @@ def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
     without, truth = (cv2.imread(str(folder / f"{n}.png")) for n in ("gt_noshadow", "gt"))
     camera = loaded.camera(0.0, 960, 512)
     light = SceneLight(loaded.light_count).on_ground(posed.lights)
-    shadow = CastShadow()(Casters.of(posed, {}), light, camera, 0.0, None)
+    shadow = CastShadow()([Moment(Casters.of(posed, {}), camera)], light, 0.0, None)
     picture = without.copy()
     frame = Box(0, 0, 960, 512)
     Darken(scatter=scatter, reach=blur_reach)(ArrayPicture(picture), shadow, frame)

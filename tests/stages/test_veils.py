@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scene.glb_builder import QUAD_FACES, GlbBuilder
 
 from nlens_video.frames import Box
-from nlens_video.graph.objects import Placement
+from nlens_video.graph.objects import Placement, RenderedObject, View
 from nlens_video.graph.shadow_stages import alike, make_darken, make_shadow
 from nlens_video.graph.tools import LitGround, ShotRecord, Tools
 from nlens_video.kernels.cast import edges_of, mark_covered
@@ -20,7 +20,10 @@ from nlens_video.scene.camera import Camera
 from nlens_video.scene.casters import Casters
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.shutter import Shutter
+from nlens_video.stages.motion_blur import Motion
 from nlens_video.stages.shadow import CastShadow
+from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.exr_source import LINEAR
 from nlens_video.video.picture import ArrayPicture
 
@@ -30,6 +33,9 @@ CARD = np.array([[-1, 1, -1], [1, 1, -1], [1, 1, 1], [-1, 1, 1]], np.float32)
 UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
 NORMALS = np.tile(np.array([[0, 1, 0]], np.float32), (4, 1))
 NOON = Illumination((Lamp(sun(np.ones(3), np.array([0.0, -1.0, 0.0])), 1e-6),), np.zeros((9, 3)))
+
+
+STILL = Shutter()
 
 
 def looking_down():
@@ -63,7 +69,7 @@ def card(path, mode, *, alpha=None, factor=1.0, colors=None, layers=1, motion=Fa
 
 def loss_under(scene):
     casters = Casters.of(scene.pose(0.0), {})
-    shadow = CastShadow(lamp_points=16)(casters, NOON, looking_down(), 0.0, None)
+    shadow = CastShadow(lamp_points=16)([Moment(casters, looking_down())], NOON, 0.0, None)
     whole = np.zeros((HEIGHT, WIDTH), np.float32)
     if shadow is not None:
         inside = shadow.box.intersection(FRAME)
@@ -138,11 +144,12 @@ def test_what_is_stopped_is_as_the_definition_has_it(seed):
     assert (np.abs(veiled.taken - 2 * truth) > 1e-3).sum() <= 2  # pixels on an edge
 
 
-def stages(scene):
-    """The two nodes of a shadow and how often the first has cast."""
+def stages(scene, shutter=STILL):
+    """The two nodes of a shadow."""
+    view = View(width=WIDTH, height=HEIGHT, placed=looking_down())
     tools = Tools(
-        objects=None, estimate_coc=lambda: None, ground_y=0.0, fallback_constant=False,
-        pixel_aspect=1.0, record=ShotRecord(),
+        objects=RenderedObject(scene, None, view), shutter=shutter, estimate_coc=lambda: None,
+        ground_y=0.0, fallback_constant=False, pixel_aspect=1.0, record=ShotRecord(),
         ground=LitGround(
             pose=scene.pose, light=SceneLight(scene.light_count), pre_rendered=False, strength=1.0
         ),
@@ -160,15 +167,30 @@ def test_what_rests_casts_once_and_what_moves_again(tmp_path):
     scene = card(tmp_path / "a.glb", "BLEND", factor=0.4, motion=True)
     shadow, _ = stages(scene)
     fit = LensFit(slope=20.0, intercept=-8.0, width=WIDTH, height=HEIGHT)
-    first = shadow(placed(0.0), fit)
-    assert shadow(placed(0.5), fit) is first  # it rests until 1 s
-    assert shadow(placed(0.5), None) is not first
-    again = shadow(placed(0.6), fit)
+    first = shadow(placed(0.0), fit, None)
+    assert shadow(placed(0.5), fit, None) is first  # it rests until 1 s
+    assert shadow(placed(0.5), None, None) is not first
+    again = shadow(placed(0.6), fit, None)
     assert np.array_equal(again.loss, first.loss)
     moved = looking_down()
     moved.world_from_camera[0, 3] = 0.1
-    assert shadow(placed(0.6, moved), fit) is not again
-    assert shadow(placed(1.5), fit).box != first.box
+    assert shadow(placed(0.6, moved), fit, None) is not again
+    assert shadow(placed(1.5), fit, None).box != first.box
+
+
+def test_shadow_of_what_moves_is_blurred_where_that_is_called_for(tmp_path):
+    scene = card(tmp_path / "a.glb", "OPAQUE", motion=True)  # by half a unit from 1 s to 2 s
+    motion = Motion(span_px=5.0, spread_px=0.0, refocus_px=0.0, ways=np.array([[5.0, 0.0]]))
+
+    def profile(shutter, given):
+        shadow = stages(scene, shutter)[0](placed(1.5), None, given)
+        row = shadow.loss[60 - shadow.box.y0, :, 0]
+        return int((row > 0.1).sum()), float(np.abs(np.diff(row)).max())
+
+    still = profile(Shutter(frame_s=1.0), None)
+    assert profile(Shutter(frame_s=0.1), motion) == still  # its shadow moves by half a pixel
+    wide, steepest = profile(Shutter(frame_s=1.0), motion)  # by five
+    assert wide > still[0] and steepest < 0.6 * still[1]
 
 
 def test_a_resting_shadow_darkens_every_frame_alike(tmp_path):
@@ -177,7 +199,7 @@ def test_a_resting_shadow_darkens_every_frame_alike(tmp_path):
     results = []
     for time_s in (0.0, 0.1):
         picture = ArrayPicture(np.full((HEIGHT, WIDTH, 3), 0.5, np.float32), "rgb", LINEAR)
-        darken(picture, shadow(placed(time_s), fit), FRAME, None)
+        darken(picture, shadow(placed(time_s), fit, None), FRAME, None)
         results.append(picture.array)
     # 0.4 of the sun, which gives a third of the light, is gone, and some of the light around
     assert np.array_equal(*results) and 0.35 < results[0].min() < 0.5 * (1 - 0.4 / 3)

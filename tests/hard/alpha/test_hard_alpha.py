@@ -5,7 +5,7 @@ from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import over_grey, panels, srgb8
 
 from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.graph.objects import covered_part
+from nlens_video.graph.layered import covered_part
 from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
 from nlens_video.kernels.scatter_ref import scatter_ref
 from nlens_video.lens import LensFit
