@@ -1,0 +1,136 @@
+"""The same bits, whatever the threads, the bands, the machine's load and the run."""
+
+import json
+import os
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hard.catalogue import Outcome, case, exactly
+from hard.drawing import over_grey, panels
+from hard.objects import LENS, PRESETS, composited, cube, folder, plate_bgr
+from hard.rungs import RUNGS, Card, cards, lens_at, through
+
+from nlens_video import Compositor
+from nlens_video.backends import render_software, reblur_paper
+from nlens_video.backends.reblur_paper import OnnxPaperNetworks
+from nlens_video.kernels import aperture_covariance, extend, levels, scatter
+from nlens_video.model_store import find_model
+
+NEAR_AND_FAR = (Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
+FIT = lens_at(2.18, 30.0)
+
+
+@case
+def test_any_number_of_threads():
+    """Rows shared by 1, 2, 3 or 7 threads give the same bits, on every rung."""
+    scene = cards(*NEAR_AND_FAR)
+    seen = {rung: [through(rung, scene, FIT, threads=n) for n in (1, 2, 3, 7)] for rung in RUNGS}
+    return Outcome(
+        tuple(
+            exactly(f"values that differ, {r}", sum(int((v != s[0]).sum()) for v in s), 0)
+            for r, s in seen.items()
+        ),
+        lambda: panels({r: over_grey(s[0]) for r, s in seen.items()}),
+    )
+
+
+@case
+def test_any_height_of_bands():
+    """Bands of 1, 5, 16 or 64 rows that threads take at a time give the same bits."""
+    scene = cards(*NEAR_AND_FAR)
+    seen = {rung: [] for rung in RUNGS}
+    for rows in (1, 5, 16, 64):
+        with pytest.MonkeyPatch.context() as changed:
+            for module in (scatter, extend, levels, aperture_covariance):
+                changed.setattr(module, "BAND_ROWS", rows)
+            changed.setattr(render_software, "_BANDS", rows)
+            for rung in RUNGS:
+                seen[rung].append(through(rung, scene, FIT))
+    return Outcome(
+        tuple(
+            exactly(f"values that differ, {r}", sum(int((v != s[0]).sum()) for v in s), 0)
+            for r, s in seen.items()
+        ),
+        lambda: panels({f"{r}, bands of 1": over_grey(s[0]) for r, s in seen.items()}),
+    )
+
+
+@case
+def test_any_strip_for_the_papers_networks():
+    """The paper's networks see strips of 32, 64 or all rows and give the same to a float's end."""
+    networks = OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
+    rng = np.random.default_rng(0)
+    code = rng.random((128, 96, 3), dtype=np.float32)
+    defocus = rng.uniform(-0.4, 0.4, (128, 96)).astype(np.float32)
+    made = []
+    for rows in (128, 64, 32):
+        with pytest.MonkeyPatch.context() as changed:
+            changed.setattr(reblur_paper, "STRIP_ROWS", rows)
+            made.append(networks.render(code, defocus)[0])
+    away = max(float(np.abs(one - made[0]).max()) for one in made)
+    return Outcome(
+        (exactly("largest difference, rounded to 1e-5", round(away, 5), 0.0),),
+        lambda: panels({"in one": _byte(made[0]), "in strips of 32": _byte(made[2])}),
+    )
+
+
+RUN = """
+import json, os, sys, zlib
+if sys.argv[2] == "one":
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+sys.path.insert(0, sys.argv[1])
+from hard.determinism.test_hard_determinism import sums
+print(json.dumps(sums()))
+"""
+
+
+def sums() -> dict[str, int]:
+    """Checksums of a composite by each preset."""
+    with folder() as place:
+        glb = cube(place / "cube.glb")
+        return {p: zlib.crc32(composited(glb, p, LENS, time=0.2)[0].tobytes()) for p in PRESETS}
+
+
+@case
+def test_any_run():
+    """A process of one core and other hashes, one of all cores, and this one: the same bits."""
+    tests, found = str(Path(__file__).parents[2]), [sums()]
+    for number, cores in enumerate(("one", "all")):
+        ran = subprocess.run(
+            [sys.executable, "-c", RUN, tests, cores], capture_output=True, text=True, check=False,
+            timeout=200, env={**os.environ, "PYTHONHASHSEED": str(number + 1)},
+        )  # fmt: skip
+        assert ran.returncode == 0, ran.stderr
+        found.append(json.loads(ran.stdout))
+    with folder() as place:
+        shown, _ = composited(cube(place / "cube.glb"), "standard", LENS, time=0.2)
+    return Outcome(
+        tuple(
+            exactly(f"different composites in 3 processes, {p}", len({one[p] for one in found}), 1)
+            for p in PRESETS
+        ),
+        lambda: panels({"standard": shown[..., ::-1]}),
+    )
+
+
+@case
+def test_any_frame_before():
+    """A frame looks the same alone, after others, and after itself: nothing is carried along."""
+    plate, figures = plate_bgr(), []
+    with folder() as place:
+        glb = cube(place / "cube.glb")
+        for preset in PRESETS:
+            alone, _ = composited(glb, preset, LENS, time=0.4)
+            with Compositor(glb, preset=preset, fit=LENS, fps=25) as lens:
+                after = [lens.process(plate, time=t) for t in (0.0, 0.9, 0.4, 0.4)][2:]
+            differ = sum(int((one != alone).sum()) for one in after)
+            figures.append(exactly(f"samples that differ, {preset}", differ, 0))
+    return Outcome(tuple(figures), lambda: panels({"the frame": alone[..., ::-1]}))
+
+
+def _byte(picture: np.ndarray) -> np.ndarray:
+    return np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8)
