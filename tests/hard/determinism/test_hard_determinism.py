@@ -15,7 +15,7 @@ from hard.objects import LENS, PRESETS, composited, cube, folder, plate_bgr
 from hard.rungs import RUNGS, Card, cards, lens_at, through
 
 from nlens_video import Compositor
-from nlens_video.backends import render_software, reblur_paper
+from nlens_video.backends import reblur_paper, render_software
 from nlens_video.backends.reblur_paper import OnnxPaperNetworks
 from nlens_video.kernels import aperture_covariance, extend, levels, scatter
 from nlens_video.model_store import find_model

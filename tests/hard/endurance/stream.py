@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-import shots  # noqa: E402  found by the line above
+import shots
 
-from nlens_video import Compositor  # noqa: E402
-from nlens_video.playback import Playback  # noqa: E402
-from nlens_video.settings import ObjectSettings  # noqa: E402
+from nlens_video import Compositor
+from nlens_video.playback import Playback
+from nlens_video.settings import ObjectSettings
 
 SIZE = (160, 90)
 FPS, PERIOD_S = 32, 2.0  # moments that floats hold exactly: the object is back every 64 frames

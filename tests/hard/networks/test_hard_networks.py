@@ -142,4 +142,3 @@ def test_the_papers_networks():
         (exactly("pictures and CoC whose answer is not finite", len(figures), 0),),
         lambda: panels(shown, height=70),
     )
-

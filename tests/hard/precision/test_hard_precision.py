@@ -1,0 +1,365 @@
+"""Every kernel counts in float32; here is how far each is from float64."""
+
+import copy
+import math
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from hard.catalogue import Outcome, at_most, case, exactly
+from hard.drawing import OURS, bars, plot
+from hard.objects import folder
+from kernels.test_rasteriser import drawn, random_block, resolved, surface, truth
+from reblur.test_aperture_covariance import reference as covariance_reference
+from reblur.test_l_paper import reference as paper_reference
+from scene.glb_builder import GlbBuilder
+from stages.test_shadow import marked
+
+import nlens_video.kernels
+from nlens_video.aperture import Aperture
+from nlens_video.backends.render_software import SoftwareObjectRenderer
+from nlens_video.color import ColorTags
+from nlens_video.frames import Box
+from nlens_video.kernels import blend, blend_ref, fragment, light_ref, raster, screen, texture_ref
+from nlens_video.kernels.aperture_covariance import aperture_covariance
+from nlens_video.kernels.cast_ref import covered, stopped
+from nlens_video.kernels.cast_veils import count_veiled, new_veiled
+from nlens_video.kernels.cell import blur_cell
+from nlens_video.kernels.cell_ref import blur_cell_ref
+from nlens_video.kernels.filtering import sample
+from nlens_video.kernels.light import light
+from nlens_video.kernels.nearest import resolve_depth
+from nlens_video.kernels.paper_scatter import paper_scatter
+from nlens_video.kernels.pull_push import carried_on
+from nlens_video.kernels.regrain import reference as regrain_reference
+from nlens_video.kernels.regrain import regrain
+from nlens_video.kernels.scatter import scatter
+from nlens_video.kernels.scatter_ref import scatter_ref
+from nlens_video.kernels.texture import Atlas, Texture
+from nlens_video.kernels.white_noise import reference as noise_reference
+from nlens_video.kernels.white_noise import white_noise
+from nlens_video.lens import LensFit
+from nlens_video.scene import Camera, Scene
+from nlens_video.stages.lens_points import even_points
+from nlens_video.video.samples import array_samples
+
+LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
+SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
+COMPARED = {
+    "scatter, round discs": "extend levels coarse scatter_rows reached simd lanes",
+    "scatter, seven blades": "extend scatter_rows",
+    "scatter, cat's eye, root mean square": "barrel",
+    "blur of a cell": "cell",
+    "covariance over the aperture": "aperture_covariance",
+    "the paper's scatter": "paper_scatter",
+    "pull-push": "pull_push",
+    "projection of vertices": "screen",
+    "disparity of samples": "raster triangles simd_raster corners",
+    "depth of pixels": "nearest",
+    "light on a surface": "light",
+    "filtered textures": "filtering",
+    "a whole picture: colour": "surface deferred alpha",
+    "a whole picture: depth": "surface deferred nearest",
+    "cast triangles": "cast",
+    "cast veils": "cast_veils",
+    "decoding": "blend",
+    "compositing": "blend",
+    "grain on a layer": "regrain",
+    "white noise": "white_noise",
+    "CoC of a depth": "",
+}
+WITHOUT_ARITHMETIC = {  # masks, copies, the slow definitions themselves, what compiles the others
+    "compiled", "depth_layers", "extend_ref", "known_layers", "steps",
+}  # fmt: skip
+
+
+def _layer(rng, largest, shape=(36, 40)):
+    rgba = np.zeros((*shape, 4), np.float32)
+    rgba[8:-8, 8:-8, :3] = rng.random((shape[0] - 16, shape[1] - 16, 3))
+    rgba[8:-8, 8:-8, 3] = 1.0
+    return rgba, rng.uniform(-largest, largest, shape).astype(np.float32)
+
+
+@cache
+def _blurs() -> dict[str, tuple[float, float]]:
+    """Largest difference of each blur to its definition in float64, and its limit."""
+    rng = np.random.default_rng(0)
+    made = {}
+    rgba, coc = _layer(rng, 5.0)
+    shapes = {
+        "round discs": ({}, 1e-3),
+        "seven blades": ({"aperture": Aperture(blades=7)}, 2e-3),
+    }
+    for name, (words, limit) in shapes.items():
+        away = np.abs(scatter(rgba, coc, **words) - scatter_ref(rgba, coc, **words))
+        made[f"scatter, {name}"] = (away.max(), limit)
+    # a small disc that the barrel cuts stays round, as large as what is left of it: so the mean
+    even, eye = np.full((28, 28), -11.0, np.float32), Aperture(cat_eye=0.8)
+    small = _layer(rng, 0.0, (28, 28))[0]
+    away = scatter(small, even, aperture=eye) - scatter_ref(small, even, aperture=eye)
+    made["scatter, cat's eye, root mean square"] = (np.sqrt(np.mean(away**2)), 1e-2)
+    part, discs, box = rgba[10:22, 12:24], coc[10:22, 12:24], Box(-3, -2, 15, 14)
+    given = rng.random((12, 12)) < 0.8
+    cell = blur_cell(part, given, discs, box) - blur_cell_ref(part, given, discs, box)
+    made["blur of a cell"] = (np.abs(cell).max(), 2e-5)
+    cover = np.float32(rng.random((24, 32)) > 0.5)
+    near = (cover, np.full((24, 32), 9.0, np.float32))
+    back = (rng.random((24, 32, 4), dtype=np.float32), np.full((24, 32), -4.0, np.float32))
+    everywhere, points = np.ones((24, 32), np.bool_), even_points(7).astype(np.float32)
+    found = aperture_covariance(near, back, everywhere, points)
+    away = np.abs(found - covariance_reference(near, back, points)).max()
+    made["covariance over the aperture"] = (away, 1e-5)
+    picture = rng.random((21, 24, 3), dtype=np.float32)
+    radius = np.float32(rng.choice([0.0, 0.4, 1.7, 6.2], (21, 24)))
+    away = np.abs(paper_scatter(picture, radius)[0] - paper_reference(picture, radius)[0]).max()
+    made["the paper's scatter"] = (away, 1e-3)
+    known = rng.random((40, 44)) < 0.1
+    values = np.where(known[..., None], rng.random((40, 44, 3)), 0.0)
+    single = carried_on(values.astype(np.float32), known, (3, 5))
+    made["pull-push"] = (np.abs(single - carried_on(values, known, (3, 5))).max(), 1e-6)
+    return made
+
+
+@cache
+def _geometry() -> dict[str, tuple[float, float]]:
+    rng = np.random.default_rng(1)
+    made = {}
+    positions = (rng.normal(0, 2.0, (60, 3)) - [0, 0, 5]).astype(np.float32)
+    view = Camera(
+        world_from_camera=np.eye(4), fx=20.0, fy=20.0, cx=16.0, cy=12.0, width=32, height=24
+    )
+    numbers = screen.Lens(
+        axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0, near=0.5, width=32,
+        height=24,
+    ).numbers()  # fmt: skip
+    points = np.empty((60, 3))
+    screen.project(positions, numbers, points)
+    before = positions[:, 2] < -0.5
+    exact = view.pixels(positions[before].astype(np.float64))
+    # places are kept to 1 / 256 px, on purpose
+    made["projection of vertices"] = (np.abs(points[before, :2] - exact).max(), 0.5 / 256 + 1e-9)
+    faces = np.arange(60, dtype=np.int32).reshape(-1, 3)
+    ids, disparity, *_ = drawn(positions, faces)
+    seen, nearest = truth(positions, faces)
+    same = (ids == seen) & (seen >= 0)
+    away = np.abs(disparity[same] / nearest[same] - 1).max()
+    made["disparity of samples"] = (away, 1e-6)
+    samples = np.zeros((80, 30 + raster.PADDING), np.float32)
+    samples[:, :30] = rng.uniform(0.5, 0.502, (80, 30))
+    depth = np.empty((20, 30), np.float32)
+    resolve_depth(samples, 0, 20, 0.4, depth)
+    exact = resolved(samples[:, :30].astype(np.float64), 0.4)
+    made["depth of pixels"] = (np.abs(depth / exact - 1).max(), 1e-6)
+    size, at = (64, 64), (0.3, 0.7)
+    corners = rng.normal(size=(9, 3)) * (30, 30, 0.1) + (30, 30, 1.0)
+    three = np.arange(9, dtype=np.int32).reshape(3, 3)
+    wrong = marked(size, corners, three, at) ^ covered(size, corners, three, at)
+    made["cast triangles"] = (wrong.mean(), 2e-3)  # share of the pixels, on edges
+    texture = (rng.random((5, 7), np.float32), (0, 1), -1.0)
+    where = rng.normal(size=(9, 3)) * (1.5, 1.5, 0.1) + (0, 0, 1.0)
+    veiled = new_veiled(*size)
+    bits = np.zeros(size, np.uint8)
+    count_veiled(veiled, (bits, 0), corners, where, three, texture, 1, at)
+    away = np.abs(veiled.taken - stopped(size, corners, where, three, texture, at))
+    made["cast veils"] = (np.quantile(away, 0.995), 1e-6)
+    return made
+
+
+@cache
+def _shading() -> dict[str, tuple[float, float]]:
+    rng = np.random.default_rng(3)
+    made = {}
+    block, fields = random_block(rng)
+    lamps = np.zeros((3, 16), np.float32)
+    toward = rng.normal(size=(3, 3))
+    lamps[:, 8:11] = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+    lamps[:, :3] = rng.random((3, 3))
+    width = fragment.WIDTH
+    red = slice(fragment.RED // width, fragment.RED // width + 3)
+    emitted = fields[red].copy()
+    light(block, lamps, 3, np.zeros((0, 4), np.float32))
+    suns = [(row[8:11].astype(float), row[:3].astype(float)) for row in lamps]
+    exact = np.array([light_ref.by_suns(surface(fields, i), suns) for i in range(width)]).T
+    away = np.abs(fields[red] - emitted - exact) / (1e-3 + exact)
+    made["light on a surface"] = (away.max(), 2e-4)
+    pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
+    atlas = Atlas.of(
+        [Texture(pixels=pixels, srgb=True, mag_filter=9729, min_filter=9987, wrap=(10497, 10497))]
+    )
+    block, whole = fragment.new_block()
+    fields, points = block.reshape(-1, width), slice(2, 62)
+    place = fragment.U // width
+    fields[place : place + 2, points] = rng.uniform(-2.5, 3.5, (2, 60))
+    fields[place + 2 : place + 6, points] = rng.normal(size=(4, 60)) * 0.05
+    sample(block, whole, (2, 62), (atlas.texels, atlas.levels, atlas.table), 0)
+    worst, texel = 0.0, fragment.TEXEL_R // width
+    for i in range(2, 62):
+        u, v, ux, vx, uy, vy = fields[place : place + 6, i].astype(float)
+        exact = texture_ref.sample(atlas, 0, (u, v), (np.array([ux, vx]), np.array([uy, vy])))
+        worst = max(worst, np.abs(fields[texel : texel + 4, i] - exact).max())
+    made["filtered textures"] = (worst, 3e-6)
+    made["a whole picture: colour"] = (_picture(pane=True)[0], 2e-6)
+    made["a whole picture: depth"] = (_picture(pane=False)[1], 2e-6)
+    return made
+
+
+def _picture(*, pane: bool) -> tuple[float, float]:
+    """A leaning triangle, colours at its corners, perhaps under a pane of half coverage, by hand.
+
+    Returns:
+        Largest error of the colour, and of the depth as a share.
+    """
+    corners = np.array([[-3.0, -2.0, -3.0], [4.0, -2.5, -9.0], [-0.5, 3.0, -4.0]])
+    colours = np.array([[0.9, 0.1, 0.2, 1.0], [0.1, 0.8, 0.3, 1.0], [0.2, 0.3, 0.7, 1.0]])
+    builder = GlbBuilder()
+    unlit = {"extensions": {"KHR_materials_unlit": {}}, "doubleSided": True}
+    paint = builder.add("materials", dict(unlit))
+    mesh = builder.mesh(corners.astype(np.float32), np.array([[0, 1, 2]]), material=paint,
+                        COLOR_0=colours.astype(np.float32))  # fmt: skip
+    builder.node(mesh=mesh)
+    if pane:
+        glass = {"pbrMetallicRoughness": {"baseColorFactor": [0.25, 0.5, 1.0, 0.5]}}
+        tint = builder.add("materials", {**glass, "alphaMode": "BLEND", **unlit})
+        large = np.array([[-9, -9, -2.5], [9, -9, -2.5], [9, 9, -2.5], [-9, 9, -2.5]], np.float32)
+        builder.node(mesh=builder.mesh(large, np.array([[0, 1, 2], [0, 2, 3]]), material=tint))
+    with folder() as place:
+        scene = Scene.load(builder.write(place / "two.glb"))
+    view = Camera(
+        world_from_camera=np.eye(4), fx=90.0, fy=90.0, cx=60.0, cy=45.0, width=120, height=90
+    )
+    with SoftwareObjectRenderer(scene) as renderer:
+        layer = renderer.render(0.0, view)
+    x, y = np.meshgrid(np.arange(120) + 0.5, np.arange(90) + 0.5)
+    rays = np.stack([(x - 60) / 90, (45 - y) / 90, np.full(x.shape, -1.0)], axis=-1)
+    weights = np.linalg.solve(corners.T, rays.reshape(-1, 3).T).T.reshape(90, 120, 3)
+    inside = weights.min(axis=-1) > 0.002
+    depth = 1.0 / weights.sum(axis=-1, where=np.broadcast_to(inside[..., None], weights.shape),
+                              initial=1e-30)  # fmt: skip
+    behind = (weights * depth[..., None]) @ colours[:, :3]
+    exact = 0.5 * np.array([0.25, 0.5, 1.0]) + 0.5 * behind if pane else behind
+    rgba, found = np.zeros((90, 120, 4)), np.zeros((90, 120))
+    there = layer.box.slices_in(Box(0, 0, 120, 90))
+    rgba[there], found[there] = layer.rgba, layer.depth
+    colour = np.abs(rgba[inside][:, :3] - exact[inside]).max()
+    return float(colour), float(np.abs(found[inside] / depth[inside] - 1).max())
+
+
+@cache
+def _light() -> dict[str, tuple[float, float]]:
+    rng = np.random.default_rng(4)
+    made = {}
+    decoded, laid = 0.0, 0.0
+    layer = rng.random((30, 40, 4), dtype=np.float32)
+    layer[..., :3] *= layer[..., 3:]
+    box = Box(0, 0, 40, 30)
+    for tags in (LINEAR, SRGB):
+        plate = rng.uniform(0.0, 1.0, (30, 40, 3)).astype(np.float32)
+        fast = array_samples(plate, "rgb", tags, associated=False)
+        slow = copy.deepcopy(fast)
+        decoded = max(decoded, np.abs(blend.linear(fast, box) - blend_ref.linear(slow, box)).max())
+        blend.over(fast, box, layer)
+        blend_ref.over(slow, box, layer)
+        laid = max(
+            laid, *(np.abs(a - b).max() for a, b in zip(fast.planes, slow.planes, strict=True))
+        )
+    made["decoding"], made["compositing"] = (decoded, 2e-5), (laid, 2e-5)
+    plate, noise = rng.random((30, 40, 3)), rng.normal(size=(30, 40, 3))
+    deviation = rng.uniform(0.0, 0.03, (256, 3))
+    singles = [v.astype(np.float32) for v in (layer, plate, noise, deviation)]
+    exact = regrain_reference(*(v.astype(np.float64) for v in singles))
+    made["grain on a layer"] = (np.abs(regrain(*singles) - exact).max(), 1e-5)
+    away = white_noise((3, 5), (20, 24), 7, 11) - noise_reference((3, 5), (20, 24), 7, 11)
+    made["white noise"] = (np.abs(away).max(), 1e-5)
+    fit = LensFit(slope=2000.0, intercept=-800.0, width=3840, height=2160)
+    disparity = rng.uniform(0.1, 1.0, 1000)
+    exact = 2000.0 * disparity - 800.0
+    away = np.abs(fit.coc_px(disparity.astype(np.float32)) - exact)
+    made["CoC of a depth"] = (away.max(), 3e-4)
+    return made
+
+
+def _table(made) -> Outcome:
+    figures = {name: float(value) for name, (value, _) in made.items()}
+    limits = {name: limit for name, (_, limit) in made.items()}
+    return Outcome(
+        tuple(at_most(name, figures[name], limits[name]) for name in made),
+        lambda: bars(figures, limits, x="largest difference to float64"),
+    )
+
+
+@case
+def test_blurs():
+    """Blurs against their definitions in float64; light is 1 at most. Tables are part of it."""
+    return _table(_blurs())
+
+
+@case
+def test_geometry():
+    """Projection, visibility, depth and shadows against float64: px, shares, shares of pixels."""
+    return _table(_geometry())
+
+
+@case
+def test_shading():
+    """Light and textures, and a whole picture of the rasteriser, against float64 by hand."""
+    return _table(_shading())
+
+
+@case
+def test_light():
+    """Decoding, compositing and grain against float64, as light; the CoC of a 4K lens in px."""
+    return _table(_light())
+
+
+@case
+def test_nothing_is_left_out():
+    """Every kernel that counts with floats stands in one of the tables above."""
+    loops = re.compile(r"@(numba\.)?njit|@kernel|@quick|@inlined|@intrinsic|@kernel_of")
+    kernels = Path(nlens_video.kernels.__file__).parent
+    found = {p.stem for p in kernels.glob("*.py") if loops.search(p.read_text())}
+    named = {word for words in COMPARED.values() for word in words.split()}
+    compared = {name for made in (_blurs(), _geometry(), _shading(), _light()) for name in made}
+    counts = {"compared": len(found & named), "without arithmetic": len(found & WITHOUT_ARITHMETIC)}
+
+    def draw(axes):
+        axes.barh(list(counts), list(counts.values()), color=OURS)
+
+    return Outcome(
+        (
+            exactly("kernels that no table names",
+                    " ".join(sorted(found - named - WITHOUT_ARITHMETIC)) or "none", "none"),
+            exactly("comparisons named but not made",
+                    " ".join(sorted(set(COMPARED) - compared)) or "none", "none"),
+        ),
+        lambda: plot(draw, x="modules of nlens_video/kernels", y="", legend=False),
+    )  # fmt: skip
+
+
+@case
+def test_a_highlight_beside_the_dark():
+    """A pixel of 1e4 to 1e8 times white leaves dark parts out of its reach almost as they are."""
+    values, aways = (1e2, 1e4, 1e6, 1e8), []
+    for value in values:
+        worst = 0.0
+        for coc in (2.0, 6.0, 12.0, 20.0):
+            rgba = np.zeros((64, 64, 4), np.float32)
+            rgba[8:-8, 8:-8] = (0.01, 0.01, 0.01, 1.0)
+            lit = rgba.copy()
+            lit[32, 20, :3] = value
+            plane = np.full((64, 64), coc, np.float32)
+            dark, seen = scatter(rgba, plane), scatter(lit, plane)
+            far = np.ones((64, 64), bool)
+            reach = math.ceil(coc / 2) + 2
+            far[32 - reach : 33 + reach, 20 - reach : 21 + reach] = False
+            worst = max(worst, float(np.abs(seen - dark)[far].max() / seen.max()))
+        aways.append(worst)
+
+    def draw(axes):
+        axes.plot(values, aways, "o-", color=OURS, label="by the highlight's own blurred light")
+
+    return Outcome(
+        tuple(at_most(f"change of the dark by the highlight's light, {v:g}", a, 2e-7)
+              for v, a in zip(values, aways, strict=True)),
+        lambda: plot(draw, x="highlight [white]", y="change of the dark", log=("x",)),
+    )  # fmt: skip
