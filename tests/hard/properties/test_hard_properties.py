@@ -40,7 +40,7 @@ class Worst:
         self.values, self.pictures = dict.fromkeys(RUNGS, 0.0), {}
 
     def seen(self, rung, value, picture):
-        if not value <= self.values[rung] or rung not in self.pictures:
+        if value >= self.values[rung]:
             self.values[rung], self.pictures[rung] = float(value), picture
 
     def figures(self, what, limits):
