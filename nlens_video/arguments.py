@@ -17,7 +17,13 @@ from nlens_video.argument_parser import (
     positive,
 )
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
-from nlens_video.farm_arguments import add_chunk, add_farm, merge_parser
+from nlens_video.farm_arguments import (
+    add_chunk,
+    add_farm,
+    jobs_parser,
+    lists_jobs,
+    merge_parser,
+)
 from nlens_video.light_arguments import add_light
 from nlens_video.live_arguments import add_live
 from nlens_video.measure_arguments import bench_parser, evaluate_parser, study_parser
@@ -74,7 +80,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
     command = "render"
     if named:
         command, argv = argv[0], argv[1:]
-    parser = parser_of(command)
+    many = command == "farm" and lists_jobs(argv)
+    parser = jobs_parser() if many else parser_of(command)
     if command == "render" and not named:
         parser.often, parser.whole = _OFTEN, "nlens-video render"
     namespace = parser.parse_args(argv)

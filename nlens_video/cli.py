@@ -105,6 +105,10 @@ def _run(argv: list[str]) -> int:
         from nlens_video.farm.command import run_merge
 
         return run_merge(words, voice)
+    if words.command == "farm" and words.jobs is not None:
+        from nlens_video.farm.command import run_jobs
+
+        return run_jobs(words, voice)
     return _composite(words, voice)
 
 

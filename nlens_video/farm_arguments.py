@@ -27,6 +27,33 @@ def add_chunk(parser: argparse._ArgumentGroup) -> None:
 
 def add_farm(parser: Parser) -> None:
     """Who renders, and in which parts."""
+    farm = _add_workers(parser)
+    farm.add_argument(
+        "--chunks", metavar="DIR", type=Path, help="keep chunks here (default: none stay)"
+    )
+    farm.add_argument(
+        "--jobs", metavar="JOBS.toml", help="many shots, in place of IN, ANIM.glb, OUT"
+    )
+
+
+def lists_jobs(argv: list[str]) -> bool:
+    """Whether the words of `farm` name a list of shots in place of one."""
+    return any(word.partition("=")[0] == "--jobs" for word in argv)
+
+
+def jobs_parser() -> Parser:
+    """The words of `farm --jobs`."""
+    parser = base_parser("nlens-video farm --jobs", "Composite many shots on a Ray cluster.")
+    parser.add_argument(
+        "--jobs", metavar="JOBS.toml", type=Path, required=True,
+        help="a [[shot]] for each, with in, object, out, and options, a list of words",
+    )  # fmt: skip
+    _add_workers(parser)
+    parser.add_argument("--no-progress", action="store_true")
+    return parser
+
+
+def _add_workers(parser: Parser) -> argparse._ArgumentGroup:
     farm = parser.add_argument_group("the farm")
     farm.add_argument(
         "--workers", metavar="N", type=count, help="processes (default: one to two processors)"
@@ -35,9 +62,7 @@ def add_farm(parser: Parser) -> None:
         "--chunk", metavar="SECONDS", type=positive, default=10.0, help="length of a chunk (10)"
     )
     farm.add_argument("--address", metavar="A", help="Ray cluster: auto, ray://HOST:PORT")
-    farm.add_argument(
-        "--chunks", metavar="DIR", type=Path, help="keep chunks here (default: none stay)"
-    )
+    return farm
 
 
 def merge_parser() -> Parser:

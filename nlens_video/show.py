@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from nlens_video.errors import ReaderGone
+from nlens_video.errors import NlensError, ReaderGone
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -107,6 +107,25 @@ class Voice:
             where = "standard output" if merged.output == "-" else merged.output
             self._say("merged", f"{where}, {merged.frames} frames of {merged.chunks} chunks")
             self._notes(merged.notes)
+
+    def shots(self, results: Sequence[tuple[str, Merged | NlensError]]) -> None:
+        """Show how each shot of a list went, by the name of its plate; what failed in any case."""
+        if self._json:
+            self._emit(
+                [
+                    {"shot": name, "error": str(one)}
+                    if isinstance(one, NlensError)
+                    else {"shot": name, **asdict(one)}
+                    for name, one in results
+                ]
+            )
+        for name, one in results:
+            if isinstance(one, NlensError):
+                self._console.print(
+                    f"nlens-video: {name}: {one}", markup=False, soft_wrap=True, highlight=False
+                )
+            elif not self._json and not self._quiet:
+                self.merged(one)
 
     def outcome(self, outcome: Outcome) -> None:
         """Show how a run went."""

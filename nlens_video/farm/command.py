@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 
 from nlens_video.arguments import output_settings, source_settings
-from nlens_video.errors import UsageError
+from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.chunk import render_chunk
-from nlens_video.farm.folder import beside, remove
+from nlens_video.farm.folder import alone_in, beside, remove
 from nlens_video.farm.here import render_here
 from nlens_video.farm.job import run_job
-from nlens_video.farm.merge import merge
+from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.paths import absolute
+from nlens_video.farm.shot_list import read_shot_list
+from nlens_video.farm.shots import Progress, Shot, plan
 from nlens_video.settings import Settings
 from nlens_video.show import Voice
 
@@ -29,12 +32,45 @@ def run_merge(words: argparse.Namespace, voice: Voice) -> int:
 
 
 def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:
-    """`farm`; returns the exit code.
+    """`farm` of one shot; returns the exit code.
 
     Raises:
         UsageError: Ray is not installed.
-        NlensError: as `job.run_job`.
+        NlensError: as `run.render` and `merge`.
     """
+    folder = beside(Path(words.output)) if words.chunks is None else words.chunks
+    shot = Shot(settings=absolute(settings), folder=folder.absolute(), chunk_s=words.chunk)
+    (result,) = _made([shot], words, voice)
+    if isinstance(result, NlensError):
+        raise result
+    if words.chunks is None:
+        remove(folder)
+    voice.merged(result)
+    return 0
+
+
+def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
+    """`farm --jobs`; returns the exit code, of the first shot that failed where one did.
+
+    Raises:
+        UsageError: Ray is not installed, or the list makes no sense.
+    """
+    shots = [
+        Shot(settings=absolute(run), folder=beside(output), chunk_s=words.chunk)
+        for run in read_shot_list(words.jobs)
+        for output in [Path("" if run.output is None else run.output.spec).absolute()]
+    ]
+    results = _made(shots, words, voice)
+    for shot, result in zip(shots, results, strict=True):
+        if not isinstance(result, NlensError):
+            remove(shot.folder)
+    voice.shots(
+        [(shot.settings.source.spec, one) for shot, one in zip(shots, results, strict=True)]
+    )
+    return next((one.exit_code for one in results if isinstance(one, NlensError)), 0)
+
+
+def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Merged | NlensError]:
     try:
         from nlens_video.farm.on_ray import Cluster
     except ImportError as error:
@@ -43,15 +79,11 @@ def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int
             "with --as-chunk and join them with merge"
         ) from error
     cluster = Cluster(address=words.address, workers=words.workers)
-    folder = beside(Path(words.output).absolute()) if words.chunks is None else words.chunks
-    with voice.progress_bar() as on_progress:
-        merged = run_job(
-            absolute(settings), folder.absolute(), words.chunk, cluster.render, on_progress
-        )
-    if words.chunks is None:
-        remove(folder)
-    voice.merged(merged)
-    return 0
+    with ExitStack() as stack:
+        for shot in shots:
+            stack.enter_context(alone_in(shot.folder))
+        progress = Progress(len(shots), stack.enter_context(voice.progress_bar()))
+        return cluster.run([plan(shot, progress) for shot in shots])
 
 
 def run_resumable(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:

@@ -55,16 +55,16 @@ def run_job(
     """
     if settings.output is None:
         raise UsageError("no output was named")
-    _check(settings)
+    check(settings)
     with alone_in(folder):
         prepared = prepare(settings, folder, chunk_s)
         missing = [mark for mark in prepared.marks if not is_there(folder / mark.file_name, mark)]
-        done = prepared.frames - sum(_length(mark, prepared.frames) for mark in missing)
+        done = prepared.frames - sum(length_of(mark, prepared.frames) for mark in missing)
         on_progress(done, prepared.frames)
 
         def finished(mark: ChunkMark) -> None:
             nonlocal done
-            done += _length(mark, prepared.frames)
+            done += length_of(mark, prepared.frames)
             on_progress(done, prepared.frames)
 
         if missing:
@@ -126,7 +126,12 @@ def with_fit(settings: Settings, folder: Path, frames: int) -> Settings:
     return replace(settings, fit=path)
 
 
-def _check(settings: Settings) -> None:
+def check(settings: Settings) -> None:
+    """See that a run can be made of chunks.
+
+    Raises:
+        UsageError: it cannot.
+    """
     for option, given in (
         ("--range", settings.source.frames != (0, None)),
         ("--report", settings.report is not None),
@@ -149,5 +154,6 @@ def _measured(source: SourceSettings) -> tuple[int, float]:
         return count, frame_s(plate.info) or 1 / 25
 
 
-def _length(mark: ChunkMark, frames: int) -> int:
+def length_of(mark: ChunkMark, frames: int) -> int:
+    """Frames of a chunk of a plate that has so many."""
     return (frames if mark.end is None else mark.end) - mark.first

@@ -1,7 +1,7 @@
-"""Chunks on a Ray cluster: the only module that knows Ray.
+"""Shots on a Ray cluster: the only module that knows Ray.
 
 An actor is a process that stays: Python, compiled kernels and drivers are loaded once. Only
-settings, marks and paths travel; the files lie where all machines see them under one path.
+settings and paths travel; the files lie where all machines see them under one path.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from __future__ import annotations
 import logging
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from typing import Any
 
 import ray
@@ -20,9 +20,9 @@ from ray.exceptions import RayError
 
 from nlens_video import interrupts
 from nlens_video.backends.choose_renderer import VARIABLE, renderer_name
-from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import NlensError, UsageError
-from nlens_video.settings import Settings
+from nlens_video.farm.merge import Merged
+from nlens_video.farm.shots import Plan, Task
 from nlens_video.video.atomic import sweep
 
 _CPUS = 2  # of a worker: a run keeps about two busy
@@ -43,27 +43,20 @@ class Cluster:
     address: str | None = None
     workers: int | None = None
 
-    def render(
-        self,
-        settings: Settings,
-        marks: list[ChunkMark],
-        folder: Path,
-        on_done: Callable[[ChunkMark], None],
-    ) -> None:
-        """Render chunks; a worker that is lost is replaced, and its chunk rendered again.
+    def run(self, plans: Sequence[Plan]) -> list[Merged | NlensError]:
+        """Have shots made; a worker that is lost is replaced, and its task done again.
 
         Args:
-            settings: the run, its paths absolute.
-            marks: the chunks to render.
-            folder: where they go, absolute.
-            on_done: called with each that is done.
+            plans: of the shots; earlier ones go first where workers are few.
+
+        Returns:
+            What was merged, or what failed, shot by shot: one that fails does not stop the others.
 
         Raises:
             UsageError: there is no such cluster.
-            NlensError: what a chunk failed of, or that it lost worker after worker.
         """
         with _connected(self) as count:
-            _Crew(min(count, len(marks)), settings, folder).render(marks, on_done)
+            return _Crew(count, plans).run()
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,68 +67,113 @@ class _Failed:
 
 
 class _Worker:
-    """Renders one chunk after the other, in a process of its own."""
+    """Does one task after the other, in a process of its own."""
 
-    def render(self, settings: Settings, mark: ChunkMark, folder: Path) -> _Failed | None:
-        from nlens_video.farm.chunk import mark_of, write_chunk
-
+    def do(self, work: Callable[..., object], arguments: tuple[object, ...]) -> object:
         try:
-            seen = mark_of(settings)
-            if (seen.key, seen.plate) != (mark.key, mark.plate):
-                raise UsageError(
-                    "a worker sees other files, or has another version or renderer, than the "
-                    "machine that asked; give all of them the same"
-                )
-            write_chunk(settings, mark, folder)
+            return work(*arguments)
         except NlensError as error:
             return _Failed(error)
-        return None
+
+
+@dataclass(slots=True)
+class _Running:
+    """A shot on its way: answers of the tasks that it waits for."""
+
+    plan: Plan
+    answers: list[object]
+    awaited: int = 0
+    result: Merged | NlensError | None = None
+
+
+@dataclass(order=True, frozen=True, slots=True)
+class _Waiting:
+    """A task of a shot, in the order in which they are done."""
+
+    shot: int
+    number: int
+    task: Task = field(compare=False)
 
 
 class _Crew:
-    """Workers, and who of them renders what."""
+    """Workers, and who of them does what."""
 
-    def __init__(self, count: int, settings: Settings, folder: Path) -> None:
-        self._settings = settings
-        self._folder = folder
-        self._idle: deque[Any] = deque(_hired() for _ in range(count))
-        self._busy: dict[Any, tuple[Any, ChunkMark]] = {}
-        self._tries: Counter[ChunkMark] = Counter()
+    def __init__(self, most: int, plans: Sequence[Plan]) -> None:
+        self._most = most
+        self._idle: deque[Any] = deque()
+        self._busy: dict[Any, tuple[Any, _Waiting]] = {}
+        self._waiting: list[_Waiting] = []
+        self._tries: Counter[tuple[int, str]] = Counter()
+        self._shots = [_Running(plan, []) for plan in plans]
 
-    def render(self, marks: list[ChunkMark], on_done: Callable[[ChunkMark], None]) -> None:
-        waiting = deque(marks)
-        while waiting or self._busy:
-            while waiting and self._idle:
-                self._start(waiting.popleft())
+    def run(self) -> list[Merged | NlensError]:
+        for number in range(len(self._shots)):
+            self._go_on(number, None)
+        while self._waiting or self._busy:
+            self._start()
             ready, _ = ray.wait(list(self._busy), timeout=_LOOK_S)
             interrupts.look()
             for reference in ready:
-                worker, mark = self._busy.pop(reference)
-                try:
-                    answer = ray.get(reference)
-                except RayError as error:
-                    self._lost(mark, error)
-                    waiting.append(mark)
-                    continue
-                if isinstance(answer, _Failed):
-                    raise answer.error
-                self._idle.append(worker)
-                on_done(mark)
+                self._take(reference)
+        return [shot.result for shot in self._shots if shot.result is not None]
 
-    def _start(self, mark: ChunkMark) -> None:
-        worker = self._idle.popleft()
-        self._tries[mark] += 1
-        self._busy[worker.render.remote(self._settings, mark, self._folder)] = (worker, mark)
+    def _start(self) -> None:
+        while self._waiting and (self._idle or len(self._busy) < self._most):
+            waiting = heappop(self._waiting)
+            if self._shots[waiting.shot].result is not None:
+                continue  # its shot has failed
+            worker = self._idle.popleft() if self._idle else _hired()
+            task = waiting.task
+            self._tries[waiting.shot, task.words] += 1
+            self._busy[worker.do.remote(task.work, task.arguments)] = (worker, waiting)
 
-    def _lost(self, mark: ChunkMark, error: RayError) -> None:
-        if self._tries[mark] >= _MOST_TRIES:
-            reason = str(error).splitlines()[0]
-            raise NlensError(
-                f"frames {mark.first} to {mark.end}: {_MOST_TRIES} workers were lost over them "
-                f"({reason}); render that range alone with -v to see why"
-            ) from error
-        sweep(self._folder / mark.file_name)  # what it has left
-        self._idle.append(_hired())
+    def _take(self, reference: Any) -> None:  # noqa: ANN401  # Ray's references have no type
+        worker, waiting = self._busy.pop(reference)
+        shot = self._shots[waiting.shot]
+        try:
+            answer = ray.get(reference)
+        except RayError as error:
+            self._lost(waiting, error)
+            return
+        self._idle.append(worker)
+        if shot.result is not None:
+            return
+        if isinstance(answer, _Failed):
+            shot.result = answer.error
+            return
+        waiting.task.done(answer)
+        shot.answers[waiting.number] = answer
+        shot.awaited -= 1
+        if not shot.awaited:
+            self._go_on(waiting.shot, shot.answers)
+
+    def _go_on(self, number: int, answers: list[object] | None) -> None:
+        """Give a shot its answers, and take what it wants done next."""
+        shot = self._shots[number]
+        try:
+            tasks = next(shot.plan) if answers is None else shot.plan.send(answers)
+        except StopIteration as end:
+            shot.result = end.value
+            return
+        except NlensError as error:
+            shot.result = error
+            return
+        shot.answers, shot.awaited = [None] * len(tasks), len(tasks)
+        for at, task in enumerate(tasks):
+            heappush(self._waiting, _Waiting(number, at, task))
+
+    def _lost(self, waiting: _Waiting, error: RayError) -> None:
+        task = waiting.task
+        if task.file is not None:
+            sweep(task.file)  # what it has left
+        if self._tries[waiting.shot, task.words] < _MOST_TRIES:
+            heappush(self._waiting, waiting)
+            return
+        reason = str(error).splitlines()[0]
+        self._shots[waiting.shot].result = NlensError(
+            f"{task.words}: {_MOST_TRIES} workers were lost over it ({reason}); render it alone "
+            "with -v to see why"
+        )
 
 
 def _hired() -> Any:  # noqa: ANN401  # Ray's handles have no type of their own

@@ -100,6 +100,50 @@ def test_job_renders_only_what_is_missing(shot, whole):
     assert rendered == [0, 5, 10, 5]
 
 
+@pytest.mark.needs_gl
+def test_list_of_shots_is_made_by_one_farm_and_a_broken_one_stops_no_other(shot, whole, capfd):
+    jobs = shot / "jobs.toml"
+    listed = [
+        (shot / "in.mp4", shot / "anim.glb", shot / "one.mkv"),
+        (shot / "gone.mp4", shot / "anim.glb", shot / "none.mkv"),
+        (shot / "in.mp4", shot / "anim.glb", shot / "two.mkv"),
+    ]
+    jobs.write_text(
+        "".join(
+            f'[[shot]]\nin = "{plate}"\nobject = "{glb}"\nout = "{out}"\n'
+            'options = ["--preset", "realtime", "--codec", "ffv1"]\n'
+            for plate, glb, out in listed
+        )
+    )
+    assert main(["farm", "--jobs", str(jobs), "--workers", "2", "--chunk", "0.25"]) == 3
+    said = capfd.readouterr().err
+    assert said.count("merged") == 2 and "gone.mp4: no such file" in said
+    same(whole, shot / "one.mkv")
+    same(whole, shot / "two.mkv")
+    assert not (shot / "none.mkv").exists()
+    left = sorted(path.name for path in shot.iterdir() if path.name.endswith(".chunks"))
+    assert left == ["none.mkv.chunks"]  # what failed can go on there
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "lists no"),
+        ("[[shot]]\nin = 3", "must be texts"),
+        ('[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\ninput = "d"', "no 'input' there"),
+        ('[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\noptions = ["--colour"]', "--colour"),
+        (2 * '[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\n', "two shots write c.mkv"),
+        ("not toml", "cannot be read"),
+    ],
+)
+def test_list_that_makes_no_sense_is_refused_in_one_line(text, says, tmp_path, capsys):
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(text)
+    assert main(["farm", "--jobs", str(jobs)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and says in said
+
+
 def test_ranges_cover_every_frame_once():
     assert list(ranges(12, 5)) == [(0, 5), (5, 10), (10, 12)]
     assert list(ranges(10, 5)) == [(0, 5), (5, 10)]

@@ -1,0 +1,54 @@
+"""`jobs.toml`: many shots for one farm, each with the words of its own command line."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from nlens_video import arguments
+from nlens_video.errors import UsageError
+from nlens_video.settings import Settings
+
+_NEEDED = ("in", "object", "out")
+
+
+def read_shot_list(path: Path) -> list[Settings]:
+    """The runs that a file lists.
+
+    Args:
+        path: TOML with a `[[shot]]` for each: `in`, `object`, `out`, and `options`, a list of
+            words as on the command line; paths as there, too.
+
+    Raises:
+        UsageError: the file cannot be read, or a shot makes no sense.
+    """
+    try:
+        listed = tomllib.loads(path.read_text()).get("shot")
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UsageError(f"--jobs {path}: cannot be read as TOML ({error})") from error
+    if not isinstance(listed, list) or not listed:
+        raise UsageError(f"--jobs {path}: lists no [[shot]] with in, object and out")
+    runs = [_run(entry, f"--jobs {path}: shot {at}") for at, entry in enumerate(listed, 1)]
+    written = [run.output.spec for run in runs if run.output is not None]
+    twice = next((name for name in written if written.count(name) > 1), None)
+    if twice is not None:
+        raise UsageError(f"--jobs {path}: two shots write {twice}; give each its own")
+    return runs
+
+
+def _run(entry: object, where: str) -> Settings:
+    if not isinstance(entry, dict):
+        raise UsageError(f"{where} is no table")
+    unknown = set(entry) - {*_NEEDED, "options"}
+    if unknown:
+        raise UsageError(
+            f"{where}: no {sorted(unknown)[0]!r} there; expected in, object, out, options"
+        )
+    named = [entry.get(key) for key in _NEEDED]
+    options = entry.get("options", [])
+    if not isinstance(options, list) or not all(isinstance(w, str) for w in (*named, *options)):
+        raise UsageError(f"{where}: in, object and out must be texts, options a list of them")
+    try:
+        return arguments.settings(arguments.parse(["render", *map(str, named), *options]))
+    except UsageError as error:
+        raise UsageError(f"{where}: {error}") from error

@@ -1,0 +1,133 @@
+"""Shots on their way through a farm: fit, chunks, merge, each a task that any worker can do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nlens_video.chunk_mark import ChunkMark
+from nlens_video.errors import UsageError
+from nlens_video.farm.chunk import is_there, mark_of, write_chunk
+from nlens_video.farm.job import Prepared, check, length_of, prepare
+from nlens_video.farm.merge import Merged, merge
+from nlens_video.settings import Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shot:
+    """A run that is to be made in chunks.
+
+    Attributes:
+        settings: the run, its paths absolute.
+        folder: where fit and chunks lie, absolute.
+        chunk_s: length of a chunk, > 0 [s].
+
+    Raises:
+        UsageError: a range, a report or the like is asked for, which belong to single runs.
+    """
+
+    settings: Settings
+    folder: Path
+    chunk_s: float
+
+    def __post_init__(self) -> None:
+        if self.settings.output is None:
+            raise UsageError("no output was named")
+        check(self.settings)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Something for one worker.
+
+    Attributes:
+        words: what it is, for errors and notes.
+        work: a function of this module, so that another process finds it by its name.
+        arguments: of it; they travel, and so does what it returns.
+        file: what a worker that dies may leave half-written, or None.
+        done: called here with what it returned.
+    """
+
+    words: str
+    work: Callable[..., Any]
+    arguments: tuple[object, ...]
+    file: Path | None = None
+    done: Callable[[Any], None] = lambda answer: None
+
+
+Plan = Generator[list[Task], list[Any], Merged]
+"""Gives tasks that may run at the same time, takes their answers, and ends with the result."""
+
+
+class Progress:
+    """Frames rendered of all shots; the total is known once every plate was counted."""
+
+    def __init__(self, shots: int, on_progress: Callable[[int, int | None], None]) -> None:
+        self._uncounted = shots
+        self._on_progress = on_progress
+        self._done = self._total = 0
+
+    def counted(self, frames: int, done: int) -> None:
+        """A plate has so many frames, of which some were there."""
+        self._uncounted -= 1
+        self._total += frames
+        self.rendered(done)
+
+    def rendered(self, frames: int) -> None:
+        """So many more."""
+        self._done += frames
+        self._on_progress(self._done, None if self._uncounted else self._total)
+
+
+def plan(shot: Shot, progress: Progress) -> Plan:
+    """The tasks of a shot: one that counts and fits, one for each missing chunk, one that merges.
+
+    Args:
+        shot: the shot.
+        progress: told of what is done.
+    """
+    name = shot.settings.source.spec
+    (answer,) = yield [
+        Task(f"the fit of {name}", prepare, (shot.settings, shot.folder, shot.chunk_s))
+    ]
+    prepared: Prepared = answer
+    missing = [m for m in prepared.marks if not is_there(shot.folder / m.file_name, m)]
+    frames = {mark: length_of(mark, prepared.frames) for mark in prepared.marks}
+    progress.counted(prepared.frames, prepared.frames - sum(frames[mark] for mark in missing))
+    if missing:
+        yield [_chunk(prepared, mark, shot.folder, frames[mark], progress) for mark in missing]
+    files = [shot.folder / mark.file_name for mark in prepared.marks]
+    (merged,) = yield [
+        Task(f"the merge of {name}", merge, (shot.settings.source, files, shot.settings.output))
+    ]
+    return merged  # type: ignore[no-any-return]  # answers have no type of their own
+
+
+def _chunk(
+    prepared: Prepared, mark: ChunkMark, folder: Path, frames: int, progress: Progress
+) -> Task:
+    return Task(
+        f"frames {mark.first} to {mark.end} of {prepared.settings.source.spec}",
+        render_marked,
+        (prepared.settings, mark, folder),
+        folder / mark.file_name,
+        lambda answer: progress.rendered(frames),
+    )
+
+
+def render_marked(settings: Settings, mark: ChunkMark, folder: Path) -> None:
+    """Render a chunk on a machine that may differ from the one that has planned it.
+
+    Raises:
+        UsageError: it differs.
+        NlensError: as `chunk.write_chunk`.
+    """
+    seen = mark_of(settings)
+    if (seen.key, seen.plate) != (mark.key, mark.plate):
+        raise UsageError(
+            "a worker sees other files, or has another version or renderer, than the one that "
+            "made the fit; give all of them the same"
+        )
+    write_chunk(settings, mark, folder)
