@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.frames import Float32, Float64
+from nlens_video.kernels.compiled import kernel
 from nlens_video.kernels.extend import Band
 from nlens_video.kernels.lanes import (
     all_of,
@@ -24,7 +25,7 @@ from nlens_video.kernels.lanes import (
     widened,
 )
 from nlens_video.kernels.levels import Light, RowNumbers
-from nlens_video.kernels.simd import add_end, add_spot
+from nlens_video.kernels.simd import add_end
 
 # `levels` has the same: a number from there would go stale in the cache.
 RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
@@ -37,7 +38,7 @@ RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range
 Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _look_up(
     numbers: Float32, table: Float32, scale: np.float32, behind: int, out: Float32
 ) -> None:
@@ -52,7 +53,7 @@ def _look_up(
         out[x] = low + part * (table[entry + np.uint32(1)] - low)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _add_stamps(
     spots: Float32, rgba: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int, int],
     dy: int, scratch: Float32,
@@ -60,33 +61,49 @@ def _add_stamps(
     """Add what stamps of a row give to the row of the result `dy` rows below it.
 
     Args:
-        spots: sums to add to (n, 8).
+        spots: sums of red, green, blue, alpha and weight to add to (5, n).
         rgba: the row's light (w, 4).
         numbers: the row's other numbers (9, w).
         discs: tables.
         columns: first and last column that take part, and how many columns stamps reach.
         dy: rows [px].
-        scratch: (3, w).
+        scratch: (6, w).
     """
-    stamps, _, steps, turned, _, _ = discs
+    stamps, _, steps, turned, _, outer = discs
     row, middle = dy + stamps.shape[0] // 2, stamps.shape[1] // 2
     start, stop = columns[0], columns[1] + 1
-    edge = (spots.shape[0] - rgba.shape[0]) // 2 + start
+    edge = (spots.shape[1] - rgba.shape[0]) // 2 + start
     radii, along = numbers[STAMP_RADIUS, start:stop], numbers[ALONG, start:stop]
     size, down = numbers[STAMP, start:stop], numbers[DOWN, start:stop]
-    weights, pixels = scratch[0, start:stop], rgba[start:stop]
+    weights, tables, pixels = scratch[4, start:stop], scratch[5, start:stop], rgba[start:stop]
     scale, rows = np.float32(steps[0]), np.float32(dy)
+    count = radii.shape[0]
+    for c in range(4):
+        plane = scratch[c, start:stop]
+        for x in range(count):
+            plane[x] = pixels[x, c]
     for dx in range(-columns[2], columns[2] + 1):
-        _look_up(radii, stamps[row, middle + dx], scale, turned[0], weights)
-        across = np.float32(dx)
-        for x in range(radii.shape[0]):
-            weights[x] *= size[x] * (np.float32(1.0) + across * along[x] + rows * down[x])
-        for x in range(radii.shape[0]):
-            if weights[x] > np.float32(0.0):
-                add_spot(spots, x + edge + dx, pixels, x, weights[x])  # type: ignore[call-arg]
+        if dx < 0 and outer == 1.0:
+            continue  # round: as far to the right
+        _look_up(radii, stamps[row, middle + dx], scale, turned[0], tables)
+        for side in range(2 if dx > 0 and outer == 1.0 else 1):
+            column = -dx if side else dx
+            across = np.float32(column)
+            for x in range(count):
+                even = np.float32(1.0) + across * along[x] + rows * down[x]
+                weight = tables[x] * size[x] * even
+                weights[x] = weight if weight > np.float32(0.0) else np.float32(0.0)
+            first = edge + column
+            for c in range(4):
+                spot, plane = spots[c, first : first + count], scratch[c, start:stop]
+                for x in range(count):
+                    spot[x] += weights[x] * plane[x]
+            spot = spots[4, first : first + count]
+            for x in range(count):
+                spot[x] += weights[x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def place_spans(
     ends: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int], dy: int,
     skew: np.float32, rim: float,
@@ -129,7 +146,7 @@ def place_spans(
         weights[x] = size[x] * even if half > zero else zero
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _cut_spans(
     ends: Float32, numbers: Float32, columns: tuple[int, int], dy: int, shape: tuple[float, float]
 ) -> None:
@@ -147,7 +164,7 @@ def _cut_spans(
         ends[1, x] = max(half * (high - low), zero)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _add_spans(
     sums: Float32, ends: Float32, rgba: Float32, columns: tuple[int, int], edge: int
 ) -> None:
@@ -163,26 +180,37 @@ def _add_spans(
             add_end(sums, x + edge + np.int32(last), rgba, x, further - weight, -further)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _clear(numbers: Float32) -> None:
     for i in range(numbers.shape[0]):
         numbers[i] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _finish(spans: Float32, spots: Float32, sums: Float32, start: int) -> None:
-    """Run the sums of a row into `sums` (w, 5), `start` in the buffers; in float64."""
-    total = widened(eight_at(spans, 0)) - widened(eight_at(spans, 0))
+@kernel
+def _finish(spans: Float32, start: int, sums: Float32) -> None:
+    """Run the sums of a row into `sums` (w, 5), `start` > 0 in the buffer; 0: there are none."""
+    if start == 0:
+        sums[:] = np.float32(0.0)
+        return
+    total = widened(eight_at(spans, 0)) - widened(eight_at(spans, 0))  # in float64
     for i in range(1, start + sums.shape[0]):
         ends = widened(eight_at(spans, 16 * i)) + widened(eight_at(spans, 16 * i - 8))
         total = total + ends
         if i >= start:
-            found = narrowed(total) + eight_at(spots, 8 * i)
+            found = narrowed(total)
             put_four(sums, 5 * (i - start), lower(found))
             sums[i - start, 4] = lane(found, 4)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
+def _lay_in(spots: Float32, start: int, sums: Float32) -> None:
+    """Add the sums of stamps (5, n) of a row to `sums` (w, 5), `start` in the buffer."""
+    for x in range(sums.shape[0]):
+        for c in range(5):
+            sums[x, c] += spots[c, start + x]
+
+
+@kernel
 def _add_coarse(
     coarse: Float32, line: Float32, offset: tuple[int, int], y: int, sums: Float32
 ) -> None:
@@ -242,28 +270,36 @@ def scatter_rows(
     across = max(largest * outer * 1.2, stamps.shape[1] // 2) + 2.0
     edge = math.ceil(across) + 1
     ends_of_row = np.empty((width + 2 * edge, 16), np.float32)
-    spots = np.empty((width + 2 * edge, 8), np.float32)
-    ends = np.empty((3, width), np.float32)
+    spots = np.empty((5, width + 2 * edge), np.float32)
+    ends, for_stamps = np.empty((3, width), np.float32), np.empty((6, width), np.float32)
     line = np.empty((coarse[0].shape[1], 5), np.float32)
     for y in range(band[0], band[1]):
         here = y + origin[0]
         if columns[0][here] > columns[1][here]:
             sums[y] = np.float32(0.0)
             continue
-        _clear(ends_of_row.reshape(-1))
-        _clear(spots.reshape(-1))
+        with_spans = with_stamps = False
         least, most = int(columns[0][here] - across), int(columns[1][here] + across) + 1
         for source in range(max(0, here - furthest), min(height, here + furthest + 1)):
             dy = here - source
             of_row = numbers[source]
             if abs(dy) <= min(rows[0, source], span_rows):
+                if not with_spans:
+                    _clear(ends_of_row.reshape(-1))
+                    with_spans = True
                 part = (max(rows[1, source], least), min(rows[2, source], most))
                 place_spans(ends, of_row, discs, part, dy, np.float32(1.0), rim)
                 _add_spans(ends_of_row, ends, rgba[source], part, edge)
             if abs(dy) <= min(rows[3, source], stamp_rows):
+                if not with_stamps:
+                    _clear(spots.reshape(-1))
+                    with_stamps = True
                 wide = min(rows[4, source], stamps.shape[1] // 2)
                 stamped = (max(rows[5, source], least), min(rows[6, source], most), wide)
-                _add_stamps(spots, rgba[source], of_row, discs, stamped, dy, ends)
-        _finish(ends_of_row, spots, sums[y], edge + origin[1])
+                _add_stamps(spots, rgba[source], of_row, discs, stamped, dy, for_stamps)
+        first = edge + origin[1]
+        _finish(ends_of_row, first if with_spans else 0, sums[y])
+        if with_stamps:
+            _lay_in(spots, first, sums[y])
         if line.shape[0] > 0:
             _add_coarse(coarse[0], line, (coarse[1], coarse[2]), y, sums[y])

@@ -1,4 +1,4 @@
-"""Adding to eight or sixteen sums at once, which numba by itself does one by one.
+"""Adding to sixteen sums at once, which numba by itself does one by one.
 
 The lanes of a sum are red, green, blue, alpha, weight, and three that stay 0.
 """
@@ -43,21 +43,6 @@ def _times(builder: Any, lanes: Any, factor: Any) -> Any:  # noqa: ANN401
 
 def _add(builder: Any, sums: Any, lanes: Any) -> None:  # noqa: ANN401
     builder.store(builder.fadd(builder.load(sums, align=4), lanes), sums, align=4)
-
-
-@intrinsic
-def add_spot(
-    _: Any, sums: Any, at: Any, pixels: Any, x: Any, weight: Any  # noqa: ANN401
-) -> _Generator:  # fmt: skip
-    """Compile `sums[at] += weight * lanes of pixels[x]`; sums (n, 8), pixels (w, 4) float32."""
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
-        light = _light(context, builder, signature.args[2], given[2], given[3])
-        place = _row(context, builder, signature.args[0], given[0], given[1], LANES)
-        _add(builder, place, _times(builder, light, given[4]))
-        return context.get_dummy_value()
-
-    return types.void(sums, types.intp, pixels, types.intp, types.float32), generate
 
 
 @intrinsic
