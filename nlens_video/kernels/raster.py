@@ -16,7 +16,14 @@ import numpy as np
 from nlens_video.frames import Float32
 from nlens_video.kernels.compiled import inlined, kernel
 from nlens_video.kernels.simd_raster import LANES, draw_run
-from nlens_video.kernels.triangles import Int32, Shape, crossing_planes, disparity_at, homogeneous
+from nlens_video.kernels.triangles import (
+    Int32,
+    Shape,
+    crossing_planes,
+    disparity_plane,
+    homogeneous,
+    on_plane,
+)
 
 Samples = tuple[Float32, Int32, int, int]
 """Disparities and triangles, flat; columns of the picture, and those that are stored."""
@@ -222,12 +229,22 @@ def fill_behind(
         ids: changed: triangle of each sample (4 h, w + PADDING).
     """
     shape, spans = on_screen
+    points, _, faces, _ = shape
+    width = most.shape[1]
     for n in range(len(drawn)):
         t = drawn[n]
         first, last = max(4 * rows[0], spans[t, 0]), min(4 * rows[1] - 1, spans[t, 1])
+        if first > last:
+            continue
+        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+        a = points[i, 0], points[i, 1], points[i, 2]
+        b = points[j, 0], points[j, 1], points[j, 2]
+        c = points[k, 0], points[k, 1], points[k, 2]
+        before = min(a[2], b[2], c[2]) > 0.0
+        plane, sides = disparity_plane(planes, t), _sides(a, b, c)
         for line in range(first, last + 1):
-            left, right = covered(shape, t, line, most.shape[1])
+            left, right = _covered(sides, line, width) if before else covered(shape, t, line, width)
             for x in range(left, right):
-                d = disparity_at(planes, t, x + SAMPLE_X[line & 3], 0.25 * line + 0.125)
+                d = on_plane(plane, x + SAMPLE_X[line & 3], 0.25 * line + 0.125)
                 if disparity[line, x] <= d <= most[line >> 2, x]:
                     disparity[line, x], ids[line, x] = d, t

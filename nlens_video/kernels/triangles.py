@@ -154,11 +154,22 @@ def set_up(
 
 
 @inlined
-def disparity_at(planes: Float32, t: int, x: float, y: float) -> float:
-    """Disparity of a triangle at a position on the screen."""
-    dx, dy = narrow(x) - planes[t, X0], narrow(y) - planes[t, Y0]
+def disparity_plane(planes: Float32, t: int) -> tuple[float, float, float, float, float]:
+    """Disparity of a triangle as a plane: change by a column and a row; where, and how much."""
     across: float = planes[t, A] + planes[t, A + 1] + planes[t, A + 2]
     down: float = planes[t, B] + planes[t, B + 1] + planes[t, B + 2]
     start: float = planes[t, C] + planes[t, C + 1] + planes[t, C + 2]
-    found: float = across * dx + down * dy + start
-    return found
+    return across, down, planes[t, X0], planes[t, Y0], start
+
+
+@inlined
+def on_plane(plane: tuple[float, float, float, float, float], x: float, y: float) -> float:
+    """Disparity at a position on the screen."""
+    across, down, x0, y0, start = plane
+    return across * (narrow(x) - x0) + down * (narrow(y) - y0) + start
+
+
+@inlined
+def disparity_at(planes: Float32, t: int, x: float, y: float) -> float:
+    """Disparity of a triangle at a position on the screen."""
+    return on_plane(disparity_plane(planes, t), x, y)

@@ -40,7 +40,8 @@ def drawn(positions, faces, *, near=0.5, sides=1, rows=None):
 
 
 def truth(positions, faces, near=0.5):
-    depth = -positions[:, 2].astype(float)
+    positions = positions.astype(float)  # in float32 a place may be snapped the other way
+    depth = -positions[:, 2]
     x = 20.0 * positions[:, 0] + 16.0 * depth
     y = 12.0 * depth - 20.0 * positions[:, 1]
     corners = np.stack([x, y, depth], axis=1)[faces]
