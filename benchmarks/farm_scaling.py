@@ -24,7 +24,7 @@ import matplotlib.pyplot as plt
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.farm.job import Prepared, length_of, prepare, ranges
 from nlens_video.farm.merge import Merged, merge
-from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan, render_marked
+from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan, render_marked, render_whole
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
 PICTURE = Path(__file__).parents[1] / "docs" / "farm" / "scaling.png"
@@ -135,6 +135,9 @@ class Simulation:
             own = length_of(mark, frames)
             work = costs.chunk_s + mark.first * costs.decode_s + own * costs.render_s
             return self._stored(self.now_s + start + work, own)
+        if task.work is render_whole:
+            work = costs.chunk_s + frames * (costs.render_s + costs.merge_s - costs.decode_s)
+            return self.now_s + start + work
         assert task.work is merge
         return self._stored(self.now_s + start + frames * costs.merge_s, frames)
 
@@ -153,7 +156,7 @@ class Simulation:
                 for first, end in ranges(self.footage.frames, round(chunk_s * RATE))
             )
             return Prepared(settings=settings, marks=marks, frames=self.footage.frames)
-        if task.work is merge:
+        if task.work in (merge, render_whole):
             return Merged(output="", frames=self.footage.frames, chunks=0, notes=())
         return None
 
@@ -185,7 +188,7 @@ def closed_form_s(footage: Footage, costs: Costs, workers: int) -> float:
     all_workers = costs.start_s + shots * (fit + rendering + end) / workers
     at_once = min(workers, chunks)
     one_shot = costs.start_s + fit + math.ceil(chunks / at_once) * rendering / chunks + end
-    store = 2 * shots * frames * costs.frame_bytes / costs.store_bytes_s
+    store = 2 * shots * frames * costs.frame_bytes / costs.store_bytes_s if chunks > 1 else 0.0
     return max(all_workers, one_shot, store)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from nlens_video.errors import UsageError
 from nlens_video.farm.chunk import is_there, mark_of, write_chunk
 from nlens_video.farm.job import Prepared, check, length_of, prepare
 from nlens_video.farm.merge import Merged, merge
+from nlens_video.run import render
 from nlens_video.settings import Settings
 
 
@@ -84,6 +85,8 @@ class Progress:
 def plan(shot: Shot, progress: Progress) -> Plan:
     """The tasks of a shot: one that counts and fits, one for each missing chunk, one that merges.
 
+    A shot of one chunk is rendered at once: nothing goes through the store, nothing is merged.
+
     Args:
         shot: the shot.
         progress: told of what is done.
@@ -96,6 +99,9 @@ def plan(shot: Shot, progress: Progress) -> Plan:
     missing = [m for m in prepared.marks if not is_there(shot.folder / m.file_name, m)]
     frames = {mark: length_of(mark, prepared.frames) for mark in prepared.marks}
     progress.counted(prepared.frames, prepared.frames - sum(frames[mark] for mark in missing))
+    if len(prepared.marks) == 1 and missing:
+        (merged,) = yield [_whole(prepared, progress)]
+        return merged  # type: ignore[no-any-return]  # answers have no type of their own
     if missing:
         yield [_chunk(prepared, mark, shot.folder, frames[mark], progress) for mark in missing]
     files = [shot.folder / mark.file_name for mark in prepared.marks]
@@ -103,6 +109,17 @@ def plan(shot: Shot, progress: Progress) -> Plan:
         Task(f"the merge of {name}", merge, (shot.settings.source, files, shot.settings.output))
     ]
     return merged  # type: ignore[no-any-return]  # answers have no type of their own
+
+
+def _whole(prepared: Prepared, progress: Progress) -> Task:
+    output = prepared.settings.output
+    return Task(
+        prepared.settings.source.spec,
+        render_whole,
+        (prepared.settings, prepared.frames),
+        None if output is None else Path(output.spec),
+        lambda answer: progress.rendered(prepared.frames),
+    )
 
 
 def _chunk(
@@ -131,3 +148,17 @@ def render_marked(settings: Settings, mark: ChunkMark, folder: Path) -> None:
             "made the fit; give all of them the same"
         )
     write_chunk(settings, mark, folder)
+
+
+def render_whole(settings: Settings, frames: int) -> Merged:
+    """Render a shot into its result, as a single run does.
+
+    Args:
+        settings: the run, with its lens.
+        frames: of the plate [1].
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    outcome = render(replace(settings, track_focus="off"))
+    return Merged(output=outcome.output, frames=frames, chunks=1, notes=outcome.notes)

@@ -115,7 +115,7 @@ def test_list_of_shots_is_made_by_one_farm_and_a_broken_one_stops_no_other(shot,
             for plate, glb, out in listed
         )
     )
-    assert main(["farm", "--jobs", str(jobs), "--workers", "2", "--chunk", "0.25"]) == 3
+    assert main(["farm", "--jobs", str(jobs), "--workers", "2", "--chunk", "10"]) == 3
     said = capfd.readouterr().err
     assert said.count("merged") == 2 and "gone.mp4: no such file" in said
     same(whole, shot / "one.mkv")
