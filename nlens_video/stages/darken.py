@@ -19,6 +19,7 @@ from nlens_video.frames import (
 from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
 from nlens_video.stages.occlusion import Cover
 
+_MEAN_WITHOUT = np.hstack([-np.eye(3), np.ones((3, 1))]).astype(np.float32)
 _WITH_MEAN = np.vstack([np.eye(3), np.full((1, 3), 1.0 / 3.0)]).astype(np.float32)
 
 
@@ -107,9 +108,11 @@ class Darken:
             plate = picture.linear(box)
             if cover is not None:
                 loss = _behind(loss, plate, box, cover)
-            mean = loss[..., 3:]
             # Over has one alpha for all channels: what is coloured about the loss is added back.
-            picture.over(box, np.concatenate([(mean - loss[..., :3]) * plate, mean], axis=2))
+            coloured = cv2.multiply(cv2.transform(loss, _MEAN_WITHOUT), plate)
+            layer = np.empty_like(loss)
+            cv2.mixChannels([coloured, loss], [layer], [0, 0, 1, 1, 2, 2, 6, 3])
+            picture.over(box, layer)
         return picture
 
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
