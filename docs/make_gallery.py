@@ -137,7 +137,7 @@ def _sharp_shadow(glb: Path) -> Image.Image:
         lambda: (),
     )
     nodes = tuple(
-        replace(node, run=lambda placement, _, cast=node.run: cast(placement, None))
+        replace(node, run=lambda placement, _, __, cast=node.run: cast(placement, None, None))
         if node.stage == "shadow"
         else node
         for node in assembly.graph.nodes
