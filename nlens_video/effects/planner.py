@@ -182,8 +182,8 @@ def _motion_blur(scene: Circumstances) -> Decision:
         wanted = True
         reason = (
             "decided on each frame: called for where the object moves by 1 px while the shutter "
-            f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source}), on its shadow and mirror "
-            "image where they do"
+            f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source}), on its shadow and "
+            "mirror image where they do"
         )
     return Decision(effect=MOTION_BLUR, wanted=wanted, reason=reason)
 
