@@ -26,7 +26,8 @@ from nlens_video.kernels.levels import (
     Level,
     on_level,
 )
-from nlens_video.kernels.scatter_rows import BARREL_X, BARREL_Y, Discs
+from nlens_video.kernels.scatter_rows import BARREL_X, BARREL_Y
+from nlens_video.kernels.stamps import Discs
 
 Tensor = torch.Tensor
 

@@ -13,7 +13,8 @@ from nlens_video.frames import Box, Float32
 from nlens_video.kernels.extend import BAND_ROWS, Band, bands
 from nlens_video.kernels.levels import Level
 from nlens_video.kernels.pool import share
-from nlens_video.kernels.scatter_rows import Discs, place_spans
+from nlens_video.kernels.scatter_rows import place_spans
+from nlens_video.kernels.stamps import Discs
 
 # `levels` has the same: a number from there would go stale in the cache.
 RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)

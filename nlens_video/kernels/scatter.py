@@ -20,8 +20,9 @@ from nlens_video.kernels.extend import Silhouette, bands, lay_out, survey
 from nlens_video.kernels.levels import AXIS, Detail, Level, Rule, make_levels, on_level
 from nlens_video.kernels.pool import share
 from nlens_video.kernels.reached import normalise, reached_columns
-from nlens_video.kernels.scatter_rows import Discs, scatter_rows
+from nlens_video.kernels.scatter_rows import scatter_rows
 from nlens_video.kernels.scratch import scratch
+from nlens_video.kernels.stamps import Discs
 from nlens_video.kernels.tables import SPAN_STEPS, DiscTables, tables
 
 __all__ = ["DRAFT", "FINE", "blur_reach", "scatter"]

@@ -26,81 +26,10 @@ from nlens_video.kernels.lanes import (
 )
 from nlens_video.kernels.levels import Light, RowNumbers
 from nlens_video.kernels.simd import add_end
+from nlens_video.kernels.stamps import Discs, add_stamps, lay_in, look_up
 
 # `levels` has the same: a number from there would go stale in the cache.
-RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
-
-# Plain tuples, though names would read better: numba's cache on disk holds on to named classes, and
-# fails when a later version of this file has none of that name.
-#
-# Tables of `tables.DiscTables`: stamps, spans; entries per pixel of radius; where the discs before
-# the focus start; width of a pixel by its height; furthest point of the aperture [radius].
-Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
-
-
-@kernel
-def _look_up(
-    numbers: Float32, table: Float32, scale: np.float32, behind: int, out: Float32
-) -> None:
-    """Read a table (K,) at signed radii `numbers` times `scale`, those > 0 from `behind` on."""
-    for x in range(numbers.shape[0]):
-        place = abs(numbers[x]) * scale
-        entry = np.uint32(place)
-        part = place - np.float32(entry)
-        if numbers[x] > np.float32(0.0):
-            entry += np.uint32(behind)
-        low = table[entry]
-        out[x] = low + part * (table[entry + np.uint32(1)] - low)
-
-
-@kernel
-def _add_stamps(
-    spots: Float32, rgba: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int, int],
-    dy: int, scratch: Float32,
-) -> None:  # fmt: skip
-    """Add what stamps of a row give to the row of the result `dy` rows below it.
-
-    Args:
-        spots: sums of red, green, blue, alpha and weight to add to (5, n).
-        rgba: the row's light (w, 4).
-        numbers: the row's other numbers (9, w).
-        discs: tables.
-        columns: first and last column that take part, and how many columns stamps reach.
-        dy: rows [px].
-        scratch: (6, w).
-    """
-    stamps, _, steps, turned, _, outer = discs
-    row, middle = dy + stamps.shape[0] // 2, stamps.shape[1] // 2
-    start, stop = columns[0], columns[1] + 1
-    edge = (spots.shape[1] - rgba.shape[0]) // 2 + start
-    radii, along = numbers[STAMP_RADIUS, start:stop], numbers[ALONG, start:stop]
-    size, down = numbers[STAMP, start:stop], numbers[DOWN, start:stop]
-    weights, tables, pixels = scratch[4, start:stop], scratch[5, start:stop], rgba[start:stop]
-    scale, rows = np.float32(steps[0]), np.float32(dy)
-    count = radii.shape[0]
-    for c in range(4):
-        plane = scratch[c, start:stop]
-        for x in range(count):
-            plane[x] = pixels[x, c]
-    for dx in range(-columns[2], columns[2] + 1):
-        if dx < 0 and outer == 1.0:
-            continue  # round: as far to the right
-        _look_up(radii, stamps[row, middle + dx], scale, turned[0], tables)
-        for side in range(2 if dx > 0 and outer == 1.0 else 1):
-            column = -dx if side else dx
-            across = np.float32(column)
-            for x in range(count):
-                even = np.float32(1.0) + across * along[x] + rows * down[x]
-                weight = tables[x] * size[x] * even
-                weights[x] = weight if weight > np.float32(0.0) else np.float32(0.0)
-            first = edge + column
-            for c in range(4):
-                spot, plane = spots[c, first : first + count], scratch[c, start:stop]
-                for x in range(count):
-                    spot[x] += weights[x] * plane[x]
-            spot = spots[4, first : first + count]
-            for x in range(count):
-                spot[x] += weights[x]
+RADIUS, AXIS, SPAN, _, ALONG, DOWN, _, BARREL_X, BARREL_Y = range(9)
 
 
 @kernel
@@ -127,12 +56,12 @@ def place_spans(
     starts, stops, weights = ends[0, start:stop], ends[1, start:stop], ends[2, start:stop]
     scale, rows = np.float32(steps[1]), np.float32(dy)
     zero, one, third = np.float32(0.0), np.float32(1.0), np.float32(1.0 / 3.0)
-    _look_up(radii, table[1], scale, turned[1], stops)
+    look_up(radii, table[1], scale, turned[1], stops)
     if outer == 1.0:  # round: all spans lie in the middle
         for x in range(radii.shape[0]):
             starts[x] = zero
     else:
-        _look_up(radii, table[0], scale, turned[1], starts)
+        look_up(radii, table[0], scale, turned[1], starts)
     if rim > 0.0:
         _cut_spans(ends, numbers, columns, dy, (rim, aspect))
     size = numbers[SPAN, start:stop]
@@ -200,14 +129,6 @@ def _finish(spans: Float32, start: int, sums: Float32) -> None:
             found = narrowed(total)
             put_four(sums, 5 * (i - start), lower(found))
             sums[i - start, 4] = lane(found, 4)
-
-
-@kernel
-def _lay_in(spots: Float32, start: int, sums: Float32) -> None:
-    """Add the sums of stamps (5, n) of a row to `sums` (w, 5), `start` in the buffer."""
-    for x in range(sums.shape[0]):
-        for c in range(5):
-            sums[x, c] += spots[c, start + x]
 
 
 @kernel
@@ -296,10 +217,10 @@ def scatter_rows(
                     with_stamps = True
                 wide = min(rows[4, source], stamps.shape[1] // 2)
                 stamped = (max(rows[5, source], least), min(rows[6, source], most), wide)
-                _add_stamps(spots, rgba[source], of_row, discs, stamped, dy, for_stamps)
+                add_stamps(spots, rgba[source], of_row, discs, stamped, dy, for_stamps)
         first = edge + origin[1]
         _finish(ends_of_row, first if with_spans else 0, sums[y])
         if with_stamps:
-            _lay_in(spots, first, sums[y])
+            lay_in(spots, first, sums[y])
         if line.shape[0] > 0:
             _add_coarse(coarse[0], line, (coarse[1], coarse[2]), y, sums[y])

@@ -21,6 +21,7 @@ from nlens_video.kernels.extend import Band, bands
 from nlens_video.kernels.pool import share
 from nlens_video.kernels.steps import fall_off
 from nlens_video.lens import LensFit
+from nlens_video.scene.camera import Camera
 from nlens_video.stages.l_lens import Shot, lens_camera
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, object_coc
 from nlens_video.stages.lens_points import points_around
@@ -111,31 +112,24 @@ class SampleSmallDiscs:
             return None
         points = points_around(VIEWS, self.aperture)
         region = box.grown(cell_reach(LARGE_COC_PX * float(points.radii.max()), self.pixel_aspect))
-        mean = np.zeros((box.height, box.width, 4), np.float32)
-        for (u, v), weight, radius in zip(
-            points.places.tolist(), points.weights.tolist(), points.radii.tolist(), strict=True
-        ):
-            view: DefocusedLayer | None = defocused
-            if u != 0.0 or v != 0.0:
-                view = self._seen(shot, region, (u, v))
-            if view is not None:
-                mean += np.float32(weight) * self._blurred(view, radius, box)
-        return FewViews(box=box, rgba=mean, share=part * np.float32(whole))
+        places, radii = points.places.tolist(), points.radii.tolist()
+        away = [n for n, (u, v) in enumerate(places) if u != 0.0 or v != 0.0]
+        parts = {
+            n: self._blurred(defocused, radii[n], box) for n in {*range(len(places))} - {*away}
+        }
 
-    def _seen(self, shot: Shot, region: Box, place: tuple[float, float]) -> DefocusedLayer | None:
-        """What a point of the lens sees of the region; None for nothing."""
-        camera = replace(
-            shot.camera,
-            cx=shot.camera.cx - region.x0,
-            cy=shot.camera.cy - region.y0,
-            width=region.width,
-            height=region.height,
-        )
-        view = lens_camera(camera, shot.fit, *place)
-        layer = self.renderer.render(shot.time_s, view, nearest=True)
-        if layer is None:
-            return None
-        return object_coc(replace(layer, box=layer.box.moved(region.x0, region.y0)), shot.fit)
+        def blur(at: int, layer: ObjectLayer | None) -> None:
+            if layer is not None:
+                moved = replace(layer, box=layer.box.moved(region.x0, region.y0))
+                view = object_coc(moved, shot.fit)
+                parts[away[at]] = self._blurred(view, radii[away[at]], box)
+
+        cameras = [_on(shot, region, *places[n]) for n in away]
+        self.renderer.render_views(shot.time_s, cameras, 0, blur, nearest=True)
+        mean = np.zeros((box.height, box.width, 4), np.float32)
+        for n in sorted(parts):
+            mean += np.float32(points.weights[n]) * parts[n]
+        return FewViews(box=box, rgba=mean, share=part * np.float32(whole))
 
     def _blurred(self, view: DefocusedLayer, radius: float, box: Box) -> Float32:
         """A view over the disc of its cell (h, w, 4), larger discs than count cut short."""
@@ -153,6 +147,18 @@ class SampleSmallDiscs:
 
         share(rows, bands(box.height, BAND_ROWS), None)
         return out
+
+
+def _on(shot: Shot, region: Box, u: float, v: float) -> Camera:
+    """The camera at a point of the lens, on a region of the frame."""
+    camera = replace(
+        shot.camera,
+        cx=shot.camera.cx - region.x0,
+        cy=shot.camera.cy - region.y0,
+        width=region.width,
+        height=region.height,
+    )
+    return lens_camera(camera, shot.fit, u, v)
 
 
 def share_of_views(defocused: DefocusedLayer, frame: Box) -> tuple[Box, Float32]:

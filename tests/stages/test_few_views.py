@@ -44,9 +44,9 @@ class Counted:
     def __init__(self, renderer):
         self.renderer, self.count = renderer, 0
 
-    def render(self, *given, **named):
-        self.count += 1
-        return self.renderer.render(*given, **named)
+    def render_views(self, time_s, cameras, *given, **named):
+        self.count += len(cameras)
+        self.renderer.render_views(time_s, cameras, *given, **named)
 
 
 class Seen:
