@@ -1,0 +1,81 @@
+"""Several numbers as one value in a kernel: each operation against numpy's."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from nlens_video.kernels.compiled import kernel
+from nlens_video.kernels.lanes import (
+    all_of,
+    all_sixteen,
+    chosen,
+    eight_at,
+    four,
+    four_at,
+    lane,
+    lower,
+    narrowed,
+    put_four,
+    put_sixteen,
+    row,
+    sixteen,
+    widened,
+)
+
+NUMBERS = st.floats(-1000.0, 1000.0, width=32)
+
+
+@kernel
+def of_fours(values, factor, out):
+    one, other = row(values, 1), four_at(values, 2)
+    put_four(out, 0, one + other)
+    put_four(out, 4, one - other)
+    put_four(out, 8, one * all_of(factor))
+    put_four(out, 12, one / all_of(factor))
+    put_four(out, 16, four(lane(one, 3), lane(one, 2), lane(one, 1), factor))
+
+
+@kernel
+def of_eights(values, out):
+    total = widened(eight_at(values, 1)) + widened(eight_at(values, 2))
+    found = narrowed(total)
+    put_four(out, 0, lower(found))
+    out[4], out[5] = lane(found, 4), lane(found, 7)
+
+
+@kernel
+def of_sixteens(values, limit, out):
+    numbers, most = sixteen(values, 3), all_sixteen(limit)
+    put_sixteen(out, 1, chosen(numbers, most, most, numbers))
+
+
+@settings(deadline=None)
+@given(arrays(np.float32, (2, 4), elements=NUMBERS), st.floats(0.125, 8.0, width=32))
+def test_four_numbers_are_added_multiplied_divided_and_put_together(values, factor):
+    out, flat = np.zeros(20, np.float32), values.ravel()
+    of_fours(values, np.float32(factor), out)
+    one, other = flat[4:8], flat[2:6]
+    np.testing.assert_array_equal(out[:4], one + other)
+    np.testing.assert_array_equal(out[4:8], one - other)
+    np.testing.assert_array_equal(out[8:12], one * np.float32(factor))
+    np.testing.assert_array_equal(out[12:16], one / np.float32(factor))
+    np.testing.assert_array_equal(out[16:], [*one[:0:-1], np.float32(factor)])
+
+
+@settings(deadline=None)
+@given(arrays(np.float32, 10, elements=NUMBERS))
+def test_eight_numbers_are_summed_in_float64(values):
+    out = np.zeros(6, np.float32)
+    of_eights(values, out)
+    exact = (values[1:9].astype(np.float64) + values[2:10]).astype(np.float32)
+    np.testing.assert_array_equal(out, exact[[0, 1, 2, 3, 4, 7]])
+
+
+@settings(deadline=None)
+@given(arrays(np.float32, 19, elements=NUMBERS), NUMBERS)
+def test_sixteen_numbers_are_chosen_lane_by_lane_and_no_others_written(values, limit):
+    out = np.full(18, 7.0, np.float32)
+    of_sixteens(values, np.float32(limit), out)
+    np.testing.assert_array_equal(out[1:17], np.minimum(values[3:], np.float32(limit)))
+    assert out[0] == out[17] == 7.0
