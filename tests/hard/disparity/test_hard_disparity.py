@@ -1,12 +1,14 @@
 """Depths that make no range, are infinite, or lie behind the camera."""
 
 import numpy as np
+import pytest
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import INK, OTHER, OURS, PALE, heat, over_grey, panels, plot
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder, plate_bgr
-from hard.rungs import RUNGS, Card, cards, lens_at, sharp, through
+from hard.rungs import RUNGS, Card, camera, cards, lens_at, sharp, through
 from scene.glb_builder import GlbBuilder
 
+from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
 from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.errors import LensFitError
 from nlens_video.frames import Box, CocMap, ObjectLayer
@@ -154,6 +156,29 @@ def test_crossing_the_near_plane():
     return Outcome(tuple(figures), lambda: panels(shown))
 
 
+@pytest.mark.needs_gl
+@case
+def test_crossing_the_near_plane_by_opengl():
+    """OpenGL and the rasteriser draw a strip that runs on behind the camera alike."""
+    seen = {}
+    for kind in (SoftwareObjectRenderer, PyrenderObjectRenderer):
+        with kind(_runway(40.0)) as renderer:
+            layer = renderer.render(0.0, camera())
+        seen[renderer.name] = (layer.rgba, layer.depth)
+    (ours, our_depth), (theirs, their_depth) = seen.values()
+    both = np.isfinite(our_depth) & np.isfinite(their_depth)
+    depth = np.abs(our_depth[both] / their_depth[both] - 1)
+    return Outcome(
+        (
+            at_most("share of pixels that only one of them covers",
+                    (np.isfinite(our_depth) != np.isfinite(their_depth)).mean(), 2e-3),
+            at_most("depth, mean difference by a share of", depth.mean(), 5e-3),
+            at_most("colour, mean difference", np.abs(ours - theirs).mean(), 0.01),
+        ),
+        lambda: panels({name: over_grey(rgba) for name, (rgba, _) in seen.items()}),
+    )  # fmt: skip
+
+
 @case
 def test_behind_the_camera():
     """An object behind the camera leaves the plate bit for bit, in every preset."""
@@ -188,7 +213,7 @@ def test_depths_of_eight_decades():
     figures = []
     for depth in (1e-4, 1e-2, 1.0, 1e2, 1e4):
         with SoftwareObjectRenderer(cards(Card(depth, half=(10, 8)))) as renderer:
-            layer = renderer.render(0.0, _camera(), 4)
+            layer = renderer.render(0.0, camera(), 4)
         coc = object_coc(layer, fit).coc_px[layer.rgba[..., 3] == 1.0]
         true = 6.0 / depth - 6.0
         off = float(np.abs(coc - true).max()) / max(1.0, abs(true))
@@ -248,9 +273,3 @@ def test_plane_edge_on():
         ),
         lambda: plot(draw, x="row of the frame", y="disparity [1 / unit]"),
     )
-
-
-def _camera() -> Camera:
-    from hard.rungs import camera
-
-    return camera()

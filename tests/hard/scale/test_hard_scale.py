@@ -1,6 +1,7 @@
 """Scene units from micrometres to megametres: the picture must not know them."""
 
 import numpy as np
+import pytest
 import shots
 from hard.catalogue import Outcome, at_most, case, exactly
 from hard.drawing import OTHER, OURS, heat, panels, plot
@@ -63,6 +64,24 @@ def test_powers_of_ten():
         tuple(figures),
         lambda: panels({f"x {u:g}": p[..., ::-1] for u, p in zip((1.0, *TENS), worst, strict=True)},
                        height=100),
+    )  # fmt: skip
+
+
+@pytest.mark.needs_gl
+@case
+def test_powers_of_two_by_opengl():
+    """Drawn by OpenGL, a GLB 2^-20 or 2^20 times as large makes the same picture to a code."""
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setenv("NLENS_RENDERER", "opengl")
+        made = [picture for picture, _ in _pictures("standard", (2.0**-20, 2.0**20))]
+    pixels, codes = _differing(made)
+    return Outcome(
+        (
+            at_most("pixels of 129 600 that differ", pixels, 3),
+            at_most("by how many codes", codes, 1),
+        ),
+        lambda: panels({n: p[..., ::-1] for n, p in zip(("x 1", "x 2^-20", "x 2^20"), made,
+                                                        strict=True)}),
     )  # fmt: skip
 
 
