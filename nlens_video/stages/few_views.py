@@ -129,6 +129,7 @@ class SampleSmallDiscs:
         mean = np.zeros((box.height, box.width, 4), np.float32)
         for n in sorted(parts):
             mean += np.float32(points.weights[n]) * parts[n]
+        np.minimum(mean[..., 3], 1.0, out=mean[..., 3])  # weights sum to 1 but for their rounding
         return FewViews(box=box, rgba=mean, share=part * np.float32(whole))
 
     def _blurred(self, view: DefocusedLayer, radius: float, box: Box) -> Float32:

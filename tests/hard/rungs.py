@@ -18,6 +18,7 @@ from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
 from nlens_video.lens import LensFit
 from nlens_video.model_store import find_model
 from nlens_video.scene import Camera, Scene
+from nlens_video.stages.few_views import SampleSmallDiscs
 from nlens_video.stages.l_lens import BlurCell, SampleLens, Shot
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
 from nlens_video.stages.l_repair import RepairLayer
@@ -126,18 +127,19 @@ def through(
         layer = renderer.render(0.0, view, MARGIN)
         if layer is None:
             return np.zeros((HEIGHT, WIDTH, 4), np.float32)
-        centre = object_coc(layer, fit)
+        centre, few = object_coc(layer, fit), None
+        shot = Shot(time_s=0.0, camera=view, fit=fit, frame=FRAME)
         if rung == "lens":
-            shot = Shot(time_s=0.0, camera=view, fit=fit, frame=FRAME)
             stage = SampleLens(renderer=renderer, whole=spread, cell=BlurCell(spread), count=VIEWS)
             return whole(stage(centre, shot))
         if rung == "standard":
             depth = float(layer.depth[np.isfinite(layer.depth)].max())
             centre = look_behind(centre, fit, depth, renderer)
+            few = SampleSmallDiscs(renderer=renderer)(centre, shot)
     blurred = spread(centre, FRAME)
     if rung == "standard":
         blurred = repair()(centre, blurred)
-    return whole(blurred)
+    return whole(blurred if few is None else few.laid_in(blurred))
 
 
 @cache

@@ -57,7 +57,11 @@ def _outcome(worst, what, limit):
 
 @case
 def test_energy_is_kept():
-    """Red, green, blue and alpha of a card sum up to what they were, away from the borders."""
+    """Red, green, blue and alpha of a card sum up to what they were, away from the borders.
+
+    Where discs are small `standard` adds views, each antialiased anew: a card of six pixels may
+    differ by a few of a hundred there, a large one hardly.
+    """
     worst = Worst()
 
     @FEW
@@ -71,7 +75,9 @@ def test_energy_is_kept():
             worst.seen(rung, lost, seen)
 
     holds()
-    return _outcome(worst, "light lost or won, share", 2e-5)
+    return _outcome(
+        worst, "light lost or won, share", {**dict.fromkeys(RUNGS, 2e-5), "standard": 0.05}
+    )
 
 
 @case
@@ -143,7 +149,8 @@ def test_monotone_blur():
 
     return Outcome(
         (
-            *(at_least(f"least growth of the width by a step [px], {r}", widths[r], -1e-4)
+            *(at_least(f"least growth of the width by a step [px], {r}", widths[r],
+                       -0.1 if r == "standard" else -1e-4)
               for r in RUNGS),
             *(at_least(f"least fall of the greatest alpha, {r}", peaks[r],
                        -0.03 if r == "draft" else -2e-3) for r in RUNGS),
