@@ -45,10 +45,11 @@ class Picture(Protocol):
         """Scene-linear RGB (height, width, 3) of means of the codes, for measurements."""
         ...
 
-    def over(self, box: Box, rgba: Float32) -> None:
+    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame.
 
-        Samples on which the layer has neither alpha nor colour keep their exact values.
+        With `of_plate` its colours are shares of the plate's own light. Samples on which the layer
+        has neither alpha nor colour keep their exact values.
         """
         ...
 

@@ -80,19 +80,21 @@ def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN
     plane[y, x] = value
 
 
-def _over(planes, alpha, associated, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
+def _over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
     """`blend_ref.over`; `before` holds first component and alpha of the box as they were."""
     first, second, third = planes
     luma_before, alpha_before = before
+    associated, of_plate = flags
     across, down = axes
-    to_linear, to_coded, rgb_from_codes, codes_from_rgb, from_bt709 = tables
+    to_linear, to_coded, rgb_from_codes, codes_from_rgb, from_bt709, to_bt709 = tables
     height, width = first.shape
     h, w = rgba.shape[:2]
     y0, x0 = corner
     has_alpha = alpha.shape[0] > 0
     full = peak if peak > 0 else np.float32(1)
     zero, one = np.float32(0), np.float32(1)
-    change = np.empty(3, np.float32)
+    change, plate = np.empty(3, np.float32), np.empty(3, np.float32)
+    behind, own = np.empty(3, np.float32), np.empty(3, np.float32)
     for row in range((y0 + down[1]) // down[0], (y0 + h - 1 + down[1]) // down[0] + 1):
         top = row * down[0] - down[1]
         for column in range(
@@ -134,14 +136,20 @@ def _over(planes, alpha, associated, before, axes, corner, rgba, tables, peak): 
                         covered = v[3] + free
                         gain = one / covered if covered > 0 else one
                     for k in range(3):
-                        plate = _dot(rgb_from_codes, k, a, b, c) + rgb_from_codes[k, 3]
-                        light = _dot(from_bt709, k, v[0], v[1], v[2])
-                        if free != 0:
-                            light += free * _look_up(to_linear, plate)
+                        own[k] = v[k]
+                        plate[k] = _dot(rgb_from_codes, k, a, b, c) + rgb_from_codes[k, 3]
+                        behind[k] = zero
+                        if free != 0 or of_plate:
+                            behind[k] = _look_up(to_linear, plate[k])
+                    if of_plate:
+                        for k in range(3):
+                            own[k] *= _dot(to_bt709, k, behind[0], behind[1], behind[2])
+                    for k in range(3):
+                        light = _dot(from_bt709, k, own[0], own[1], own[2]) + free * behind[k]
                         coded = _look_up(to_coded, light * gain)
                         if peak > 0:
-                            coded = min(max(coded, min(plate, zero)), max(plate, one))
-                        change[k] = coded - plate
+                            coded = min(max(coded, min(plate[k], zero)), max(plate[k], one))
+                        change[k] = coded - plate[k]
                     change_b += weight * _dot(codes_from_rgb, 1, change[0], change[1], change[2])
                     change_c += weight * _dot(codes_from_rgb, 2, change[0], change[1], change[2])
                     if top <= y < top + down[0] and left <= x < left + across[0]:
@@ -167,9 +175,9 @@ def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     if function is _linear:
         signature = f"void({head}{corner},{matrix},{row},{matrix},{row},{image})"
     else:
-        maps = f"Tuple(({row},{row},{matrix},{matrix},{matrix}))"
+        maps = f"Tuple(({row},{row},{matrix},{matrix},{matrix},{matrix}))"
         before = f"UniTuple({kind}[:,::1],2)"
-        signature = f"void({head}{plane},b1,{before},{corner},{image},{maps},f4)"
+        signature = f"void({head}{plane},UniTuple(b1,2),{before},{corner},{image},{maps},f4)"
     compiled: Callable[..., None] = numba.njit(signature, cache=True, nogil=True)(function)
     return compiled
 
@@ -198,8 +206,11 @@ def srgb(samples: Samples, box: Box) -> Float32:
     return _decoded(samples, box, display_table())
 
 
-def over(samples: Samples, box: Box, rgba: Float32) -> None:
-    """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame."""
+def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+    """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame.
+
+    With `of_plate` its colours are shares of the plate's own light.
+    """
     if box.empty:
         return
     maps: Tables = tables(samples.coding)
@@ -211,9 +222,12 @@ def over(samples: Samples, box: Box, rgba: Float32) -> None:
         np.array(alpha[rows, columns], order="C"),
     )
     _compiled(_over, first.dtype.name)(
-        samples.planes, alpha, samples.associated, before,
+        samples.planes, alpha, (samples.associated, of_plate), before,
         (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),
         np.ascontiguousarray(rgba, dtype=np.float32),
-        (maps.to_linear, maps.to_coded, maps.rgb_from_codes, maps.codes_from_rgb, maps.from_bt709),
+        (
+            maps.to_linear, maps.to_coded, maps.rgb_from_codes, maps.codes_from_rgb,
+            maps.from_bt709, maps.to_bt709,
+        ),
         samples.coding.peak,
     )  # fmt: skip

@@ -21,12 +21,13 @@ def linear(samples: Samples, box: Box) -> Float64:
     return out
 
 
-def over(samples: Samples, box: Box, rgba: Float32) -> None:
+def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
     """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame.
 
     A sample changes by the change of the codes of the pixels under its filter. A chroma sample
     whose own cell the layer does not touch stays, and all pixels under the filter of one are
-    composited over that sample's own chroma: so an opaque layer replaces it completely.
+    composited over that sample's own chroma: so an opaque layer replaces it completely. With
+    `of_plate` the layer's colours are shares of the plate's own light.
     """
     before = tuple(plane.copy() for plane in samples.planes)
     old = Samples(
@@ -45,7 +46,7 @@ def over(samples: Samples, box: Box, rgba: Float32) -> None:
                 continue
             cell = _cell(samples, x, y)
             touched.add(cell)
-            change = _change(old, x, y, cell, layer)
+            change = _change(old, (x, y), cell, layer, of_plate=of_plate)
             _put(samples.planes[0], y, x, change[0], samples.coding)
             if samples.alpha is not None and old.alpha is not None:
                 free = (1.0 - layer[3]) * (1.0 - old.alpha[y, x] / (samples.coding.peak or 1.0))
@@ -58,12 +59,14 @@ def over(samples: Samples, box: Box, rgba: Float32) -> None:
                     samples.coding,
                 )
     for row, column in touched:
-        change = _filtered(old, box, rgba, (row, column))
+        change = _filtered(old, box, rgba, (row, column), of_plate=of_plate)
         for plane, delta in zip(samples.planes[1:], change, strict=True):
             _put(plane, row, column, delta, samples.coding)
 
 
-def _filtered(old: Samples, box: Box, rgba: Float32, cell: tuple[int, int]) -> Float64:
+def _filtered(
+    old: Samples, box: Box, rgba: Float32, cell: tuple[int, int], *, of_plate: bool
+) -> Float64:
     """Change (2,) of the chroma codes of one cell."""
     height, width = old.planes[0].shape
     total, change = 0.0, np.zeros(2)
@@ -73,7 +76,8 @@ def _filtered(old: Samples, box: Box, rgba: Float32, cell: tuple[int, int]) -> F
             if box.x0 <= x < box.x1 and box.y0 <= y < box.y1:
                 layer = rgba[y - box.y0, x - box.x0].astype(np.float64)
                 if layer.any():
-                    change += down * across * _change(old, x, y, cell, layer)[1:]
+                    own = _change(old, (x, y), cell, layer, of_plate=of_plate)
+                    change += down * across * own[1:]
     return change / total
 
 
@@ -100,13 +104,19 @@ def _rgb(coding: Coding, codes: Float64) -> Float64:
     return np.asarray(matrix[:, :3] @ codes + matrix[:, 3])
 
 
-def _change(old: Samples, x: int, y: int, cell: tuple[int, int], layer: Float64) -> Float64:
+def _change(
+    old: Samples, place: tuple[int, int], cell: tuple[int, int], layer: Float64, *, of_plate: bool
+) -> Float64:
     """Change (3,) of the codes of a pixel, were its chroma that of `cell`."""
-    coding = old.coding
+    coding, (x, y) = old.coding, place
     curve = transfer(coding.tags.transfer)
     plate = _rgb(coding, _codes(old, x, y, cell))
     alpha = 1.0 if old.alpha is None else float(old.alpha[y, x]) / (coding.peak or 1.0)
-    colour = primaries_from_bt709(coding.tags.primaries) @ layer[:3]
+    gamut = primaries_from_bt709(coding.tags.primaries)
+    light = layer[:3]
+    if of_plate:
+        light = light * (np.linalg.inv(gamut) @ curve.to_linear(plate))
+    colour = gamut @ light
     straight = 1.0 if old.associated else alpha
     light = colour + (1.0 - layer[3]) * straight * curve.to_linear(plate)
     covered = layer[3] + (1.0 - layer[3]) * alpha

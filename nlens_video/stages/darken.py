@@ -19,7 +19,9 @@ from nlens_video.frames import (
 from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
 from nlens_video.stages.occlusion import Cover
 
-_MEAN_WITHOUT = np.hstack([-np.eye(3), np.ones((3, 1))]).astype(np.float32)
+_MEAN_WITHOUT = np.hstack([np.diag([-1, -1, -1, 0]), np.ones((4, 1))])[:, [0, 1, 2, 4]].astype(
+    np.float32
+)
 _WITH_MEAN = np.vstack([np.eye(3), np.full((1, 3), 1.0 / 3.0)]).astype(np.float32)
 
 
@@ -105,14 +107,11 @@ class Darken:
         """
         box, loss = blurred.box, blurred.rgba
         if not box.empty and loss.any():
-            plate = picture.linear(box)
             if cover is not None:
-                loss = _behind(loss, plate, box, cover)
+                loss = _behind(loss, picture.linear(box), box, cover)
             # Over has one alpha for all channels: what is coloured about the loss is added back.
-            coloured = cv2.multiply(cv2.transform(loss, _MEAN_WITHOUT), plate)
-            layer = np.empty_like(loss)
-            cv2.mixChannels([coloured, loss], [layer], [0, 0, 1, 1, 2, 2, 6, 3])
-            picture.over(box, layer)
+            layer: Float32 = np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
+            picture.over(box, layer, of_plate=True)
         return picture
 
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:

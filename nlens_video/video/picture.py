@@ -116,13 +116,13 @@ class AvPicture(_Blended):
             self.frame, self.tags, round(self.rotation / 90), centred_chroma=self.centred_chroma
         )
 
-    def over(self, box: Box, rgba: Float32) -> None:
+    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
         # The decoder predicts later frames from this buffer: without a copy they would be damaged.
         self.frame.make_writable()
         samples = self._samples()
         _check(samples, box, rgba)
-        blend.over(samples, box, rgba)
+        blend.over(samples, box, rgba, of_plate=of_plate)
 
     def copy(self) -> AvPicture:
         """The same picture with samples of its own."""
@@ -166,10 +166,10 @@ class ArrayPicture(_Blended):
     def _samples(self) -> Samples:
         return self._views
 
-    def over(self, box: Box, rgba: Float32) -> None:
+    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
         _check(self._views, box, rgba)
-        blend.over(self._views, box, rgba)
+        blend.over(self._views, box, rgba, of_plate=of_plate)
 
     def copy(self) -> ArrayPicture:
         """The same picture with samples of its own."""

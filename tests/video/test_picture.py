@@ -11,6 +11,7 @@ from nlens_video.color import ColorTags
 from nlens_video.errors import InputError
 from nlens_video.frames import Box
 from nlens_video.kernels import blend, blend_ref
+from nlens_video.video.exr_source import LINEAR
 from nlens_video.video.formats import working_format
 from nlens_video.video.picture import ArrayPicture, AvPicture
 from nlens_video.video.samples import array_samples, frame_samples, frame_tags
@@ -59,6 +60,31 @@ def test_the_fast_blend_is_within_a_code_of_the_reference(pixel_format, turns):
         limit = 4 if samples.coding.bits == 16 else 1  # 16-bit codes are finer than the tables
         assert error.max() <= limit
         assert error.mean() < 0.01 * limit**2
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "rgb24", "rgba"])
+def test_colours_of_a_layer_can_be_shares_of_the_plates_light(pixel_format):
+    frame = noise_frame(32, 24, pixel_format)
+    frame.color_primaries = 9  # its own primaries are not those of the layer
+    frame.make_writable()
+    samples = frame_samples(frame, frame_tags(frame), 0)
+    slow, box = copy.deepcopy(samples), Box(0, 0, 32, 24)
+    loss = layer(24, 32)
+    loss[..., :3] = 0.3 * (loss[..., :3] - 0.2) * (loss[..., 3:] > 0)  # both signs
+    blend.over(samples, box, loss, of_plate=True)
+    blend_ref.over(slow, box, loss, of_plate=True)
+    for fast, reference in zip(samples.planes, slow.planes, strict=True):
+        assert np.abs(fast.astype(int) - reference.astype(int)).max() <= 1
+
+
+def test_share_of_the_plates_light_by_hand():
+    plate = np.full((2, 2, 3), 0.4, np.float32)
+    picture = ArrayPicture(plate, "rgb", LINEAR)
+    layer_ = np.zeros((2, 2, 4), np.float32)
+    layer_[0, 0] = (0.25, -0.125, 0.0, 0.5)  # a half is gone, of red a quarter comes back
+    picture.over(Box(0, 0, 2, 2), layer_, of_plate=True)
+    assert plate[0, 0] == pytest.approx([0.3, 0.15, 0.2], abs=1e-6)
+    assert (plate[1] == np.float32(0.4)).all()
 
 
 @pytest.mark.parametrize("curve", [16, 18, 8, 13])
