@@ -187,9 +187,6 @@ def test_straight_alpha_of_a_plate_is_kept():
     assert np.abs(array[..., 0] / 255 - coded).max() < 0.003
 
 
-LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
-
-
 def test_associated_alpha_of_a_plate_is_kept():
     array = np.full((2, 2, 4), (0.25, 0.25, 0.25, 0.5), np.float32)
     rgba = np.full((2, 2, 4), (0.2, 0.2, 0.2, 0.5), np.float32)
