@@ -26,6 +26,7 @@ PORTS: dict[str, str] = {
     "plate_coc": "CocMap",
     "ground": "GroundProjection",
     "fit": "LensFit",
+    "trust": "GroundTrust",
     "layer": "ObjectLayer",
     "defocused": "DefocusedLayer",
     "views": "FewViews",

@@ -92,6 +92,17 @@ def test_lens_is_found_once_and_used_on_every_later_frame(preset):
     assert record.regression.fit is runner.fit
 
 
+def test_what_follows_from_the_lens_stays_for_the_shot():
+    runner, _ = steps()
+    first, second = run(runner, 0), run(runner, 1)
+    assert {"trust", "past-edges"} <= ran(runner, first)
+    after = ran(runner, second)
+    assert "past-edges" in after and "trust" not in after
+    assert second.values["trust"] is first.values["trust"]
+    given, _ = steps(fit=FIT)
+    assert "past-edges" not in ran(given, run(given, 0))  # nobody looked at the plate
+
+
 def test_fit_waits_for_the_first_frame_with_the_object_in_view():
     runner, _ = steps(objects=Slab(visible=lambda index: index >= 2))
     states = [run(runner, index) for index in range(4)]

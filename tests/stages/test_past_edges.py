@@ -1,0 +1,212 @@
+"""What a half-hidden lens sees past a blurred edge, against an aperture sampled point by point."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer
+from nlens_video.kernels.half_hidden import free_table, half_hidden
+from nlens_video.kernels.scatter import scatter
+from nlens_video.lens import LensFit
+from nlens_video.scene.camera import Camera
+from nlens_video.stages.lens_points import bare_points
+from nlens_video.stages.p_projection import GroundProjection
+from nlens_video.stages.past_edges import GroundTrust, past_edges, trust_ground
+from nlens_video.video.picture import ArrayPicture
+
+SIZE = 120, 90
+FRAME = Box(0, 0, *SIZE)
+
+
+def stripes(columns, rows):
+    """A plate in focus, at any place; its details are larger than a disc, which leaves them."""
+    light = 0.4 + 0.25 * np.sin(0.25 * columns + 0.1 * rows) + 0.1 * np.sin(0.3 * rows)
+    return np.stack([light, 0.8 * light, 0.5 + 0.3 * np.cos(0.2 * columns)], axis=2)
+
+
+def side(columns, rows):
+    """Coverage by an object with a slanted side, antialiased."""
+    return np.clip(0.9 * (columns - 55.0) + 0.3 * (rows - 45.0) + 0.5, 0.0, 1.0)
+
+
+def seen(object_coc, plate_coc, points=500):
+    """Plate, layer and truth: the mean over points of the lens, each its own plate and object."""
+    columns, rows = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    plate, truth = np.zeros((*columns.shape, 3)), np.zeros((*columns.shape, 3))
+    cover = np.zeros(columns.shape)
+    for u, v in bare_points(points).places:
+        there = stripes(columns - 0.5 * plate_coc * u, rows - 0.5 * plate_coc * v)
+        hidden = side(columns - 0.5 * object_coc * u, rows - 0.5 * object_coc * v)
+        plate += there / points
+        cover += hidden / points
+        truth += (1.0 - hidden[..., None]) * there / points
+    rgba = np.zeros((*columns.shape, 4), np.float32)
+    rgba[..., 3] = cover  # black, so that nothing but the plate counts
+    return plate.astype(np.float32), rgba, truth
+
+
+def even(value):
+    return np.full((SIZE[1], SIZE[0]), value, np.float32)
+
+
+def laid(rgba, plate):
+    return rgba[..., :3] + (1.0 - rgba[..., 3:]) * plate
+
+
+@pytest.mark.parametrize(
+    ("object_coc", "plate_coc"), [(12.0, 6.0), (12.0, -6.0), (-8.0, -12.0), (16.0, 14.0)]
+)
+def test_the_plate_past_an_edge_is_what_the_free_part_of_the_lens_sees(object_coc, plate_coc):
+    plate, rgba, truth = seen(object_coc, plate_coc)
+    wide = np.pad(plate, ((16, 16), (16, 16), (0, 0)), mode="edge")
+    found = half_hidden(rgba, wide, even(object_coc), even(plate_coc), even(1.0), margin=16)
+    inner = np.s_[16:-16, 16:-16]
+    before = np.sqrt(((laid(rgba, plate) - truth)[inner] ** 2).mean())
+    after = np.sqrt(((laid(found, plate) - truth)[inner] ** 2).mean())
+    assert after < 0.5 * before
+    np.testing.assert_array_equal(found[..., 3], rgba[..., 3])
+
+
+def reference(rgba, plate, cocs, trust, margin, aspect):
+    """The slow, obvious way."""
+    out = rgba.astype(np.float64)
+    alpha = np.pad(rgba[..., 3].astype(np.float64), 1, mode="edge")
+    table = free_table()
+    for y, x in np.ndindex(rgba.shape[:2]):
+        cover = float(rgba[y, x, 3])
+        if not 1.0 / 255.0 <= cover <= 1.0 - 1.0 / 255.0 or trust[y, x] == 0.0:
+            continue
+        near = alpha[y : y + 3, x : x + 3]
+        weights = np.array([0.125, 0.25, 0.125])
+        slope = weights @ (near[:, 2] - near[:, 0]), weights @ (near[2] - near[0])
+        scale = np.interp(cover * (len(table) - 2), np.arange(len(table)), table)
+        free = np.array([slope[0], slope[1] * aspect]) * scale * 0.5 * cocs[0][y, x] / (1 - cover)
+        free /= max(1.0, math.hypot(*free))
+        px = np.clip(x + margin - 0.5 * cocs[1][y, x] * free[0], 0, plate.shape[1] - 1)
+        py = np.clip(y + margin - 0.5 * cocs[1][y, x] * free[1] * aspect, 0, plate.shape[0] - 1)
+        i, j = int(px), int(py)
+        i1, j1 = min(i + 1, plate.shape[1] - 1), min(j + 1, plate.shape[0] - 1)
+        above = plate[j, i] + (px - i) * (plate[j, i1] - plate[j, i])
+        below = plate[j1, i] + (px - i) * (plate[j1, i1] - plate[j1, i])
+        there = above + (py - j) * (below - above)
+        out[y, x, :3] += (1 - cover) * trust[y, x] * (there - plate[y + margin, x + margin])
+    return out
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 9999), st.floats(0.6, 1.6))
+def test_fast_and_reference_agree(seed, aspect):
+    rng = np.random.default_rng(seed)
+    rgba = rng.random((17, 23, 4), dtype=np.float32)
+    rgba[..., 3] = np.clip(1.4 * rgba[..., 3] - 0.2, 0.0, 1.0)
+    plate = rng.random((17 + 10, 23 + 10, 3), dtype=np.float32)
+    cocs = rng.uniform(-14.0, 14.0, (2, 17, 23)).astype(np.float32)
+    trust = np.clip(rng.uniform(-0.3, 1.0, (17, 23)), 0.0, 1.0).astype(np.float32)
+    runs = [
+        half_hidden(rgba, plate, *cocs, trust, margin=5, pixel_aspect=aspect, threads=n)
+        for n in (1, 3)
+    ]
+    np.testing.assert_array_equal(*runs)
+    expected = reference(rgba, plate, cocs, trust, 5, aspect)
+    np.testing.assert_allclose(runs[0], expected, atol=2e-5)
+
+
+FIT = LensFit(slope=30.0, intercept=-12.0, width=SIZE[0], height=SIZE[1])
+
+
+def looking_down(pitch=0.35, aside=0.0):
+    pose = np.eye(4)
+    cos, sin = math.cos(pitch), math.sin(pitch)
+    pose[:3, :3] = [[1, 0, 0], [0, cos, sin], [0, -sin, cos]]
+    pose[:3, 3] = aside, 1.0, 0.0
+    return Camera(
+        world_from_camera=pose, fx=100.0, fy=100.0, cx=60.0, cy=45.0, width=SIZE[0], height=SIZE[1]
+    )
+
+
+def ground_of(camera):
+    mask = np.zeros((SIZE[1], SIZE[0]), np.bool_)
+    return GroundProjection(mask=mask, disparity=camera.plane_disparity(0.0), ground_y=0.0)
+
+
+def estimated(camera):
+    coc = np.abs(FIT.coc_px(camera.plane_disparity(0.0).astype(np.float32)))
+    return CocMap(coc_px=coc, sigma_px=even(0.5))
+
+
+def test_the_ground_is_trusted_where_the_plate_is_as_blurred_as_it():
+    camera = looking_down()
+    ground, coc = ground_of(camera), estimated(camera)
+    coc.coc_px[50:, 70:] += 6.0  # something else stands there
+    trust = trust_ground(coc, ground, FIT, camera)
+    above = ground.disparity <= 0.0
+    assert above.any() and not trust.share[above].any()
+    assert trust.share[70, 20] > 0.95
+    assert trust.share[70, 110] < 0.05
+
+
+def test_a_camera_that_moved_sees_the_same_trust_on_the_same_ground():
+    camera, moved = looking_down(), looking_down(aside=0.2)
+    coc = estimated(camera)
+    coc.coc_px[:, 60:] += 6.0
+    trust = trust_ground(coc, ground_of(camera), FIT, camera)
+    box = Box(10, 55, 110, 85)
+    same, disparity = trust.seen_by(replace(camera), box)
+    np.testing.assert_array_equal(same, trust.share[55:85, 10:110])
+    np.testing.assert_allclose(disparity, camera.plane_disparity(0.0)[55:85, 10:110])
+    share, _ = trust.seen_by(moved, box)
+    row = 15
+    left = np.argmax(same[row] < 0.5), np.argmax(share[row] < 0.5)
+    expected = 100.0 * 0.2 * disparity[row, 0]  # parallax of the ground there [px]
+    assert left[0] - left[1] == pytest.approx(expected, abs=1.5)
+
+
+def layer(coc=10.0):
+    rgba = np.zeros((SIZE[1], SIZE[0], 4), np.float32)
+    rgba[50:80, 40:70] = (0.2, 0.1, 0.05, 1.0)
+    sharp = ObjectLayer(box=FRAME, rgba=rgba, depth=even(1.0))
+    defocused = DefocusedLayer(layer=sharp, coc_px=even(coc))
+    return defocused, BlurredLayer(box=FRAME, rgba=scatter(rgba, even(coc)))
+
+
+def test_only_half_covered_pixels_over_trusted_ground_change():
+    camera = looking_down()
+    defocused, blurred = layer()
+    rng = np.random.default_rng(1)
+    picture = ArrayPicture(rng.integers(0, 255, (SIZE[1], SIZE[0], 3), dtype=np.uint8), "rgb")
+    trust = GroundTrust(share=even(1.0), camera=camera, ground_y=0.0)
+    found = past_edges(blurred, picture, defocused, trust, FIT, camera)
+    partly = (blurred.rgba[..., 3] > 0.0) & (blurred.rgba[..., 3] < 1.0)
+    changed = (found.rgba != blurred.rgba).any(axis=2)
+    assert changed.sum() > 0.5 * partly.sum() and not changed[~partly].any()
+    nothing = replace(trust, share=even(0.0))
+    assert past_edges(blurred, picture, defocused, nothing, FIT, camera) is blurred
+
+
+def test_the_border_of_the_frame_is_no_obstacle():
+    camera = looking_down()
+    defocused, blurred = layer()
+    picture = ArrayPicture(np.full((SIZE[1], SIZE[0], 3), 90, np.uint8), "rgb")
+    trust = GroundTrust(share=even(1.0), camera=camera, ground_y=0.0)
+    low = BlurredLayer(box=Box(30, 40, 80, 90), rgba=blurred.rgba[40:90, 30:80])
+    found = past_edges(low, picture, defocused, trust, FIT, camera)
+    np.testing.assert_allclose(found.rgba, low.rgba, atol=1e-6)  # an even plate stays even
+
+
+def test_nothing_pops_while_the_object_slides():
+    plate, _, _ = seen(12.0, 6.0, points=40)
+    wide = np.pad(plate, ((16, 16), (16, 16), (0, 0)), mode="edge")
+    columns, rows = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    frames = []
+    for shift in np.arange(0.0, 1.2, 0.1):
+        rgba = np.zeros((SIZE[1], SIZE[0], 4), np.float32)
+        rgba[..., 3] = side(columns - shift, rows)
+        blurred = scatter(rgba, even(12.0))
+        found = half_hidden(blurred, wide, even(12.0), even(6.0), even(1.0), margin=16)
+        frames.append(laid(found, plate))
+    bend = np.abs(np.diff(np.stack(frames), n=2, axis=0))[:, 16:-16, 16:-16]
+    assert bend.max() < 0.02
