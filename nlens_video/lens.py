@@ -39,6 +39,8 @@ class LensFit:
         sign: `resolved` by the data, `assumed` by the paper's rule, or `ambiguous`.
         sign_margin: relative cost by which the other sign fits worse, 0 = not at all [1].
         method: how it was found, in words.
+        ground_seen: pairs of disparity, rising, and the share of the plate there that shows the
+            ground plane and nothing before it, 0 to 1; none where nobody looked [1 / scene unit].
     """
 
     slope: float
@@ -54,6 +56,7 @@ class LensFit:
     sign: Sign = "resolved"
     sign_margin: float = 0.0
     method: str = "given"
+    ground_seen: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not max(abs(self.slope), abs(self.intercept)) <= _LARGEST:  # nor where one is NaN
@@ -82,6 +85,16 @@ class LensFit:
         with np.errstate(over="ignore"):
             coc = np.float32(self.slope) * disparity + np.float32(self.intercept)
         return np.asarray(np.clip(coc, -LARGEST_COC_PX, LARGEST_COC_PX), dtype=np.float32)
+
+    def ground_share(self, disparity: Float32) -> Float32:
+        """How much of the plate shows the ground plane where that has a disparity >= 0 (h, w) [1].
+
+        It fades out from the farthest ground that was looked at to the horizon.
+        """
+        if not self.ground_seen:
+            return np.zeros_like(disparity)
+        knots, shares = np.array([(0.0, 0.0), *self.ground_seen]).T
+        return np.asarray(np.interp(disparity, knots, shares), dtype=np.float32)
 
     def for_width(self, width: int, height: int) -> LensFit:
         """The same lens on a frame of another size: diameters scale with the width."""
@@ -134,6 +147,8 @@ class LensFit:
                 said = f"{value!r}"[:40]
                 raise LensFitError(f'{source}: "{name}" is {said}, expected a number')
             known[name] = kind(value)
+        if "ground_seen" in raw:
+            known["ground_seen"] = _pairs(raw["ground_seen"], source)
         sign = raw.get("sign", "resolved")
         if sign not in get_args(Sign):
             raise LensFitError(f'{source}: "sign" is {sign!r}, expected one of {get_args(Sign)}')
@@ -150,3 +165,18 @@ class LensFit:
             return cls.from_json(path.read_text(), str(path))
         except (OSError, UnicodeDecodeError) as error:
             raise LensFitError(f"{path}: cannot be read ({error}); expected a saved fit") from error
+
+
+def _pairs(raw: object, source: str) -> tuple[tuple[float, float], ...]:
+    """Pairs of disparity and share, as a file gives them."""
+    try:
+        values = np.array(raw, dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError):
+        values = np.full((1, 2), np.nan)
+    disparity, share = values.T
+    rising = bool((np.diff(disparity, prepend=0.0) > 0.0).all())
+    if not (rising and np.isfinite(values).all() and (abs(share - 0.5) <= 0.5).all()):
+        raise LensFitError(
+            f'{source}: "ground_seen" must be pairs of a rising disparity > 0 and a share in [0, 1]'
+        )
+    return tuple((float(at), float(part)) for at, part in values)

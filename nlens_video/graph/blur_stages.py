@@ -6,16 +6,14 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from nlens_video.errors import UsageError
-from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, Picture
+from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Picture
 from nlens_video.graph.objects import Placement
 from nlens_video.graph.tools import Made, Stage, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.p_projection import GroundProjection
 
 if TYPE_CHECKING:
     from nlens_video.stages.few_views import FewViews
-    from nlens_video.stages.past_edges import GroundTrust
 
 
 def make_peel(tools: Tools) -> Made:
@@ -127,27 +125,15 @@ def make_lay_views(tools: Tools) -> Made:
     return Made(run, "L: the mean of the views where discs are small")
 
 
-def make_trust(tools: Tools) -> Made:
-    """Where the plate shows the virtual ground plane."""
-    from nlens_video.stages.past_edges import trust_ground
-
-    def run(
-        plate_coc: CocMap, ground: GroundProjection, fit: LensFit, placement: Placement
-    ) -> GroundTrust:
-        return trust_ground(plate_coc, ground, fit, placement.camera)
-
-    return Made(run, "where the plate's CoC is the ground plane's")
-
-
 def make_past_edges(tools: Tools) -> Made:
     """The plate as the part of the lens sees it that the object leaves free."""
     from nlens_video.stages.past_edges import past_edges
 
     def run(
-        blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, trust: GroundTrust,
-        fit: LensFit, placement: Placement,
+        blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
+        placement: Placement,
     ) -> BlurredLayer:  # fmt: skip
-        return past_edges(blurred, picture, defocused, trust, fit, placement.camera)
+        return past_edges(blurred, picture, defocused, fit, placement.camera, tools.ground_height())
 
     return Made(run, "the plate from the side of the lens that the object leaves free")
 
@@ -174,11 +160,8 @@ BLUR: dict[str, Stage] = {
     "lens": Stage(make_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
     "views": Stage(make_views, ("defocused", "placement", "fit", "frame_box"), "views"),
     "lay-views": Stage(make_lay_views, ("blurred", "views"), "blurred"),
-    "trust": Stage(make_trust, ("plate_coc", "ground", "fit", "placement"), "trust"),
     "past-edges": Stage(
-        make_past_edges,
-        ("blurred", "picture", "defocused", "trust", "fit", "placement"),
-        "blurred",
+        make_past_edges, ("blurred", "picture", "defocused", "fit", "placement"), "blurred"
     ),
     "repair": Stage(make_repair, ("defocused", "blurred"), "blurred"),
     "paper-reblur": Stage(make_paper, ("picture", "defocused", "frame_box"), "blurred"),

@@ -26,7 +26,6 @@ PORTS: dict[str, str] = {
     "plate_coc": "CocMap",
     "ground": "GroundProjection",
     "fit": "LensFit",
-    "trust": "GroundTrust",
     "layer": "ObjectLayer",
     "defocused": "DefocusedLayer",
     "views": "FewViews",

@@ -223,7 +223,7 @@ class FrameSteps:
         )
 
     def _run_once(self, state: FrameState, node: Node) -> None:
-        if (self.fit is None or state.carried_fit) and node.called_for(state.values):
+        if self.fit is None and node.called_for(state.values):
             with self.profiler.timed(state.frame.index, node.name):
                 value = node.run(*node.arguments(state.values))
             state.values[node.output] = value
@@ -232,8 +232,6 @@ class FrameSteps:
                 state.carried_fit = True
                 if self._live is not None:
                     self._live.found(value)
-            elif state.carried_fit:  # what follows from the lens stays with it
-                self._shot[node.output] = value
 
     def lanes(
         self,

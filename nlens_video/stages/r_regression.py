@@ -18,6 +18,7 @@ from nlens_video.frames import Bool, CocMap, Float64
 from nlens_video.lens import LensFit, Sign
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_evidence import evidence
+from nlens_video.stages.r_ground import ground_seen
 from nlens_video.v_fit import Lens, VFit
 
 GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
@@ -129,6 +130,9 @@ class FitLens:
             sign=sign,
             sign_margin=margin,
             method=f"robust V-fit over {self._where(samples)}{_of_frames(coc)}",
+            ground_seen=ground_seen(
+                samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
+            ),
         )
         _check(fit, covariance, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))

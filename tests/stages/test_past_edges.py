@@ -8,14 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer
+from nlens_video.errors import LensFitError
+from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.kernels.half_hidden import free_table, half_hidden
 from nlens_video.kernels.scatter import scatter
 from nlens_video.lens import LensFit
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.lens_points import bare_points
-from nlens_video.stages.p_projection import GroundProjection
-from nlens_video.stages.past_edges import GroundTrust, past_edges, trust_ground
+from nlens_video.stages.past_edges import past_edges
+from nlens_video.stages.r_ground import ground_seen
 from nlens_video.video.picture import ArrayPicture
 
 SIZE = 120, 90
@@ -115,54 +116,56 @@ def test_fast_and_reference_agree(seed, aspect):
     np.testing.assert_allclose(runs[0], expected, atol=2e-5)
 
 
-FIT = LensFit(slope=30.0, intercept=-12.0, width=SIZE[0], height=SIZE[1])
+FIT = LensFit(
+    slope=30.0, intercept=-12.0, width=SIZE[0], height=SIZE[1],
+    ground_seen=((0.05, 1.0), (0.9, 1.0)),
+)  # fmt: skip
 
 
-def looking_down(pitch=0.35, aside=0.0):
+def looking_down(pitch=0.35):
     pose = np.eye(4)
     cos, sin = math.cos(pitch), math.sin(pitch)
     pose[:3, :3] = [[1, 0, 0], [0, cos, sin], [0, -sin, cos]]
-    pose[:3, 3] = aside, 1.0, 0.0
+    pose[:3, 3] = 0.0, 1.0, 0.0
     return Camera(
         world_from_camera=pose, fx=100.0, fy=100.0, cx=60.0, cy=45.0, width=SIZE[0], height=SIZE[1]
     )
 
 
-def ground_of(camera):
-    mask = np.zeros((SIZE[1], SIZE[0]), np.bool_)
-    return GroundProjection(mask=mask, disparity=camera.plane_disparity(0.0), ground_y=0.0)
+def looked_at(disparity, wall_beyond=0.0):
+    """What a plate says of the ground; a wall of another blur hides what is farther off."""
+    expected = np.abs(FIT.coc_px(disparity.astype(np.float32))).astype(np.float64)
+    said = np.where(disparity > wall_beyond, expected, expected + 9.0)
+    return ground_seen(disparity, said, np.full_like(said, 1.0), expected)
 
 
-def estimated(camera):
-    coc = np.abs(FIT.coc_px(camera.plane_disparity(0.0).astype(np.float32)))
-    return CocMap(coc_px=coc, sigma_px=even(0.5))
+def test_ground_is_seen_as_far_as_the_plate_is_as_blurred_as_it():
+    disparity = np.random.default_rng(2).uniform(0.05, 0.9, 4000)
+    assert [share for _, share in looked_at(disparity)] == [1.0] * 8
+    fit = replace(FIT, ground_seen=looked_at(disparity, wall_beyond=0.4))
+    share = fit.ground_share(np.float32([0.0, 0.1, 0.2, 0.6, 0.8]))
+    assert share.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
+    assert not replace(FIT, ground_seen=()).ground_share(np.float32([0.1, 0.5])).any()
 
 
-def test_the_ground_is_trusted_where_the_plate_is_as_blurred_as_it():
-    camera = looking_down()
-    ground, coc = ground_of(camera), estimated(camera)
-    coc.coc_px[50:, 70:] += 6.0  # something else stands there
-    trust = trust_ground(coc, ground, FIT, camera)
-    above = ground.disparity <= 0.0
-    assert above.any() and not trust.share[above].any()
-    assert trust.share[70, 20] > 0.95
-    assert trust.share[70, 110] < 0.05
+def test_ground_of_one_distance_gives_one_pair():
+    assert len(looked_at(np.full(100, 0.5))) == 1
 
 
-def test_a_camera_that_moved_sees_the_same_trust_on_the_same_ground():
-    camera, moved = looking_down(), looking_down(aside=0.2)
-    coc = estimated(camera)
-    coc.coc_px[:, 60:] += 6.0
-    trust = trust_ground(coc, ground_of(camera), FIT, camera)
-    box = Box(10, 55, 110, 85)
-    same, disparity = trust.seen_by(replace(camera), box)
-    np.testing.assert_array_equal(same, trust.share[55:85, 10:110])
-    np.testing.assert_allclose(disparity, camera.plane_disparity(0.0)[55:85, 10:110])
-    share, _ = trust.seen_by(moved, box)
-    row = 15
-    left = np.argmax(same[row] < 0.5), np.argmax(share[row] < 0.5)
-    expected = 100.0 * 0.2 * disparity[row, 0]  # parallax of the ground there [px]
-    assert left[0] - left[1] == pytest.approx(expected, abs=1.5)
+def test_what_was_seen_of_the_ground_is_kept_with_the_fit():
+    fit = replace(FIT, ground_seen=looked_at(np.linspace(0.05, 0.9, 400), wall_beyond=0.3))
+    again = LensFit.from_json(fit.to_json())
+    assert again == fit
+    assert fit.for_width(240, 180).ground_seen == fit.ground_seen
+
+
+@pytest.mark.parametrize(
+    "pairs", ["[[0.1]]", '"far"', "[[0.2, 1.0], [0.1, 1.0]]", "[[0.1, 1.5]]", "[[0.1, NaN]]", "{}"]
+)
+def test_a_saved_fit_that_says_nonsense_of_the_ground_is_refused(pairs):
+    text = f'{{"slope": 1, "intercept": 0, "width": 9, "height": 9, "ground_seen": {pairs}}}'
+    with pytest.raises(LensFitError, match="ground_seen"):
+        LensFit.from_json(text)
 
 
 def layer(coc=10.0):
@@ -173,27 +176,34 @@ def layer(coc=10.0):
     return defocused, BlurredLayer(box=FRAME, rgba=scatter(rgba, even(coc)))
 
 
-def test_only_half_covered_pixels_over_trusted_ground_change():
+def test_only_half_covered_pixels_over_seen_ground_change():
     camera = looking_down()
     defocused, blurred = layer()
     rng = np.random.default_rng(1)
     picture = ArrayPicture(rng.integers(0, 255, (SIZE[1], SIZE[0], 3), dtype=np.uint8), "rgb")
-    trust = GroundTrust(share=even(1.0), camera=camera, ground_y=0.0)
-    found = past_edges(blurred, picture, defocused, trust, FIT, camera)
+    found = past_edges(blurred, picture, defocused, FIT, camera, 0.0)
     partly = (blurred.rgba[..., 3] > 0.0) & (blurred.rgba[..., 3] < 1.0)
     changed = (found.rgba != blurred.rgba).any(axis=2)
     assert changed.sum() > 0.5 * partly.sum() and not changed[~partly].any()
-    nothing = replace(trust, share=even(0.0))
-    assert past_edges(blurred, picture, defocused, nothing, FIT, camera) is blurred
+    for unknown in ((), ((0.05, 0.0), (0.9, 0.0))):
+        fit = replace(FIT, ground_seen=unknown)
+        assert past_edges(blurred, picture, defocused, fit, camera, 0.0) is blurred
+
+
+def test_above_the_horizon_nothing_changes():
+    camera = looking_down(pitch=-1.0)
+    assert camera.plane_disparity(0.0).max() < 0.0
+    defocused, blurred = layer()
+    picture = ArrayPicture(np.full((SIZE[1], SIZE[0], 3), 90, np.uint8), "rgb")
+    assert past_edges(blurred, picture, defocused, FIT, camera, 0.0) is blurred
 
 
 def test_the_border_of_the_frame_is_no_obstacle():
     camera = looking_down()
     defocused, blurred = layer()
     picture = ArrayPicture(np.full((SIZE[1], SIZE[0], 3), 90, np.uint8), "rgb")
-    trust = GroundTrust(share=even(1.0), camera=camera, ground_y=0.0)
     low = BlurredLayer(box=Box(30, 40, 80, 90), rgba=blurred.rgba[40:90, 30:80])
-    found = past_edges(low, picture, defocused, trust, FIT, camera)
+    found = past_edges(low, picture, defocused, FIT, camera, 0.0)
     np.testing.assert_allclose(found.rgba, low.rgba, atol=1e-6)  # an even plate stays even
 
 
