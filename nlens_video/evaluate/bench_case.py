@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +19,7 @@ from nlens_video.lens import LensFit
 from nlens_video.scene import Scene
 from nlens_video.stages.l_lens import Shot, lens_views
 from nlens_video.stages.lens_points import bare_points
+from nlens_video.stages.r_ground import FLOOR_PX, ground_seen
 from nlens_video.video.picture import ArrayPicture
 
 _LINEAR_PX = 0.25  # how far a plate's CoC may be from slope * disparity + intercept
@@ -142,10 +143,20 @@ def _true_fit(known: Plate) -> LensFit:
             f"{known.name}: its object_coc.npy is not slope / depth + intercept with a slope of 0 "
             f"or more (off by {rmse:.2f} px); expected the signed CoC of a thin lens"
         )
-    return LensFit(
+    fit = LensFit(
         slope=float(slope), intercept=float(intercept), rmse_px=rmse, n=len(coc),
         width=width, height=height, method="true CoC of the object",
     )  # fmt: skip
+    return replace(fit, ground_seen=_true_ground(known, fit))
+
+
+def _true_ground(known: Plate, fit: LensFit) -> tuple[tuple[float, float], ...]:
+    """How much of the plate shows the ground plane, by the plate's true CoC."""
+    plane = known.camera.plane_disparity(known.ground_y)
+    seen = plane > 0.0
+    disparity, coc = plane[seen], known.true_coc_px[seen].astype(np.float64)
+    expected = np.abs(fit.coc_px(disparity.astype(np.float32))).astype(np.float64)
+    return ground_seen(disparity, coc, np.full_like(coc, FLOOR_PX), expected)
 
 
 def codes_of(path: Path, size: tuple[int, ...]) -> UInt8:
