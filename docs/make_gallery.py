@@ -121,6 +121,7 @@ class _Frame:
     """One frame of the graph's."""
 
     index: int
+    number: int
     time_s: float
     picture: ArrayPicture
 
@@ -146,7 +147,7 @@ def _sharp_shadow(glb: Path) -> Image.Image:
     codes = np.array(frame_of(SAMPLES / "in.mp4", 0))
     steps = FrameSteps(replace(assembly.graph, nodes=nodes), profiler, fit)
     with assembly.render_context():
-        steps.run(steps.enter(_Frame(0, 0.0, ArrayPicture(codes, "rgb", VIDEO))), nodes)
+        steps.run(steps.enter(_Frame(0, 0, 0.0, ArrayPicture(codes, "rgb", VIDEO))), nodes)
     return Image.fromarray(codes)
 
 
