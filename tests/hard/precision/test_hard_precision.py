@@ -14,6 +14,7 @@ from kernels.test_rasteriser import drawn, random_block, resolved, surface, trut
 from reblur.test_aperture_covariance import reference as covariance_reference
 from reblur.test_l_paper import reference as paper_reference
 from scene.glb_builder import GlbBuilder
+from stages.test_past_edges import reference as half_hidden_reference
 from stages.test_shadow import marked
 
 import nlens_video.kernels
@@ -28,6 +29,7 @@ from nlens_video.kernels.cast_veils import count_veiled, new_veiled
 from nlens_video.kernels.cell import blur_cell
 from nlens_video.kernels.cell_ref import blur_cell_ref
 from nlens_video.kernels.filtering import sample
+from nlens_video.kernels.half_hidden import half_hidden
 from nlens_video.kernels.light import light
 from nlens_video.kernels.nearest import resolve_depth
 from nlens_video.kernels.paper_scatter import paper_scatter
@@ -47,11 +49,12 @@ from nlens_video.video.samples import array_samples
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
 COMPARED = {
-    "scatter, round discs": "extend levels coarse scatter_rows reached simd lanes",
+    "scatter, round discs": "extend levels coarse scatter_rows reached simd lanes stamps",
     "scatter, seven blades": "extend scatter_rows",
     "scatter, cat's eye, root mean square": "barrel",
     "blur of a cell": "cell",
     "covariance over the aperture": "aperture_covariance",
+    "a half-hidden lens": "half_hidden",
     "the paper's scatter": "paper_scatter",
     "pull-push": "pull_push",
     "projection of vertices": "screen",
@@ -110,6 +113,12 @@ def _blurs() -> dict[str, tuple[float, float]]:
     found = aperture_covariance(near, back, everywhere, points)
     away = np.abs(found - covariance_reference(near, back, points)).max()
     made["covariance over the aperture"] = (away, 1e-5)
+    shown, beyond = rng.random((24, 32, 4), dtype=np.float32), rng.random((34, 42, 3))
+    behind = beyond.astype(np.float32)
+    cocs = rng.uniform(-12.0, 12.0, (2, 24, 32)).astype(np.float32)
+    seen = half_hidden(shown, behind, *cocs, cover, margin=5)
+    away = np.abs(seen - half_hidden_reference(shown, behind, cocs, cover, 5, 1.0)).max()
+    made["a half-hidden lens"] = (away, 2e-5)
     picture = rng.random((21, 24, 3), dtype=np.float32)
     radius = np.float32(rng.choice([0.0, 0.4, 1.7, 6.2], (21, 24)))
     away = np.abs(paper_scatter(picture, radius)[0] - paper_reference(picture, radius)[0]).max()
