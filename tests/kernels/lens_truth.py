@@ -34,7 +34,7 @@ class Slab:
         return (*self.corners, self.coc_px, *self.slope, self.seed)
 
 
-@njit(cache=True)
+@njit
 def _texture(x, y, seed, rgb):
     """Stripes, a checkerboard of 9 px askew to the pixels, a gradient: scene-linear, 0 to 1."""
     across, along = 0.104 * x + 0.038 * y, 0.104 * y - 0.038 * x
@@ -46,7 +46,7 @@ def _texture(x, y, seed, rgb):
     rgb[2] = 0.1 + 0.6 * (1.0 - check) * wave + 0.2 * slow
 
 
-@njit(cache=True)
+@njit
 def _nearest(slabs, qx, qy, ux, uy, rgb):
     """Colour of the nearest slab at q seen from u; its CoC, or -inf where there is none."""
     best = -np.inf
@@ -62,7 +62,7 @@ def _nearest(slabs, qx, qy, ux, uy, rgb):
     return best
 
 
-@njit(cache=True)
+@njit
 def _render(slabs, views, grid, out, coc):
     rgb = np.zeros(3)
     for y in range(out.shape[0]):
