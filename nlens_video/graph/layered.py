@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -39,6 +41,10 @@ class LayeredObject:
     def places(self, time_s: float) -> Float64 | None:
         """Not known from a picture."""
         return None
+
+    def travel_bound_px(self, moments: Sequence[float]) -> float:
+        """Not known from a picture."""
+        return math.inf
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Read the frame's layer, cut to what it covers."""

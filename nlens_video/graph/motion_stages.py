@@ -19,6 +19,7 @@ from nlens_video.stages.l_reblur import (
 )
 from nlens_video.stages.motion_blur import (
     MOST_MOMENTS,
+    NEGLIGIBLE_SPAN_PX,
     Motion,
     averaged,
     mean_of_blurred,
@@ -32,7 +33,10 @@ def make_motion(tools: Tools, *, most_moments: int = MOST_MOMENTS) -> Made:
     shutter = tools.shutter
 
     def run(placement: Placement, fit: LensFit | None) -> Motion | None:
-        seen = [tools.objects.places(moment) for moment in shutter.edges(placement.time_s)]
+        moments = shutter.edges(placement.time_s)
+        if tools.objects.travel_bound_px(moments) < NEGLIGIBLE_SPAN_PX:
+            return None
+        seen = [tools.objects.places(moment) for moment in moments]
         known = [places for places in seen if places is not None and len(places)]
         if len(known) < len(seen):
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -12,7 +13,7 @@ from nlens_video.frames import Box, Float64, ObjectLayer
 from nlens_video.lens import LensFit
 from nlens_video.placing import Placing
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import extent
+from nlens_video.scene.extent import extent, travel_bound_px
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
@@ -124,6 +125,10 @@ class ObjectSource(Protocol):
         """Its vertices: columns, rows [px], depths [scene unit] (V, 3); None if one lies behind."""
         ...
 
+    def travel_bound_px(self, moments: Sequence[float]) -> float:
+        """What no vertex moves more than on the screen from moment to moment, summed up [px]."""
+        ...
+
     def footprint(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         ...
@@ -167,6 +172,20 @@ class RenderedObject:
         if not (seen[:, 2] < 0.0).all():
             return None
         return np.column_stack([camera.pixels(seen), -seen[:, 2]])
+
+    def travel_bound_px(self, moments: Sequence[float]) -> float:
+        """What no vertex moves more than on the screen from moment to moment, summed up [px].
+
+        Found without moving a vertex; infinite where that does not tell.
+        """
+        if self.scene.morphs:
+            return math.inf
+        cameras = [self.camera(moment) for moment in moments]
+        seen = [
+            camera.to_camera(self.scene.hull(moment))
+            for camera, moment in zip(cameras, moments, strict=True)
+        ]
+        return travel_bound_px(seen, cameras[0])
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""

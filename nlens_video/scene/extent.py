@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlens_video.frames import Box
+from nlens_video.frames import Box, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.posed import PosedScene
 
@@ -65,3 +67,25 @@ def lens_of(camera: Camera, box: Box, near: float) -> Lens:
         width=box.width,
         height=box.height,
     )
+
+
+def travel_bound_px(seen: Sequence[Float64], camera: Camera) -> float:
+    """What no point of a body moves more than on the screen, as a sum over its moments [px].
+
+    Args:
+        seen: points in camera space (N, 3) at each moment, of which every point of the body is the
+            same mean at all of them; each moment's own camera's [scene unit].
+        camera: one of the cameras, for its focal lengths.
+
+    Returns:
+        The bound; infinite where a point is not before the camera.
+    """
+    whole = np.stack(seen)
+    depth = -whole[..., 2]
+    if not (np.isfinite(whole).all() and depth.min() > 0.0):
+        return math.inf
+    slant = np.abs(whole[..., :2] / depth[..., None]).max(axis=(0, 1))
+    way = np.abs(np.diff(whole, axis=0)).max(axis=1)
+    # x1 / z1 - x0 / z0 = ((x1 - x0) - x0 / z0 (z1 - z0)) / z1
+    moved = (way[:, :2] + slant * way[:, 2:]) / depth.min()
+    return float(np.hypot(camera.fx * moved[:, 0], camera.fy * moved[:, 1]).sum())

@@ -143,9 +143,17 @@ class Scene:
         return frozenset().union(*(self._hierarchy.with_descendants(index) for index in named))
 
     def hull(self, time_s: float) -> Float64:
-        """Points (N, 3) whose convex hull holds all triangles at a moment; cheaper than `pose`."""
+        """Points (N, 3) whose convex hull holds all triangles at a moment; cheaper than `pose`.
+
+        Unless it `morphs`, a vertex is the same mean of them at all moments.
+        """
         world, weights = self._moved(time_s)
         return np.concatenate([i.hull(world, weights.get(i.node)) for i in self._instances])
+
+    @property
+    def morphs(self) -> bool:
+        """Whether morph weights are animated."""
+        return bool(self._animation.weights(0.0))
 
     def _moved(self, time_s: float) -> tuple[Float64, dict[int, Float64]]:
         """World matrices of all nodes, and animated morph weights, at a moment of the plate."""

@@ -1,5 +1,7 @@
 """What holds an object without moving its vertices holds it whole, and is looked at first."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -73,3 +75,41 @@ def test_object_far_out_of_view_is_let_go_without_moving_a_vertex(tmp_path, offs
         scene=scene, view=View(width=320, height=200), renderer=None
     )  # never asked
     assert objects.locate(0, 0.0) is None
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), moment=st.floats(0, 1), length=st.floats(0, 0.1))
+def test_no_vertex_travels_farther_on_the_screen_than_the_bound(
+    tmp_path_factory, seed, moment, length
+):
+    builder = body(seed, skinned=seed % 2, morphed=0)
+    rng = np.random.default_rng(seed)
+    camera = builder.node(camera=builder.camera(0.7), translation=[0, 0, 25.0])
+    turns = Rotation.from_rotvec(0.1 * rng.normal(size=(2, 3))).as_quat()
+    builder.animation((camera, "rotation", [0.0, 1.0], turns, "LINEAR"))
+    scene = Scene.load(builder.write(tmp_path_factory.mktemp("travel") / "body.glb"))
+    objects = RenderedObject(scene=scene, view=View(width=320, height=200), renderer=None)
+    moments = (moment, moment + 0.5 * length, moment + length)
+    places = [objects.places(one) for one in moments]
+    bound = objects.travel_bound_px(moments)
+    assert all(one is not None for one in places) or bound == np.inf
+    if all(one is not None for one in places):
+        ways = [np.linalg.norm(b[:, :2] - a[:, :2], axis=1) for a, b in pairwise(places)]
+        assert sum(ways).max() <= bound * (1 + 1e-4) + 1e-3
+
+
+def test_what_does_not_move_needs_no_moment_more_and_what_morphs_tells_nothing(tmp_path):
+    builder = body(1, skinned=1, morphed=1)
+    builder.node(camera=builder.camera(0.7), translation=[0, 0, 25.0])
+    morphing = Scene.load(builder.write(tmp_path / "a.glb"))
+    rest = GlbBuilder()
+    cube = rest.mesh(np.random.default_rng(0).random((3 * TRIANGLES, 3), np.float32), FACES)
+    rest.node(mesh=cube)
+    rest.node(camera=rest.camera(0.7), translation=[0, 0, 5.0])
+    still = Scene.load(rest.write(tmp_path / "b.glb"))
+    view = View(width=320, height=200)
+    bounds = [
+        RenderedObject(scene=scene, view=view, renderer=None).travel_bound_px((0.0, 0.1, 0.2))
+        for scene in (morphing, still)
+    ]
+    assert bounds == [np.inf, 0.0]
