@@ -8,10 +8,13 @@ the shape is turned by half a turn.
 from __future__ import annotations
 
 import math
+import sys
+import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 
 from nlens_video.aperture import Aperture
 from nlens_video.errors import InputError
@@ -121,18 +124,31 @@ def read_picture(path: Path) -> Float64:
     Raises:
         InputError: not a picture, too large, or all black.
     """
-    try:
+    stated = _stated_size(path)
+    picture = None
+    if stated is not None:
+        if max(stated) > LARGEST_PICTURE_PX:
+            size = f"{stated[0]}x{stated[1]}"
+            raise InputError(f"aperture {path}: {size} px; at most {LARGEST_PICTURE_PX} a side")
         picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
-    except cv2.error:
-        picture = None  # states a size that nothing could hold
     if picture is None:
         raise InputError(
             f"aperture {path}: cannot be read as a picture; give a PNG, white on black"
         )
-    if max(picture.shape) > LARGEST_PICTURE_PX:
-        size = f"{picture.shape[1]}x{picture.shape[0]}"
-        raise InputError(f"aperture {path}: {size} px; at most {LARGEST_PICTURE_PX} a side")
     light = np.maximum(np.nan_to_num(picture.astype(np.float64), posinf=0.0), 0.0)
     if not light.max() > 0.0:
         raise InputError(f"aperture {path}: all black, so no light would pass; white lets it pass")
     return np.asarray(light / light.max())
+
+
+def _stated_size(path: Path) -> tuple[int, int] | None:
+    """Width and height by the header, before anything is decoded; None where it is no picture."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PIL.Image.DecompressionBombWarning)  # bounded here
+            with PIL.Image.open(path, formats=("PNG", "JPEG", "TIFF", "BMP")) as picture:
+                return picture.size
+    except PIL.Image.DecompressionBombError:
+        return (sys.maxsize, sys.maxsize)
+    except (OSError, SyntaxError, ValueError):
+        return None

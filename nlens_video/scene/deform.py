@@ -11,6 +11,7 @@ from nlens_video.errors import SceneError
 from nlens_video.frames import Float32, Float64
 from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
+from nlens_video.scene.fields import check_range
 from nlens_video.scene.mesh import Geometry, face_normals, unit
 from nlens_video.scene.posed import PosedMesh
 
@@ -31,8 +32,14 @@ class Skin:
     inverse_bind: Float64
 
     def matrices(self, world: Float64) -> Float64:
-        """Matrices (J, 4, 4) from the mesh's rest space to the world."""
-        return np.asarray(world[list(self.joints)] @ self.inverse_bind)
+        """Matrices (J, 4, 4) from the mesh's rest space to the world.
+
+        Raises:
+            SceneError: a bind matrix is out of all proportion.
+        """
+        matrices = np.asarray(world[list(self.joints)] @ self.inverse_bind)
+        check_range(matrices, "a skin's joint")
+        return matrices
 
 
 def read_skins(document: Document, accessors: AccessorReader) -> tuple[Skin, ...]:

@@ -7,6 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nlens_video.errors import SceneError
+from nlens_video.frames import Float32, Float64
+
+LARGEST = 1e18
+"""Of coordinates and scales: the product of two is still a float32."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +135,16 @@ class Fields:
         """The extension's object, or None where it is not used here."""
         extensions = self.child("extensions")
         return extensions.child(name) if name in extensions else None
+
+
+def check_range(values: Float32 | Float64, what: str) -> None:
+    """See that numbers can be multiplied.
+
+    Raises:
+        SceneError: one of them is not a number or beyond `LARGEST`.
+    """
+    if values.size and not max(values.max(), -values.min()) <= LARGEST:
+        raise SceneError(f"{what} lies beyond {LARGEST:g}; export the scene in metres")
 
 
 def _finite(value: float) -> bool:

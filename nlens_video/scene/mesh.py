@@ -12,7 +12,7 @@ from nlens_video.frames import Float32, Float64
 from nlens_video.scene.accessors import AccessorReader
 from nlens_video.scene.document import Document
 from nlens_video.scene.draco import EXTENSION, DracoReader
-from nlens_video.scene.fields import Fields
+from nlens_video.scene.fields import Fields, check_range
 from nlens_video.scene.materials import Material
 
 Int32 = npt.NDArray[np.int32]
@@ -126,6 +126,7 @@ class _PrimitiveReader:
             self.draco.provide(item, compressed)
         self._spend(item, attributes)
         positions = self._floats(attributes, "POSITION", 3)
+        check_range(positions, f"a position of {attributes.place}")
         count = len(positions)
         faces = self._faces(item, mode, count)
         if not len(faces):
@@ -174,6 +175,7 @@ class _PrimitiveReader:
             raise SceneError(
                 f"{owner.place}.{key} has {len(values)} elements, POSITION {count}; export again"
             )
+        check_range(values, f"a value of {owner.place}.{key}")
         return values
 
     def _faces(self, item: Fields, mode: int, count: int) -> Int32:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from nlens_video.errors import SceneError
 from nlens_video.frames import Bool, Float64
 from nlens_video.scene.document import Document
-from nlens_video.scene.fields import Fields
+from nlens_video.scene.fields import Fields, check_range
 
 Indices = npt.NDArray[np.intp]
 _DEEPEST = 2000  # each level costs time on each frame
@@ -79,11 +79,17 @@ class Hierarchy:
         return frozenset(found)
 
     def world(self, pose: LocalPose) -> Float64:
-        """World matrices (N, 4, 4) of all nodes."""
+        """World matrices (N, 4, 4) of all nodes.
+
+        Raises:
+            SceneError: a node is moved or scaled beyond what float32 can multiply.
+        """
         world = compose(pose)
         world[self.has_matrix] = self.matrices[self.has_matrix]
+        check_range(world, "a node's place or scale")
         for nodes, parents in self.levels:
             world[nodes] = world[parents] @ world[nodes]
+            check_range(world[nodes], "a node's place or scale")
         return world
 
 

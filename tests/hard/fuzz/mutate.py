@@ -127,14 +127,16 @@ def _owners(value: object) -> list[dict | list]:
 
 def _change(owner: dict | list, owners: list[dict | list], rng: random.Random) -> None:
     key = rng.choice(list(owner)) if isinstance(owner, dict) else rng.randrange(len(owner))
-    how = rng.randrange(6)
+    how = rng.randrange(8)
+    number = isinstance(owner[key], int | float) and not isinstance(owner[key], bool)
     if how == 0:
         del owner[key]
-    elif how == 1 and isinstance(owner[key], int | float) and not isinstance(owner[key], bool):
-        owner[key] = owner[key] + rng.choice((-1, 1, 1000, 1 << 20))
-    elif how == 2:
+    elif number and how < 5:
+        scale = rng.choice((1, 1, -1, 0.5, 1e9, 1e-9)) if isinstance(owner[key], float) else 1
+        owner[key] = owner[key] * scale + rng.choice((0, -1, 1, 1000))
+    elif how == 5:
         owner[key] = copy.deepcopy(rng.choice(owners))
-    elif how == 3 and isinstance(owner, list) and len(owner) < 1000:
+    elif how == 6 and isinstance(owner, list) and len(owner) < 1000:
         owner.insert(key, copy.deepcopy(owner[key]))
     else:
         owner[key] = copy.deepcopy(rng.choice(NASTY_VALUES))
