@@ -1,6 +1,7 @@
 # make demo    install everything and composite the samples: samples/out.mp4 and samples/report/
 # make test    install everything and run all tests
 # make lint    format check, lint, types
+# make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
 # make gallery  the pictures of docs/gallery
 # make hard    docs/hard.md and its pictures: every case of tests/hard
 # make docs    the documentation as a site: site/index.html
@@ -26,7 +27,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: demo test lint gallery docs bench install system clean
+.PHONY: demo test lint fuzz gallery docs bench install system clean
 
 system:
 	@$(SYSTEM)
@@ -58,6 +59,9 @@ lint: system $(VENV)/.installed-test
 
 test: lint
 	REQUIRE_GL=1 REQUIRE_TORCH=1 $(BIN)/python -m pytest
+
+fuzz: system $(VENV)/.installed-test
+	PYTHONPATH=tests $(BIN)/python -X faulthandler -W error -m hard.fuzz
 
 gallery: install
 	$(BIN)/python docs/make_gallery.py

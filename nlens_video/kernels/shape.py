@@ -145,7 +145,7 @@ def _stated_size(path: Path) -> tuple[int, int] | None:
     """Width and height by the header, before anything is decoded; None where it is no picture."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PIL.Image.DecompressionBombWarning)  # bounded here
+            warnings.simplefilter("ignore")  # of tags that do not matter; the size is bounded here
             with PIL.Image.open(path, formats=("PNG", "JPEG", "TIFF", "BMP")) as picture:
                 return picture.size
     except PIL.Image.DecompressionBombError:

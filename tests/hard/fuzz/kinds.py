@@ -183,15 +183,17 @@ def _still(suffix: str, share: float = 1.0) -> Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("glb: bytes", ".glb", seeds.scenes, _use_scene, share=3.0),
-        Kind("glb: its JSON", ".glb", seeds.scenes, _use_scene, _glb_json, share=4.0),
-        Kind("gltf with files beside it", ".gltf", seeds.loose_scenes, _use_scene, _json_of, 2.0),
-        Kind("fit.json: bytes", ".json", seeds.fits, _use_fit, share=2.0),
-        Kind("fit.json: its values", ".json", seeds.fits, _use_fit, _json_of, 3.0),
-        Kind("pipeline: bytes", ".toml", seeds.pipelines, _use_pipeline),
-        Kind("pipeline: its lines", ".toml", seeds.pipelines, _use_pipeline, _text, 2.0),
-        Kind("exr", ".exr", seeds.layers, _use_layer, share=2.0, native=True),
-        Kind("hdr environment", ".hdr", seeds.environments, _use_environment, native=True),
+        Kind("glb: bytes", ".glb", seeds.scenes, _use_scene, share=10.0),
+        Kind("glb: its JSON", ".glb", seeds.scenes, _use_scene, _glb_json, share=12.0),
+        Kind("gltf with files beside it", ".gltf", seeds.loose_scenes, _use_scene, _json_of, 6.0),
+        Kind("fit.json: bytes", ".json", seeds.fits, _use_fit, share=8.0),
+        Kind("fit.json: its values", ".json", seeds.fits, _use_fit, _json_of, 10.0),
+        Kind("pipeline: bytes", ".toml", seeds.pipelines, _use_pipeline, share=5.0),
+        Kind("pipeline: its lines", ".toml", seeds.pipelines, _use_pipeline, _text, 5.0),
+        Kind("exr", ".exr", seeds.layers, _use_layer, share=3.0, native=True),
+        Kind(
+            "hdr environment", ".hdr", seeds.environments, _use_environment, share=3.0, native=True
+        ),
         *(_still(suffix) for suffix in (".png", ".jpg")),
         *(_still(suffix, 0.5) for suffix in (".tif", ".webp")),
         _clip("mp4 (H.264, AAC)", ".mp4", "libx264"),
@@ -202,6 +204,6 @@ KINDS = {
         _clip("nut (raw)", ".nut", "rawvideo"),
         _clip("ts (MPEG-2, AAC)", ".ts", "mpeg2video"),
         _clip("y4m", ".y4m", "wrapped_avframe"),
-        Kind("chunk", ".nut", seeds.chunks, _use_chunk, native=True),
+        Kind("chunk", ".nut", seeds.chunks, _use_chunk, share=3.0, native=True),
     )
 }
