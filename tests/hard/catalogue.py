@@ -145,4 +145,7 @@ def _sections() -> dict[tuple[str, str], list[str]]:
 
 
 def _words(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.3g}"
+    if isinstance(value, str):
+        return value
+    whole = math.isfinite(value) and value == round(value)
+    return f"{value:.0f}" if whole and abs(value) < 1e6 else f"{value:.3g}"

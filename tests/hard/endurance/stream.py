@@ -31,9 +31,14 @@ SAMPLES = 100  # of the memory, over a run
 
 
 def memory_mb(process: int | str = "self") -> float:
-    """What a process holds in memory."""
-    text = Path(f"/proc/{process}/status").read_text()
-    return int(text.split("VmRSS:")[1].split()[0]) / 1024
+    """What a process holds in memory; 0 for one that has just ended."""
+    held = Path(f"/proc/{process}/status").read_text().partition("VmRSS:")[2].split()
+    return int(held[0]) / 1024 if held else 0.0
+
+
+def thinned(samples: list[float]) -> list[float]:
+    """About `SAMPLES` of them, to a tenth."""
+    return [round(one, 1) for one in samples[:: max(1, len(samples) // SAMPLES)]]
 
 
 def growth_mb(samples: list[float]) -> float:
@@ -87,13 +92,14 @@ def file(frames: int) -> dict[str, object]:
             "--fit", folder / "fit.json", "--preset", "realtime", "-q", "--no-progress",
         ]  # fmt: skip
         command = [sys.executable, "-m", "nlens_video", *map(str, words)]
-        running = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         memory, pause = [], min(1.0, frames / 20_000)
-        while running.poll() is None:
-            memory.append(memory_mb(running.pid))
-            time.sleep(pause)
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:
+            while running.poll() is None:
+                memory.append(memory_mb(running.pid))
+                time.sleep(pause)
+            said = running.stderr.read() if running.stderr else ""
         if running.returncode:
-            raise RuntimeError(running.stderr.read() if running.stderr else "")
+            raise RuntimeError(said)
         with av.open(str(folder / "out.mp4")) as container:
             stream = container.streams.video[0]
             times = sorted(
@@ -111,7 +117,9 @@ def main() -> None:
     frames, path = int(sys.argv[1]), Path(sys.argv[2])
     start = time.process_time()
     record = {"loop": loop(frames), "file": file(frames)}
-    path.write_text(json.dumps(record, indent=1) + "\n")
+    for run in record.values():
+        run["memory"] = thinned(run["memory"])
+    path.write_text(json.dumps(record) + "\n")
     print(f"{time.process_time() - start:.0f} s of processor time in the loop")
 
 
