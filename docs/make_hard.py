@@ -41,6 +41,9 @@ of `tests/hard` and writes this page; the same functions are the suite's tests, 
 where this page claims anything that it does not check. Light is scene-linear, a CoC a signed
 diameter in pixels, positive nearer than the focus. `draft`, `realtime`, `standard` and `lens` (the
 preset `reference`) are the rungs of quality.
+
+The long streams are not run anew by that: `python tests/hard/endurance/stream.py 100000
+docs/hard/endurance.json` runs and records them, in a quarter of an hour of processor time.
 """
 
 
