@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -15,6 +14,7 @@ from nlens_video.errors import LensFitError
 from nlens_video.frames import Float32
 
 Sign = Literal["resolved", "assumed", "ambiguous"]
+_LARGEST = 1e18  # of a number in a file: its square is still a float32
 MODEL = "coc_px = slope * disparity + intercept"
 LARGEST_COC_PX = 1e9
 """Where a CoC stops growing: larger than any frame, and its square is still a float32 [px]."""
@@ -143,7 +143,8 @@ class LensFit:
                 continue
             value = raw[name]
             number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not number or not abs(value) <= sys.float_info.max:
+            size = name.endswith("_stderr") or name == "rmse_px"
+            if not number or not abs(value) <= _LARGEST or (size and value < 0):
                 said = f"{value!r}"[:40]
                 raise LensFitError(f'{source}: "{name}" is {said}, expected a number')
             known[name] = kind(value)

@@ -168,6 +168,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
                 *source.info.notes,
                 *source.mishaps(),
                 *assembly.notes(),
+                *assembly.device.notes,
                 *ahead.notes,
                 *sink.notes,
                 *_missing(written, total),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from nlens_video.errors import UsageError
@@ -21,10 +21,12 @@ class Chosen:
     Attributes:
         name: `cpu` or `cuda`.
         reason: why, in words.
+        notes: what has happened there since, in words.
     """
 
     name: str
     reason: str
+    notes: list[str] = field(default_factory=list, compare=False)
 
     @property
     def spread(self) -> Spread | None:
@@ -33,7 +35,7 @@ class Chosen:
             return None
         from nlens_video.backends.scatter_torch import TorchSpread
 
-        return TorchSpread(self.name)
+        return TorchSpread(self.name, self.notes)
 
 
 def choose(device: Device) -> Chosen:

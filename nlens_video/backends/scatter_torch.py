@@ -9,7 +9,7 @@ On CUDA, sums of many ends come in no fixed order, so results may differ in thei
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -26,6 +26,7 @@ from nlens_video.kernels.levels import (
     Level,
     on_level,
 )
+from nlens_video.kernels.scatter import spread_levels
 from nlens_video.kernels.scatter_rows import BARREL_X, BARREL_Y
 from nlens_video.kernels.stamps import Discs
 
@@ -38,9 +39,11 @@ class TorchSpread:
 
     Attributes:
         device: torch's name of where, `cpu` or `cuda`.
+        notes: takes a word when its memory does not suffice; such pictures go to the CPU's kernel.
     """
 
     device: str
+    notes: list[str] = field(default_factory=list, compare=False)
 
     def __call__(
         self,
@@ -52,6 +55,20 @@ class TorchSpread:
         threads: int | None,
     ) -> Float32:
         """Sums (h, w, 5) of `target`; arguments as there, `columns` and `threads` not needed."""
+        try:
+            return self._sums(levels, target, discs, rim)
+        except torch.OutOfMemoryError:
+            if not self.notes:
+                self.notes.append("the GPU's memory does not suffice: the CPU blurs what it cannot")
+            return spread_levels(levels, target, discs, columns, rim, threads)
+
+    def _sums(
+        self,
+        levels: list[Level],
+        target: Box,
+        discs: Discs,
+        rim: float,
+    ) -> Float32:
         tables = _Tables(discs, rim, self.device)
         sums = torch.zeros((0, 0, 5), device=self.device)
         start = (0, 0)

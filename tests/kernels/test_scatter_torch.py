@@ -83,3 +83,22 @@ def test_without_torch_the_reason_names_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert device.choose("auto").name == "cpu" and "torch" in device.choose("auto").reason
     assert device.choose("cpu").reason == "as asked for"
+
+
+@pytest.mark.needs_torch
+def test_a_gpu_out_of_memory_leaves_its_pictures_to_the_cpu_with_a_word(monkeypatch):
+    """torch's own error is raised at the seam: no GPU is full here."""
+    import torch
+
+    from nlens_video.backends.scatter_torch import TorchSpread
+
+    def full(*given, **named):
+        raise torch.OutOfMemoryError("CUDA out of memory")
+
+    monkeypatch.setattr(torch, "zeros", full)
+    rgba, coc = layer(-9, 14, 20)
+    where = device.Chosen("cuda", "a test")
+    filled = TorchSpread("cpu", where.notes)
+    for _ in range(2):
+        np.testing.assert_array_equal(scatter(rgba, coc, spread=filled), scatter(rgba, coc))
+    assert where.notes == ["the GPU's memory does not suffice: the CPU blurs what it cannot"]

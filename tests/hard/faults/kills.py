@@ -90,16 +90,18 @@ class Executioner:
     Args:
         folder: of the shot.
         seed: of the moments.
+        more: options of every run.
     """
 
-    def __init__(self, folder: Path, seed: int) -> None:
+    def __init__(self, folder: Path, seed: int, *more: str) -> None:
         self._folder = folder
+        self._more = more
         self._out = folder / "out.mp4"
         self._random = random.Random(seed)
         self.tally = Tally()
-        finish(folder)  # what is compiled stays
+        finish(folder, *more)  # what is compiled stays
         began = time.monotonic()
-        finish(folder)
+        finish(folder, *more)
         self._takes_s = time.monotonic() - began
         self._whole = decoded(self._out)
         self._out.unlink()
@@ -139,12 +141,12 @@ class Executioner:
 
     def finish(self, *more: str) -> None:
         """A run in peace: it must clear what the killed ones have left beside its result."""
-        finish(self._folder, *more)
+        finish(self._folder, *self._more, *more)
         self._expect_whole()
         self._look(set())
 
     def _killed(self, *more: str) -> bool:
-        run = start(self._folder, *more)
+        run = start(self._folder, *self._more, *more)
         try:
             run.communicate(timeout=self._random.uniform(0.0, self._takes_s))
         except subprocess.TimeoutExpired:

@@ -6,12 +6,8 @@ from hard.faults.kills import Executioner, make_shot
 pytestmark = pytest.mark.needs_gl
 
 
-@pytest.fixture(scope="module")
-def executioner(tmp_path_factory):
-    return Executioner(make_shot(tmp_path_factory.mktemp("kills")), seed=3)
-
-
-def test_killed_runs_leave_no_result_and_a_temporary_that_plays(executioner):
+def test_killed_runs_leave_no_result_and_a_temporary_that_plays(tmp_path):
+    executioner = Executioner(make_shot(tmp_path / "shot"), 3)
     for _ in range(3):
         executioner.kill_keeping()
     executioner.finish()
@@ -19,7 +15,8 @@ def test_killed_runs_leave_no_result_and_a_temporary_that_plays(executioner):
     assert (tally.broken, tally.strange, tally.unplayable) == (0, [], 0)
 
 
-def test_killed_runs_are_gone_on_with_and_give_the_undisturbed_frames(executioner):
+def test_killed_runs_are_gone_on_with_and_give_the_undisturbed_frames(tmp_path):
+    executioner = Executioner(make_shot(tmp_path / "shot"), 4, "--codec", "ffv1")
     for _ in range(3):
         executioner.kill_resumable()
     executioner.finish("--resume")

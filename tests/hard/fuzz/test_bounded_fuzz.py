@@ -36,6 +36,7 @@ def _folder(kind):
     [
         {"slope": 10**400},
         {"width": 10**400},
+        {"intercept_stderr": -1e308},
         {"track": {"stretch": float("nan"), "cuts": [], "keys": []}},
         {"track": {"stretch": 3, "cuts": [9, 2], "keys": [{"index": 0, "shot": 0}]}},
         {"track": {"stretch": 3, "cuts": [], "keys": [{"index": float("inf"), "shot": 0}]}},

@@ -1,0 +1,177 @@
+"""What a run meets outside itself: full disks, folders that cannot be written to, odd names."""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import av
+import pytest
+import shots
+
+from nlens_video import model_store
+from nlens_video.cli import main
+from nlens_video.errors import NlensError, OutputError
+from nlens_video.farm.folder import alone_in, beside, remove
+from nlens_video.video.atomic import left_over, partial_name, sweep
+from nlens_video.video.sink import open_sink
+from nlens_video.video.source import open_source
+
+pytestmark = pytest.mark.needs_gl
+FULL = "File too large"
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_video(folder / "in.mp4", 30)
+    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5))
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+def words(shot, out, *more):
+    given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(out)]
+    return [*given, "--fit", str(shot / "fit.json"), "--preset", "realtime", "-q", *more]
+
+
+def run(command, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "nlens_video", *command], capture_output=True, text=True,
+        timeout=120, **options,
+    )  # fmt: skip
+
+
+def small_files():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+
+
+@pytest.mark.parametrize("more", [(), ("--keep-partial",), ("--resume",)])
+def test_a_disk_that_fills_up_midway_is_one_line_and_leaves_no_result(shot, tmp_path, more):
+    done = run(words(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more), preexec_fn=small_files)
+    assert done.returncode == 6, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "cannot be written" in done.stderr
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == ({"out.mp4.chunks"} if more == ("--resume",) else set())
+    if left:
+        assert "the same command goes on" in done.stderr
+        assert main(words(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more)) == 0
+        assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
+
+
+def test_a_full_disk_under_a_sequence_leaves_no_file_of_it(shot, tmp_path):
+    done = run(words(shot, tmp_path / "o_%03d.png"), preexec_fn=small_files)
+    assert (done.returncode, done.stderr.count("\n")) == (6, 1), done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("out", ["/proc/out.mp4", "/proc/o_%03d.png", "/proc/version/out.mp4"])
+def test_a_place_where_nobody_may_write_is_one_line(shot, out, capsys):
+    assert main(words(shot, out)) == 6
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and out in said
+
+
+@pytest.mark.parametrize("name", ["with space.mp4", "ünï-日本.mp4", "-dash.mp4", "a%b'c\".mp4"])
+def test_odd_names_are_read_and_written_and_nothing_beside_them(shot, tmp_path, name):
+    folder = tmp_path / "in put"
+    folder.mkdir()
+    shutil.copy(shot / "in.mp4", folder / name)
+    shutil.copy(shot / "anim.glb", folder / f"{name}.glb")
+    before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    given = [f"./{name}", f"./{name}.glb", f"../{name}", "--fit", str(shot / "fit.json")]
+    done = run([*given, "--preset", "realtime", "-q"], cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+    assert {path.name for path in tmp_path.iterdir()} == {"in put", name}
+
+
+def test_leading_dashes_go_behind_two(shot, tmp_path):
+    shutil.copy(shot / "in.mp4", tmp_path / "-in.mp4")
+    options = ["--fit", str(shot / "fit.json"), "--preset", "realtime", "-q"]
+    done = run([*options, "--", "-in.mp4", str(shot / "anim.glb"), "-out.mp4"], cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "-out.mp4").is_file()
+
+
+class Failing:
+    """An encoder that gives up at its third frame."""
+
+    def __init__(self, context):
+        self.context, self.calls = context, 0
+
+    def encode(self, frame=None):
+        self.calls += 1
+        if self.calls == 3:
+            raise av.UnknownError(1, "encoder failed")
+        return self.context.encode(frame)
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_an_encoder_that_fails_midway_is_one_error_and_leaves_no_result(shot, tmp_path, keep):
+    with (
+        pytest.raises(OutputError, match="cannot be written") as caught,
+        open_source(str(shot / "in.mp4")) as source,
+        open_sink(str(tmp_path / "out.mkv"), source.info, keep_partial=keep) as sink,
+    ):
+        sink._stream = Failing(sink._stream)
+        for frame in source:
+            sink.write(frame)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out.mkv").exists()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_model_that_is_damaged_or_absent_is_named_with_what_to_do(tmp_path):
+    shutil.copytree(model_store.models_folder(), tmp_path / "models")
+    path = model_store.find_model("coc", tmp_path / "models").path
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(NlensError, match="not the shipped weights; install"):
+        model_store.find_model("coc", tmp_path / "models")
+    path.unlink()
+    with pytest.raises(NlensError, match="cannot be read .*; install"):
+        model_store.find_model("coc", tmp_path / "models")
+
+
+def gone():
+    """A process number that nobody has any more."""
+    child = subprocess.Popen([sys.executable, "-c", ""])
+    child.wait()
+    return child.pid
+
+
+def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
+    out = tmp_path / "out[1].mp4"
+    mine = partial_name(out)
+    dead = Path(str(mine).replace(f"-{os.getpid()}", f"-{gone()}"))
+    elsewhere = tmp_path / f".out[1].partial-otherhost-{gone()}.mp4"
+    other = tmp_path / dead.name.replace("out[1]", "two")
+    for path in (mine, dead, elsewhere, other):
+        path.write_bytes(b"x")
+    assert left_over(out) == [dead]
+    (note,) = sweep(out)
+    assert dead.name in note
+    assert set(tmp_path.iterdir()) == {mine, elsewhere, other}
+
+
+def test_two_runs_do_not_share_chunks_and_foreign_files_stay(tmp_path):
+    folder = beside(tmp_path / "out.mp4")
+    with alone_in(folder), pytest.raises(OutputError, match="another run is at work"):
+        with alone_in(folder):
+            pass
+    (folder / ("0" * 16 + "-00000000-end.nut")).write_bytes(b"x")
+    (folder / "mine.txt").write_bytes(b"x")
+    remove(folder)
+    assert [path.name for path in folder.iterdir()] == ["mine.txt"]
+
+
+def test_what_a_single_run_tells_is_refused_with_resume(shot, tmp_path, capsys):
+    for more in (["--report", str(tmp_path / "r")], ["--range", "2:4"]):
+        assert main(words(shot, tmp_path / "out.mp4", "--resume", *more)) == 2
+        assert f"{more[0]}: chunks are made of all frames" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
