@@ -172,7 +172,7 @@ def _pairs(raw: object, source: str) -> tuple[tuple[float, float], ...]:
     """Pairs of disparity and share, as a file gives them."""
     try:
         values = np.array(raw, dtype=np.float64).reshape(-1, 2)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         values = np.full((1, 2), np.nan)
     disparity, share = values.T
     rising = bool((np.diff(disparity, prepend=0.0) > 0.0).all())

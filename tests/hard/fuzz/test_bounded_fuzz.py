@@ -37,6 +37,7 @@ def _folder(kind):
         {"slope": 10**400},
         {"width": 10**400},
         {"intercept_stderr": -1e308},
+        {"ground_seen": [[10**400, 1]]},
         {"track": {"stretch": float("nan"), "cuts": [], "keys": []}},
         {"track": {"stretch": 3, "cuts": [9, 2], "keys": [{"index": 0, "shot": 0}]}},
         {"track": {"stretch": 3, "cuts": [], "keys": [{"index": float("inf"), "shot": 0}]}},
