@@ -47,6 +47,9 @@ class Scene:
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
     _kept: dict[float, PosedScene] = field(init=False, default_factory=dict)
+    _resting: dict[tuple[int, int, str | None, float], Camera] = field(
+        init=False, default_factory=dict
+    )  # the last camera, kept where it does not move
 
     @classmethod
     def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
@@ -202,6 +205,9 @@ class Scene:
         Raises:
             SceneError: the file has no such camera, or its node has no extent.
         """
+        key = (width, height, name, pixel_aspect)
+        if not self._camera_motion.tracks and key in self._resting:
+            return self._resting[key]
         chosen = self._camera(name)
         aspect = width * pixel_aspect / height
         if chosen.aspect_ratio is not None and abs(chosen.aspect_ratio / aspect - 1.0) > 0.01:
@@ -217,7 +223,8 @@ class Scene:
             pose = rigid(self._hierarchy.world(moved)[chosen.node])
         except SceneError as error:
             raise SceneError(f"{self.path}: camera '{chosen.name}': {error}") from error
-        return Camera.from_yfov(pose, chosen.yfov, width, height, pixel_aspect)
+        self._resting = {key: Camera.from_yfov(pose, chosen.yfov, width, height, pixel_aspect)}
+        return self._resting[key]
 
     def _camera(self, name: str | None) -> Perspective:
         if not self._cameras:
