@@ -58,6 +58,7 @@ def run(files, out, *words):
 def test_every_frame_of_a_paced_source_comes_out_with_its_time_and_latency_is_told(files, tmp_path):
     timing, times = run(files, tmp_path / "out.mkv", "--preset", "draft")
     assert times == list(range(FRAMES)) and timing["dropped"] == 0
+    assert timing["node_median_ms"]["decode"] < 0.5 * 1000 / RATE  # waiting is no cost of a frame
     assert 0 < timing["latency_median_ms"] <= timing["latency_p95_ms"] * 1.02
 
 

@@ -133,12 +133,18 @@ class Profiler:
             self.add(index, node, 1e3 * (time.perf_counter() - start))
 
     @contextmanager
-    def clock(self) -> Iterator[Clock]:
-        """Time a body before it is known which frame it belongs to."""
+    def clock(self, *, waits: bool = False) -> Iterator[Clock]:
+        """Time a body before it is known which frame it belongs to.
+
+        Args:
+            waits: whether the body waits for something slower (a camera): only this thread's work
+                counts then.
+        """
+        read = time.thread_time if waits else time.perf_counter
         clock = Clock()
-        start = time.perf_counter()
+        start = read()
         yield clock
-        clock.elapsed_ms = 1e3 * (time.perf_counter() - start)
+        clock.elapsed_ms = 1e3 * (read() - start)
 
     def add(self, index: int, node: str, elapsed_ms: float) -> None:
         """Add a time measured elsewhere [ms]."""
