@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,9 +29,28 @@ def alone_in(folder: Path) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder, os.O_RDONLY)
+        handle = _locked(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _locked(folder: Path) -> int | None:
+    """What holds the folder's lock until it is closed; None on Windows, which has no such locks.
+
+    Raises:
+        OutputError: another run holds it.
+        OSError: the folder cannot be opened.
+    """
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
@@ -41,10 +60,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         ) from error
     except OSError:
         pass  # some network file systems have no locks: there, one run at a time is the user's care
-    try:
-        yield
-    finally:
-        os.close(handle)
+    return handle
 
 
 def remove(folder: Path) -> None:
