@@ -52,24 +52,24 @@ _EIGHT, _EIGHT_OF_ONE = ir.VectorType(_FLOAT, 8), ir.Constant(ir.VectorType(_INT
 _SCALE = ir.Constant(FLOATS, [1.0 / 65535.0] * 4)
 
 
-def _mix(builder: Any, one: Any, other: Any, part: Any) -> Any:  # noqa: ANN401
+def _mix(builder: Any, one: Any, other: Any, part: Any) -> Any:
     away = builder.fsub(other, one, flags=FUSED)
     return builder.fadd(one, builder.fmul(away, part, flags=FUSED), flags=FUSED)
 
 
 @instruction
-def _blend(_: Any, texels: Any, upper: Any, lower: Any, across: Any, down: Any) -> Generator:  # noqa: ANN401
+def _blend(_: Any, texels: Any, upper: Any, lower: Any, across: Any, down: Any) -> Generator:
     """Compile: mix texels `upper` and `lower` by `down`, and so the next ones; both by `across`."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, given[0]).data
 
-        def pair(index: Any) -> Any:  # noqa: ANN401
+        def pair(index: Any) -> Any:
             first = builder.gep(data, [builder.shl(index, index.type(2))])
             codes = builder.load(builder.bitcast(first, _PAIR.as_pointer()), align=2)
             return builder.uitofp(codes, _EIGHT)
 
-        def half(numbers: Any, first: int) -> Any:  # noqa: ANN401
+        def half(numbers: Any, first: int) -> Any:
             order = ir.Constant(ir.VectorType(_INT, 4), list(range(first, first + 4)))
             return builder.shuffle_vector(numbers, numbers, order)
 
@@ -83,10 +83,10 @@ def _blend(_: Any, texels: Any, upper: Any, lower: Any, across: Any, down: Any) 
 
 
 @instruction
-def _exponent(_: Any, value: Any) -> Generator:  # noqa: ANN401
+def _exponent(_: Any, value: Any) -> Generator:
     """Compile: the exponent of 2 of a positive float32, as one."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         bits = builder.lshr(builder.bitcast(given[0], _INT), _INT(_FRACTION_BITS))
         return builder.sitofp(builder.sub(bits, _INT(_BIAS)), _FLOAT)
 
@@ -94,10 +94,10 @@ def _exponent(_: Any, value: Any) -> Generator:  # noqa: ANN401
 
 
 @instruction
-def _fraction(_: Any, value: Any) -> Generator:  # noqa: ANN401
+def _fraction(_: Any, value: Any) -> Generator:
     """Compile: a positive float32 without its exponent, from 1 to below 2."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         bits = builder.and_(builder.bitcast(given[0], _INT), _INT((1 << _FRACTION_BITS) - 1))
         return builder.bitcast(builder.or_(bits, _INT(_BIAS << _FRACTION_BITS)), _FLOAT)
 
@@ -105,10 +105,10 @@ def _fraction(_: Any, value: Any) -> Generator:  # noqa: ANN401
 
 
 @instruction
-def _half_to(_: Any, power: Any) -> Generator:  # noqa: ANN401
+def _half_to(_: Any, power: Any) -> Generator:
     """Compile: a half to the power of a whole number, 0 to 126, that is given as a float32."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         exponent = builder.sub(_INT(_BIAS), builder.fptosi(given[0], _INT))
         return builder.bitcast(builder.shl(exponent, _INT(_FRACTION_BITS)), _FLOAT)
 

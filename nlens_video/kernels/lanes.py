@@ -35,7 +35,7 @@ _INT32 = ir.IntType(32)
 FUSED = ("contract",)  # a product and a sum may be rounded once in the place of twice
 
 
-def instruction(generator: Callable[..., Generator]) -> Any:  # noqa: ANN401
+def instruction(generator: Callable[..., Generator]) -> Any:
     """Make a generator of LLVM's code a function that kernels call; to a type checker, of anything.
 
     Args:
@@ -47,7 +47,7 @@ def instruction(generator: Callable[..., Generator]) -> Any:  # noqa: ANN401
 class _Lanes(types.Type):
     """The type of so many numbers, to numba."""
 
-    def __init__(self, name: str, kind: Any, count: int) -> None:  # noqa: ANN401
+    def __init__(self, name: str, kind: Any, count: int) -> None:
         self.count = count
         self.vector = ir.VectorType(kind, count)
         _initialise(self, name=name)
@@ -67,24 +67,24 @@ class _LanesModel(PrimitiveModel):
         _hold(self, manager, kind, kind.vector)
 
 
-def spread(builder: Any, value: Any, count: int = 4) -> Any:  # noqa: ANN401
+def spread(builder: Any, value: Any, count: int = 4) -> Any:
     """LLVM's code for a number in all of so many lanes."""
     empty = ir.Constant(ir.VectorType(ir.FloatType(), count), ir.Undefined)
     one = builder.insert_element(empty, value, _INT32(0))
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(_INT32, count), [0] * count))
 
 
-def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:  # noqa: ANN401
+def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
     """Address of the numbers of a contiguous array from the flat index `index` on."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
 @instruction
-def row(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
+def row(_: Any, values: Any, index: Any) -> Generator:
     """Compile: row `index` >= 0 of contiguous float32 values (n, 4)."""
 
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         first = builder.shl(given[1], given[1].type(2))
         at = _address(context, builder, signature.args[0], given[0], first, FLOATS)
         return builder.load(at, align=4)
@@ -92,11 +92,11 @@ def row(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
     return FLOAT4(values, types.intp), generate
 
 
-def _read(kind: _Lanes, name: str) -> Any:  # noqa: ANN401
+def _read(kind: _Lanes, name: str) -> Any:
     """Make what reads numbers of a contiguous float32 array from a flat index >= 0 on."""
 
-    def read(_: Any, values: Any, index: Any) -> Generator:  # noqa: ANN401
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+    def read(_: Any, values: Any, index: Any) -> Generator:
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             at = _address(context, builder, signature.args[0], given[0], given[1], kind.vector)
             return builder.load(at, align=4)
 
@@ -106,11 +106,11 @@ def _read(kind: _Lanes, name: str) -> Any:  # noqa: ANN401
     return instruction(read)
 
 
-def _write(kind: _Lanes, name: str) -> Any:  # noqa: ANN401
+def _write(kind: _Lanes, name: str) -> Any:
     """Make what writes numbers to a contiguous float32 array from a flat index >= 0 on."""
 
-    def write(_: Any, values: Any, index: Any, numbers: Any) -> Generator:  # noqa: ANN401
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ANN401
+    def write(_: Any, values: Any, index: Any, numbers: Any) -> Generator:
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             at = _address(context, builder, signature.args[0], given[0], given[1], kind.vector)
             builder.store(given[2], at, align=4)
             return context.get_dummy_value()
@@ -127,30 +127,30 @@ sixteen, put_sixteen = _read(FLOAT16, "sixteen"), _write(FLOAT16, "put_sixteen")
 
 
 @instruction
-def all_of(_: Any, value: Any) -> Generator:  # noqa: ANN401
+def all_of(_: Any, value: Any) -> Generator:
     """Compile: a number four times."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return spread(builder, given[0])
 
     return FLOAT4(types.float32), generate
 
 
 @instruction
-def all_sixteen(_: Any, value: Any) -> Generator:  # noqa: ANN401
+def all_sixteen(_: Any, value: Any) -> Generator:
     """Compile: a number sixteen times."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return spread(builder, given[0], FLOAT16.count)
 
     return FLOAT16(types.float32), generate
 
 
 @instruction
-def four(_: Any, a: Any, b: Any, c: Any, d: Any) -> Generator:  # noqa: ANN401
+def four(_: Any, a: Any, b: Any, c: Any, d: Any) -> Generator:
     """Compile: four numbers as one value."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         made = ir.Constant(FLOATS, ir.Undefined)
         for at, value in enumerate(given):
             made = builder.insert_element(made, value, _INT32(at))
@@ -160,20 +160,20 @@ def four(_: Any, a: Any, b: Any, c: Any, d: Any) -> Generator:  # noqa: ANN401
 
 
 @instruction
-def lane(_: Any, numbers: Any, index: Any) -> Generator:  # noqa: ANN401
+def lane(_: Any, numbers: Any, index: Any) -> Generator:
     """Compile: one of the numbers."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return builder.extract_element(given[0], builder.trunc(given[1], _INT32))
 
     return types.float32(numbers, types.intp), generate
 
 
 @instruction
-def lower(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
+def lower(_: Any, numbers: Any) -> Generator:
     """Compile: the first four of eight."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         order = ir.Constant(ir.VectorType(_INT32, 4), [0, 1, 2, 3])
         return builder.shuffle_vector(given[0], given[0], order)
 
@@ -181,30 +181,30 @@ def lower(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
 
 
 @instruction
-def widened(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
+def widened(_: Any, numbers: Any) -> Generator:
     """Compile: eight numbers as float64."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return builder.fpext(given[0], DOUBLE8.vector)
 
     return DOUBLE8(FLOAT8), generate
 
 
 @instruction
-def narrowed(_: Any, numbers: Any) -> Generator:  # noqa: ANN401
+def narrowed(_: Any, numbers: Any) -> Generator:
     """Compile: eight float64 numbers as float32."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return builder.fptrunc(given[0], FLOAT8.vector)
 
     return FLOAT8(DOUBLE8), generate
 
 
 @instruction
-def chosen(_: Any, one: Any, other: Any, if_greater: Any, if_not: Any) -> Generator:  # noqa: ANN401
+def chosen(_: Any, one: Any, other: Any, if_greater: Any, if_not: Any) -> Generator:
     """Compile: lane by lane, `if_greater` where `one` > `other`, else `if_not`."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", given[0], given[1]), given[2], given[3])
 
     return one(one, other, if_greater, if_not), generate
@@ -219,7 +219,7 @@ class _Arithmetic(ConcreteTemplate):
 def _define(symbol: object, name: str) -> None:
     """Compile an operator between such values as an instruction of LLVM's."""
 
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:  # noqa: ANN401
+    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
         return getattr(builder, name)(*given, flags=FUSED)
 
     _register(symbol)(_Arithmetic)
