@@ -29,7 +29,7 @@ def answer() -> None:
         def plate_or_command(**about: str) -> Iterable[str]:
             return [*arguments.COMMANDS, *files(**about)]
 
-        # argcomplete's own way of naming a completer
+        # argcomplete looks for this attribute, which argparse's actions do not declare
         first.completer = plate_or_command  # type: ignore[attr-defined]
     else:
         parser = argparse.ArgumentParser("nlens-video")

@@ -201,6 +201,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
         ) from error
     try:
         if cluster.address and cluster.workers is None:
+            # Ray leaves this function without types
             found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
             workers = max(1, int(found.get("CPU", _CPUS)) // _CPUS)
         yield workers

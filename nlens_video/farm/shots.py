@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import UsageError
@@ -58,7 +58,7 @@ class Task:
     done: Callable[[Any], None] = lambda answer: None
 
 
-Plan = Generator[list[Task], list[Any], Merged]
+Plan = Generator[list[Task], list[object], Merged]
 """Gives tasks that may run at the same time, takes their answers, and ends with the result."""
 
 
@@ -92,23 +92,23 @@ def plan(shot: Shot, progress: Progress) -> Plan:
         progress: told of what is done.
     """
     name = shot.settings.source.spec
-    (answer,) = yield [
+    (counted,) = yield [
         Task(f"the fit of {name}", prepare, (shot.settings, shot.folder, shot.chunk_s))
     ]
-    prepared: Prepared = answer
+    prepared = cast("Prepared", counted)
     missing = [m for m in prepared.marks if not is_there(shot.folder / m.file_name, m)]
     frames = {mark: length_of(mark, prepared.frames) for mark in prepared.marks}
     progress.counted(prepared.frames, prepared.frames - sum(frames[mark] for mark in missing))
     if len(prepared.marks) == 1 and missing:
-        (merged,) = yield [_whole(prepared, progress)]
-        return merged  # type: ignore[no-any-return]  # answers have no type of their own
+        (whole,) = yield [_whole(prepared, progress)]
+        return cast("Merged", whole)
     if missing:
         yield [_chunk(prepared, mark, shot.folder, frames[mark], progress) for mark in missing]
     files = [shot.folder / mark.file_name for mark in prepared.marks]
     (merged,) = yield [
         Task(f"the merge of {name}", merge, (shot.settings.source, files, shot.settings.output))
     ]
-    return merged  # type: ignore[no-any-return]  # answers have no type of their own
+    return cast("Merged", merged)
 
 
 def _whole(prepared: Prepared, progress: Progress) -> Task:

@@ -80,7 +80,8 @@ def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN
     plane[y, x] = value
 
 
-# numba infers its types, and a kernel called per sample is one long function
+# numba infers the types of its arguments; one function, because an array handed from kernel to
+# kernel for each pixel is counted each time, which takes longer than blending it
 def _over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
     """`blend_ref.over`; `before` holds first component and alpha of the box as they were."""
     first, second, third = planes

@@ -55,16 +55,15 @@ def test_it_goes_no_lower_than_the_last_rung_and_skips_none():
 
 def test_it_comes_back_up_only_after_a_long_comfortable_time():
     controller = control()
-    load = lambda frame: 2.0 if 50 <= frame < 100 else 0.8  # noqa: E731
-    _, rungs = drive(controller, load, 400)
+    _, rungs = drive(controller, lambda frame: 2.0 if 50 <= frame < 100 else 0.8, 400)
     assert [step.rung for step in controller.steps] == ["realtime", "standard"]
     assert rungs.index("standard", 100) - 100 >= 75 - 8
 
 
 def test_without_headroom_for_the_rung_above_it_stays_down():
     controller = control()
-    load = lambda frame: 2.0 if frame < 40 else 1.1  # noqa: E731  standard would need 110 of 120
-    drive(controller, load, 800)
+    # standard would need 110 of 120 ms
+    drive(controller, lambda frame: 2.0 if frame < 40 else 1.1, 800)
     assert [step.rung for step in controller.steps] == ["realtime"]
 
 
