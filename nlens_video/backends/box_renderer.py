@@ -65,6 +65,7 @@ class BoxRenderer(ABC):
     Attributes:
         name: what draws, in words.
         reason: why it was chosen, in words; empty where nobody chose.
+        notes: what has happened since that a person should know, in words.
     """
 
     name: str
@@ -75,6 +76,7 @@ class BoxRenderer(ABC):
         self._light = light or SceneLight(scene.light_count)
         self._posed: PosedScene | None = None
         self._drawn: _Drawn | None = None
+        self.notes: list[str] = []
         self._drawn_last = False  # whether nothing was drawn after `_drawn`
         self._closed = False
 

@@ -29,6 +29,61 @@ from nlens_video.scene.scene_light import SceneLight
 _BANDS = 3  # for each thread: some rows take longer than others
 
 
+class Rasteriser:
+    """A `Drawer` on the processor.
+
+    Args:
+        threads: how many threads share the rows at most; default: one a processor. The picture
+            does not depend on it.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self._threads = threads
+        self._object: SoftObject | None = None
+
+    def draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+        """The picture; see `Drawer`."""
+        picture = SoftPicture.of(self.moved(posed), sight, lighting)
+        self._run(picture, *picture.steps)
+        return picture.rgba, picture.depth
+
+    def draw_behind(
+        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+    ) -> BehindPicture | None:
+        """What it hides; see `Drawer`."""
+        hidden = SoftPicture.of(self.moved(posed), sight, lighting, behind=True)
+        self._run(hidden, partial(hidden.see_behind, front.most_disparity()))
+        if not hidden.shows_anything:
+            return None
+        self._run(hidden, hidden.light, hidden.measure)
+        # The picture before is drawn once more: samples take more memory than they take time.
+        before = SoftPicture.of(self.moved(posed), sight, lighting)
+        blend = (before.blend,) if len(before.blended) else ()
+        self._run(before, before.see, *blend)
+        before.keep_nearest(front.disparity_step)
+        self._run(before, *blend, before.light)
+        return BehindPicture(rgba=hidden.rgba, depth=hidden.depth, front_rgba=before.rgba)
+
+    def moved(self, posed: PosedScene) -> SoftObject:
+        """The object as it is drawn, at another moment."""
+        if self._object is None:
+            self._object = SoftObject(posed)
+        self._object.move(posed)
+        return self._object
+
+    def _run(self, picture: SoftPicture, *steps: Callable[[Rows], None]) -> None:
+        count = self._threads or processors()
+        height = len(picture.rgba)
+        edges = np.linspace(0, height, min(height, _BANDS * count) + 1).astype(int).tolist()
+        bands = list(zip(edges[:-1], edges[1:], strict=True))
+        for step in steps:
+            share(step, bands, count)
+
+    def close(self) -> None:
+        """Free what it holds; may be called again."""
+        self._object = None
+
+
 class SoftwareObjectRenderer(BoxRenderer):
     """Renders a scene's object on the box of the frame that it covers, on the processor.
 
@@ -46,7 +101,7 @@ class SoftwareObjectRenderer(BoxRenderer):
     ) -> None:
         super().__init__(scene, light)
         self._threads = threads
-        self._object: SoftObject | None = None
+        self._drawer = Rasteriser(threads)
 
     def render_views(
         self,
@@ -73,7 +128,7 @@ class SoftwareObjectRenderer(BoxRenderer):
             As `render`, and what `use` raises.
         """
         posed, lighting = self._moment(time_s)
-        shown = self._moved(posed)
+        shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:
             sight = sight_of(posed, cameras[at], margin, nearest=nearest)
@@ -88,44 +143,17 @@ class SoftwareObjectRenderer(BoxRenderer):
         share(draw, range(len(cameras)), self._threads)
 
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
-        picture = SoftPicture.of(self._moved(posed), sight, lighting)
-        self._run(picture, *picture.steps)
-        return picture.rgba, picture.depth
+        return self._drawer.draw(posed, sight, lighting)
 
     def _draw_behind(
         self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
-        hidden = SoftPicture.of(self._moved(posed), sight, lighting, behind=True)
-        self._run(hidden, partial(hidden.see_behind, front.most_disparity()))
-        if not hidden.shows_anything:
-            return None
-        self._run(hidden, hidden.light, hidden.measure)
-        # The picture before is drawn once more: samples take more memory than they take time.
-        before = SoftPicture.of(self._moved(posed), sight, lighting)
-        blend = (before.blend,) if len(before.blended) else ()
-        self._run(before, before.see, *blend)
-        before.keep_nearest(front.disparity_step)
-        self._run(before, *blend, before.light)
-        return BehindPicture(rgba=hidden.rgba, depth=hidden.depth, front_rgba=before.rgba)
-
-    def _moved(self, posed: PosedScene) -> SoftObject:
-        if self._object is None:
-            self._object = SoftObject(posed)
-        self._object.move(posed)
-        return self._object
-
-    def _run(self, picture: SoftPicture, *steps: Callable[[Rows], None]) -> None:
-        count = self._threads or processors()
-        height = len(picture.rgba)
-        edges = np.linspace(0, height, min(height, _BANDS * count) + 1).astype(int).tolist()
-        bands = list(zip(edges[:-1], edges[1:], strict=True))
-        for step in steps:
-            share(step, bands, count)
+        return self._drawer.draw_behind(posed, sight, lighting, front)
 
     def close(self) -> None:
         """Free what it holds; may be called again."""
         super().close()
-        self._object = None
+        self._drawer.close()
 
 
 def make_ready() -> None:

@@ -249,7 +249,7 @@ def _object_source(
     return (
         RenderedObject(scene, renderer, view, objects.footprint),
         lambda: renderer,
-        lambda: (renderer.light_note,),
+        lambda: (renderer.light_note, *renderer.notes),
     )
 
 
