@@ -94,7 +94,7 @@ def test_stages_do_not_import_graph_or_backends():
 @pytest.mark.parametrize(
     ("library", "files"),
     [
-        ("onnxruntime", {"backends/coc_onnx.py", "backends/onnx_session.py"}),
+        ("onnxruntime", {"backends/onnx_session.py"}),
         ("torch", {"backends/device.py", "backends/scatter_torch.py"}),
     ],
 )

@@ -6,9 +6,9 @@ from pathlib import Path
 from types import TracebackType
 
 import numpy as np
-import onnxruntime
 
-from nlens_video.backends.onnx_session import open_session
+from nlens_video.backends.device import CPU, Chosen
+from nlens_video.backends.onnx_session import Session
 from nlens_video.frames import CocMap, CocPrior, Float32
 
 THREADS = 2
@@ -26,17 +26,17 @@ class OnnxCocNetwork:
     Args:
         path: the ONNX file; input `rgb` (1, H, W, 3), outputs `coc_px`, `sigma_px` (1, h, w).
         threads: threads that one estimate runs on.
-        cuda: run it on CUDA, where ONNX Runtime can.
+        device: where it runs; see `Session`.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
-    def __init__(self, path: Path, threads: int = THREADS, *, cuda: bool = False) -> None:
-        session = open_session(
-            path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py", cuda=cuda
+    def __init__(self, path: Path, threads: int = THREADS, device: Chosen = CPU) -> None:
+        session = Session(
+            path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py", device=device
         )
-        self._session: onnxruntime.InferenceSession | None = session
+        self._session: Session | None = session
         self._prior = _prior(session)
 
     @property
@@ -55,7 +55,7 @@ class OnnxCocNetwork:
         if rgb.shape[0] % self.stride or rgb.shape[1] % self.stride:
             raise ValueError(f"{rgb.shape = } must be multiples of {self.stride}")
         batch = np.ascontiguousarray(rgb, dtype=np.float32)[None]
-        coc, sigma = self._session.run(list(OUTPUTS), {INPUT: batch})
+        coc, sigma = self._session.run({INPUT: batch})
         return CocMap(coc_px=coc[0], sigma_px=sigma[0], prior=self._prior)
 
     def close(self) -> None:
@@ -74,9 +74,9 @@ class OnnxCocNetwork:
         self.close()
 
 
-def _prior(session: onnxruntime.InferenceSession) -> CocPrior | None:
+def _prior(session: Session) -> CocPrior | None:
     """What the network was trained on, if its file says so."""
-    text = session.get_modelmeta().custom_metadata_map.get(PRIOR)
+    text = session.metadata.get(PRIOR)
     if text is None:
         return None
     mean, deviation = (float(word) for word in text.split())

@@ -38,6 +38,9 @@ class Chosen:
         return TorchSpread(self.name, self.notes)
 
 
+CPU = Chosen("cpu", "nothing else was asked for")
+
+
 def choose(device: Device) -> Chosen:
     """Choose where networks and kernels run.
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video.backends.onnx_session import open_session
+from nlens_video.backends.device import CPU, Chosen
+from nlens_video.backends.onnx_session import Session
 from nlens_video.frames import Float32
 from nlens_video.stages.l_repair import CELL
 from nlens_video.stages.ordered import CHANNELS
@@ -24,20 +25,20 @@ class OnnxRepairNetwork:
     Args:
         path: the ONNX file; input `geometry` (1, h, w, CHANNELS), output `judgement` (1, h, w, 2).
         threads: threads that one call runs on.
-        cuda: run it on CUDA, where ONNX Runtime can.
+        device: where it runs; see `Session`.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
-    def __init__(self, path: Path, threads: int = THREADS, *, cuda: bool = False) -> None:
-        self._session = open_session(
+    def __init__(self, path: Path, threads: int = THREADS, device: Chosen = CPU) -> None:
+        self._session = Session(
             path,
             (INPUT,),
             (OUTPUT,),
             threads=threads,
             made_by="models/reblur/export.py",
-            cuda=cuda,
+            device=device,
         )
 
     def __call__(self, geometry: Float32) -> Float32:
@@ -50,5 +51,5 @@ class OnnxRepairNetwork:
         if height % CELL or width % CELL or channels != CHANNELS:
             raise ValueError(f"{geometry.shape = } must be multiples of {CELL} by {CHANNELS} maps")
         batch = np.ascontiguousarray(geometry, dtype=np.float32)[None]
-        (judgement,) = self._session.run([OUTPUT], {INPUT: batch})
+        (judgement,) = self._session.run({INPUT: batch})
         return np.asarray(judgement[0], dtype=np.float32)

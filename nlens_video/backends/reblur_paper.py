@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nlens_video.backends.onnx_session import open_session
+from nlens_video.backends.onnx_session import Session
 from nlens_video.frames import Float32
 
 THREADS = 2
@@ -37,10 +37,10 @@ class OnnxPaperNetworks:
     """
 
     def __init__(self, arnet: Path, iunet: Path, threads: int = THREADS) -> None:
-        self._arnet = open_session(
+        self._arnet = Session(
             arnet, ("code", "defocus"), ("rendered",), threads=threads, made_by=_MADE_BY
         )
-        self._iunet = open_session(
+        self._iunet = Session(
             iunet, ("code", "defocus", "coarse"), ("refined",), threads=threads, made_by=_MADE_BY
         )
 
@@ -51,7 +51,7 @@ class OnnxPaperNetworks:
         out = np.empty((*defocus.shape, 4), dtype=np.float32)
         for taken, kept, target in _strips(defocus.shape[0]):
             feed = {"code": code[None, taken], "defocus": defocus[None, taken, :, None]}
-            out[target] = self._arnet.run(["rendered"], feed)[0][0, kept]
+            out[target] = self._arnet.run(feed)[0][0, kept]
         return out[:height, :width, :3], out[:height, :width, 3]
 
     def refine(self, code: Float32, defocus: Float32, coarse: Float32) -> Float32:
@@ -69,7 +69,7 @@ class OnnxPaperNetworks:
                 "defocus": defocus[None, taken, :, None],
                 "coarse": coarse[None, taken.start // 2 : taken.stop // 2],
             }
-            out[target] = self._iunet.run(["refined"], feed)[0][0, kept]
+            out[target] = self._iunet.run(feed)[0][0, kept]
         return out[:height, :width]
 
 

@@ -261,7 +261,7 @@ def _repair(pixel_aspect: float, device: Chosen) -> ReblurNetwork:
         from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
         from nlens_video.model_store import find_model
 
-        return OnnxRepairNetwork(find_model("reblur").path, cuda=device.name == "cuda")
+        return OnnxRepairNetwork(find_model("reblur").path, device=device)
 
     def repair(defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
         nonlocal repairing
@@ -293,7 +293,7 @@ def _load_estimator(
         nonlocal estimator
         if estimator is None:  # loading takes as long as a few frames: only when it is needed
             estimator = EstimateCoc(
-                OnnxCocNetwork(find_model("coc").path, cuda=device.name == "cuda"), pixel_aspect
+                OnnxCocNetwork(find_model("coc").path, device=device), pixel_aspect
             )
         return estimator(picture, following)
 
