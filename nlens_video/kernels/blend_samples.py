@@ -43,7 +43,7 @@ class Axis:
     weights: tuple[float, ...] = (1.0,)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Coding:
     """How codes stand for light.
 
@@ -158,6 +158,7 @@ def _curve_tables(name: str) -> tuple[Float32, Float32]:
     return linear, coded
 
 
+@lru_cache(maxsize=64)
 def tables(coding: Coding) -> Tables:
     """Tables and matrices in the form that the fast kernels take."""
     to_linear, to_coded = _curve_tables(coding.tags.transfer)

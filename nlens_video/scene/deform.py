@@ -18,6 +18,8 @@ from nlens_video.scene.posed import PosedMesh
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+_CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower end of an axis
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skin:
@@ -135,8 +137,7 @@ class Instance:
         amounts = np.array(self.weights) if weights is None else weights
         boxes = self._boxes + self._morph_reach(amounts)
         carriers = world[self.node][None] if self.skin is None else self.skin.matrices(world)
-        places = np.indices((2, 2, 2)).reshape(3, 8).T
-        corners = boxes[:, places, np.arange(3)]
+        corners = boxes[:, _CORNERS, np.arange(3)]
         carried = np.einsum("jik,jck->jci", carriers[:, :3, :3], corners)
         carried += carriers[:, None, :3, 3]
         return np.asarray(carried[np.isfinite(boxes).all(axis=(1, 2))].reshape(-1, 3))

@@ -22,10 +22,11 @@ from nlens_video.scene.mesh import Mesh, read_meshes
 from nlens_video.scene.nodes import Hierarchy, read_hierarchy
 from nlens_video.scene.perspective import Perspective, read_cameras, rigid
 from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.recent import Recent
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
-_MOMENTS_KEPT = 4  # the frame's own, and the shutter opening and closing
+_Moved = tuple[Float64, dict[int, Float64]]  # world matrices of nodes; animated morph weights
 
 
 @dataclass(slots=True)
@@ -46,7 +47,8 @@ class Scene:
     _lights: tuple[tuple[int, Light], ...]
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
-    _kept: dict[float, PosedScene] = field(init=False, default_factory=dict)
+    _moved: Recent[_Moved] = field(init=False, default_factory=Recent)
+    _posed: Recent[PosedScene] = field(init=False, default_factory=Recent)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
     )  # the last camera, kept where it does not move
@@ -150,7 +152,7 @@ class Scene:
 
         Unless it `morphs`, a vertex is the same mean of them at all moments.
         """
-        world, weights = self._moved(time_s)
+        world, weights = self._moved.at(time_s, self._move)
         return np.concatenate([i.hull(world, weights.get(i.node)) for i in self._instances])
 
     @property
@@ -158,8 +160,7 @@ class Scene:
         """Whether morph weights are animated."""
         return bool(self._animation.weights(0.0))
 
-    def _moved(self, time_s: float) -> tuple[Float64, dict[int, Float64]]:
-        """World matrices of all nodes, and animated morph weights, at a moment of the plate."""
+    def _move(self, time_s: float) -> _Moved:
         moment = self._playback.moment(time_s, self._animation.duration_s)
         world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
         return world, self._animation.weights(moment)
@@ -167,19 +168,15 @@ class Scene:
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a moment of the plate [s].
 
-        Before the first key of an animation they rest, and after its last unless it loops. The
-        last few moments are kept: several stages ask for them.
+        Before the first key of an animation they rest, and after its last unless it loops.
         """
-        if (known := self._kept.get(time_s)) is not None:
-            return known
-        world, weights = self._moved(time_s)
+        return self._posed.at(time_s, self._pose)
+
+    def _pose(self, time_s: float) -> PosedScene:
+        world, weights = self._moved.at(time_s, self._move)
         meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
-        posed = PosedScene(time_s, meshes, lights)
-        if len(self._kept) >= _MOMENTS_KEPT:
-            self._kept.pop(next(iter(self._kept)), None)
-        self._kept[time_s] = posed
-        return posed
+        return PosedScene(time_s, meshes, lights)
 
     def camera(
         self,

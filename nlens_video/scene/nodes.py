@@ -86,10 +86,10 @@ class Hierarchy:
         """
         world = compose(pose)
         world[self.has_matrix] = self.matrices[self.has_matrix]
+        with np.errstate(over="ignore", invalid="ignore"):  # looked for once, at the end
+            for nodes, parents in self.levels:
+                world[nodes] = world[parents] @ world[nodes]
         check_range(world, "a node's place or scale")
-        for nodes, parents in self.levels:
-            world[nodes] = world[parents] @ world[nodes]
-            check_range(world[nodes], "a node's place or scale")
         return world
 
 

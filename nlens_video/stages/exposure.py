@@ -61,9 +61,7 @@ class MeasureExposure:
 
     def __call__(self, picture: Picture) -> Exposure:
         """Measure one frame."""
-        light = picture.reduced(*_SIZE)
-        stops = np.log2(np.maximum(light, np.float32(1e-6)))
-        stops[((light < _DARKEST) | (light > _BRIGHTEST)).any(axis=2)] = np.nan
+        stops = _stops(picture.reduced(*_SIZE))
         if self._anchor is None or self._last is None:
             seen = _Seen(stops, np.zeros(3))
             self._anchor = seen
@@ -90,6 +88,15 @@ def follow(layer: BlurredLayer, exposure: Exposure) -> BlurredLayer:
         return layer
     gains = np.array([*exposure.gains, 1.0], np.float32)
     return BlurredLayer(box=layer.box, rgba=layer.rgba * gains)
+
+
+def _stops(light: Float32) -> Float32:
+    """Logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
+    stops = np.log2(np.maximum(light, np.float32(1e-6)))
+    red, green, blue = cv2.split(light)
+    least, most = cv2.min(cv2.min(red, green), blue), cv2.max(cv2.max(red, green), blue)
+    stops[(least < _DARKEST) | (most > _BRIGHTEST)] = np.nan
+    return stops
 
 
 def _followed(change: Float64) -> tuple[float, float, float]:
