@@ -27,6 +27,7 @@ _WINDOW = 12  # side of a window [px of the work size]
 _ROUNDS = 4
 _SMOOTHING_PX = 1.0
 _LEAST_CONTRAST = 0.02  # deviation of green in a window that tells a displacement
+_TRUSTED = 0.75  # quantile of what windows leave unexplained that is the least for each
 _MS_PER_MEGAPIXEL = 30.0
 
 
@@ -71,11 +72,22 @@ def _reduced(rgb: Float32, step: int) -> Float32:
 
 
 def _displacement(green: Float32, other: Float32) -> RadialFit:
-    """How a channel is displaced against green, in px of the pictures (H, W)."""
+    """How a channel is displaced against green, in px of the pictures (H, W).
+
+    A codec that drops a window's faint chroma leaves a picture that green explains without any
+    displacement, and so seemingly well. Windows that count by what they leave unexplained pull
+    the strength to zero then; windows that count nearly alike let coloured edges in. So the former
+    decide, the latter must agree, and give the strength.
+    """
+    strict = _fitted(green, other, alike_trusted=False)
+    return _fitted(green, other, alike_trusted=True) if strict.consistent else strict
+
+
+def _fitted(green: Float32, other: Float32, *, alike_trusted: bool) -> RadialFit:
     fit = RadialFit()
     for _ in range(_ROUNDS):
         moved = _moved_back(other, fit)
-        windows = _windows(green, moved)
+        windows = _windows(green, moved, alike_trusted=alike_trusted)
         more = fit_radial(windows)
         fit = more.after(fit)
     return fit
@@ -105,8 +117,11 @@ def _places(shape: tuple[int, ...]) -> tuple[Float64, Float64, Float64, float]:
     return x, y, np.hypot(x, y), half
 
 
-def _windows(green: Float32, other: Float32) -> Windows:
-    """Displacement of a channel in each window that tells one."""
+def _windows(green: Float32, other: Float32, *, alike_trusted: bool) -> Windows:
+    """Displacement of a channel in each window that tells one.
+
+    With `alike_trusted` none counts for more than those that leave more unexplained than most.
+    """
     x, y, _, _ = _places(green.shape)
     gradient_x = cv2.Sobel(green, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     gradient_y = cv2.Sobel(green, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
@@ -126,8 +141,11 @@ def _windows(green: Float32, other: Float32) -> Windows:
     slope = solution[:, 0]
     alike = slope * deviation[seen] > 2.0 * residual.std(axis=1)
     safe = np.where(slope > 0.1, slope, 1.0)
+    left = residual.var(axis=1)
+    if alike_trusted and len(left):
+        left = np.maximum(left, np.quantile(left, _TRUSTED))
     # neighbours share their noise through the smoothing: a window tells a fifth as much
-    variance = 5.0 * residual.var(axis=1) + 1e-7
+    variance = 5.0 * left + 1e-7
     spread = variance[:, None, None] * np.linalg.inv(normal)[:, 2:, 2:] / safe[:, None, None] ** 2
     good = alike & (slope > 0.1)
     middle_x = x[0, _WINDOW // 2 :: _WINDOW][:width]
