@@ -57,7 +57,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video merge OUT CHUNK... --from IN   join what --as-chunk has rendered
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video check OUT --against IN  is a result steady, its plate untouched; 1 where it is not
-  nlens-video evaluate coc|composite FOLDER   accuracy on rendered ground truth
+  nlens-video evaluate coc|composite|scene|sequences FOLDER   against rendered ground truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video study make|analyse      the paper's user study: its page, and its answers
   nlens-video doctor                  what works on this machine, and what to install

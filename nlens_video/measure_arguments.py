@@ -14,8 +14,9 @@ def evaluate_parser() -> Parser:
     parser = base_parser("nlens-video evaluate", about)
     parser.add_argument(
         "what",
-        choices=("coc", "composite", "scene"),
-        help="the plate's CoC and the lens fit; composites; the drawn object and its shadow",
+        choices=("coc", "composite", "scene", "sequences"),
+        help="the plate's CoC and the lens fit; composites; the drawn object and its shadow; "
+        "clips by the lens found against the true one",
     )
     parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
     parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")

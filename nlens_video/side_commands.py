@@ -21,6 +21,8 @@ def _evaluate(words: argparse.Namespace) -> int:
         from nlens_video.evaluate.composite import evaluate_composite as evaluate
     elif words.what == "scene":
         from nlens_video.evaluate.scene import evaluate_scene as evaluate
+    elif words.what == "sequences":
+        from nlens_video.evaluate.sequences import evaluate_sequences as evaluate
     else:
         from nlens_video.evaluate.coc import evaluate_coc as evaluate
     return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)

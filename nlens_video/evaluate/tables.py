@@ -22,13 +22,14 @@ class Column:
         key: of the figure.
         heading: with the unit.
         digits: after the point.
-        over: how the plates' figures become one.
+        over: how the plates' figures become one: `worst` is the largest whatever its sign, `most`
+            the largest.
     """
 
     key: str
     heading: str
     digits: int = 2
-    over: Literal["mean", "worst", "median", "count"] = "mean"
+    over: Literal["mean", "worst", "most", "median", "count"] = "mean"
 
     def value(self, figures: Sequence[float]) -> float:
         """The plates' figures as one; nan where there is none."""
@@ -37,7 +38,7 @@ class Column:
             return float(len(known))
         if not known:
             return math.nan
-        if self.over == "worst":
+        if self.over in ("worst", "most"):
             return max(known)
         return float(np.median(known) if self.over == "median" else np.mean(known))
 
