@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video import arguments, completion, interrupts
 from nlens_video.errors import NlensError, ReaderGone
+from nlens_video.overwriting import refuse_overwriting
 from nlens_video.side_commands import SIDE_COMMANDS
 
 if TYPE_CHECKING:
@@ -115,6 +116,7 @@ def _run(argv: list[str]) -> int:
 def _composite(words: argparse.Namespace, voice: Voice) -> int:
     """The commands that take a plate and an object."""
     run = arguments.settings(words)
+    refuse_overwriting(run)
     if getattr(words, "plan", False):
         from nlens_video.run import plan
 

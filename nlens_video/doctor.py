@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 
 from nlens_video import __version__
 from nlens_video.errors import NlensError
+from nlens_video.standard_output import print_out
 
 _LIBRARIES = (
     "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "numba", "pyrender2",
@@ -48,7 +49,7 @@ def examine(*, as_json: bool) -> int:
     ):
         findings.append(_tried(what, attempt))
     if as_json:
-        sys.stdout.write(json.dumps([asdict(finding) for finding in findings], indent=2) + "\n")
+        print_out(json.dumps([asdict(finding) for finding in findings], indent=2) + "\n")
     else:
         _show(findings)
     return 1 if any(finding.works is False for finding in findings) else 0
@@ -139,4 +140,7 @@ def _show(findings: list[Finding]) -> None:
     table = Table(box=None, show_header=False, pad_edge=False)
     for finding in findings:
         table.add_row(finding.what, marks[finding.works], finding.detail)
-    Console().print(table)
+    console = Console()
+    with console.capture() as drawn:
+        console.print(table)
+    print_out(drawn.get())

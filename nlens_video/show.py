@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from nlens_video.errors import NlensError, ReaderGone
+from nlens_video.errors import NlensError
+from nlens_video.standard_output import print_out
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,8 +71,7 @@ class Voice:
         if self._json:
             self._emit({"plan": list(lines)})
         else:
-            for line in lines:
-                print(line, file=self._results)
+            print_out("".join(f"{line}\n" for line in lines), self._results)
 
     def fit(self, outcome: FitOutcome) -> None:
         """Show a fit that was saved."""
@@ -168,10 +168,7 @@ class Voice:
         self._console.print(f"{label:7}{text}", markup=False, soft_wrap=True)
 
     def _emit(self, value: object) -> None:
-        try:
-            print(json.dumps(value, indent=2), file=self._results, flush=True)
-        except BrokenPipeError as error:
-            raise ReaderGone("standard output: nobody reads it any more") from error
+        print_out(json.dumps(value, indent=2) + "\n", self._results)
 
 
 def fit_line(fit: LensFit) -> str:

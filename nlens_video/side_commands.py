@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 
 from nlens_video import arguments
 from nlens_video.errors import UsageError
+from nlens_video.standard_output import print_out
 
 
 def _doctor(words: argparse.Namespace) -> int:
@@ -59,7 +59,7 @@ def _study(words: argparse.Namespace) -> int:
 def _completion(words: argparse.Namespace) -> int:
     from nlens_video.completion import script
 
-    sys.stdout.write(script(words.shell))
+    print_out(script(words.shell))
     return 0
 
 

@@ -394,6 +394,18 @@ def test_reader_that_goes_away_ends_the_run_quietly(files):
     run.stderr.close()
 
 
+@pytest.mark.parametrize("words", [["--help"], ["doctor"], ["completion", "bash"], ["--plan"]])
+def test_text_that_nobody_reads_is_no_failure(files, tmp_path, words):
+    if words == ["--plan"]:
+        words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--plan"]
+    unread, written = os.pipe()
+    run = process(*words, stdout=written)
+    os.close(unread)
+    os.close(written)
+    _, err = run.communicate(timeout=120)
+    assert (run.returncode, err) == (0, b"")
+
+
 def test_help_answers_without_loading_anything():
     run = process("--help", stdout=subprocess.PIPE)
     out, _ = run.communicate(timeout=30)
@@ -538,6 +550,40 @@ class TestExitCodes:
     def test_6_output_that_is_the_input(self, files):
         run = nlens(files / "plate.png", files / "anim.glb", files / "plate.png")
         one_line(run, 6)
+
+    @pytest.mark.parametrize(
+        ("option", "name", "what"),
+        [
+            ("--save-fit", "in.mp4", "the plate"),
+            ("--save-fit", "./link.mp4", "the plate"),
+            ("--timings", "anim.glb", "the scene"),
+            ("--timings", "out.mp4", "the result"),
+            ("--save-fit", "sky.hdr", "--env"),
+            ("--timings", "m_0001.png", "--holdout"),
+            ("--aov", ".", "--layers"),
+            (None, "fog.exr", "--layers"),
+        ],
+    )
+    def test_6_what_is_read_is_never_written_over(self, files, tmp_path, option, name, what):
+        for one in ("in.mp4", "anim.glb", "fit.json", "plate.png"):
+            (tmp_path / one).write_bytes((files / one).read_bytes())
+        (tmp_path / "link.mp4").symlink_to(tmp_path / "in.mp4")
+        for one in ("sky.hdr", "m_0001.png", "fog.exr"):
+            (tmp_path / one).write_bytes(b"of somebody's")
+        before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        given = {
+            "--env": ["--env", tmp_path / "sky.hdr"],
+            "--holdout": ["--holdout", tmp_path / "m_%04d.png"],
+            "--layers": ["--layers", tmp_path / "fog.exr"],
+        }.get(what, [])
+        written = [] if option is None else [option, tmp_path / name]
+        plate, out = ("plate.png", name) if option is None else ("in.mp4", "out.mp4")
+        run = nlens(
+            tmp_path / plate, tmp_path / "anim.glb", tmp_path / out,
+            "--fit", tmp_path / "fit.json", *given, *written,
+        )  # fmt: skip
+        assert f" {what} as well; give " in one_line(run, 6)
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
     def test_verbose_adds_the_traceback(self, files, tmp_path):
         run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "o.mp4", "-v")

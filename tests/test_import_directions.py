@@ -24,6 +24,7 @@ LAYERS = [
     ["effect_arguments", "real_arguments"],
     ["light_arguments", "live_arguments"],
     ["argument_parser"],
+    ["overwriting"],
     ["effects", "settings"],
     ["backends"],
     ["stages"],
@@ -34,6 +35,7 @@ LAYERS = [
     ["chunk_mark"],
     ["frames"],
     ["box"],
+    ["standard_output"],
     ["errors", "interrupts"],
 ]
 LEVEL = {name: level for level, names in enumerate(reversed(LAYERS)) for name in names}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -28,8 +27,9 @@ from nlens_video.check.look import Look, look_at
 from nlens_video.check.measure import Measures, Measuring
 from nlens_video.check.regions import Track
 from nlens_video.check.sound import SoundPair
-from nlens_video.errors import InputError, ReaderGone
+from nlens_video.errors import InputError
 from nlens_video.settings import SourceSettings
+from nlens_video.standard_output import print_out
 from nlens_video.trim import Trim
 from nlens_video.video.info import Packet, SourceFrame
 from nlens_video.video.source import Source, open_source
@@ -76,9 +76,9 @@ def check(
 
         write_page(report, checked.verdict, checked.objects)
     if as_json:
-        _print(json.dumps(checked.verdict.as_json(), indent=2))
+        print_out(json.dumps(checked.verdict.as_json(), indent=2) + "\n")
     elif not quiet:
-        _print("\n".join(table(checked.verdict)))
+        print_out("\n".join(table(checked.verdict)) + "\n")
     return 0 if checked.verdict.fine else FINDINGS
 
 
@@ -241,11 +241,3 @@ def _audio_count(source: Source) -> int:
 def _sound(given: Source, made: Source) -> list[SoundPair]:
     codecs = [[one.codec for one in s.info.copied if one.type == "audio"] for s in (given, made)]
     return [SoundPair(codecs=pair) for pair in zip(*codecs, strict=False)]
-
-
-def _print(text: str) -> None:
-    try:
-        sys.stdout.write(text + "\n")
-        sys.stdout.flush()
-    except BrokenPipeError as error:
-        raise ReaderGone("standard output: nobody reads it any more") from error

@@ -12,10 +12,11 @@ from nlens_video.evaluate.bench_measure import FULL, QUICK, Effort, RungRun, run
 from nlens_video.evaluate.bench_output import Report, plates_table, scenes_table
 from nlens_video.evaluate.bench_rungs import Rung, all_rungs
 from nlens_video.evaluate.bench_scenes import BuiltScene, write_scenes
-from nlens_video.evaluate.console import Progress, make_folder, print_out
+from nlens_video.evaluate.console import Progress, make_folder
 from nlens_video.evaluate.plates import find_plates
 from nlens_video.evaluate.plots import check_matplotlib
 from nlens_video.evaluate.tables import Entry, Table
+from nlens_video.standard_output import print_out
 
 
 def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, quiet: bool) -> int:

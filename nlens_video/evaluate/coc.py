@@ -7,9 +7,10 @@ from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate import plots
-from nlens_video.evaluate.console import Progress, make_folder, print_out
+from nlens_video.evaluate.console import Progress, make_folder
 from nlens_video.evaluate.plates import find_plates, load_plate
 from nlens_video.evaluate.protocol import CocProtocol
+from nlens_video.standard_output import print_out
 from nlens_video.video.atomic import replacing
 
 

@@ -8,7 +8,7 @@ from nlens_video.evaluate.bench_machine import machine
 from nlens_video.evaluate.composite_methods import all_methods
 from nlens_video.evaluate.composite_report import Report
 from nlens_video.evaluate.composite_subject import load_subject
-from nlens_video.evaluate.console import Progress, make_folder, print_out
+from nlens_video.evaluate.console import Progress, make_folder
 from nlens_video.evaluate.metrics import coc_figures
 from nlens_video.evaluate.paper_figures import NETWORK, QUADRATIC
 from nlens_video.evaluate.plates import Plate, find_plates
@@ -17,6 +17,7 @@ from nlens_video.evaluate.quadratic import nearest_blur, quadratic_coc
 from nlens_video.evaluate.tables import Entry
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.stages.protocols import CocNetwork
+from nlens_video.standard_output import print_out
 
 
 def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:

@@ -1,13 +1,12 @@
-"""What the commands that measure share: their folder, their progress, standard output."""
+"""What the commands that measure share: their folder and their progress."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from nlens_video.errors import OutputError, ReaderGone
+from nlens_video.errors import OutputError
 
 T = TypeVar("T")
 
@@ -40,16 +39,3 @@ def make_folder(out: Path) -> None:
         raise OutputError(
             f"{out}: cannot be made ({error.strerror}); give another --out"
         ) from error
-
-
-def print_out(text: str) -> None:
-    """Write to standard output.
-
-    Raises:
-        ReaderGone: nobody reads it any more.
-    """
-    try:
-        sys.stdout.write(text)
-        sys.stdout.flush()
-    except BrokenPipeError as error:
-        raise ReaderGone("standard output: nobody reads it any more") from error

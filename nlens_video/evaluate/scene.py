@@ -6,12 +6,13 @@ import json
 from pathlib import Path
 
 from nlens_video.evaluate.bench_case import codes_of
-from nlens_video.evaluate.console import Progress, make_folder, print_out
+from nlens_video.evaluate.console import Progress, make_folder
 from nlens_video.evaluate.drawn import drawn_table, measure_drawn
 from nlens_video.evaluate.plates import find_plates, load_plate
 from nlens_video.evaluate.shadow import DEPTH, TRUTH, Shaded, shadow_table
 from nlens_video.evaluate.tables import Table
 from nlens_video.scene.gltf import Scene
+from nlens_video.standard_output import print_out
 from nlens_video.video.atomic import replacing
 
 

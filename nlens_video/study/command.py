@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nlens_video.errors import UsageError
-from nlens_video.evaluate.console import print_out
 from nlens_video.evaluate.tables import NONE, grid
+from nlens_video.standard_output import print_out
 from nlens_video.study.analysis import LEVEL, Answer, MethodResult, analyse, read_answers
 from nlens_video.study.page import study_page
 from nlens_video.study.stimuli import load_stimuli

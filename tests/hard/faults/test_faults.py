@@ -3,15 +3,19 @@
 import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import av
 import pytest
 import shots
+from hard.faults import kills
 
 from nlens_video import model_store
+from nlens_video import run as run_module
 from nlens_video.cli import main
 from nlens_video.errors import NlensError, OutputError
 from nlens_video.farm.folder import alone_in, beside, remove
@@ -123,6 +127,50 @@ def test_an_encoder_that_fails_midway_is_one_error_and_leaves_no_result(shot, tm
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out.mkv").exists()
     assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("more", [(), ("--keep-partial",)])
+def test_a_run_whose_encoder_fails_midway_is_one_line_and_leaves_no_result(
+    shot, tmp_path, capsys, monkeypatch, more
+):
+    def opened(*given, **named):
+        sink = open_sink(*given, **named)
+        sink._stream = Failing(sink._stream)
+        return sink
+
+    monkeypatch.setattr(run_module, "open_sink", opened)
+    assert main(words(shot, tmp_path / "out.mkv", *more)) == 6
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "out.mkv: cannot be written" in said
+    left = [path.name for path in tmp_path.iterdir()]
+    assert left == (["out.partial.mkv"] if more else [])
+    if more:
+        assert said.endswith(f"the part written so far is {tmp_path / left[0]}\n")
+        assert len(shots.read_planes(tmp_path / left[0])) >= 2
+
+
+def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_ends_it(tmp_path):
+    folder = kills.make_shot(tmp_path / "shot")
+    lossless = ("--resume", "--codec", "ffv1")
+    kills.finish(folder, *lossless)
+    undisturbed = kills.decoded(folder / "out.mp4")
+    (folder / "out.mp4").unlink()
+    running = kills.start(folder, *lossless)
+    chunks, deadline = folder / "out.mp4.chunks", time.monotonic() + 120
+    while not list(chunks.glob("[0-9a-f]*.nut")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    for _ in range(2):
+        running.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert said.decode().count("\n") == 1 and "the same command goes on" in said.decode()
+    assert not (folder / "out.mp4").exists()
+    left = {path.name: path.stat().st_mtime_ns for path in chunks.glob("[0-9a-f]*.nut")}
+    assert left and not list(folder.glob(".*"))
+    kills.finish(folder, *lossless)
+    assert kills.decoded(folder / "out.mp4") == undisturbed
+    assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
 
 
 def test_a_model_that_is_damaged_or_absent_is_named_with_what_to_do(tmp_path):
