@@ -12,7 +12,7 @@ from pathlib import Path
 
 from nlens_video.errors import InputError
 from nlens_video.evaluate.bench_case import codes_of
-from nlens_video.evaluate.console import Progress, make_folder, print_out
+from nlens_video.evaluate.console import Progress, make_folder
 from nlens_video.evaluate.sequence import Sequence, find_sequences, load_sequence
 from nlens_video.evaluate.sequence_figures import (
     BLOCK_PX,
@@ -24,6 +24,7 @@ from nlens_video.evaluate.sequence_figures import (
 from nlens_video.evaluate.tables import Column, Entry, Table
 from nlens_video.run import render
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
+from nlens_video.standard_output import print_out
 from nlens_video.video.atomic import replacing
 
 FOUND, TRUE, SHARP = "lens found", "true lens", "no blur"
