@@ -64,6 +64,10 @@ def add_source(parser: Parser) -> argparse._ArgumentGroup:
     raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")
     raw.add_argument("--input-size", metavar="WxH", type=_size, help="of raw video")
     raw.add_argument("--input-rate", metavar="FPS", help="of raw video, stills, sequences")
+    raw.add_argument(
+        "--input-transfer", metavar="NAME", type=_transfer,
+        help="srgb, bt709, linear …, where the plate's tag is wrong",
+    )  # fmt: skip
     return raw
 
 
@@ -74,6 +78,15 @@ def add_encoding(parser: Parser) -> None:
     out.add_argument("--crf", metavar="Q", type=float)
     out.add_argument("--pix-fmt", metavar="NAME")
     out.add_argument("--keep-partial", action="store_true", help="keep what an interrupt leaves")
+
+
+def _transfer(text: str) -> str:
+    from nlens_video.color import TRANSFERS  # here: the help does without NumPy
+
+    names = {**{name: name for name in TRANSFERS.values()}, "srgb": "iec61966-2-1"}
+    if text not in names:
+        raise argparse.ArgumentTypeError(f"'{text}': expected one of {', '.join(sorted(names))}")
+    return names[text]
 
 
 def _frames(text: str) -> tuple[int, int | None]:

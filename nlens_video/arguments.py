@@ -167,6 +167,7 @@ def source_settings(words: argparse.Namespace) -> SourceSettings:
         input_format=words.input_format,
         input_size=words.input_size,
         input_rate=words.input_rate,
+        input_transfer=words.input_transfer,
         frames=getattr(words, "range", (0, None)),
         reconnect_s=getattr(words, "reconnect", 0.0),
     )

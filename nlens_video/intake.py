@@ -119,15 +119,9 @@ def opened(given: SourceSettings) -> Iterator[Source]:
             f"--reconnect: {given.spec} does not come back when it has ended; leave it out (it is "
             "for devices and URLs)"
         )
-    size = f"{given.input_size[0]}x{given.input_size[1]}" if given.input_size else None
 
     def connect() -> Source:
-        return open_source(
-            given.spec,
-            input_format=given.input_format,
-            input_size=size,
-            input_rate=given.input_rate,
-        )
+        return open_source(given.spec, **given.hints)
 
     def lasting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()

@@ -72,13 +72,7 @@ def write_contact_sheet(settings: PlaceSettings) -> None:
 
 def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None]:
     """The plate as small as a choice (H, W, 3), and its 35 mm equivalent focal length."""
-    size = f"{source.input_size[0]}x{source.input_size[1]}" if source.input_size else None
-    with open_source(
-        source.spec,
-        input_format=source.input_format,
-        input_size=size,
-        input_rate=source.input_rate,
-    ) as opened:
+    with open_source(source.spec, **source.hints) as opened:
         for item in Trim(opened, source.frames).items():
             if isinstance(item, SourceFrame):
                 return _shrunk(item.picture.srgb(), opened.info), focal_35mm(opened.info.metadata)

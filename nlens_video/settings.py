@@ -30,6 +30,7 @@ class SourceSettings:
         input_format: FFmpeg's name of the format, None to detect it.
         input_size: (width, height) of raw video [px].
         input_rate: frames per second of raw video, stills and sequences [1/s].
+        input_transfer: name in `color.TRANSFERS` to take instead of what the plate is tagged with.
         frames: first index and the one past the last, None for an open end.
         reconnect_s: how long a device or URL that is lost is waited for, 0 not at all [s].
     """
@@ -38,8 +39,20 @@ class SourceSettings:
     input_format: str | None = None
     input_size: tuple[int, int] | None = None
     input_rate: str | None = None
+    input_transfer: str | None = None
     frames: tuple[int, int | None] = (0, None)
     reconnect_s: float = 0.0
+
+    @property
+    def hints(self) -> dict[str, str | None]:
+        """What is said about the input beside its name, as `video.source.open_source` takes it."""
+        size = f"{self.input_size[0]}x{self.input_size[1]}" if self.input_size else None
+        return {
+            "input_format": self.input_format,
+            "input_size": size,
+            "input_rate": self.input_rate,
+            "input_transfer": self.input_transfer,
+        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

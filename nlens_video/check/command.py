@@ -88,14 +88,7 @@ def compare(result: str, plate: SourceSettings, *, objects: int = 1) -> Checked:
     Raises:
         InputError: one of the two cannot be read, or their frames differ in size.
     """
-    size = "x".join(map(str, plate.input_size)) if plate.input_size else None
-    with (
-        open_source(
-            plate.spec, input_format=plate.input_format, input_size=size,
-            input_rate=plate.input_rate,
-        ) as given,
-        open_source(result) as made,
-    ):  # fmt: skip
+    with open_source(plate.spec, **plate.hints) as given, open_source(result) as made:
         _check_sizes(given, made)
         sound = _sound(given, made)
         read = (

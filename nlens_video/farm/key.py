@@ -60,8 +60,7 @@ def plate_key(source: SourceSettings) -> str:
     Raises:
         InputError: it cannot be read, or is no file.
     """
-    how = (source.input_format, source.input_size, source.input_rate)
-    return _digest(f"{_of_spec(source.spec)} {how}".encode())
+    return _digest(f"{_of_spec(source.spec)} {source.hints}".encode())
 
 
 _SPECS = ("spec", "layers", "holdout", "preset")  # words that name files, each with a part

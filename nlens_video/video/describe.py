@@ -24,6 +24,7 @@ _HDR_METADATA = (
 def described(
     spec: str, kind: Kind, container: av.container.InputContainer,
     stream: av.video.stream.VideoStream, first: av.VideoFrame, copied: tuple[Stream, ...],
+    transfer: str | None = None,
 ) -> SourceInfo:  # fmt: skip
     """What is known of a source.
 
@@ -34,6 +35,7 @@ def described(
         stream: the one to work on.
         first: its first frame.
         copied: the streams that travel along.
+        transfer: name of the transfer function to take instead of what the frame says.
 
     Raises:
         InputError: the pixel format is one that nothing is known about.
@@ -42,7 +44,7 @@ def described(
     jpeg = picture and first.format.name.startswith("yuv")
     rotation = first.rotation if first.rotation % 90 == 0 and abs(first.rotation) < 360 else 0
     worked = AvPicture(first, rotation=rotation)
-    tags = frame_tags(worked.frame, transfer=_SRGB_TRC if jpeg else 0)
+    tags = frame_tags(worked.frame, assumed=_SRGB_TRC if jpeg else 0, given=transfer)
     rate = stream.average_rate or stream.guessed_rate or stream.base_rate
     duration = _duration(stream, container)
     count = stream.frames or (round(duration * rate) if duration and rate else None)

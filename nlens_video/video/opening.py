@@ -28,11 +28,13 @@ class InputHints:
         format: FFmpeg's name of a container or device, or of a pixel format: then raw video.
         size: `WIDTHxHEIGHT`.
         rate: frames per second, `25` or `30000/1001`.
+        transfer: name in `color.TRANSFERS`, in place of the tag.
     """
 
     format: str | None = None
     size: str | None = None
     rate: str | None = None
+    transfer: str | None = None
 
 
 def can_be_read_again(spec: str) -> bool:

@@ -7,24 +7,27 @@ from dataclasses import replace
 import av
 import numpy as np
 
-from nlens_video.color import ColorTags
+from nlens_video.color import TRANSFERS, ColorTags
 from nlens_video.errors import InputError
 from nlens_video.kernels.blend_samples import Axis, Coding, Plane, Samples
 from nlens_video.video.formats import PixelLayout, layout
 
 
-def frame_tags(frame: av.VideoFrame, *, transfer: int = 0) -> ColorTags:
+def frame_tags(frame: av.VideoFrame, *, assumed: int = 0, given: str | None = None) -> ColorTags:
     """What a frame's own tags say, and what has to be assumed.
 
     Args:
         frame: in a working format.
-        transfer: FFmpeg's number of the transfer function to take where the frame names none.
+        assumed: FFmpeg's number of the transfer function to take where the frame names none.
+        given: name of the one to take whatever the frame names.
     """
     kind = _layout(frame)
-    named = frame.color_trc not in (0, 2)
+    transfer = frame.color_trc if frame.color_trc not in (0, 2) else assumed
+    if given is not None:
+        (transfer,) = (number for number, name in TRANSFERS.items() if name == given)
     return ColorTags.resolve(
         kind.family, (frame.width, frame.height), matrix=frame.colorspace,
-        transfer=frame.color_trc if named else transfer, primaries=frame.color_primaries,
+        transfer=transfer, primaries=frame.color_primaries,
         range_=2 if kind.full_range else frame.color_range,
     )  # fmt: skip
 

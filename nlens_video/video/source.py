@@ -62,6 +62,7 @@ def open_source(
     input_format: str | None = None,
     input_size: str | None = None,
     input_rate: str | None = None,
+    input_transfer: str | None = None,
 ) -> Source:
     """Open a plate and read its first frame.
 
@@ -70,16 +71,20 @@ def open_source(
         input_format: FFmpeg's name of a container or device, or a pixel format for raw video.
         input_size: `WIDTHxHEIGHT` of raw video or of a device.
         input_rate: frames per second of raw video, of a device or of a sequence.
+        input_transfer: name in `color.TRANSFERS` to take instead of the tag.
 
     Raises:
         InputError: it cannot be read, or holds no picture.
         UsageError: raw video without a size, an unknown format, a size or a rate that the input
-            says itself.
+            says itself, a transfer function for OpenEXR.
     """
-    hints = InputHints(format=input_format, size=input_size, rate=input_rate)
+    hints = InputHints(
+        format=input_format, size=input_size, rate=input_rate, transfer=input_transfer
+    )
     if spec.lower().endswith(".exr") and input_format is None:
-        if input_size is not None:
-            raise UsageError(f"--input-size {input_size}: {spec} says that itself; leave it out")
+        for word, given in (("size", input_size), ("transfer", input_transfer)):
+            if given is not None:
+                raise UsageError(f"--input-{word} {given}: {spec} says that itself; leave it out")
         return ExrSource(spec, input_rate)
     return AvSource(spec, hints)
 
@@ -111,7 +116,9 @@ class AvSource:
             if first is None:
                 raise InputError(_undecodable(spec, self._container, self._stream))
             self._first = first
-            self.info = described(spec, kind, self._container, self._stream, first, self._copied)
+            self.info = described(
+                spec, kind, self._container, self._stream, first, self._copied, hints.transfer
+            )
             self._clock = SourceClock(self.info)
             self._conform = Conform(first)
         except BaseException:
