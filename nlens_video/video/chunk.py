@@ -1,7 +1,7 @@
-"""Chunks of a longer result: frames in FFV1 in NUT, lossless and at the plate's own times.
+"""Chunks of a longer result: lossless frames in NUT, at the plate's own times.
 
-NUT keeps any time base exactly; Matroska rounds times to milliseconds. FFmpeg's decoder patches
-damaged slices of FFV1 and says nothing, so each packet has a checksum behind the file's end.
+NUT keeps any time base exactly; Matroska rounds times to milliseconds. Decoders patch damaged
+frames and say nothing, so each packet has a checksum behind the file's end.
 """
 
 from __future__ import annotations
@@ -21,47 +21,16 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from nlens_video.chunk_mark import ChunkMark
-from nlens_video.errors import InputError, OutputError, UsageError
+from nlens_video.errors import InputError, OutputError
 from nlens_video.kernels.blend_samples import Plane
 from nlens_video.video.atomic import check_folder, partial_name, publish, sweep
+from nlens_video.video.carrier import Carrier, carrier, no_carrier
 from nlens_video.video.checksums import append_checksums, read_checksums
 from nlens_video.video.formats import layout
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.picture import AvPicture
 
 _TAG = "NLENS_CHUNK"
-_CODEC = "ffv1"
-_OPTIONS = {"level": "3", "slices": "4", "g": "1"}  # each frame by itself
-_RGB_CARRIERS = {(8, False): "bgr0", (8, True): "bgra", (16, False): "rgb48le"}
-
-
-def carrier(pixel_format: str) -> str:
-    """The format in which FFV1 carries the samples of another one, all of them unchanged.
-
-    Args:
-        pixel_format: a working format, FFmpeg's name.
-
-    Raises:
-        UsageError: there is none.
-    """
-    kind = layout(pixel_format)
-    taken = {one.name for one in av.Codec(_CODEC, "w").video_formats or ()}
-    if kind is not None and kind.family != "float":
-        if pixel_format in taken:
-            return pixel_format
-        if pixel_format.startswith("yuvj"):  # full range is a tag, the samples are the same
-            return f"yuv{pixel_format[4:]}"
-        name = _RGB_CARRIERS.get((kind.bits, kind.alpha), "")
-        if kind.family == "rgb" and name:
-            return name
-    raise _no_carrier(pixel_format)
-
-
-def _no_carrier(kind: str) -> UsageError:
-    return UsageError(
-        f"a plate in {kind} has no lossless chunks; render ranges of it straight into a sequence "
-        "such as out_%06d.exr, whose files keep their numbers"
-    )
 
 
 class ChunkSink:
@@ -113,10 +82,10 @@ class ChunkSink:
             OutputError: the disk is full.
             UsageError: the plate's format has no lossless chunks.
         """
-        carried = _carried(frame.picture)
+        chosen, carried = _carried(frame.picture)
         with self._writing():
             if self._stream is None:
-                self._stream = self._opened(carried)
+                self._stream = self._opened(chosen, carried)
             carried.pts, carried.time_base = frame.pts, frame.time_base
             carried.pict_type = 0
             self._mux(self._stream, carried)
@@ -142,9 +111,9 @@ class ChunkSink:
             self._checksums.append(zlib.crc32(packet))
             self._container.mux(packet)
 
-    def _opened(self, first: av.VideoFrame) -> VideoStream:
+    def _opened(self, chosen: Carrier, first: av.VideoFrame) -> VideoStream:
         rate = self._info.average_rate or Fraction(25)
-        stream = self._container.add_stream(_CODEC, rate, dict(_OPTIONS))
+        stream = self._container.add_stream(chosen.codec, rate, dict(chosen.options))
         assert isinstance(stream, VideoStream)
         stream.width, stream.height = first.width, first.height
         stream.pix_fmt = first.format.name
@@ -242,20 +211,20 @@ def fill(picture: AvPicture, carried: av.VideoFrame) -> None:
         target[...] = samples
 
 
-def _carried(picture: object) -> av.VideoFrame:
-    """The samples as FFV1 takes them; the picture is left as it is."""
+def _carried(picture: object) -> tuple[Carrier, av.VideoFrame]:
+    """What carries a picture, and the samples as it takes them; the picture is left as it is."""
     if not isinstance(picture, AvPicture):
-        raise _no_carrier("OpenEXR")
+        raise no_carrier("OpenEXR")
     frame = picture.frame
-    name = carrier(frame.format.name)
-    if name == frame.format.name:
-        return frame
-    if frame.format.name.startswith("yuvj"):
-        bare = av.VideoFrame(frame.width, frame.height, name)
-        for target, samples in zip(_rows(bare), _rows(frame), strict=True):
-            target[...] = samples
-        return bare
-    return frame.reformat(format=name)
+    chosen = carrier(frame.format.name, frame.width, frame.height)
+    if chosen.pixel_format == frame.format.name:
+        return chosen, frame
+    if not frame.format.name.startswith("yuvj"):
+        return chosen, frame.reformat(format=chosen.pixel_format)
+    bare = av.VideoFrame(frame.width, frame.height, chosen.pixel_format)
+    for target, samples in zip(_rows(bare), _rows(frame), strict=True):
+        target[...] = samples
+    return chosen, bare
 
 
 def _rows(frame: av.VideoFrame) -> list[Plane]:

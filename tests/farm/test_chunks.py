@@ -15,7 +15,8 @@ import shots
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.cli import main
 from nlens_video.errors import InputError, UsageError
-from nlens_video.video.chunk import ChunkFile, ChunkSink, carrier, fill
+from nlens_video.video.carrier import carrier
+from nlens_video.video.chunk import ChunkFile, ChunkSink, fill
 from nlens_video.video.formats import layout
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.picture import AvPicture
@@ -264,23 +265,25 @@ NOT_CARRIED = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("size", [(40, 24), (41, 25), (1, 1), (67, 129), (66, 130)])
 @pytest.mark.parametrize("name", CARRIED)
-def test_chunk_keeps_every_sample_of_every_format_and_its_time(name, tmp_path):
+def test_chunk_keeps_every_sample_of_every_format_and_size_and_its_time(name, size, tmp_path):
+    width, height = size
     if name in NOT_CARRIED:
         with pytest.raises(UsageError, match="no lossless chunks"):
-            carrier(name)
+            carrier(name, width, height)
         return
     rng = np.random.default_rng(3)
     base, start = Fraction(1, 90000), 10**10 + 1
     given = []
     for _ in range(3):
-        frame = av.VideoFrame(40, 24, name)
+        frame = av.VideoFrame(width, height, name)
         for view in samples(frame):
             peak = 2 ** layout(name).bits
             view[...] = rng.integers(0, peak, view.shape).astype(view.dtype)
         given.append(frame)
     info = SourceInfo(
-        name="plate", kind="video", width=40, height=24, time_base=base, codec="x",
+        name="plate", kind="video", width=width, height=height, time_base=base, codec="x",
         average_rate=Fraction(30000, 1001), frame_count=3, duration_s=None, pixel_format=name,
         tags=frame_tags(given[0]),
     )  # fmt: skip
@@ -306,7 +309,7 @@ def test_chunk_keeps_every_sample_of_every_format_and_its_time(name, tmp_path):
         (start + 3003 * number + number % 2) * base for number in range(3)
     ]
     for frame, read in zip(given, carried, strict=True):
-        empty = AvPicture(av.VideoFrame(40, 24, name))
+        empty = AvPicture(av.VideoFrame(width, height, name))
         fill(empty, read)
         for before, after in zip(components(frame), components(empty.frame), strict=True):
             np.testing.assert_array_equal(before, after)
