@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.errors import UsageError
 from nlens_video.fit_track import FitTrack
@@ -23,7 +24,7 @@ from nlens_video.look_ahead import LookAhead
 from nlens_video.observers import Observer
 from nlens_video.placing import focal_35mm
 from nlens_video.settings import Settings, SourceSettings
-from nlens_video.trim import Trim
+from nlens_video.trim import ChunkTrim, Part, Trim
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.opening import can_be_read_again
 from nlens_video.video.reconnecting import Reconnecting
@@ -37,12 +38,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Intake:
-    """A source that is open, and the graph that will take its frames."""
+    """A source that is open, and the graph that will take its frames.
+
+    Attributes:
+        source: it.
+        frames: its frames and packets.
+        assembly: the graph.
+        profiler: times it.
+        foresight: whether later frames may be read for the sake of one that finds the lens.
+    """
 
     source: Source
     frames: LookAhead[SourceFrame | Packet]
     assembly: Assembly
     profiler: Profiler
+    foresight: bool
 
     @property
     def info(self) -> SourceInfo:
@@ -52,8 +62,8 @@ class Intake:
     def items(self, watching: Sequence[Observer]) -> Iterator[FrameState | Packet]:
         """Frames as the graph takes them, and packets, in the source's order."""
         steps = self.assembly.steps
-        foresight = _may_wait(self.info) and steps.graph.has("estimate-coc")
-        for item, following in self.frames.with_following(lambda: foresight and steps.fit is None):
+        foresees = self.foresight and steps.graph.has("estimate-coc")
+        for item, following in self.frames.with_following(lambda: foresees and steps.fit is None):
             if not isinstance(item, SourceFrame):
                 yield item
                 continue
@@ -73,7 +83,10 @@ class Intake:
 
 @contextmanager
 def taken_in(
-    settings: Settings, profiler: Profiler, track: FitTrack | None = None
+    settings: Settings,
+    profiler: Profiler,
+    track: FitTrack | None = None,
+    chunks: ChunkFeed | None = None,
 ) -> Iterator[Intake]:
     """Open the source and build the graph for it; the source closes at the end.
 
@@ -81,25 +94,27 @@ def taken_in(
         settings: the run.
         profiler: times it.
         track: the lens all along a file whose lens changes.
+        chunks: what is taken in, in place of the settings' range.
 
     Raises:
         NlensError: as `run.render`.
     """
-    chunk = settings.output is not None and settings.output.chunks != ()
     with opened(settings.source) as source:
         if settings.late == "drop" and source.info.kind != "stream":
             raise UsageError(
                 f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
                 "out, or pipe it in"
             )
-        trim = Trim(source, settings.source.frames, chunk=chunk)
-        assembly = _assembled(settings, source.info, profiler, trim, track)
-        trim.passed_over = assembly.steps.pass_over
+        part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
+        assembly = _assembled(settings, source.info, profiler, part, track)
+        part.passed_over = assembly.steps.pass_over
         yield Intake(
             source,
-            LookAhead(_decoded(trim, profiler, live=source.info.kind == "stream")),
+            LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
             assembly,
             profiler,
+            # chunks have their lens, and one may be waited for whose frames are not yet wanted
+            foresight=chunks is None and _may_wait(source.info),
         )
 
 
@@ -135,7 +150,7 @@ def opened(given: SourceSettings) -> Iterator[Source]:
 
 
 def _assembled(
-    settings: Settings, info: SourceInfo, profiler: Profiler, trim: Trim, track: FitTrack | None
+    settings: Settings, info: SourceInfo, profiler: Profiler, part: Part, track: FitTrack | None
 ) -> Assembly:
     lens = Lens(
         preset=settings.preset,
@@ -160,7 +175,7 @@ def _assembled(
     )
 
     def pictures() -> tuple[Picture, ...]:
-        return apart(lambda: trim.peek(MOST_PICTURES if _may_wait(info) else 1))
+        return apart(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
 
     return assemble(
         settings.scene, lens, view, profiler, Plate(pictures, settings.source.frames[0])
@@ -185,13 +200,13 @@ def frame_s(info: SourceInfo) -> float:
     return float(1 / info.average_rate)
 
 
-def _decoded(trim: Trim, profiler: Profiler, *, live: bool) -> Iterator[SourceFrame | Packet]:
+def _decoded(part: Part, profiler: Profiler, *, live: bool) -> Iterator[SourceFrame | Packet]:
     """The source's items; the time that each frame took goes to the profiler.
 
     Waiting for a live source is no cost of a frame: else a camera of 30 frames a second would
     exceed 33 ms by itself, and `--hold-budget` step down for nothing.
     """
-    items = trim.items()
+    items = part.items()
     spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
     while True:
         with profiler.clock(waits=live) as clock:

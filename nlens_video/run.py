@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video import interrupts
+from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.errors import OutOfViewError, UsageError
 from nlens_video.follow import follow
 from nlens_video.frames import BlurredLayer
@@ -103,12 +104,18 @@ def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOut
     return FitOutcome(fit=fit, path=settings.save_fit, notes=assembly.notes())
 
 
-def render(settings: Settings, on_progress: OnProgress = lambda done, total: None) -> Outcome:
-    """Composite a whole source.
+def render(
+    settings: Settings,
+    on_progress: OnProgress = lambda done, total: None,
+    chunks: ChunkFeed | None = None,
+) -> Outcome:
+    """Composite a whole source, or chunks of it.
 
     Args:
         settings: the run.
         on_progress: called after each frame with (frames written, frames expected or None).
+        chunks: parts of a longer result that are written in place of the settings' range, lossless
+            and for `merge`; the output is then their folder.
 
     Raises:
         UsageError: settings that make no sense.
@@ -126,7 +133,7 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     composited = written = 0
     with ExitStack() as stack:
         profiler = Profiler(settings.budget_ms)
-        intake = stack.enter_context(taken_in(settings, profiler, follow(settings)))
+        intake = stack.enter_context(taken_in(settings, profiler, follow(settings), chunks))
         source, assembly = intake.source, intake.assembly
         ahead = stack.enter_context(Ahead(*assembly.graphs))
         zoom = ZoomCheck(frame_s(source.info))
@@ -134,14 +141,14 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
         watching = [*observers(settings, started, settings.output), zoom]
         for observer in watching:
             stack.enter_context(observer)
-        sink = _open_result(output, source.info)
+        sink = _open_result(output, source.info, chunks)
         stack.enter_context(telling_what_is_kept(sink))
         stack.enter_context(sink)
         total = _expected(source.info, settings)
         lanes = assembly.lanes()
         may_drop = intake.may_drop if settings.late == "drop" else None
         items = run_lanes(intake.items(watching), lanes, may_drop=may_drop)
-        stack.callback(items.close)
+        stack.callback(_close, items, chunks)
         for item in items:
             interrupts.look()
             if not isinstance(item, FrameState):
@@ -184,9 +191,15 @@ def render(settings: Settings, on_progress: OnProgress = lambda done, total: Non
     return outcome
 
 
-def _open_result(output: OutputSettings, info: SourceInfo) -> Sink:
-    if output.chunks:
-        return ChunkRow(Path(output.spec), info, output.chunks)
+def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
+    if chunks is not None:
+        chunks.end()  # what waits for more of them does not close
+    items.close()
+
+
+def _open_result(output: OutputSettings, info: SourceInfo, chunks: ChunkFeed | None) -> Sink:
+    if chunks is not None:
+        return ChunkRow(Path(output.spec), info, chunks)
     return open_sink(
         output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
         keep_partial=output.keep_partial,

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Literal
 
 from nlens_video.aperture import ROUND, Aperture
-from nlens_video.chunk_mark import ChunkMark
 from nlens_video.optics import Optics
 from nlens_video.placing import Placing
 from nlens_video.playback import ONCE, Playback
@@ -146,8 +145,6 @@ class OutputSettings:
         crf: quality of encoders that have such a number.
         pix_fmt: FFmpeg's name of the pixel format.
         keep_partial: whether an interrupted run leaves a playable part under its temporary name.
-        chunks: which parts of a longer result, one after the other, are written; `spec` is then
-            their folder, and they are lossless, for `merge`. Empty for a result of its own.
     """
 
     spec: str
@@ -155,7 +152,6 @@ class OutputSettings:
     crf: float | None = None
     pix_fmt: str | None = None
     keep_partial: bool = False
-    chunks: tuple[ChunkMark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

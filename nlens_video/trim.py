@@ -1,7 +1,4 @@
-"""`--range`: the frames from A to B - 1, and of the other streams what lies beside them in time.
-
-A chunk of a longer result keeps the source's own times and takes nothing of the other streams.
-"""
+"""Parts of a source: `--range`, with what lies beside it in time, and chunks of a longer result."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ from fractions import Fraction
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.frames import Picture
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.source import Source
@@ -24,40 +22,82 @@ if TYPE_CHECKING:
 _INTERLEAVING_S = Fraction(2)  # how far apart in a file two streams' packets of one moment may lie
 
 
-class Trim:
-    """Reads a source and lets through what the range asks for; its first frame is at time 0.
+class Part:
+    """Reads a source, whose first frames may be looked at whatever part of it is asked for.
 
     Args:
-        source: the frames and, through its `packet_sink`, the other streams' packets.
-        frames: first index and the one past the last, None for an open end.
-        chunk: whether this is a part of a longer result: frames keep their times, packets go.
+        source: the frames.
 
     Attributes:
-        passed_over: called with each frame before the range.
+        passed_over: called with each frame before or between what is asked for.
     """
 
-    def __init__(
-        self, source: Source, frames: tuple[int, int | None], *, chunk: bool = False
-    ) -> None:
+    def __init__(self, source: Source) -> None:
         self.passed_over: Callable[[SourceFrame], None] = lambda frame: None
-        self._source = source
-        self._chunk = chunk
-        self._first, self._end = frames
         self._frames = iter(source)
         self._ahead: deque[SourceFrame] = deque()
-        self._packets: deque[Packet] = deque()
-        self._start_s: Fraction | None = None if self._first else Fraction(0)
-        self._start_pts = 0
-        self._end_s: Fraction | None = None
-        source.packet_sink = None if chunk else self._packets.append
 
     def peek(self, count: int) -> tuple[Picture, ...]:
-        """The pictures of the source's first `count` frames, whatever the range; before `items`.
+        """The pictures of the source's first `count` frames, whatever the part; before `items`.
 
         What a shot is like must not depend on which part of it is asked for.
         """
         self._ahead.extend(islice(self._frames, count - len(self._ahead)))
         return tuple(frame.picture for frame in self._ahead)
+
+    def items(self) -> Iterator[SourceFrame | Packet]:
+        """Frames and packets in the order in which the source holds them."""
+        raise NotImplementedError
+
+    def _in_order(self) -> Iterator[SourceFrame]:
+        while self._ahead:
+            yield self._ahead.popleft()
+        yield from self._frames
+
+
+class ChunkTrim(Part):
+    """Lets through the frames of chunks, at the source's own times; no packets.
+
+    Args:
+        source: the frames.
+        feed: the chunks; asked for the next one when the first frame after one has come.
+    """
+
+    def __init__(self, source: Source, feed: ChunkFeed) -> None:
+        super().__init__(source)
+        self._feed = feed
+
+    def items(self) -> Iterator[SourceFrame | Packet]:
+        """Frames in the order in which the source holds them."""
+        mark = self._feed.next()
+        for frame in self._in_order():
+            while mark is not None and mark.end is not None and frame.index >= mark.end:
+                mark = self._feed.next()
+            if mark is None:
+                return
+            if frame.index < mark.first:
+                self.passed_over(frame)
+            else:
+                yield frame
+
+
+class Trim(Part):
+    """Lets through what a range asks for; its first frame is at time 0.
+
+    Args:
+        source: the frames and, through its `packet_sink`, the other streams' packets.
+        frames: first index and the one past the last, None for an open end.
+    """
+
+    def __init__(self, source: Source, frames: tuple[int, int | None]) -> None:
+        super().__init__(source)
+        self._source = source
+        self._first, self._end = frames
+        self._packets: deque[Packet] = deque()
+        self._start_s: Fraction | None = None if self._first else Fraction(0)
+        self._start_pts = 0
+        self._end_s: Fraction | None = None
+        source.packet_sink = self._packets.append
 
     def items(self) -> Iterator[SourceFrame | Packet]:
         """Frames and packets in the order in which the source holds them."""
@@ -67,8 +107,7 @@ class Trim:
                 if self._end_s is None:
                     self._end_s = moment
                 # sound that belongs beside the last frames may come after them
-                waits = self._source.info.copied and not self._chunk
-                if not waits or moment > self._end_s + _INTERLEAVING_S:
+                if not self._source.info.copied or moment > self._end_s + _INTERLEAVING_S:
                     break
             yield from self._released(moment)
             if frame.index < self._first:
@@ -77,13 +116,8 @@ class Trim:
                 if self._start_s is None:
                     self._start_pts, self._start_s = frame.pts, moment
                     yield from self._released(moment)
-                yield frame if self._chunk else replace(frame, pts=frame.pts - self._start_pts)
+                yield replace(frame, pts=frame.pts - self._start_pts)
         yield from self._released(None)
-
-    def _in_order(self) -> Iterator[SourceFrame]:
-        while self._ahead:
-            yield self._ahead.popleft()
-        yield from self._frames
 
     def _released(self, moment: Fraction | None) -> Iterator[Packet]:
         """The packets that may go; those before the beginning wait until it is known."""

@@ -32,6 +32,7 @@ LAYERS = [
     ["kernels"],
     ["fit_track"],
     ["aperture", "color", "lens", "optics", "placing", "playback", "radius", "shutter", "v_fit"],
+    ["chunk_feed"],
     ["chunk_mark"],
     ["frames"],
     ["box"],

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import NlensError, OutputError, UsageError
 from nlens_video.farm.key import job_key, plate_key
@@ -80,7 +80,7 @@ def write_chunk(
     """Render the frames of a mark, unless their file is there.
 
     Args:
-        settings: the run; its range and output count for nothing.
+        settings: the run; its output counts for nothing.
         mark: what to render.
         folder: where chunks lie; made where it is not there.
         on_progress: as of `run.render`.
@@ -91,19 +91,21 @@ def write_chunk(
     path = folder / mark.file_name
     if is_there(path, mark):
         return Chunk(path=path, outcome=None)
-    outcome = write_row(settings, (mark,), folder, on_progress)
+    feed = ChunkFeed((mark,))
+    feed.end()
+    outcome = write_chunks(settings, feed, folder, on_progress)
     return Chunk(path=path, outcome=replace(outcome, output=str(path)))
 
 
-def write_row(
-    settings: Settings, marks: Sequence[ChunkMark], folder: Path,
+def write_chunks(
+    settings: Settings, feed: ChunkFeed, folder: Path,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Outcome:  # fmt: skip
-    """Render the frames of marks that follow each other, in one go.
+    """Render chunks in one go, which starts, and reads the plate, once.
 
     Args:
-        settings: the run; its range and output count for nothing.
-        marks: at least one, each beginning where the one before ends.
+        settings: the run; its output counts for nothing.
+        feed: the chunks.
         folder: where chunks lie; made where it is not there.
         on_progress: as of `run.render`.
 
@@ -114,13 +116,8 @@ def write_row(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
-    part = replace(
-        settings,
-        source=replace(settings.source, frames=(marks[0].first, marks[-1].end)),
-        output=OutputSettings(spec=str(folder), chunks=tuple(marks)),
-        track_focus="off",
-    )
-    return render(part, on_progress)
+    part = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
+    return render(part, on_progress, feed)
 
 
 def is_there(path: Path, mark: ChunkMark) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlens_video import interrupts
+from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import InputError, UsageError
 from nlens_video.farm.key import plate_key
 from nlens_video.intake import opened
@@ -23,6 +25,8 @@ from nlens_video.video.sink import open_sink
 
 if TYPE_CHECKING:
     import av
+
+_POLL_S = 0.1  # from one look for a chunk to the next
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +67,48 @@ def merge(
         OutputError: the result cannot be written.
     """
     files = in_order([ChunkFile(path) for path in _files(chunks)], plate_key(source), source.spec)
+    return _join(source, files, output, on_progress)
+
+
+def merge_arriving(
+    source: SourceSettings, marks: Sequence[ChunkMark], folder: Path, output: OutputSettings,
+    look: Callable[[], None],
+) -> Merged:  # fmt: skip
+    """Join chunks in their order, each as soon as it is there.
+
+    Args:
+        source: the plate that the chunks were made from.
+        marks: of the chunks, in order and without a gap.
+        folder: where they lie, or will.
+        output: the result and its encoding.
+        look: called after each frame, and while a chunk is waited for; ends it by raising.
+
+    Raises:
+        NlensError: as `merge`.
+    """
+    arriving = _arriving(marks, folder, look)
+    return _join(source, arriving, output, lambda done, total: look())
+
+
+def _arriving(
+    marks: Sequence[ChunkMark], folder: Path, look: Callable[[], None]
+) -> Iterator[ChunkFile]:
+    for mark in marks:
+        path = folder / mark.file_name
+        while not path.is_file():
+            look()
+            time.sleep(_POLL_S)
+        file = ChunkFile(path)
+        if file.mark != mark:
+            raise InputError(f"{path}: is not the chunk that its name says; remove it")
+        yield file
+
+
+def _join(
+    source: SourceSettings, files: Iterable[ChunkFile], output: OutputSettings,
+    on_progress: OnProgress,
+) -> Merged:  # fmt: skip
+    """Put the samples of chunks into the plate's frames, and encode them."""
     written = 0
     with opened(source) as plate:
         sink = open_sink(
@@ -83,7 +129,7 @@ def merge(
             rendered.finish(written)
             notes = (*plate.info.notes, *sink.notes)
             sink.commit()
-    return Merged(output=output.spec, frames=written, chunks=len(files), notes=notes)
+    return Merged(output=output.spec, frames=written, chunks=rendered.chunks, notes=notes)
 
 
 def in_order(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
@@ -126,9 +172,14 @@ def in_order(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
 
 
 class _Rendered:
-    """The chunks' frames, one after the other."""
+    """The chunks' frames, one after the other.
 
-    def __init__(self, files: list[ChunkFile]) -> None:
+    Attributes:
+        chunks: begun so far [1].
+    """
+
+    def __init__(self, files: Iterable[ChunkFile]) -> None:
+        self.chunks = 0
         self._files = files
         self._frames = self._all()
 
@@ -169,6 +220,7 @@ class _Rendered:
 
     def _all(self) -> Iterator[tuple[ChunkFile, av.VideoFrame]]:
         for file in self._files:
+            self.chunks += 1
             for frame in file.frames():
                 yield file, frame
 

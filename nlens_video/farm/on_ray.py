@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections import Counter, deque
+import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,12 +23,15 @@ from nlens_video import interrupts
 from nlens_video.backends.choose_renderer import VARIABLE, renderer_name
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.merge import Merged
+from nlens_video.farm.own_hand import OwnHand
 from nlens_video.farm.shots import Plan, Task
+from nlens_video.farm.workbench import Workbench
 from nlens_video.video.atomic import sweep
 
 _CPUS = 2  # of a worker: a run keeps about two busy
 _MOST_TRIES = 3  # of one chunk, before it counts as what kills its workers
 _LOOK_S = 0.5  # from one look for an interruption to the next
+_SHORT_S = 0.05  # the same where nothing but this process is at work
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +60,9 @@ class Cluster:
             UsageError: there is no such cluster.
         """
         with _connected(self) as count:
-            return _Crew(count, plans).run()
+            # what is joined here need not wait for the last chunk; a client has no such files
+            near = self.address is None or not self.address.startswith("ray://")
+            return _Crew(count, plans, OwnHand() if near else None).run()
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,20 +75,24 @@ class _Failed:
 class _Worker:
     """Does one task after the other, in a process of its own."""
 
+    def __init__(self) -> None:
+        self._bench = Workbench()
+
     def do(self, work: Callable[..., object], arguments: tuple[object, ...]) -> object:
         try:
-            return work(*arguments)
+            return work(self._bench, *arguments)
         except NlensError as error:
             return _Failed(error)
 
 
 @dataclass(slots=True)
 class _Running:
-    """A shot on its way: answers of the tasks that it waits for."""
+    """A shot on its way: answers of the tasks that it waits for, and who follows them."""
 
     plan: Plan
     answers: list[object]
     awaited: int = 0
+    follower: _Waiting | None = None
     result: Merged | NlensError | None = None
 
 
@@ -96,56 +106,94 @@ class _Waiting:
 
 
 class _Crew:
-    """Workers, and who of them does what."""
+    """Workers, and who of them does what; one task is done here, where that is of use."""
 
-    def __init__(self, most: int, plans: Sequence[Plan]) -> None:
+    def __init__(self, most: int, plans: Sequence[Plan], hand: OwnHand | None) -> None:
         self._most = most
-        self._idle: deque[Any] = deque()
+        self._hand = hand
+        self._at_hand: _Waiting | None = None
+        self._idle: list[tuple[Any, int]] = []
         self._busy: dict[Any, tuple[Any, _Waiting]] = {}
         self._waiting: list[_Waiting] = []
         self._tries: Counter[tuple[int, str]] = Counter()
         self._shots = [_Running(plan, []) for plan in plans]
 
     def run(self) -> list[Merged | NlensError]:
-        for number in range(len(self._shots)):
-            self._go_on(number, None)
-        while self._waiting or self._busy:
-            self._start()
-            ready, _ = ray.wait(list(self._busy), timeout=_LOOK_S)
-            interrupts.look()
-            for reference in ready:
-                self._take(reference)
+        try:
+            for number in range(len(self._shots)):
+                self._go_on(number, None)
+            while self._waiting or self._busy or self._at_hand is not None:
+                self._start()
+                interrupts.look()
+                for reference in self._ready():
+                    self._take(reference)
+                self._look_at_hand()
+        finally:
+            if self._hand is not None:
+                self._hand.drop()
         return [shot.result for shot in self._shots if shot.result is not None]
+
+    def _ready(self) -> list[Any]:
+        if not self._busy:
+            time.sleep(_SHORT_S)
+            return []
+        ready, _ = ray.wait(list(self._busy), timeout=_LOOK_S)
+        return list(ready)
 
     def _start(self) -> None:
         while self._waiting and (self._idle or len(self._busy) < self._most):
             waiting = heappop(self._waiting)
             if self._shots[waiting.shot].result is not None:
                 continue  # its shot has failed
-            worker = self._idle.popleft() if self._idle else _hired()
+            worker = self._worker(waiting.shot)
             task = waiting.task
             self._tries[waiting.shot, task.words] += 1
             self._busy[worker.do.remote(task.work, task.arguments)] = (worker, waiting)
 
+    def _worker(self, shot: int) -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
+        """One with nothing to do, who knows the shot if there is such a one."""
+        if not self._idle:
+            return _hired()
+        known = next((at for at, (_, last) in enumerate(self._idle) if last == shot), 0)
+        return self._idle.pop(known)[0]
+
     def _take(self, reference: Any) -> None:  # noqa: ANN401  # Ray's references have no type
         worker, waiting = self._busy.pop(reference)
-        shot = self._shots[waiting.shot]
         try:
             answer = ray.get(reference)
         except RayError as error:
             self._lost(waiting, error)
             return
-        self._idle.append(worker)
+        self._idle.append((worker, waiting.shot))
+        self._answered(waiting, answer.error if isinstance(answer, _Failed) else answer)
+
+    def _look_at_hand(self) -> None:
+        """Take what the task at hand has come to; drop it where its shot has failed."""
+        if self._hand is None or self._at_hand is None:
+            return
+        waiting, answer = self._at_hand, self._hand.take()
+        failed = self._shots[waiting.shot].result is not None
+        if failed:
+            self._hand.drop()
+        if failed or answer is not None:
+            self._at_hand = None
+            self._answered(waiting, answer)
+
+    def _answered(self, waiting: _Waiting, answer: object) -> None:
+        shot = self._shots[waiting.shot]
         if shot.result is not None:
             return
-        if isinstance(answer, _Failed):
-            shot.result = answer.error
+        if isinstance(answer, NlensError):
+            shot.result = answer
             return
         waiting.task.done(answer)
         shot.answers[waiting.number] = answer
         shot.awaited -= 1
         if not shot.awaited:
             self._go_on(waiting.shot, shot.answers)
+        elif shot.awaited == 1 and shot.follower is not None:
+            heappush(self._waiting, shot.follower)
+            shot.follower = None
 
     def _go_on(self, number: int, answers: list[object] | None) -> None:
         """Give a shot its answers, and take what it wants done next."""
@@ -160,7 +208,14 @@ class _Crew:
             return
         shot.answers, shot.awaited = [None] * len(tasks), len(tasks)
         for at, task in enumerate(tasks):
-            heappush(self._waiting, _Waiting(number, at, task))
+            waiting = _Waiting(number, at, task)
+            if not task.follows or len(tasks) == 1:
+                heappush(self._waiting, waiting)
+            elif self._hand is not None and self._at_hand is None:
+                self._at_hand = waiting
+                self._hand.start(task)
+            else:
+                shot.follower = waiting
 
     def _lost(self, waiting: _Waiting, error: RayError) -> None:
         task = waiting.task

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import UsageError
-from nlens_video.farm.chunk import is_there, mark_of, write_chunk
-from nlens_video.farm.job import Prepared, check, length_of, prepare
-from nlens_video.farm.merge import Merged, merge
-from nlens_video.run import render
+from nlens_video.farm.chunk import is_there
+from nlens_video.farm.job import Prepared, check, length_of
+from nlens_video.farm.merge import Merged
+from nlens_video.farm.workbench import Workbench
 from nlens_video.settings import Settings
 
 
@@ -45,10 +45,12 @@ class Task:
 
     Attributes:
         words: what it is, for errors and notes.
-        work: a function of this module, so that another process finds it by its name.
+        work: a method of `Workbench`, so that another process finds it by its name.
         arguments: of it; they travel, and so does what it returns.
         file: what a worker that dies may leave half-written, or None.
         done: called here with what it returned.
+        follows: whether it waits for what the tasks beside it write: it may be done while they are
+            at work, by somebody else than a worker, or after them.
     """
 
     words: str
@@ -56,6 +58,7 @@ class Task:
     arguments: tuple[object, ...]
     file: Path | None = None
     done: Callable[[Any], None] = lambda answer: None
+    follows: bool = False
 
 
 Plan = Generator[list[Task], list[object], Merged]
@@ -93,7 +96,7 @@ def plan(shot: Shot, progress: Progress) -> Plan:
     """
     name = shot.settings.source.spec
     (counted,) = yield [
-        Task(f"the fit of {name}", prepare, (shot.settings, shot.folder, shot.chunk_s))
+        Task(f"the fit of {name}", Workbench.prepare, (shot.settings, shot.folder, shot.chunk_s))
     ]
     prepared = cast("Prepared", counted)
     missing = [m for m in prepared.marks if not is_there(shot.folder / m.file_name, m)]
@@ -102,12 +105,15 @@ def plan(shot: Shot, progress: Progress) -> Plan:
     if len(prepared.marks) == 1 and missing:
         (whole,) = yield [_whole(prepared, progress)]
         return cast("Merged", whole)
-    if missing:
-        yield [_chunk(prepared, mark, shot.folder, frames[mark], progress) for mark in missing]
-    files = [shot.folder / mark.file_name for mark in prepared.marks]
-    (merged,) = yield [
-        Task(f"the merge of {name}", merge, (shot.settings.source, files, shot.settings.output))
-    ]
+    merging = Task(
+        f"the merge of {name}",
+        Workbench.merge,
+        (shot.settings.source, prepared.marks, shot.folder, shot.settings.output),
+        None if shot.settings.output is None else Path(shot.settings.output.spec),
+        follows=True,
+    )
+    rendering = [_chunk(prepared, mark, shot.folder, frames[mark], progress) for mark in missing]
+    *_, merged = yield [*rendering, merging]
     return cast("Merged", merged)
 
 
@@ -115,7 +121,7 @@ def _whole(prepared: Prepared, progress: Progress) -> Task:
     output = prepared.settings.output
     return Task(
         prepared.settings.source.spec,
-        render_whole,
+        Workbench.whole,
         (prepared.settings, prepared.frames),
         None if output is None else Path(output.spec),
         lambda answer: progress.rendered(prepared.frames),
@@ -127,38 +133,8 @@ def _chunk(
 ) -> Task:
     return Task(
         f"frames {mark.first} to {mark.end} of {prepared.settings.source.spec}",
-        render_marked,
+        Workbench.chunk,
         (prepared.settings, mark, folder),
         folder / mark.file_name,
         lambda answer: progress.rendered(frames),
     )
-
-
-def render_marked(settings: Settings, mark: ChunkMark, folder: Path) -> None:
-    """Render a chunk on a machine that may differ from the one that has planned it.
-
-    Raises:
-        UsageError: it differs.
-        NlensError: as `chunk.write_chunk`.
-    """
-    seen = mark_of(settings)
-    if (seen.key, seen.plate) != (mark.key, mark.plate):
-        raise UsageError(
-            "a worker sees other files, or has another version or renderer, than the one that "
-            "made the fit; give all of them the same"
-        )
-    write_chunk(settings, mark, folder)
-
-
-def render_whole(settings: Settings, frames: int) -> Merged:
-    """Render a shot into its result, as a single run does.
-
-    Args:
-        settings: the run, with its lens.
-        frames: of the plate [1].
-
-    Raises:
-        NlensError: as `run.render`.
-    """
-    outcome = render(replace(settings, track_focus="off"))
-    return Merged(output=outcome.output, frames=frames, chunks=1, notes=outcome.notes)

@@ -14,11 +14,13 @@ from scene.glb_builder import GlbBuilder
 from scene.test_hostile import rich
 from video.clips import noise_frame, write_clip
 
+from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.fit_track import FitTrack, Key
 from nlens_video.frames import Box
 from nlens_video.graph.pipeline_file import shipped_pipelines
 from nlens_video.lens import LensFit
+from nlens_video.trim import ChunkTrim
 from nlens_video.video.chunk_row import ChunkRow
 from nlens_video.video.exr import write_layers
 from nlens_video.video.source import open_source
@@ -137,8 +139,9 @@ def chunks(folder: Path) -> list[Path]:
     """Two chunks of one row."""
     (clip,) = clips(".mkv", "ffv1")(folder)
     marks = [ChunkMark(key="0" * 16, plate="p", first=at, end=at + 3) for at in (0, 3)]
-    with open_source(str(clip)) as source, ChunkRow(folder, source.info, marks) as row:
-        for frame in source:
+    feed = ChunkFeed(marks)
+    feed.end()
+    with open_source(str(clip)) as source, ChunkRow(folder, source.info, feed) as row:
+        for frame in ChunkTrim(source, feed).items():
             row.write(frame)
-        row.commit()
     return [folder / mark.file_name for mark in marks]

@@ -1,0 +1,79 @@
+"""A run that stays open from chunk to chunk, so that a worker starts once for a shot."""
+
+from __future__ import annotations
+
+import math
+import threading
+from pathlib import Path
+
+from nlens_video.chunk_feed import ChunkFeed
+from nlens_video.chunk_mark import ChunkMark
+from nlens_video.errors import UsageError
+from nlens_video.farm.chunk import write_chunks
+from nlens_video.settings import Settings
+
+
+class OpenRun:
+    """Renders chunks that come one by one, on a thread of its own.
+
+    The plate stays open where the last chunk has ended, and with it the scene, what was measured of
+    the shot, networks, the OpenGL context and what the exposure has seen.
+
+    Args:
+        settings: the run.
+        folder: where chunks lie.
+    """
+
+    def __init__(self, settings: Settings, folder: Path) -> None:
+        self._settings = settings
+        self._folder = folder
+        self._feed = ChunkFeed(on_done=self._note)
+        self._position: float = 0.0
+        self._changed = threading.Condition()
+        self._last: ChunkMark | None = None
+        self._ended = False
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="nlens-open-run", daemon=True)
+        self._thread.start()
+
+    def takes(self, settings: Settings, folder: Path, mark: ChunkMark) -> bool:
+        """Whether a chunk is of this run and lies ahead."""
+        ahead = not self._ended and mark.first >= self._position
+        return ahead and (settings, folder) == (self._settings, self._folder)
+
+    def render(self, mark: ChunkMark) -> None:
+        """Render a chunk that `takes` has said yes to; its file is there when this returns.
+
+        Raises:
+            UsageError: the plate has no such frames.
+            NlensError: as `run.render`; the run has ended then.
+        """
+        self._position = math.inf if mark.end is None else mark.end
+        self._feed.add(mark)
+        with self._changed:
+            self._changed.wait_for(lambda: self._last == mark or self._ended)
+        if self._last == mark:
+            return
+        raise self._error or UsageError(
+            f"{self._settings.source.spec}: ends before frame {mark.first}; was it changed?"
+        )
+
+    def close(self) -> None:
+        """End the run."""
+        self._feed.end()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            write_chunks(self._settings, self._feed, self._folder)
+        except BaseException as error:  # noqa: BLE001 - handed on to who waits for the chunk
+            self._error = error
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
+
+    def _note(self, mark: ChunkMark) -> None:
+        with self._changed:
+            self._last = mark
+            self._changed.notify_all()

@@ -1,0 +1,65 @@
+"""One task at a time in this process, beside what workers do elsewhere."""
+
+from __future__ import annotations
+
+import threading
+
+from nlens_video.errors import NlensError
+from nlens_video.farm.shots import Task
+from nlens_video.farm.workbench import Workbench
+
+
+class _Stopped(Exception):
+    """Nobody wants the result any more."""
+
+
+class OwnHand:
+    """Does a task on a thread; asks it to look now and then whether it is still wanted."""
+
+    def __init__(self) -> None:
+        self._thread: threading.Thread | None = None
+        self._stop = threading.Event()
+        self._answer: object = None
+
+    @property
+    def free(self) -> bool:
+        """Whether it has nothing to do."""
+        return self._thread is None
+
+    def start(self, task: Task) -> None:
+        """Begin a task whose work takes `look`, a function that it calls now and then."""
+
+        def work() -> None:
+            try:
+                self._answer = task.work(Workbench(), *task.arguments, look=self._look)
+            except BaseException as error:  # noqa: BLE001 - handed on by `take`
+                self._answer = error
+
+        self._stop.clear()
+        self._thread = threading.Thread(target=work, name="nlens-own-hand", daemon=True)
+        self._thread.start()
+
+    def take(self) -> object | None:
+        """What the task returned, or the `NlensError` that it raised; None while it is at work.
+
+        Raises:
+            Whatever else it raised.
+        """
+        if self._thread is None or self._thread.is_alive():
+            return None
+        self._thread = None
+        answer, self._answer = self._answer, None
+        if isinstance(answer, BaseException) and not isinstance(answer, NlensError):
+            raise answer
+        return answer
+
+    def drop(self) -> None:
+        """End the task at hand; what it was writing goes."""
+        if self._thread is not None:
+            self._stop.set()
+            self._thread.join()
+            self._thread = self._answer = None
+
+    def _look(self) -> None:
+        if self._stop.is_set():
+            raise _Stopped
