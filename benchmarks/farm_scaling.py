@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -22,9 +22,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 from nlens_video.chunk_mark import ChunkMark
-from nlens_video.farm.job import Prepared, length_of, prepare, ranges
-from nlens_video.farm.merge import Merged, merge
-from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan, render_marked, render_whole
+from nlens_video.farm.job import Prepared, length_of, ranges
+from nlens_video.farm.merge import Merged
+from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan
+from nlens_video.farm.workbench import Workbench
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
 PICTURE = Path(__file__).parents[1] / "docs" / "farm" / "scaling.png"
@@ -38,7 +39,7 @@ class Costs:
 
     Attributes:
         start_s: a worker's first task: process, libraries, kernels [s].
-        chunk_s: what a chunk costs beside its frames: graph, effects measured on the shot [s].
+        open_s: what a worker's first chunk of a shot costs beside its frames: graph, effects [s].
         fit_s: of a shot [s].
         render_s: of a frame [s].
         decode_s: of a frame that is only counted or passed over [s].
@@ -48,7 +49,7 @@ class Costs:
     """
 
     start_s: float = 4.0
-    chunk_s: float = 1.5
+    open_s: float = 1.5
     fit_s: float = 2.0
     render_s: float = 0.10
     decode_s: float = 0.002
@@ -73,6 +74,35 @@ class Footage:
 
 
 @dataclass(slots=True)
+class Worker:
+    """Where it is.
+
+    Attributes:
+        shot: of its open run, None for a worker that has not started.
+        position: first frame that the run has not seen [1].
+    """
+
+    shot: int | None = None
+    position: float = math.inf
+
+
+@dataclass(slots=True)
+class Followed:
+    """The merge of a shot: begins with the first chunk, ends after the last one.
+
+    Attributes:
+        number: of its task.
+        hand: whether it is done by the process that runs the farm, beside the workers.
+        ready_s: when each chunk was there, by its first frame [s].
+    """
+
+    number: int
+    task: Task
+    hand: bool
+    ready_s: dict[int, float] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
 class Simulation:
     """Workers in simulated time; the store of chunks is one line that transfers share.
 
@@ -89,57 +119,92 @@ class Simulation:
     workers: int
     now_s: float = 0.0
     store_free_s: float = 0.0
-    fresh: int = field(init=False)
+    idle: list[Worker] = field(init=False)
+    waiting: list[tuple[int, int, Task]] = field(default_factory=list)
+    busy: list[tuple[float, int, int, Task, Worker | None]] = field(default_factory=list)
+    followed: dict[int, Followed] = field(default_factory=dict)
+    order: Iterator[int] = field(default_factory=count)
 
     def __post_init__(self) -> None:
-        self.fresh = self.workers
+        self.idle = [Worker() for _ in range(self.workers)]
 
     def run(self) -> float:
         """Time until the last shot is merged [s]."""
         progress = Progress(self.footage.shots, lambda done, total: None)
         plans = [plan(self._shot(at), progress) for at in range(self.footage.shots)]
-        order = count()
-        waiting: list[tuple[int, int, Task]] = []
         awaited = [0] * len(plans)
         answers: list[list[object]] = [[] for _ in plans]
-        busy: list[tuple[float, int, int, Task]] = []
-
-        def go_on(shot: int) -> None:
-            tasks = _next(plans[shot], answers[shot])
-            awaited[shot], answers[shot] = len(tasks), []
-            for task in tasks:
-                heapq.heappush(waiting, (shot, next(order), task))
-
         for shot in range(len(plans)):
-            go_on(shot)
-        while waiting or busy:
-            while waiting and len(busy) < self.workers:
-                shot, _, task = heapq.heappop(waiting)
-                heapq.heappush(busy, (self._ends(task), next(order), shot, task))
-            self.now_s, _, shot, task = heapq.heappop(busy)
+            awaited[shot] = self._take_on(shot, _next(plans[shot], []))
+        while self.waiting or self.busy:
+            self._start()
+            self.now_s, _, shot, task, worker = heapq.heappop(self.busy)
+            if worker is not None:
+                self.idle.append(worker)
             answers[shot].append(self._answer(task))
             awaited[shot] -= 1
+            self._note(shot, task, awaited[shot])
             if not awaited[shot]:
-                go_on(shot)
+                awaited[shot] = self._take_on(shot, _next(plans[shot], answers[shot]))
+                answers[shot] = []
         return self.now_s
 
-    def _ends(self, task: Task) -> float:
+    def _take_on(self, shot: int, tasks: list[Task]) -> int:
+        for task in tasks:
+            if task.follows:
+                hand = not any(one.hand for one in self.followed.values())
+                self.followed[shot] = Followed(next(self.order), task, hand)
+            else:
+                heapq.heappush(self.waiting, (shot, next(self.order), task))
+        return len(tasks)
+
+    def _start(self) -> None:
+        while self.waiting and self.idle:
+            shot, _, task = heapq.heappop(self.waiting)
+            known = (at for at, worker in enumerate(self.idle) if worker.shot == shot)
+            worker = self.idle.pop(next(known, 0))
+            ends = self._ends(shot, task, worker)
+            heapq.heappush(self.busy, (ends, next(self.order), shot, task, worker))
+
+    def _note(self, shot: int, task: Task, left: int) -> None:
+        """A chunk is there: with the last one the end of the merge that follows is known."""
+        if task.work is Workbench.merge:
+            self.followed.pop(shot, None)
+        if task.work is not Workbench.chunk:
+            return
+        followed, mark = self.followed[shot], _mark(task)
+        followed.ready_s[mark.first] = self.now_s
+        if left > 1:
+            return
+        if not followed.hand:
+            heapq.heappush(self.waiting, (shot, next(self.order), followed.task))
+            return
+        ends = 0.0
+        for first, ready in sorted(followed.ready_s.items()):
+            frames = min(round(self.footage.chunk_s * RATE), self.footage.frames - first)
+            ends = max(ends, ready) + frames * self.costs.merge_s
+        heapq.heappush(self.busy, (ends, next(self.order), shot, followed.task, None))
+
+    def _ends(self, shot: int, task: Task, worker: Worker) -> float:
         costs, frames = self.costs, self.footage.frames
-        start = costs.start_s if self.fresh > 0 else 0.0
-        self.fresh -= 1
-        if task.work is prepare:
-            return self.now_s + start + costs.fit_s + frames * costs.decode_s
-        if task.work is render_marked:
-            mark = task.arguments[1]
-            assert isinstance(mark, ChunkMark)
+        begins = self.now_s + (costs.start_s if worker.shot is None else 0.0)
+        before, worker.shot = worker.shot, shot
+        position, worker.position = worker.position, math.inf
+        if task.work is Workbench.prepare:
+            return begins + costs.fit_s + frames * costs.decode_s
+        if task.work is Workbench.chunk:
+            mark = _mark(task)
             own = length_of(mark, frames)
-            work = costs.chunk_s + mark.first * costs.decode_s + own * costs.render_s
-            return self._stored(self.now_s + start + work, own)
-        if task.work is render_whole:
-            work = costs.chunk_s + frames * (costs.render_s + costs.merge_s - costs.decode_s)
-            return self.now_s + start + work
-        assert task.work is merge
-        return self._stored(self.now_s + start + frames * costs.merge_s, frames)
+            worker.position = mark.first + own
+            goes_on = before == shot and mark.first >= position
+            passed = mark.first - (position if goes_on else 0)
+            work = (0.0 if goes_on else costs.open_s) + passed * costs.decode_s
+            return self._stored(begins + work + own * costs.render_s, own)
+        if task.work is Workbench.whole:
+            encoding = costs.merge_s - costs.decode_s
+            return begins + costs.open_s + frames * (costs.render_s + encoding)
+        assert task.work is Workbench.merge
+        return self._stored(begins + frames * costs.merge_s, frames)
 
     def _stored(self, ready_s: float, frames: int) -> float:
         """When so many frames are through the store's line, which takes one after the other."""
@@ -148,7 +213,7 @@ class Simulation:
         return max(ready_s, self.store_free_s)
 
     def _answer(self, task: Task) -> object:
-        if task.work is prepare:
+        if task.work is Workbench.prepare:
             settings, _, chunk_s = task.arguments
             assert isinstance(settings, Settings) and isinstance(chunk_s, float)
             marks = tuple(
@@ -156,7 +221,7 @@ class Simulation:
                 for first, end in ranges(self.footage.frames, round(chunk_s * RATE))
             )
             return Prepared(settings=settings, marks=marks, frames=self.footage.frames)
-        if task.work in (merge, render_whole):
+        if task.work in (Workbench.merge, Workbench.whole):
             return Merged(output="", frames=self.footage.frames, chunks=0, notes=())
         return None
 
@@ -170,6 +235,12 @@ class Simulation:
         return Shot(settings=run, folder=folder, chunk_s=self.footage.chunk_s)
 
 
+def _mark(task: Task) -> ChunkMark:
+    mark = task.arguments[1]
+    assert isinstance(mark, ChunkMark)
+    return mark
+
+
 def _next(shot: Plan, answers: list[object]) -> list[Task]:
     try:
         return shot.send(answers) if answers else next(shot)
@@ -181,13 +252,16 @@ def closed_form_s(footage: Footage, costs: Costs, workers: int) -> float:
     """The same costs in one line: the longest of what the workers, one shot and the store take."""
     frames, shots = footage.frames, footage.shots
     chunks = math.ceil(frames / (footage.chunk_s * RATE))
-    passed = costs.decode_s * frames * (chunks - 1) / 2
-    rendering = chunks * costs.chunk_s + passed + frames * costs.render_s
-    fit = costs.fit_s + frames * costs.decode_s
-    end = frames * costs.merge_s
-    all_workers = costs.start_s + shots * (fit + rendering + end) / workers
     at_once = min(workers, chunks)
-    one_shot = costs.start_s + fit + math.ceil(chunks / at_once) * rendering / chunks + end
+    rendering = at_once * (costs.open_s + frames * costs.decode_s) + frames * costs.render_s
+    fit = costs.fit_s + frames * costs.decode_s
+    merging = frames * costs.merge_s
+    whole = shots * (fit + rendering + merging)
+    hand = shots * merging if chunks > 1 else 0.0  # at most what one more pair of hands can do
+    all_workers = costs.start_s + max((whole - hand) / workers, whole / (workers + (hand > 0)))
+    last = merging / chunks
+    rounds = math.ceil(chunks / at_once) * at_once / chunks
+    one_shot = costs.start_s + fit + max(rounds * rendering / at_once, merging - last) + last
     store = 2 * shots * frames * costs.frame_bytes / costs.store_bytes_s if chunks > 1 else 0.0
     return max(all_workers, one_shot, store)
 
