@@ -168,9 +168,10 @@ def render(
         if not written:
             first, end = settings.source.frames
             raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
+        timing_of_all = profiler.summary()
         outcome = Outcome(
             output=output.spec, fit=assembly.steps.fit, decisions=assembly.decisions,
-            timing=profiler.summary(), composited=composited, damaged=source.damaged,
+            timing=timing_of_all, composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
                 *source.mishaps(),
@@ -178,7 +179,7 @@ def render(
                 *assembly.device.notes,
                 *ahead.notes,
                 *sink.notes,
-                *_missing(written, total),
+                *_missing(written + timing_of_all.dropped, total),
                 *_lost(source),
                 *zoom.notes,
             ),
@@ -238,11 +239,11 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         yield f"note: {note}"
 
 
-def _missing(written: int, expected: int | None) -> tuple[str, ...]:
+def _missing(came: int, expected: int | None) -> tuple[str, ...]:
     """A word on a source that ended early; estimates of the count may be off by a little."""
-    if expected is None or written >= 0.95 * expected - 2:
+    if expected is None or came >= 0.95 * expected - 2:
         return ()
-    return (f"the source promises {expected} frames, {written} came: it is cut short or damaged",)
+    return (f"the source promises {expected} frames, {came} came: it is cut short or damaged",)
 
 
 def _lost(source: Source) -> tuple[str, ...]:

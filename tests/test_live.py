@@ -39,13 +39,18 @@ def produce(pipe):
     pipe.close()
 
 
+def command(files, out, *words):
+    said = [sys.executable, "-m", "nlens_video", "-", files / "anim.glb", out,
+            "--fit", files / "fit.json", "--json", *words]  # fmt: skip
+    return [*map(str, said)]
+
+
 def run(files, out, *words):
     """A run fed by the producer; its summary, and the times of what was written [frames]."""
-    command = [sys.executable, "-m", "nlens_video", "-", files / "anim.glb", out,
-               "--fit", files / "fit.json", "--json", *words]  # fmt: skip
     running = subprocess.Popen(
-        [*map(str, command)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+        command(files, out, *words),
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
     produce(running.stdin)
     running.stdin = None
     said, errors = running.communicate(timeout=200)
@@ -68,6 +73,15 @@ def test_late_frames_are_left_out_counted_and_the_others_keep_their_times(files,
     assert timing["dropped"] > 0
     assert timing["frames"] + timing["dropped"] == FRAMES and len(times) == timing["frames"]
     assert times == sorted(set(times)) and set(times) <= set(range(FRAMES))
+
+
+def test_late_frames_are_not_taken_for_a_source_that_was_cut_short(files, tmp_path):
+    given = shots.write_video(tmp_path / "in.mkv", FRAMES, rate=RATE)  # its header tells how many
+    words = command(files, tmp_path / "out.mkv", "--preset", "reference", "--late", "drop")
+    with given.open("rb") as pipe:  # read as fast as it can be, and so late at once
+        told = json.loads(subprocess.run(words, stdin=pipe, capture_output=True, check=True).stdout)
+    assert told["timing"]["dropped"] > FRAMES // 4
+    assert not [note for note in told["notes"] if "promises" in note]
 
 
 def test_file_is_not_late(files, tmp_path, capsys):

@@ -204,7 +204,8 @@ class AvSource:
     def mishaps(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
         mended = self._clock.mended
-        times = f"{mended} frames had no time stamp that makes sense; they follow each other"
+        frames = "frame" if mended == 1 else "frames"
+        times = f"{mended} {frames} without a time stamp that makes sense: each follows the last"
         return (*self._conform.notes(), *((times,) if mended else ()), *self._ended_early)
 
     def _hand_on(self, packet: Packet) -> None:
