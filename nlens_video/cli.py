@@ -16,6 +16,7 @@ from nlens_video import arguments, completion, interrupts
 from nlens_video.errors import NlensError, ReaderGone
 from nlens_video.overwriting import refuse_overwriting
 from nlens_video.side_commands import SIDE_COMMANDS
+from nlens_video.standard_output import kept_from_libraries
 
 if TYPE_CHECKING:
     from nlens_video.show import Voice
@@ -96,6 +97,12 @@ def _run(argv: list[str]) -> int:
         progress=not getattr(words, "no_progress", True),
         stdout_taken=getattr(words, "output", None) == "-",
     )
+    with kept_from_libraries():
+        return _at_work(words, voice)
+
+
+def _at_work(words: argparse.Namespace, voice: Voice) -> int:
+    """The commands that make pictures, or what belongs to them."""
     if words.command == "place":
         from nlens_video.place import write_contact_sheet
 

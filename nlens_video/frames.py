@@ -18,6 +18,14 @@ from nlens_video.box import Box as Box
 Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
+MOST_PIXELS = 200_000_000
+"""Of a plate, a layer or a map: a larger one is refused before memory is taken for it."""
+
+
+def too_large(name: str, width: int, height: int) -> str:
+    """What to say of a picture of more than `MOST_PIXELS`."""
+    most = MOST_PIXELS // 10**6
+    return f"{name}: {width}x{height} pixels, at most {most} megapixels are read; make it smaller"
 
 
 class Picture(Protocol):

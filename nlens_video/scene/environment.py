@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import cv2
 import numpy as np
 
 from nlens_video.errors import InputError
-from nlens_video.frames import Float32, Float64
+from nlens_video.frames import MOST_PIXELS, Float32, Float64, too_large
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
 
+_HEADER = 4096  # bytes of a .hdr file in which its size stands
+_SIZE = re.compile(rb"\n[-+]Y +(\d+) +[-+]X +(\d+)\n")
 _WIDTH = 512  # columns that the reduction looks at: 0.7 degrees
 _PEAK = 4.0  # times the mean radiance: what is brighter belongs to a light
 _FAINT = 0.02  # share of all light below which the peaks are no lights
@@ -169,7 +172,11 @@ def _read(path: Path) -> Float32:
             raise InputError(f"{path}: has no channels R, G, B (has {', '.join(sorted(channels))})")
         return np.stack([channels[name] for name in "RGB"], axis=-1)
     try:
-        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+        data = np.fromfile(path, np.uint8)
+        size = _SIZE.search(data[:_HEADER].tobytes())
+        if size is not None and int(size[1]) * int(size[2]) > MOST_PIXELS:
+            raise InputError(too_large(str(path), int(size[2]), int(size[1])))
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except (cv2.error, OSError):
         image = None
     if image is None or image.dtype != np.float32 or image.ndim != 3:

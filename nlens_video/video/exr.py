@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 
 from nlens_video.errors import InputError, OutputError
-from nlens_video.frames import Box, Float32, ObjectLayer
+from nlens_video.frames import MOST_PIXELS, Box, Float32, ObjectLayer, too_large
 from nlens_video.video.atomic import replacing
 from nlens_video.video.numbered import Numbered
 
@@ -40,13 +40,17 @@ def read_exr(path: Path) -> ExrImage:
     """Read every channel of the first part of a file.
 
     Raises:
-        InputError: the file is missing or is no OpenEXR file, or channels are subsampled.
+        InputError: the file is missing, is no OpenEXR file, or is larger than `MOST_PIXELS`, or
+            channels are subsampled.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected an OpenEXR file")
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with OpenEXR.File(str(path), header_only=True) as file:
             header: dict[str, Any] = dict(file.header())  # emptied on closing
+        for window in ("dataWindow", "displayWindow"):
+            _check_size(path, header[window])
+        with OpenEXR.File(str(path), separate_channels=True) as file:
             pixels = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, OSError) as error:
         raise InputError(f"{path}: cannot be read as OpenEXR ({_first_line(error)})") from error
@@ -61,6 +65,13 @@ def read_exr(path: Path) -> ExrImage:
     return ExrImage(
         channels=channels, box=box, width=int(right - left) + 1, height=int(bottom - top) + 1
     )
+
+
+def _check_size(path: Path, window: tuple[Any, Any]) -> None:
+    (x0, y0), (x1, y1) = ((int(x), int(y)) for x, y in window)
+    width, height = x1 - x0 + 1, y1 - y0 + 1
+    if width * height > MOST_PIXELS:
+        raise InputError(too_large(str(path), width, height))
 
 
 def read_layer(path: Path, size: tuple[int, int] | None = None) -> ObjectLayer:

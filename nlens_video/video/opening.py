@@ -11,6 +11,7 @@ import av.container
 import av.video.stream
 
 from nlens_video.errors import InputError, UsageError
+from nlens_video.frames import MOST_PIXELS
 from nlens_video.video.info import Kind
 from nlens_video.video.numbered import Numbered
 
@@ -18,6 +19,9 @@ DEFAULT_RATE = "24"
 """Frames per second of an image sequence that nothing is said about."""
 _TIMELESS = ("rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd")
 """Containers that hold bare pictures; beside them there are image files and devices."""
+
+DECODER = {"max_pixels": str(MOST_PIXELS)}
+"""FFmpeg's options of any decoder: it then refuses a larger picture, wherever it comes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +76,7 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         _check_file(spec)
     else:
         kind = "stream"
+    options |= DECODER  # what probing decodes is bounded, too
     try:
         container = av.open(file, "r", format=format_, options=options)
     except (av.FFmpegError, OSError, ValueError) as error:
@@ -165,5 +170,5 @@ def _explain(spec: str, error: Exception) -> str:
     reason = getattr(error, "strerror", None) or str(error)
     return (
         f"{spec}: cannot be opened ({reason}); expected a video, a picture, a %04d sequence "
-        "or a stream that FFmpeg reads"
+        f"or a stream that FFmpeg reads, of at most {MOST_PIXELS // 10**6} megapixels"
     )

@@ -12,11 +12,12 @@ import av.container
 import av.video.stream
 
 from nlens_video.errors import InputError, UsageError
+from nlens_video.frames import MOST_PIXELS, too_large
 from nlens_video.video.conform import Conform
 from nlens_video.video.describe import copied_streams, described
 from nlens_video.video.exr_source import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
-from nlens_video.video.opening import InputHints, open_container, video_stream
+from nlens_video.video.opening import DECODER, InputHints, open_container, video_stream
 from nlens_video.video.picture import AvPicture
 from nlens_video.video.source_clock import SourceClock
 
@@ -111,10 +112,12 @@ class AvSource:
             self._stream = video_stream(self._container, spec)
             self._copied = copied_streams(self._container) if kind != "still" else ()
             self._stream.codec_context.thread_type = "AUTO"
+            self._stream.codec_context.options = DECODER
+            declared = (self._stream.codec_context.width, self._stream.codec_context.height)
             self._decoded = self._decode()
             first = next(self._decoded, None)
             if first is None:
-                raise InputError(_undecodable(spec, self._container, self._stream))
+                raise InputError(_undecodable(spec, self._container, self._stream, declared))
             self._first = first
             self.info = described(
                 spec, kind, self._container, self._stream, first, self._copied, hints.transfer
@@ -222,14 +225,17 @@ class AvSource:
 
 
 def _undecodable(
-    spec: str, container: av.container.InputContainer, stream: av.video.stream.VideoStream
-) -> str:
+    spec: str, container: av.container.InputContainer, stream: av.video.stream.VideoStream,
+    declared: tuple[int, int],
+) -> str:  # fmt: skip
     if spec == "-" and "mp4" in container.format.name:
         return (
             "standard input: an MP4 with its index at the end cannot be read from a pipe; "
             "make it with -movflags +faststart, or pipe NUT or Matroska"
         )
+    if declared[0] * declared[1] > MOST_PIXELS:
+        return too_large(spec, *declared)
     return (
-        f"{spec}: no frame can be decoded ({stream.codec.name}); "
-        "the file is damaged or not complete"
+        f"{spec}: no frame can be decoded ({stream.codec.name}); the file is damaged, not complete "
+        f"or larger than {MOST_PIXELS // 10**6} megapixels"
     )

@@ -1,5 +1,6 @@
 """What a run meets outside itself: full disks, folders that cannot be written to, odd names."""
 
+import json
 import os
 import resource
 import shutil
@@ -10,6 +11,8 @@ import time
 from pathlib import Path
 
 import av
+import numpy as np
+import OpenEXR
 import pytest
 import shots
 from hard.faults import kills
@@ -171,6 +174,26 @@ def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_e
     kills.finish(folder, *lossless)
     assert kills.decoded(folder / "out.mp4") == undisturbed
     assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
+
+
+def test_what_a_library_prints_gets_into_no_picture_and_no_json(shot, tmp_path):
+    """OpenEXR's binding prints a warning on standard output when a file ends too early."""
+    light = np.random.default_rng(0).random((shots.HEIGHT, shots.WIDTH, 3), np.float32)
+    head = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    for number in range(3):
+        with OpenEXR.File(head, {"RGB": light}) as file:
+            file.write(str(tmp_path / f"p_{number}.exr"))
+    whole = (tmp_path / "p_1.exr").read_bytes()
+    (tmp_path / "p_1.exr").write_bytes(whole[: len(whole) // 2])
+    given = [str(tmp_path / "p_%d.exr"), str(shot / "anim.glb")]
+    given += ["--fit", str(shot / "fit.json"), "--preset", "draft"]
+    command = [sys.executable, "-m", "nlens_video", *given]
+    streamed = subprocess.run([*command, "-", "-q"], capture_output=True, timeout=120, check=True)
+    assert b"Warning" in streamed.stderr and b"Warning" not in streamed.stdout
+    (tmp_path / "out.nut").write_bytes(streamed.stdout)
+    assert len(shots.read_planes(tmp_path / "out.nut")) == 2
+    done = run([*given, str(tmp_path / "o_%d.exr"), "--json"])
+    assert json.loads(done.stdout)["damaged"] == 1, done.stderr
 
 
 def test_a_model_that_is_damaged_or_absent_is_named_with_what_to_do(tmp_path):
