@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, cast
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
 from nlens_video.aperture import Aperture, as_aperture
 from nlens_video.effects.planner import requested_effects
@@ -25,6 +24,8 @@ from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler, Summary
 from nlens_video.graph.stream import LoopFrame
 from nlens_video.lens import LensFit
+from nlens_video.loop_arguments import as_fit, as_moment, check_settings
+from nlens_video.loop_frames import Frames, as_format_of, given_back, taken
 from nlens_video.optics import NOTHING_SAID, Optics
 from nlens_video.settings import Fallback, ObjectSettings
 
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     from nlens_video.notebook import Shown
 
 R = TypeVar("R")
-Frames = TypeVar("Frames", bound=Any)
-"""An array or a tensor: what comes out is what went in."""
 
 
 class Compositor:
@@ -88,12 +87,10 @@ class Compositor:
         cat_eye: float = 0.0,
         optics: Optics = NOTHING_SAID,
     ) -> None:
-        if not fps > 0:
-            raise UsageError(f"{fps = } must be above 0")
+        check_settings(fps=fps, budget_ms=budget_ms, fallback=fallback, track_focus=track_focus)
         load_pipeline(preset)  # both speak up here rather than at the first frame
         requested_effects(effects)
-        if fit is not None and not isinstance(fit, LensFit):
-            fit = LensFit.load(Path(fit))
+        fit = None if fit is None else as_fit(fit)
         if not isinstance(glb, ObjectSettings):
             glb = ObjectSettings(glb=Path(glb), camera=camera, ground_y=ground_y)
         elif camera is not None or ground_y is not None:
@@ -111,6 +108,7 @@ class Compositor:
         self._first_s: float | None = None
         self._count = 0
         self._closed = False
+        self._gate = threading.Lock()
         self._last: Picture | None = None
         self._process = os.getpid()
         self._stack = ExitStack()
@@ -121,30 +119,24 @@ class Compositor:
 
         Args:
             frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
-                uint16, or float32 in [0, 1]; or a torch tensor of that shape and type; left as
-                it is.
+                uint16, float32 or float16 in [0, 1]; or a torch tensor of that shape and type, or
+                of bfloat16; left as it is.
             time: moment of the animation [s]; default: frames so far / fps.
 
         Returns:
             A new array (or a tensor on the same device) of the same shape, type and channel order.
 
         Raises:
-            InputError: a shape or type that no picture has.
+            InputError: a shape or type that no picture has, or floats of another range.
+            UsageError: neither array nor tensor, another size than before, no moment.
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """
         from nlens_video.video.picture import ArrayPicture
 
-        if type(frame).__module__ == "torch":  # a caller that has tensors has imported it
-            plain: Any = self.process(frame.detach().cpu().numpy(), time)
-            return cast("Frames", frame.new_tensor(plain))
-        if not isinstance(frame, np.ndarray):
-            raise UsageError(
-                f"process takes a numpy array or a torch tensor, not {type(frame).__name__}"
-            )
-        result = frame.copy()
-        self._call(lambda: self._composite(ArrayPicture(result), time))
-        return result
+        result, moment = taken(frame), as_moment(time)
+        self._call(lambda: self._composite(ArrayPicture(result), moment))
+        return given_back(result, frame)
 
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
         """Composite one of PyAV's frames; format, pts and colour tags stay as they are.
@@ -164,19 +156,17 @@ class Compositor:
         """
         from nlens_video.video.picture import AvPicture, copied
 
+        if type(frame).__name__ != "VideoFrame":
+            raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")
         picture = AvPicture(copied(frame))
         self._call(lambda: self._composite(picture, self._since_first(frame)))
-        result = picture.frame
-        if result.format.name != frame.format.name:
-            # packed formats are composited in a planar one that holds the same samples
-            result = result.reformat(format=frame.format.name)
-            result.pts, result.time_base = frame.pts, frame.time_base
-        return result
+        return as_format_of(picture.frame, frame)
 
     def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
-        """Composite frames as they come; a generator that holds one frame at a time."""
+        """Composite frames as they come, PyAV's too; a generator that holds one at a time."""
         for frame in frames:
-            yield self.process(frame)
+            made: Any = self.process_av if type(frame).__name__ == "VideoFrame" else self.process
+            yield made(frame)
 
     @property
     def fit(self) -> LensFit | None:
@@ -188,6 +178,7 @@ class Compositor:
     @fit.setter
     def fit(self, fit: LensFit) -> None:
         """Take another lens from the next frame on, and follow no change of it any more."""
+        fit = as_fit(fit)
 
         def take() -> None:
             self._lens = replace(self._lens, fit=fit)
@@ -240,10 +231,15 @@ class Compositor:
         """Free OpenGL, networks and the thread; harmless when repeated."""
         if os.getpid() != self._process:  # its thread, and OpenGL, are the other process's
             return
-        if not self._closed:
-            self._worker.submit(self._stack.close).result()
-        self._closed = True
+        with self._gate:
+            freed = None if self._closed else self._worker.submit(self._stack.close)
+            self._closed = True
+        if freed is not None:
+            freed.result()
         self._worker.shutdown()
+
+    def __reduce__(self) -> NoReturn:
+        raise UsageError("a compositor cannot be sent to another process; make one in each")
 
     def __enter__(self) -> Self:
         return self
@@ -257,11 +253,13 @@ class Compositor:
         self.close()
 
     def _call(self, work: Callable[[], R]) -> R:
-        if self._closed:
-            raise UsageError("the compositor is closed; make a new one")
         if os.getpid() != self._process:
             raise UsageError("the compositor was made by another process; make one in each")
-        return self._worker.submit(work).result()
+        with self._gate:  # nothing gets in between the last frame and the freeing
+            if self._closed:
+                raise UsageError("the compositor is closed; make a new one")
+            asked = self._worker.submit(work)
+        return asked.result()
 
     def _since_first(self, frame: av.VideoFrame) -> float | None:
         if frame.time is None:

@@ -1,6 +1,7 @@
 """The plug-in for OpenCV, PyAV and numpy loops."""
 
 import os
+import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -96,6 +97,35 @@ def test_av_frames_of_packed_formats_come_back_in_theirs(lens):
     frame.pts, frame.time_base = 3, Fraction(1, 25)
     result = lens.process_av(frame)
     assert (result.format.name, result.pts, result.time_base) == ("nv12", 3, Fraction(1, 25))
+
+
+def test_av_frames_that_no_decoder_made_need_neither_time_nor_tags(lens):
+    frame = av.VideoFrame.from_ndarray(bgr(), "bgr24")
+    (result,) = lens.stream(iter([frame]))
+    assert (result.format.name, result.pts, result.time_base) == ("bgr24", None, None)
+    assert np.array_equal(result.to_ndarray(), lens.process(bgr(), time=0.0))
+
+
+def test_av_frames_of_formats_that_ffmpeg_converts_to_keep_their_tags(lens):
+    frame = av.VideoFrame.from_ndarray(bgr(), "bgr24").reformat(format="rgb565le")
+    frame.color_range, frame.colorspace = 1, 1
+    frame.color_trc, frame.color_primaries = 13, 1
+    frame.pts, frame.time_base = 7, Fraction(1, 30)
+    result = lens.process_av(frame)
+    assert result.format.name == "rgb565le" and (result.pts, result.time_base) == (
+        7, Fraction(1, 30),
+    )  # fmt: skip
+    assert (result.color_range, result.colorspace) == (1, 1)
+    assert (result.color_trc, result.color_primaries) == (13, 1)
+
+
+def test_av_frames_that_cannot_be_written_back_are_named(lens):
+    with pytest.raises(InputError, match="pal8"):
+        lens.process_av(av.VideoFrame(shots.WIDTH, shots.HEIGHT, "pal8"))
+    with pytest.raises(UsageError, match="ndarray"):
+        lens.process_av(bgr())
+    with pytest.raises(UsageError, match="process_av"):
+        lens.process(av.VideoFrame.from_ndarray(bgr(), "bgr24"))
 
 
 def test_stream_holds_one_frame_at_a_time(lens):
@@ -197,7 +227,42 @@ def test_tensors_come_back_as_tensors_of_their_type_and_device(lens):
     assert np.array_equal(result.numpy(), lens.process(bgr(), time=0.0))
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float16, np.int32, bool])
+@pytest.mark.needs_torch
+@pytest.mark.parametrize("name", ["float16", "bfloat16"])
+def test_tensors_of_half_precision_keep_what_the_object_does_not_cover(lens, name):
+    import torch
+
+    frame = torch.from_numpy(bgr()).to(getattr(torch, name)) / 255
+    result = lens.process(frame, time=0.0)
+    assert result.dtype == frame.dtype
+    full = frame.float()
+    expected = lens.process(full, time=0.0)
+    covered = (expected != full).any(dim=2)
+    assert 0.01 < covered.float().mean() < 0.5
+    assert torch.equal(result, expected.to(frame.dtype))
+    assert torch.equal(result[~covered], frame[~covered])
+
+
+@pytest.mark.parametrize("dtype", [">u2", ">f4", np.float16])
+def test_types_that_samples_hold_exactly_come_back_as_they_were(lens, dtype):
+    native = {">u2": np.uint16, ">f4": np.float32, np.float16: np.float32}[dtype]
+    codes = bgr().astype(native)
+    frame = codes * native(257) if dtype == ">u2" else (codes / native(255)).astype(dtype)
+    frame = frame.astype(dtype)
+    result = lens.process(frame, time=0.0)
+    expected = lens.process(frame.astype(native), time=0.0)
+    assert result.dtype == frame.dtype and np.array_equal(result, expected.astype(dtype))
+
+
+def test_floats_that_were_meant_as_codes_are_refused(lens):
+    with pytest.raises(InputError, match="divide"):
+        lens.process(bgr().astype(np.float32))
+    bright = bgr().astype(np.float32) / 255
+    bright[:40] = 3.0  # a lit sky of scene-linear footage is none of that
+    assert lens.process(bright, time=0.0).max() == 3.0
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.int32, bool])
 def test_sample_types_that_nothing_is_known_about_are_named(lens, dtype):
     with pytest.raises(InputError, match="expected"):
         lens.process(bgr().astype(dtype))
@@ -227,6 +292,54 @@ def test_unusable_scene_and_wrong_settings_are_named(tmp_path, glb):
         Compositor(glb, fit=tmp_path / "none.json")
     with Compositor(glb, fit=FIT) as compositor, pytest.raises(UsageError, match="NoneType"):
         compositor.process(None)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"fps": float("inf")}, "fps"),
+        ({"budget_ms": -1.0}, "budget_ms"),
+        ({"fallback": "any"}, "none, constant"),
+        ({"track_focus": "always"}, "auto, off"),
+        ({"fit": {"slope": 1}}, "dict"),
+    ],
+)
+def test_setting_that_makes_no_sense_is_refused_where_it_is_given(glb, settings, named):
+    with pytest.raises(UsageError, match=named):
+        Compositor(glb, **settings)
+
+
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), "now"])
+def test_moment_that_is_no_finite_number_is_refused(lens, time):
+    with pytest.raises(UsageError, match="moment"):
+        lens.process(bgr(), time=time)
+
+
+def test_lens_that_is_none_is_refused_and_the_one_before_stays(lens):
+    with pytest.raises(UsageError, match="NoneType"):
+        lens.fit = None
+    assert lens.fit == FIT
+
+
+def test_compositor_that_is_sent_to_another_process_is_refused(lens):
+    with pytest.raises(UsageError, match="one in each"):
+        pickle.dumps(lens)
+
+
+def test_closing_while_other_threads_ask_ends_each_with_a_frame_or_the_word_closed(glb):
+    compositor = Compositor(glb, preset="draft", fit=FIT)
+    compositor.process(bgr())
+
+    def ask(_):
+        try:
+            return compositor.process(bgr(), time=0.0).shape == bgr().shape
+        except UsageError as error:
+            return "closed" in str(error)
+
+    with ThreadPoolExecutor(6) as pool:
+        asked = [pool.submit(ask, number) for number in range(30)]
+        compositor.close()
+        assert all(one.result() for one in asked)
 
 
 def test_saved_fit_is_taken_by_its_path(tmp_path, glb):

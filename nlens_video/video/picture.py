@@ -7,6 +7,7 @@ from typing import Literal
 import av
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.color import ColorTags
 from nlens_video.frames import Box, Float32, Picture
@@ -73,15 +74,27 @@ def copied(frame: av.VideoFrame) -> av.VideoFrame:
     """A frame with samples of its own."""
     copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
     for mine, theirs in zip(copy.planes, frame.planes, strict=True):
-        rows = np.frombuffer(memoryview(theirs), np.uint8).reshape(-1, theirs.line_size)
-        own = np.frombuffer(memoryview(mine), np.uint8).reshape(-1, mine.line_size)
-        width = min(theirs.line_size, mine.line_size)
-        height = min(len(own), len(rows))
+        rows, own = _rows(theirs), _rows(mine)
+        height, width = np.minimum(rows.shape, own.shape)
         own[:height, :width] = rows[:height, :width]
-    copy.pts, copy.time_base = frame.pts, frame.time_base
-    copy.colorspace, copy.color_range = frame.colorspace, frame.color_range
-    copy.color_primaries, copy.color_trc = frame.color_primaries, frame.color_trc
+    take_tags(copy, frame)
     return copy
+
+
+def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
+    """Give a frame the time and the colour tags of the one it was made from."""
+    made.pts = frame.pts
+    if frame.time_base is not None:  # frames that no decoder has made have none
+        made.time_base = frame.time_base
+    made.colorspace, made.color_range = frame.colorspace, frame.color_range
+    made.color_primaries, made.color_trc = frame.color_primaries, frame.color_trc
+
+
+def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
+    """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
+    return np.frombuffer(memoryview(plane), np.uint8).reshape(
+        -1, plane.line_size or plane.buffer_size
+    )
 
 
 class AvPicture(_Blended):
