@@ -23,6 +23,7 @@ from nlens_video.scene.gltf import Scene
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.darken import Darken, Shadow
+from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.shadow import CastShadow
 from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.exr import read_exr
@@ -128,7 +129,7 @@ class Shaded:
         known, without = self.known, self.case.truth
         frame = Box(0, 0, without.shape[1], without.shape[0])
         moment = Moment(Casters.of(scene.pose(0.0), {}), known.camera)
-        darken = Darken(scatter=scatter, reach=blur_reach)
+        darken = Darken(ReblurLayer(scatter=scatter, reach=blur_reach))
 
         def picture(strength: float) -> UInt8:
             shadow: Shadow | None = CastShadow(strength=strength)(

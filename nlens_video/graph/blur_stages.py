@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, cast
 
-from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Picture
 from nlens_video.graph.objects import Placement
+from nlens_video.graph.through_lens import through_lens
 from nlens_video.graph.tools import Made, Stage, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.stages.l_reblur import ReblurLayer
@@ -58,17 +57,7 @@ def make_views(tools: Tools) -> Made:
 
 def make_scatter(tools: Tools, *, detail: str = "fine") -> Made:
     """Each pixel over its disc."""
-    from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
-
-    details = {"fine": FINE, "draft": DRAFT}
-    if detail not in details:
-        raise UsageError(f"stage 'scatter': no detail {detail!r}; there are {', '.join(details)}")
-    drawn = details[detail]
-    stage = ReblurLayer(
-        scatter=partial(scatter, aperture=tools.aperture, detail=drawn, spread=tools.spread),
-        reach=partial(blur_reach, aperture=tools.aperture, detail=drawn),
-        pixel_aspect=tools.pixel_aspect,
-    )
+    stage = through_lens(tools, detail)
 
     def run(defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
         return stage(defocused, frame_box)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
 from nlens_video.frames import BlurredLayer, Box, ObjectLayer
 from nlens_video.graph.objects import Placement
+from nlens_video.graph.through_lens import through_lens
 from nlens_video.graph.tools import Made, Tools
 from nlens_video.lens import LensFit
 from nlens_video.stages.l_reblur import (
     NEGLIGIBLE_COC_PX,
-    ReblurLayer,
     crop_to_frame,
     object_coc,
 )
@@ -58,14 +57,7 @@ def make_moments(tools: Tools) -> Made:
 
 def make_expose(tools: Tools) -> Made:
     """The object at the moments that its parts' motion takes."""
-    from nlens_video.kernels.scatter import blur_reach, scatter
-
-    shutter, objects = tools.shutter, tools.objects
-    through_lens = ReblurLayer(
-        scatter=partial(scatter, aperture=tools.aperture),
-        reach=partial(blur_reach, aperture=tools.aperture),
-        pixel_aspect=tools.pixel_aspect,
-    )
+    shutter, objects, lens = tools.shutter, tools.objects, through_lens(tools)
 
     def run(
         placement: Placement, moments: Motion, layer: ObjectLayer, frame_box: Box,
@@ -87,7 +79,7 @@ def make_expose(tools: Tools) -> Made:
             if fit is not None:
                 defocused = object_coc(mean, fit)
                 if defocused.largest_coc_px >= NEGLIGIBLE_COC_PX:
-                    return through_lens(defocused, frame_box)
+                    return lens(defocused, frame_box)
             return crop_to_frame(mean, frame_box)
 
         parts = moments.parts

@@ -21,6 +21,7 @@ from nlens_video.frames import (
     Picture,
 )  # fmt: skip
 from nlens_video.graph.objects import Placement
+from nlens_video.graph.through_lens import through_lens
 from nlens_video.graph.tools import Made, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.stages.darken import Shadow
@@ -155,13 +156,7 @@ def _mirrored_moments(tools: Tools, time_s: float, fit: LensFit | None) -> int:
 
 def make_lay_reflection(tools: Tools) -> Made:
     """The mirror image on the plate."""
-    from nlens_video.kernels.scatter import blur_reach, scatter
-
-    stage = LayReflection(
-        scatter=partial(scatter, aperture=tools.aperture),
-        reach=partial(blur_reach, aperture=tools.aperture),
-        pixel_aspect=tools.pixel_aspect,
-    )
+    stage = LayReflection(through_lens(tools))
 
     def run(
         picture: Picture, reflection: DefocusedLayer, frame_box: Box, foreground: Foreground | None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, is_dataclass
-from functools import partial
 
 import numpy as np
 
 from nlens_video.frames import BlurredLayer, Box, Float64, Picture
 from nlens_video.graph.objects import Placement
+from nlens_video.graph.through_lens import through_lens
 from nlens_video.graph.tools import LitGround, Made, Tools, Unavailable
 from nlens_video.lens import LensFit
 from nlens_video.scene.casters import Casters, Surface
@@ -92,14 +92,7 @@ def _around(places: Float64) -> Box:
 
 def make_darken(tools: Tools) -> Made:
     """The shadow on the plate."""
-    from nlens_video.kernels.scatter import DRAFT, blur_reach, scatter
-
-    stage = Darken(
-        scatter=partial(scatter, aperture=tools.aperture, detail=DRAFT),
-        reach=partial(blur_reach, aperture=tools.aperture, detail=DRAFT),
-        pixel_aspect=tools.pixel_aspect,
-    )
-
+    stage = Darken(through_lens(tools, "draft"))
     before: tuple[Shadow, BlurredLayer] | None = None  # a resting object's is the same one
 
     def run(

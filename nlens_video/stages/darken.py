@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -16,7 +15,7 @@ from nlens_video.frames import (
     ObjectLayer,
     Picture,
 )  # fmt: skip
-from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
+from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.occlusion import Cover
 
 _MEAN_WITHOUT = np.hstack([np.diag([-1, -1, -1, 0]), np.ones((4, 1))])[:, [0, 1, 2, 4]].astype(
@@ -70,19 +69,15 @@ def enlarged(values: Float32, step: int) -> Float32:
     return np.clip(fine, np.float32(0.0), np.float32(1.0), out=fine)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Darken:
     """Lays a shadow on the plate, blurred as the lens blurs the ground.
 
     Attributes:
-        scatter: as of `ReblurLayer`.
-        reach: as of `ReblurLayer`.
-        pixel_aspect: width of a pixel by its height [1].
+        blur: the lens.
     """
 
-    scatter: ScatterKernel
-    reach: Callable[[Float32, Float32, float], int]
-    pixel_aspect: float = 1.0
+    blur: ReblurLayer
 
     def __call__(
         self, picture: Picture, shadow: Shadow, frame: Box, cover: Cover | None = None
@@ -121,12 +116,11 @@ class Darken:
         layer = ObjectLayer(
             box=pixels_of(shadow.box, step), rgba=rgba, depth=np.ones(rgba.shape[:2], np.float32)
         )
-        blur = ReblurLayer(scatter=self.scatter, reach=self.reach, pixel_aspect=self.pixel_aspect)
         if step == 1:
-            return blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
+            return self.blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
         coarse = DefocusedLayer(layer=layer, coc_px=shadow.coc_px / np.float32(step))
         around_frame = Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step))
-        blurred = blur(coarse, around_frame)
+        blurred = self.blur(coarse, around_frame)
         held = blurred.box
         wide = Box(held.x0 * step, held.y0 * step, held.x1 * step, held.y1 * step)
         box = wide.intersection(frame)

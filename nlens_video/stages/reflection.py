@@ -10,14 +10,13 @@ ground's.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nlens_video.frames import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.l_reblur import ReblurLayer, ScatterKernel
+from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.occlusion import Cover, lay
 from nlens_video.stages.protocols import ViewRenderer
 
@@ -109,19 +108,15 @@ class MirrorObject:
         return np.asarray(schlick(cosine, self.reflectance) * behind, dtype=np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LayReflection:
     """Lays the mirror image on the plate, under the object.
 
     Attributes:
-        scatter: as of `ReblurLayer`.
-        reach: as of `ReblurLayer`.
-        pixel_aspect: width of a pixel by its height [1].
+        blur: the lens.
     """
 
-    scatter: ScatterKernel
-    reach: Callable[[Float32, Float32, float], int]
-    pixel_aspect: float = 1.0
+    blur: ReblurLayer
 
     def __call__(
         self, picture: Picture, reflection: DefocusedLayer, frame: Box, cover: Cover | None = None
@@ -136,8 +131,7 @@ class LayReflection:
             frame: the frame's own box.
             cover: what really stands before the ground.
         """
-        blur = ReblurLayer(scatter=self.scatter, reach=self.reach, pixel_aspect=self.pixel_aspect)
-        blurred = blur(reflection, frame)
+        blurred = self.blur(reflection, frame)
         if not blurred.box.empty:
             lay(picture, blurred.box, blurred.rgba, cover)
         return picture

@@ -16,6 +16,7 @@ from nlens_video.scene.casters import Casters
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.darken import Darken
+from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.shadow import CastShadow
 from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.exr import write_layers
@@ -39,7 +40,7 @@ def plate(tmp_path):
     shadow = CastShadow(strength=0.75)([moment], light, 0.0, fit)
     codes = cv2.imread(str(folder / "gt_noshadow.png"))
     frame = Box(0, 0, codes.shape[1], codes.shape[0])
-    Darken(scatter=scatter, reach=blur_reach)(ArrayPicture(codes), shadow, frame)
+    Darken(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)
     assert cv2.imwrite(str(folder / "gt.png"), codes)
     return folder
 

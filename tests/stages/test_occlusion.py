@@ -14,6 +14,7 @@ from nlens_video.lens import LensFit
 from nlens_video.stages.composite import composite
 from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.in_front import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.occlusion import Foreground, behind, cover_of, foreground_light, lay
 from nlens_video.video.exr_source import LINEAR
 from nlens_video.video.picture import ArrayPicture
@@ -89,7 +90,7 @@ def test_shadow_and_object_behind_one_foreground_make_what_the_layers_make():
         box=FRAME, loss=np.full((HEIGHT, WIDTH, 3), loss, np.float32),
         coc_px=np.zeros((HEIGHT, WIDTH), np.float32),
     )  # fmt: skip
-    Darken(scatter=scatter, reach=blur_reach)(picture, shadow, FRAME, cover)
+    Darken(ReblurLayer(scatter=scatter, reach=blur_reach))(picture, shadow, FRAME, cover)
     assert picture.array == pytest.approx(mixed(m, front, (1 - loss) * back), abs=2e-3)
     layer = np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([*(alpha * paint), alpha])
     lay(picture, FRAME, layer, cover)

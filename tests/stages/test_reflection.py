@@ -9,7 +9,7 @@ from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
 from nlens_video.kernels.scatter import blur_reach, scatter
 from nlens_video.lens import LensFit
 from nlens_video.scene import Scene
-from nlens_video.stages.l_reblur import object_coc
+from nlens_video.stages.l_reblur import ReblurLayer, object_coc
 from nlens_video.stages.reflection import LayReflection, MirrorObject, mirrored_camera, schlick
 from nlens_video.video.exr_source import LINEAR
 from nlens_video.video.picture import ArrayPicture
@@ -150,7 +150,7 @@ def test_the_image_is_laid_over_the_plate_blurred_by_its_own_coc():
     coc = np.full((HEIGHT, WIDTH), -12.0, np.float32)
     layer = ObjectLayer(box=FRAME, rgba=rgba, depth=np.ones((HEIGHT, WIDTH), np.float32))
     picture = ArrayPicture(plate.copy(), "rgb", LINEAR)
-    lay = LayReflection(scatter=scatter, reach=blur_reach)
+    lay = LayReflection(ReblurLayer(scatter=scatter, reach=blur_reach))
     lay(picture, DefocusedLayer(layer=layer, coc_px=coc), FRAME)
     assert picture.array[60, 80] == pytest.approx([0.2 + 0.8 * 0.5, 0.4, 0.4], abs=1e-3)
     changed = np.flatnonzero((picture.array[60] != 0.5).any(axis=1))

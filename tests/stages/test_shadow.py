@@ -20,6 +20,7 @@ from nlens_video.scene.irradiance import from_around, from_lamp
 from nlens_video.scene.lights import Light, PosedLight
 from nlens_video.scene.solid import Solid
 from nlens_video.stages.darken import Darken, Shadow
+from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.shadow import CastShadow
 from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.picture import ArrayPicture
@@ -191,7 +192,7 @@ def linear(codes):
 
 def darkened(plate, shadow):
     picture = plate.copy()
-    stage = Darken(scatter=scatter, reach=blur_reach)
+    stage = Darken(ReblurLayer(scatter=scatter, reach=blur_reach))
     stage(ArrayPicture(picture), shadow, FRAME)
     return picture
 
@@ -301,7 +302,7 @@ def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
     shadow = CastShadow()([Moment(Casters.of(posed, {}), camera)], light, 0.0, None)
     picture = without.copy()
     frame = Box(0, 0, 960, 512)
-    Darken(scatter=scatter, reach=blur_reach)(ArrayPicture(picture), shadow, frame)
+    Darken(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(picture), shadow, frame)
     body = cv2.imread(str(folder / "object_rgba.png"), cv2.IMREAD_UNCHANGED)[..., 3] > 0
     away = cv2.dilate(body.astype(np.uint8), np.ones((41, 41))) == 0
     mean = [cv2.blur(p.astype(np.float32), (5, 5)).sum(axis=2) + 1.0 for p in (truth, without)]
