@@ -25,6 +25,7 @@ from nlens_video.chunk_mark import ChunkMark
 from nlens_video.farm.job import Prepared, length_of, ranges
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan
+from nlens_video.farm.store import Folder
 from nlens_video.farm.workbench import Workbench
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 
@@ -220,7 +221,7 @@ class Simulation:
                 ChunkMark(key="0" * 16, plate="0" * 16, first=first, end=end)
                 for first, end in ranges(self.footage.frames, round(chunk_s * RATE))
             )
-            return Prepared(settings=settings, marks=marks, frames=self.footage.frames)
+            return Prepared(settings=settings, fit=None, marks=marks, frames=self.footage.frames)
         if task.work in (Workbench.merge, Workbench.whole):
             return Merged(output="", frames=self.footage.frames, chunks=0, notes=())
         return None
@@ -232,11 +233,11 @@ class Simulation:
             scene=ObjectSettings(glb=Path("anim.glb")),
             output=OutputSettings(spec=f"out{number}.mp4"),
         )
-        return Shot(settings=run, folder=folder, chunk_s=self.footage.chunk_s)
+        return Shot(settings=run, store=Folder(folder), chunk_s=self.footage.chunk_s)
 
 
 def _mark(task: Task) -> ChunkMark:
-    mark = task.arguments[1]
+    mark = task.arguments[2]
     assert isinstance(mark, ChunkMark)
     return mark
 

@@ -28,9 +28,7 @@ def add_chunk(parser: argparse._ArgumentGroup) -> None:
 def add_farm(parser: Parser) -> None:
     """Who renders, and in which parts."""
     farm = _add_workers(parser)
-    farm.add_argument(
-        "--chunks", metavar="DIR", type=Path, help="keep chunks here (default: none stay)"
-    )
+    farm.add_argument("--chunks", metavar="DIR|URL", help="keep chunks here (default: none stay)")
     farm.add_argument(
         "--jobs", metavar="JOBS.toml", help="many shots, in place of IN, ANIM.glb, OUT"
     )

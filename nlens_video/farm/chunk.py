@@ -7,12 +7,12 @@ from pathlib import Path
 
 from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.chunk_mark import ChunkMark
-from nlens_video.errors import NlensError, OutputError, UsageError
+from nlens_video.errors import OutputError, UsageError
 from nlens_video.farm.key import job_key, plate_key
+from nlens_video.farm.store import Folder
 from nlens_video.outcome import Outcome
 from nlens_video.run import OnProgress, render
 from nlens_video.settings import OutputSettings, Settings
-from nlens_video.video.chunk import ChunkFile
 from nlens_video.video.opening import can_be_read_again
 
 
@@ -89,7 +89,7 @@ def write_chunk(
         NlensError: as `run.render`.
     """
     path = folder / mark.file_name
-    if is_there(path, mark):
+    if Folder(folder).has(mark.file_name):
         return Chunk(path=path, outcome=None)
     feed = ChunkFeed((mark,))
     feed.end()
@@ -118,13 +118,3 @@ def write_chunks(
         raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
     part = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
     return render(part, on_progress, feed)
-
-
-def is_there(path: Path, mark: ChunkMark) -> bool:
-    """Whether a chunk's file is there, complete: files get their names at the end."""
-    if not path.is_file():
-        return False
-    try:
-        return ChunkFile(path).mark == mark
-    except NlensError:
-        return False

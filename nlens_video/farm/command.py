@@ -9,13 +9,14 @@ from pathlib import Path
 from nlens_video.arguments import output_settings, source_settings
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.chunk import render_chunk
-from nlens_video.farm.folder import alone_in, beside, remove
+from nlens_video.farm.folder import beside, remove
 from nlens_video.farm.here import render_here
 from nlens_video.farm.job import run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.paths import absolute
 from nlens_video.farm.shot_list import read_shot_list
 from nlens_video.farm.shots import Progress, Shot, plan
+from nlens_video.farm.store import Folder, store_of
 from nlens_video.settings import Settings
 from nlens_video.show import Voice
 
@@ -38,13 +39,13 @@ def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int
         UsageError: Ray is not installed.
         NlensError: as `run.render` and `merge`.
     """
-    folder = beside(Path(words.output)) if words.chunks is None else words.chunks
-    shot = Shot(settings=absolute(settings), folder=folder.absolute(), chunk_s=words.chunk)
+    store = store_of(words.chunks or str(beside(Path(words.output))))
+    shot = Shot(settings=absolute(settings), store=store, chunk_s=words.chunk)
     (result,) = _made([shot], words, voice)
     if isinstance(result, NlensError):
         raise result
     if words.chunks is None:
-        remove(folder)
+        store.clear()
     voice.merged(result)
     return 0
 
@@ -56,14 +57,14 @@ def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
         UsageError: Ray is not installed, or the list makes no sense.
     """
     shots = [
-        Shot(settings=absolute(run), folder=beside(output), chunk_s=words.chunk)
+        Shot(settings=absolute(run), store=Folder(beside(output)), chunk_s=words.chunk)
         for run in read_shot_list(words.jobs)
         for output in [Path("" if run.output is None else run.output.spec).absolute()]
     ]
     results = _made(shots, words, voice)
     for shot, result in zip(shots, results, strict=True):
         if not isinstance(result, NlensError):
-            remove(shot.folder)
+            shot.store.clear()
     voice.shots(
         [(shot.settings.source.spec, one) for shot, one in zip(shots, results, strict=True)]
     )
@@ -81,7 +82,7 @@ def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Me
     cluster = Cluster(address=words.address, workers=words.workers)
     with ExitStack() as stack:
         for shot in shots:
-            stack.enter_context(alone_in(shot.folder))
+            stack.enter_context(shot.store.held())
         progress = Progress(len(shots), stack.enter_context(voice.progress_bar()))
         return cluster.run([plan(shot, progress) for shot in shots])
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from nlens_video.errors import OutputError
 
-_OURS = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
+OURS = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
+"""Names of chunks and fits, and of their temporaries."""
 
 
 def beside(output: Path) -> Path:
@@ -67,6 +68,6 @@ def remove(folder: Path) -> None:
     """Remove chunks and fits; the folder too, unless something else lies in it."""
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
-            if _OURS.fullmatch(path.name):
+            if OURS.fullmatch(path.name):
                 path.unlink()
         folder.rmdir()

@@ -10,9 +10,9 @@ from nlens_video import interrupts
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import OutOfViewError, UsageError
-from nlens_video.farm.chunk import is_there, mark_of
-from nlens_video.farm.folder import alone_in
+from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import Merged, merge
+from nlens_video.farm.store import Folder, Store
 from nlens_video.intake import frame_s, opened
 from nlens_video.run import OnProgress, find_fit
 from nlens_video.settings import Settings, SourceSettings
@@ -26,12 +26,14 @@ class Prepared:
     """What a farm needs to know.
 
     Attributes:
-        settings: the run, with the lens that all chunks share.
+        settings: the run, with the lens if one was given.
+        fit: name of the lens in the store where it was found here, else None.
         marks: the chunks, in order; together the whole plate.
         frames: of the plate [1].
     """
 
     settings: Settings
+    fit: str | None
     marks: tuple[ChunkMark, ...]
     frames: int
 
@@ -56,9 +58,10 @@ def run_job(
     if settings.output is None:
         raise UsageError("no output was named")
     check(settings)
-    with alone_in(folder):
-        prepared = prepare(settings, folder, chunk_s)
-        missing = [mark for mark in prepared.marks if not is_there(folder / mark.file_name, mark)]
+    store = Folder(folder)
+    with store.held():
+        prepared = prepare(settings, store, chunk_s)
+        missing = [mark for mark in prepared.marks if not store.has(mark.file_name)]
         done = prepared.frames - sum(length_of(mark, prepared.frames) for mark in missing)
         on_progress(done, prepared.frames)
 
@@ -68,27 +71,29 @@ def run_job(
             on_progress(done, prepared.frames)
 
         if missing:
-            render_all(prepared.settings, missing, folder, finished)
+            known = with_stored(prepared.settings, prepared.fit, store)
+            render_all(known, missing, folder, finished)
         files = [folder / mark.file_name for mark in prepared.marks]
         return merge(settings.source, files, settings.output)
 
 
-def prepare(settings: Settings, folder: Path, chunk_s: float) -> Prepared:
+def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
     """Find the lens and cut the plate into chunks.
 
     Args:
         settings: the run.
-        folder: where the fit is kept; it exists.
+        store: where the fit is kept.
         chunk_s: length of a chunk, > 0 [s].
 
     Raises:
         NlensError: as `run.find_fit`.
     """
     frames, seconds = _measured(settings.source)
-    known = with_fit(settings, folder, frames)
-    whole = mark_of(known)
+    fit = _found_fit(settings, store, frames)
+    whole = mark_of(with_stored(settings, fit, store))
     return Prepared(
-        settings=known,
+        settings=settings,
+        fit=fit,
         marks=tuple(
             replace(whole, first=first, end=end)
             for first, end in ranges(frames, max(1, round(chunk_s / seconds)))
@@ -103,27 +108,28 @@ def ranges(frames: int, length: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + length, frames)
 
 
-def with_fit(settings: Settings, folder: Path, frames: int) -> Settings:
-    """The settings with a lens, found once and kept under a name of its own content.
+def with_stored(settings: Settings, fit: str | None, store: Store) -> Settings:
+    """A run with a lens that lies in a store, None for the lens that it has."""
+    return settings if fit is None else replace(settings, fit=store.fetch(fit))
 
-    Args:
-        settings: the run.
-        folder: where the fit is kept.
-        frames: of the plate [1].
+
+def _found_fit(settings: Settings, store: Store, frames: int) -> str | None:
+    """Name of the lens, found once; None where one is given or no frame needs it.
 
     Raises:
         NlensError: as `run.find_fit`.
     """
     if settings.fit is not None or "defocus" not in requested_effects(settings.effects):
-        return settings
-    path = folder / f"fit-{mark_of(settings).key}.json"
-    if not path.is_file():
+        return None
+    name = f"fit-{mark_of(settings).key}.json"
+    if not store.has(name):
+        asked = replace(settings, effects="defocus", output=None, save_fit=store.local / name)
         try:
-            asked = replace(settings, effects="defocus", output=None, save_fit=path)
             find_fit(asked, look_through=frames)
         except OutOfViewError:
-            return settings  # no frame shows the object: none needs the lens
-    return replace(settings, fit=path)
+            return None  # no frame shows the object
+        store.put(name)
+    return name
 
 
 def check(settings: Settings) -> None:

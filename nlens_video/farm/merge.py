@@ -14,6 +14,7 @@ from nlens_video import interrupts
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import InputError, UsageError
 from nlens_video.farm.key import plate_key
+from nlens_video.farm.store import Store
 from nlens_video.intake import opened
 from nlens_video.run import OnProgress, telling_what_is_kept
 from nlens_video.settings import OutputSettings, SourceSettings
@@ -25,8 +26,6 @@ from nlens_video.video.sink import open_sink
 
 if TYPE_CHECKING:
     import av
-
-_POLL_S = 0.1  # from one look for a chunk to the next
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +70,7 @@ def merge(
 
 
 def merge_arriving(
-    source: SourceSettings, marks: Sequence[ChunkMark], folder: Path, output: OutputSettings,
+    source: SourceSettings, marks: Sequence[ChunkMark], store: Store, output: OutputSettings,
     look: Callable[[], None],
 ) -> Merged:  # fmt: skip
     """Join chunks in their order, each as soon as it is there.
@@ -79,29 +78,30 @@ def merge_arriving(
     Args:
         source: the plate that the chunks were made from.
         marks: of the chunks, in order and without a gap.
-        folder: where they lie, or will.
+        store: where they lie, or will.
         output: the result and its encoding.
         look: called after each frame, and while a chunk is waited for; ends it by raising.
 
     Raises:
         NlensError: as `merge`.
     """
-    arriving = _arriving(marks, folder, look)
+    arriving = _arriving(marks, store, look)
     return _join(source, arriving, output, lambda done, total: look())
 
 
 def _arriving(
-    marks: Sequence[ChunkMark], folder: Path, look: Callable[[], None]
+    marks: Sequence[ChunkMark], store: Store, look: Callable[[], None]
 ) -> Iterator[ChunkFile]:
     for mark in marks:
-        path = folder / mark.file_name
-        while not path.is_file():
+        name = mark.file_name
+        while not store.has(name):
             look()
-            time.sleep(_POLL_S)
-        file = ChunkFile(path)
+            time.sleep(store.poll_s)
+        file = ChunkFile(store.fetch(name))
         if file.mark != mark:
-            raise InputError(f"{path}: is not the chunk that its name says; remove it")
+            raise InputError(f"{name}: is not the chunk that its name says; remove it")
         yield file
+        store.forget(name)
 
 
 def _join(

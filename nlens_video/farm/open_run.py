@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
-from pathlib import Path
 
 from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import UsageError
 from nlens_video.farm.chunk import write_chunks
+from nlens_video.farm.store import Store
 from nlens_video.settings import Settings
 
 
@@ -21,12 +21,12 @@ class OpenRun:
 
     Args:
         settings: the run.
-        folder: where chunks lie.
+        store: where chunks lie.
     """
 
-    def __init__(self, settings: Settings, folder: Path) -> None:
+    def __init__(self, settings: Settings, store: Store) -> None:
         self._settings = settings
-        self._folder = folder
+        self._store = store
         self._feed = ChunkFeed(on_done=self._note)
         self._position: float = 0.0
         self._changed = threading.Condition()
@@ -36,13 +36,13 @@ class OpenRun:
         self._thread = threading.Thread(target=self._run, name="nlens-open-run", daemon=True)
         self._thread.start()
 
-    def takes(self, settings: Settings, folder: Path, mark: ChunkMark) -> bool:
+    def takes(self, settings: Settings, store: Store, mark: ChunkMark) -> bool:
         """Whether a chunk is of this run and lies ahead."""
         ahead = not self._ended and mark.first >= self._position
-        return ahead and (settings, folder) == (self._settings, self._folder)
+        return ahead and (settings, store) == (self._settings, self._store)
 
     def render(self, mark: ChunkMark) -> None:
-        """Render a chunk that `takes` has said yes to; its file is there when this returns.
+        """Render a chunk that `takes` has said yes to; it is in the store when this returns.
 
         Raises:
             UsageError: the plate has no such frames.
@@ -52,11 +52,11 @@ class OpenRun:
         self._feed.add(mark)
         with self._changed:
             self._changed.wait_for(lambda: self._last == mark or self._ended)
-        if self._last == mark:
-            return
-        raise self._error or UsageError(
-            f"{self._settings.source.spec}: ends before frame {mark.first}; was it changed?"
-        )
+        if self._last != mark:
+            raise self._error or UsageError(
+                f"{self._settings.source.spec}: ends before frame {mark.first}; was it changed?"
+            )
+        self._store.put(mark.file_name)
 
     def close(self) -> None:
         """End the run."""
@@ -65,7 +65,7 @@ class OpenRun:
 
     def _run(self) -> None:
         try:
-            write_chunks(self._settings, self._feed, self._folder)
+            write_chunks(self._settings, self._feed, self._store.local)
         except BaseException as error:  # noqa: BLE001 - handed on to who waits for the chunk
             self._error = error
         finally:

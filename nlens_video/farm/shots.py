@@ -9,9 +9,9 @@ from typing import Any, cast
 
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import UsageError
-from nlens_video.farm.chunk import is_there
 from nlens_video.farm.job import Prepared, check, length_of
 from nlens_video.farm.merge import Merged
+from nlens_video.farm.store import Store
 from nlens_video.farm.workbench import Workbench
 from nlens_video.settings import Settings
 
@@ -22,7 +22,7 @@ class Shot:
 
     Attributes:
         settings: the run, its paths absolute.
-        folder: where fit and chunks lie, absolute.
+        store: where fit and chunks lie.
         chunk_s: length of a chunk, > 0 [s].
 
     Raises:
@@ -30,7 +30,7 @@ class Shot:
     """
 
     settings: Settings
-    folder: Path
+    store: Store
     chunk_s: float
 
     def __post_init__(self) -> None:
@@ -96,45 +96,45 @@ def plan(shot: Shot, progress: Progress) -> Plan:
     """
     name = shot.settings.source.spec
     (counted,) = yield [
-        Task(f"the fit of {name}", Workbench.prepare, (shot.settings, shot.folder, shot.chunk_s))
+        Task(f"the fit of {name}", Workbench.prepare, (shot.settings, shot.store, shot.chunk_s))
     ]
     prepared = cast("Prepared", counted)
-    missing = [m for m in prepared.marks if not is_there(shot.folder / m.file_name, m)]
+    missing = [m for m in prepared.marks if not shot.store.has(m.file_name)]
     frames = {mark: length_of(mark, prepared.frames) for mark in prepared.marks}
     progress.counted(prepared.frames, prepared.frames - sum(frames[mark] for mark in missing))
     if len(prepared.marks) == 1 and missing:
-        (whole,) = yield [_whole(prepared, progress)]
+        (whole,) = yield [_whole(prepared, shot.store, progress)]
         return cast("Merged", whole)
     merging = Task(
         f"the merge of {name}",
         Workbench.merge,
-        (shot.settings.source, prepared.marks, shot.folder, shot.settings.output),
+        (shot.settings.source, prepared.marks, shot.store, shot.settings.output),
         None if shot.settings.output is None else Path(shot.settings.output.spec),
         follows=True,
     )
-    rendering = [_chunk(prepared, mark, shot.folder, frames[mark], progress) for mark in missing]
+    rendering = [_chunk(prepared, mark, shot.store, frames[mark], progress) for mark in missing]
     *_, merged = yield [*rendering, merging]
     return cast("Merged", merged)
 
 
-def _whole(prepared: Prepared, progress: Progress) -> Task:
+def _whole(prepared: Prepared, store: Store, progress: Progress) -> Task:
     output = prepared.settings.output
     return Task(
         prepared.settings.source.spec,
         Workbench.whole,
-        (prepared.settings, prepared.frames),
+        (prepared.settings, prepared.fit, prepared.frames, store),
         None if output is None else Path(output.spec),
         lambda answer: progress.rendered(prepared.frames),
     )
 
 
 def _chunk(
-    prepared: Prepared, mark: ChunkMark, folder: Path, frames: int, progress: Progress
+    prepared: Prepared, mark: ChunkMark, store: Store, frames: int, progress: Progress
 ) -> Task:
     return Task(
         f"frames {mark.first} to {mark.end} of {prepared.settings.source.spec}",
         Workbench.chunk,
-        (prepared.settings, mark, folder),
-        folder / mark.file_name,
+        (prepared.settings, prepared.fit, mark, store),
+        store.local / mark.file_name,
         lambda answer: progress.rendered(frames),
     )

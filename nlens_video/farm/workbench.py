@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from nlens_video import interrupts
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import UsageError
-from nlens_video.farm.chunk import is_there, mark_of
-from nlens_video.farm.job import Prepared, prepare
+from nlens_video.farm.chunk import mark_of
+from nlens_video.farm.job import Prepared, prepare, with_stored
 from nlens_video.farm.merge import Merged, merge_arriving
 from nlens_video.farm.open_run import OpenRun
+from nlens_video.farm.store import Store
 from nlens_video.run import render
 from nlens_video.settings import OutputSettings, Settings, SourceSettings
 
@@ -23,52 +23,62 @@ class Workbench:
     def __init__(self) -> None:
         self._open: OpenRun | None = None
 
-    def prepare(self, settings: Settings, folder: Path, chunk_s: float) -> Prepared:
+    def prepare(self, settings: Settings, store: Store, chunk_s: float) -> Prepared:
         """Find the lens and cut the plate into chunks, as `job.prepare`."""
         self._close()
-        return prepare(settings, folder, chunk_s)
+        return prepare(settings, store, chunk_s)
 
-    def chunk(self, settings: Settings, mark: ChunkMark, folder: Path) -> None:
+    def chunk(self, settings: Settings, fit: str | None, mark: ChunkMark, store: Store) -> None:
         """Render a chunk on a machine that may differ from the one that has planned it.
 
+        Args:
+            settings: the run.
+            fit: name of its lens in the store, None where the run has one or needs none.
+            mark: the chunk.
+            store: where it shall lie.
+
         Raises:
-            UsageError: it differs.
+            UsageError: the machine differs.
             NlensError: as `chunk.write_chunk`.
         """
-        if is_there(folder / mark.file_name, mark):
+        if store.has(mark.file_name):
             return
-        if self._open is None or not self._open.takes(settings, folder, mark):
+        known = with_stored(settings, fit, store)
+        if self._open is None or not self._open.takes(known, store, mark):
             self._close()
-            seen = mark_of(settings)
+            seen = mark_of(known)
             if (seen.key, seen.plate) != (mark.key, mark.plate):
                 raise UsageError(
                     "a worker sees other files, or has another version or renderer, than the one "
                     "that made the fit; give all of them the same"
                 )
-            self._open = OpenRun(settings, folder)
+            self._open = OpenRun(known, store)
         self._open.render(mark)
 
-    def whole(self, settings: Settings, frames: int) -> Merged:
+    def whole(self, settings: Settings, fit: str | None, frames: int, store: Store) -> Merged:
         """Render a shot into its result, as a single run does.
 
         Args:
-            settings: the run, with its lens.
+            settings: the run.
+            fit: as for `chunk`.
             frames: of the plate [1].
+            store: where the fit lies.
 
         Raises:
             NlensError: as `run.render`.
         """
         self._close()
-        outcome = render(replace(settings, track_focus="off"))
+        known = with_stored(settings, fit, store)
+        outcome = render(replace(known, track_focus="off"))
         return Merged(output=outcome.output, frames=frames, chunks=1, notes=outcome.notes)
 
     def merge(
-        self, source: SourceSettings, marks: Sequence[ChunkMark], folder: Path,
+        self, source: SourceSettings, marks: Sequence[ChunkMark], store: Store,
         output: OutputSettings, look: Callable[[], None] = interrupts.look,
     ) -> Merged:  # fmt: skip
         """Join chunks as they come, as `merge.merge_arriving`."""
         self._close()
-        return merge_arriving(source, marks, folder, output, look)
+        return merge_arriving(source, marks, store, output, look)
 
     def _close(self) -> None:
         if self._open is not None:

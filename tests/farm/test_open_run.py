@@ -14,6 +14,7 @@ from nlens_video.errors import InputError, UsageError
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
 from nlens_video.farm.open_run import OpenRun
+from nlens_video.farm.store import Bucket, Folder
 from nlens_video.farm.workbench import Workbench
 
 FRAMES = 14
@@ -61,14 +62,14 @@ def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
     shot, run, whole, tmp_path
 ):
     """Two workers take turns, so each passes over what the other renders."""
-    first, second = OpenRun(run, tmp_path), OpenRun(run, tmp_path)
+    first, second = OpenRun(run, Folder(tmp_path)), OpenRun(run, Folder(tmp_path))
     parts = marks(run, (0, 3), (3, 7), (7, 8), (8, 13), (13, 20))
     for mark, worker in zip(parts, (first, second, first, second, first), strict=True):
-        assert worker.takes(run, tmp_path, mark)
+        assert worker.takes(run, Folder(tmp_path), mark)
         worker.render(mark)
         assert (tmp_path / mark.file_name).is_file()
-    assert not first.takes(run, tmp_path, parts[1])  # behind it
-    assert not second.takes(replace(run, preset="draft"), tmp_path, parts[4])  # another run
+    assert not first.takes(run, Folder(tmp_path), parts[1])  # behind it
+    assert not second.takes(replace(run, preset="draft"), Folder(tmp_path), parts[4])  # another run
     first.close()
     second.close()
     merge(run.source, [tmp_path], run.output)
@@ -80,12 +81,12 @@ def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(
     bench = Workbench()
     late, early, missing = marks(run, (5, 7), (2, 4), (40, 50))
     before = threading.active_count()
-    bench.chunk(run, late, tmp_path)
-    bench.chunk(run, early, tmp_path)
+    bench.chunk(run, None, late, Folder(tmp_path))
+    bench.chunk(run, None, early, Folder(tmp_path))
     assert sorted(path.name for path in tmp_path.iterdir()) == [early.file_name, late.file_name]
     with pytest.raises(UsageError, match="ends before frame 40"):
-        bench.chunk(run, missing, tmp_path)
-    bench.prepare(run, tmp_path, 1.0)  # something else: the run is closed
+        bench.chunk(run, None, missing, Folder(tmp_path))
+    bench.prepare(run, Folder(tmp_path), 1.0)  # something else: the run is closed
     assert threading.active_count() == before
 
 
@@ -93,10 +94,10 @@ def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(
 def test_open_run_that_fails_says_so_to_who_waits_for_the_chunk(run, tmp_path):
     (mark,) = marks(run, (0, 3))
     broken = replace(run, source=replace(run.source, spec=str(tmp_path / "gone.mp4")))
-    worker = OpenRun(broken, tmp_path)
+    worker = OpenRun(broken, Folder(tmp_path))
     with pytest.raises(InputError, match="no such file"):
         worker.render(mark)
-    assert not worker.takes(broken, tmp_path, mark)
+    assert not worker.takes(broken, Folder(tmp_path), mark)
     worker.close()
 
 
@@ -107,14 +108,14 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
     looks = []
     merging = threading.Thread(
         target=merge_arriving,
-        args=(run.source, parts, tmp_path, output, lambda: looks.append(time.monotonic())),
+        args=(run.source, parts, Folder(tmp_path), output, lambda: looks.append(time.monotonic())),
     )
     merging.start()
     bench = Workbench()
     for mark in parts[::-1]:
         assert merging.is_alive() and not (tmp_path / "followed.mkv").exists()
-        bench.chunk(run, mark, tmp_path)
-    bench.prepare(run, tmp_path, 1.0)
+        bench.chunk(run, None, mark, Folder(tmp_path))
+    bench.prepare(run, Folder(tmp_path), 1.0)
     merging.join(60)
     assert looks and not merging.is_alive()
     same(shots.read_planes(tmp_path / "followed.mkv"), whole)
@@ -123,7 +124,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
 @pytest.mark.needs_gl
 def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
-    Workbench().chunk(run, parts[0], tmp_path)
+    Workbench().chunk(run, None, parts[0], Folder(tmp_path))
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     looked = []
 
@@ -133,15 +134,16 @@ def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        merge_arriving(run.source, parts, tmp_path, output, look)
+        merge_arriving(run.source, parts, Folder(tmp_path), output, look)
     assert [path.name for path in tmp_path.iterdir()] == [parts[0].file_name]
 
 
 @pytest.mark.needs_gl
 def test_merge_refuses_a_file_that_is_not_the_chunk_its_name_says(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
-    Workbench().chunk(run, one, tmp_path)
+    Workbench().chunk(run, None, one, Folder(tmp_path))
     (tmp_path / other.file_name).write_bytes((tmp_path / one.file_name).read_bytes())
+    assert not Folder(tmp_path).has(other.file_name)  # there it would be rendered again
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     with pytest.raises(InputError, match="is not the chunk that its name says"):
-        merge_arriving(run.source, [one, other], tmp_path, output, lambda: None)
+        merge_arriving(run.source, [one, other], Bucket(f"file://{tmp_path}"), output, lambda: None)

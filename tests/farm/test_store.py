@@ -1,0 +1,141 @@
+"""Chunks in a store that fsspec opens: there whole or not at all, the bits those of a folder."""
+
+import subprocess
+import sys
+
+import fsspec
+import numpy as np
+import pytest
+import shots
+
+from nlens_video.arguments import parse, settings
+from nlens_video.cli import main
+from nlens_video.errors import InputError, OutputError, UsageError
+from nlens_video.farm.paths import absolute
+from nlens_video.farm.shots import Progress, Shot, plan
+from nlens_video.farm.store import Bucket, Folder, store_of
+from nlens_video.farm.workbench import Workbench
+
+FRAMES = 12
+
+
+@pytest.fixture(autouse=True)
+def own_temporaries(tmp_path_factory, monkeypatch):
+    """Local copies of a URL's files lie in a folder of the test."""
+    folder = tmp_path_factory.mktemp("local")
+    monkeypatch.setenv("TMPDIR", str(folder))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("store")
+    shots.write_video(folder / "in.mp4", FRAMES)
+    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5), seconds=0.4)
+    return folder
+
+
+def words(shot, out):
+    given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(out)]
+    return [*given, "--preset", "realtime", "--codec", "ffv1"]
+
+
+@pytest.fixture(scope="module")
+def whole(shot):
+    assert main([*words(shot, shot / "whole.mkv"), "-q"]) == 0
+    return shots.read_planes(shot / "whole.mkv")
+
+
+def same(found, expected):
+    assert [pts for pts, _ in found] == [pts for pts, _ in expected] and len(found) == FRAMES
+    for (_, planes), (_, also) in zip(found, expected, strict=True):
+        for plane, other in zip(planes, also, strict=True):
+            np.testing.assert_array_equal(plane, other)
+
+
+def urls(folder):
+    """A file server, where a file grows as it is written, and an object store."""
+    return (f"file://{folder}/of url", f"memory://{folder.name}/shot")
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
+    store = store_of(urls(tmp_path)[which])
+    assert isinstance(store, Bucket)
+    with store.held():
+        assert not store.has("fit-0123456789abcdef.json")
+        (store.local / "fit-0123456789abcdef.json").write_text("{}")
+        store.put("fit-0123456789abcdef.json")
+        assert store.has("fit-0123456789abcdef.json")
+        assert not (store.local / "fit-0123456789abcdef.json").exists()
+        fetched = store.fetch("fit-0123456789abcdef.json")
+        assert fetched.read_text() == "{}"
+        assert store.fetch("fit-0123456789abcdef.json") == fetched
+        store.forget(fetched.name)
+        assert not fetched.exists() and store.has(fetched.name)
+    files, folder = fsspec.core.url_to_fs(store.url)
+    assert [path.rsplit("/", 1)[-1] for path in files.ls(folder, detail=False)] == [fetched.name]
+    files.pipe_file(f"{folder}/keep.txt", b"mine")
+    store.clear()
+    assert [path.rsplit("/", 1)[-1] for path in files.ls(folder, detail=False)] == ["keep.txt"]
+    assert not store.local.exists()
+
+
+def test_path_is_a_folder_and_not_a_url(tmp_path):
+    assert store_of(str(tmp_path)) == Folder(tmp_path)
+
+
+def test_file_with_the_name_of_a_chunk_that_is_none_does_not_count(tmp_path):
+    name = f"{'0' * 16}-00000000-00000010.nut"
+    (tmp_path / name).write_bytes(b"cut short")
+    assert not Folder(tmp_path).has(name)
+
+
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.needs_gl
+def test_shot_by_way_of_a_url_has_the_single_runs_bits_and_nothing_stays_here(
+    which, shot, whole, tmp_path, own_temporaries
+):
+    """The farm's own tasks, done one after the other by one worker in this process."""
+    url = urls(tmp_path)[which]
+    run = absolute(settings(parse(["farm", *words(shot, tmp_path / "out.mkv")])))
+    asked = plan(Shot(settings=run, store=store_of(url), chunk_s=0.2), Progress(1, lambda *a: None))
+    bench, answers = Workbench(), None
+    with store_of(url).held():
+        while True:
+            try:
+                tasks = asked.send(answers)
+            except StopIteration as end:
+                merged = end.value
+                break
+            answers = [task.work(bench, *task.arguments) for task in tasks]
+    assert (merged.frames, merged.chunks) == (FRAMES, 3)
+    same(shots.read_planes(tmp_path / "out.mkv"), whole)
+    files, folder = fsspec.core.url_to_fs(url)
+    assert len(files.ls(folder)) == 4  # three chunks and the fit
+    assert not [path for path in own_temporaries.rglob("*.nut")]
+
+
+@pytest.mark.needs_gl
+def test_farm_of_two_processes_that_share_a_url_gives_the_single_runs_bits(shot, whole, tmp_path):
+    command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, tmp_path / "out.mkv")]
+    command += ["--workers", "2", "--chunk", "0.12", "--chunks", f"file://{tmp_path}/url", "-q"]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=200)
+    assert ran.returncode == 0, ran.stderr
+    same(shots.read_planes(tmp_path / "out.mkv"), whole)
+    assert len(list((tmp_path / "url").glob("*.nut"))) == 4
+
+
+def test_url_that_cannot_be_used_is_one_clear_line(tmp_path):
+    for url, kind, says in (
+        ("nosuch://x/y", UsageError, "nosuch"),
+        (f"file://{tmp_path}/a file/b", OutputError, "cannot be made"),
+    ):
+        (tmp_path / "a file").write_text("")
+        with pytest.raises(kind, match=says) as raised, store_of(url).held():
+            pass
+        assert "\n" not in str(raised.value) and url in str(raised.value)
+    store = store_of("memory://empty")
+    with pytest.raises(InputError, match="cannot be read"):
+        store.fetch("gone.nut")
