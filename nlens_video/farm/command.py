@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from nlens_video.arguments import output_settings, source_settings
+from nlens_video.backends.device import choose
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.chunk import render_chunk
 from nlens_video.farm.folder import beside, remove
@@ -40,7 +42,8 @@ def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int
         NlensError: as `run.render` and `merge`.
     """
     store = store_of(words.chunks or str(beside(Path(words.output))))
-    shot = Shot(settings=absolute(settings), store=store, chunk_s=words.chunk)
+    run = _on_one_device(absolute(settings), words)
+    shot = Shot(settings=run, store=store, chunk_s=words.chunk)
     (result,) = _made([shot], words, voice)
     if isinstance(result, NlensError):
         raise result
@@ -57,7 +60,11 @@ def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
         UsageError: Ray is not installed, or the list makes no sense.
     """
     shots = [
-        Shot(settings=absolute(run), store=Folder(beside(output)), chunk_s=words.chunk)
+        Shot(
+            settings=_on_one_device(absolute(run), words),
+            store=Folder(beside(output)),
+            chunk_s=words.chunk,
+        )
         for run in read_shot_list(words.jobs)
         for output in [Path("" if run.output is None else run.output.spec).absolute()]
     ]
@@ -71,6 +78,14 @@ def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
     return next((one.exit_code for one in results if isinstance(one, NlensError)), 0)
 
 
+def _on_one_device(settings: Settings, words: argparse.Namespace) -> Settings:
+    """A run whose chunks all come from one kind of device, since their last bits differ."""
+    if settings.device != "auto":
+        return settings
+    here = choose("auto").name == "cuda" and words.address is None
+    return replace(settings, device="cuda" if here else "cpu")
+
+
 def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Merged | NlensError]:
     try:
         from nlens_video.farm.on_ray import Cluster
@@ -79,7 +94,8 @@ def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Me
             f"farm needs Ray ({error}); pip install nlens-video[farm], or render chunks yourself "
             "with --as-chunk and join them with merge"
         ) from error
-    cluster = Cluster(address=words.address, workers=words.workers)
+    gpus = any(shot.settings.device == "cuda" for shot in shots)
+    cluster = Cluster(address=words.address, workers=words.workers, gpus=gpus)
     with ExitStack() as stack:
         for shot in shots:
             stack.enter_context(shot.store.held())

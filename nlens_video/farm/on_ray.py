@@ -41,11 +41,13 @@ class Cluster:
     Attributes:
         address: of a Ray cluster, `auto`, `ray://HOST:PORT` or `HOST:PORT`; None for one on this
             machine that ends with the run.
-        workers: how many, None for one to every two processors.
+        workers: how many, None for one to every two processors, or to every GPU.
+        gpus: whether each worker needs a GPU of its own.
     """
 
     address: str | None = None
     workers: int | None = None
+    gpus: bool = False
 
     def run(self, plans: Sequence[Plan]) -> list[Merged | NlensError]:
         """Have shots made; a worker that is lost is replaced, and its task done again.
@@ -57,12 +59,12 @@ class Cluster:
             What was merged, or what failed, shot by shot: one that fails does not stop the others.
 
         Raises:
-            UsageError: there is no such cluster.
+            UsageError: there is no such cluster, or it has no GPU where one is needed.
         """
         with _connected(self) as count:
             # what is joined here need not wait for the last chunk; a client has no such files
             near = self.address is None or not self.address.startswith("ray://")
-            return _Crew(count, plans, OwnHand() if near else None).run()
+            return _Crew(count, plans, OwnHand() if near else None, int(self.gpus)).run()
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +110,9 @@ class _Waiting:
 class _Crew:
     """Workers, and who of them does what; one task is done here, where that is of use."""
 
-    def __init__(self, most: int, plans: Sequence[Plan], hand: OwnHand | None) -> None:
+    def __init__(self, most: int, plans: Sequence[Plan], hand: OwnHand | None, gpus: int) -> None:
         self._most = most
+        self._gpus = gpus
         self._hand = hand
         self._at_hand: _Waiting | None = None
         self._idle: list[tuple[Any, int]] = []
@@ -153,7 +156,8 @@ class _Crew:
     def _worker(self, shot: int) -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
         """One with nothing to do, who knows the shot if there is such a one."""
         if not self._idle:
-            return _hired()
+            kind = ray.remote(num_cpus=_CPUS, num_gpus=self._gpus, max_restarts=0)(_Worker)
+            return kind.remote()
         known = next((at for at, (_, last) in enumerate(self._idle) if last == shot), 0)
         return self._idle.pop(known)[0]
 
@@ -231,10 +235,6 @@ class _Crew:
         )
 
 
-def _hired() -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
-    return ray.remote(num_cpus=_CPUS, max_restarts=0)(_Worker).remote()
-
-
 @contextmanager
 def _connected(cluster: Cluster) -> Iterator[int]:
     """How many workers there are to be."""
@@ -255,10 +255,18 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             f"({str(error).splitlines()[0]}); start one with ray start --head, or leave it out"
         ) from error
     try:
+        # Ray leaves this function without types
+        found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         if cluster.address and cluster.workers is None:
-            # Ray leaves this function without types
-            found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
             workers = max(1, int(found.get("CPU", _CPUS)) // _CPUS)
+        if cluster.gpus:
+            gpus = int(found.get("GPU", 0))
+            if not gpus:
+                raise UsageError(
+                    "--device cuda: the cluster declares no GPU; start its machines with ray start "
+                    "--num-gpus N, or use --device cpu"
+                )
+            workers = min(workers, gpus)
         yield workers
     finally:
         ray.shutdown()

@@ -13,6 +13,7 @@ import pytest
 import shots
 
 from nlens_video.arguments import parse, settings
+from nlens_video.backends.device import choose
 from nlens_video.cli import main
 from nlens_video.errors import UsageError
 from nlens_video.farm.chunk import write_chunk
@@ -142,6 +143,25 @@ def test_list_that_makes_no_sense_is_refused_in_one_line(text, says, tmp_path, c
     assert main(["farm", "--jobs", str(jobs)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and says in said
+
+
+@pytest.mark.parametrize(
+    ("declared", "says"),
+    [
+        ("0", "the cluster declares no GPU; start its machines with ray start --num-gpus N"),
+        ("2", "--device cuda: "),  # the worker was placed, and finds that the GPU is none
+    ],
+)
+def test_worker_of_a_gpu_is_placed_where_one_is_declared(declared, says, shot, capfd, monkeypatch):
+    """The GPUs are Ray's book-keeping: where none is at hand, the worker says so."""
+    if choose("auto").name == "cuda" and declared != "0":
+        says = ""
+    monkeypatch.setenv("RAY_OVERRIDE_RESOURCES", f'{{"GPU": {declared}}}')
+    chunks = ["--chunks", str(shot / "gpu")]
+    command = ["farm", *words(shot, "gpu.mkv"), "--workers", "1", *chunks]
+    assert main([*command, "--device", "cuda", "-q"]) == (2 if says else 0)
+    said = capfd.readouterr().err
+    assert says in said and said.count("nlens-video: ") == bool(says)
 
 
 def test_ranges_cover_every_frame_once():
