@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 from hard.faults.kills import Executioner, Tally, make_shot
-from hard.fuzz.campaign import Count, all_tried, keep
+from hard.fuzz.campaign import all_tried, keep
 from hard.fuzz.kinds import KINDS
 from hard.fuzz.page import fuzz_part, kills_part, write_page
 
@@ -40,25 +40,24 @@ def kill(count: int) -> tuple[Tally, Tally]:
 
 def main(words: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="hard.fuzz", description=__doc__.split("\n")[0])
-    parser.add_argument("--inputs", type=int, default=110_000, help="damaged files in all")
+    parser.add_argument("--inputs", type=int, default=101_000, help="damaged files in all")
     parser.add_argument("--kills", type=int, default=100, help="runs to kill")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--page", type=Path, default=Path("docs/faults.md"))
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"))
     parser.add_argument("--kind", action="append", choices=sorted(KINDS), help="only these")
     asked = parser.parse_args(words)
-    counts: dict[str, Count] = {}
-    tallies: tuple[Tally, Tally] | None = None
+    failed = False
     if asked.inputs:
         counts = all_tried(asked.inputs, asked.kind or list(KINDS), asked.workers)
         for name, count in counts.items():
             keep(name, count, asked.keep)
+            failed |= bool(count.faults)
+        write_page(asked.page, {"fuzz": fuzz_part(counts)})
     if asked.kills:
         tallies = kill(asked.kills)
-    parts = {"fuzz": fuzz_part(counts) if counts else "", "kills": kills_part(tallies)}
-    write_page(asked.page, {name: text for name, text in parts.items() if text})
-    failed = any(count.faults for count in counts.values())
-    failed |= any(tally.lost or tally.broken or tally.strange for tally in tallies or ())
+        failed |= any(tally.lost or tally.broken or tally.strange for tally in tallies)
+        write_page(asked.page, {"kills": kills_part(tallies)})
     return int(failed)
 
 
