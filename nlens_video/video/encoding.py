@@ -21,10 +21,14 @@ _SAME = (
     "mpeg4", "dnxhd", "cfhd", "v210", "rawvideo", "qtrle", "png", "apng", "gif", "jpeg2000",
 )  # fmt: skip
 _FALLBACK = "libx264"
+# Where pictures are no multiple of 128 px wide, x264's vectorised macroblock tree goes by what lay
+# in memory before; its plain one, which this asks for (x264's switch for equal results on
+# all processors), does not.
+_REPEATABLE = {"x264-params": "cpu-independent=1"}
 # Visually lossless at a speed that keeps up; each may be overridden by --crf where it has one.
 _OPTIONS = {
-    "libx264": {"crf": "16", "preset": "veryfast"},
-    "libx264rgb": {"crf": "16", "preset": "veryfast"},
+    "libx264": {"crf": "16", "preset": "veryfast", **_REPEATABLE},
+    "libx264rgb": {"crf": "16", "preset": "veryfast", **_REPEATABLE},
     "libx265": {"crf": "16", "preset": "fast", "x265-params": "log-level=error"},
     "libvpx-vp9": {"crf": "18", "b": "0", "deadline": "good", "cpu-used": "4", "row-mt": "1"},
     "libvpx": {"crf": "6", "b": "40M", "deadline": "good", "cpu-used": "4"},

@@ -154,11 +154,10 @@ def test_a_run_whose_encoder_fails_midway_is_one_line_and_leaves_no_result(
 
 def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_ends_it(tmp_path):
     folder = kills.make_shot(tmp_path / "shot")
-    lossless = ("--resume", "--codec", "ffv1")
-    kills.finish(folder, *lossless)
+    kills.finish(folder, "--resume")
     undisturbed = kills.decoded(folder / "out.mp4")
     (folder / "out.mp4").unlink()
-    running = kills.start(folder, *lossless)
+    running = kills.start(folder, "--resume")
     chunks, deadline = folder / "out.mp4.chunks", time.monotonic() + 120
     while not list(chunks.glob("[0-9a-f]*.nut")) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -171,7 +170,7 @@ def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_e
     assert not (folder / "out.mp4").exists()
     left = {path.name: path.stat().st_mtime_ns for path in chunks.glob("[0-9a-f]*.nut")}
     assert left and not list(folder.glob(".*"))
-    kills.finish(folder, *lossless)
+    kills.finish(folder, "--resume")
     assert kills.decoded(folder / "out.mp4") == undisturbed
     assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
 

@@ -16,7 +16,7 @@ def test_killed_runs_leave_no_result_and_a_temporary_that_plays(tmp_path):
 
 
 def test_killed_runs_are_gone_on_with_and_give_the_undisturbed_frames(tmp_path):
-    executioner = Executioner(make_shot(tmp_path / "shot"), 4, "--codec", "ffv1")
+    executioner = Executioner(make_shot(tmp_path / "shot"), 4)
     for _ in range(3):
         executioner.kill_resumable()
     executioner.finish("--resume")

@@ -18,9 +18,6 @@ from hard.fuzz.campaign import all_tried, keep
 from hard.fuzz.kinds import KINDS
 from hard.fuzz.page import fuzz_part, kills_part, write_page
 
-LOSSLESS = ("--codec", "ffv1")
-"""Frames are compared as the encoder got them: libx264 on several threads differs by itself."""
-
 
 def kill(count: int) -> tuple[Tally, Tally]:
     """Half of the kills with `--keep-partial`, half with `--resume`."""
@@ -30,7 +27,7 @@ def kill(count: int) -> tuple[Tally, Tally]:
             keeping.kill_keeping()
             print(f"--keep-partial: {keeping.tally}")
         keeping.finish()
-        resuming = Executioner(make_shot(Path(name) / "resuming", 300), 2, *LOSSLESS)
+        resuming = Executioner(make_shot(Path(name) / "resuming", 300), seed=2)
         while resuming.tally.kills < count - count // 2:
             resuming.kill_resumable()
             print(f"--resume: {resuming.tally}")

@@ -31,10 +31,8 @@ def _row(name: str, count: Count) -> str:
     return f"| {' | '.join([name, *cells])} |"
 
 
-def kills_part(tallies: tuple[Tally, Tally] | None) -> str:
+def kills_part(tallies: tuple[Tally, Tally]) -> str:
     """What killed runs have left."""
-    if tallies is None:
-        return ""
     keeping, resuming = tallies
     rows = [
         ("runs killed", keeping.kills, resuming.kills),
