@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import faulthandler
 import os
 import signal
 import sys
@@ -29,6 +30,8 @@ def main(argv: list[str] | None = None) -> int:
     if completion.ASKED in os.environ:
         completion.answer()
     words = list(sys.argv[1:] if argv is None else argv)
+    if sys.__stderr__ is not None and not faulthandler.is_enabled():
+        faulthandler.enable(sys.__stderr__)  # a crash in a library names the line that called it
     with _interruptible():
         code = _answered(words)
     _leave_a_stuck_reader(code)

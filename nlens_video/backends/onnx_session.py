@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
+
+# Its official builds send what they run to their makers and keep a device's number in the home
+# folder (1.29 and later), unless this is set before they are loaded.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as states
@@ -12,6 +17,7 @@ from nlens_video.backends.device import CPU, Chosen
 from nlens_video.errors import NlensError
 from nlens_video.frames import Float32
 
+onnxruntime.disable_telemetry_events()  # what does that on Windows
 _GPU_FAILED = (
     states.RuntimeException, states.Fail, states.EPFail, states.EngineError, states.DeviceReset
 )  # fmt: skip

@@ -240,6 +240,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
     """How many workers there are to be."""
     workers = cluster.workers or max(1, (os.cpu_count() or 1) // _CPUS)
     local = cluster.address is None
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray may report to its makers
     try:
         ray.init(
             address="local" if local else cluster.address,

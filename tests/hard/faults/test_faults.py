@@ -175,6 +175,21 @@ def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_e
     assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
 
 
+def test_a_crash_of_a_library_names_its_line_and_leaves_no_result(tmp_path):
+    folder = kills.make_shot(tmp_path / "shot", 300)
+    running = kills.start(folder)
+    deadline = time.monotonic() + 120
+    while not list(folder.glob(".out.partial-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    running.send_signal(signal.SIGSEGV)  # as the processor answers a stray pointer
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == -signal.SIGSEGV
+    assert b"Fatal Python error: Segmentation fault" in said and b"nlens_video" in said
+    assert not (folder / "out.mp4").exists()
+    kills.finish(folder)
+    assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
+
+
 def test_what_a_library_prints_gets_into_no_picture_and_no_json(shot, tmp_path):
     """OpenEXR's binding prints a warning on standard output when a file ends too early."""
     light = np.random.default_rng(0).random((shots.HEIGHT, shots.WIDTH, 3), np.float32)
