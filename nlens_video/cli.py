@@ -17,7 +17,7 @@ from nlens_video import arguments, completion, interrupts
 from nlens_video.errors import NlensError, ReaderGone
 from nlens_video.overwriting import refuse_overwriting
 from nlens_video.side_commands import SIDE_COMMANDS
-from nlens_video.standard_output import kept_from_libraries
+from nlens_video.standard_output import kept_from_libraries, let_go, standard_error
 
 if TYPE_CHECKING:
     from nlens_video.show import Voice
@@ -42,8 +42,7 @@ def _answered(words: list[str]) -> int:
     try:
         return _run(words)
     except ReaderGone:
-        # Python would complain once more when it flushes standard output at its end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        let_go(sys.stdout)
         return 0
     except NlensError as error:
         if "-v" in words or "--verbose" in words:
@@ -61,7 +60,7 @@ def _answered(words: list[str]) -> int:
 def _say(text: str, error: BaseException) -> None:
     """One line, with what the error's notes add."""
     line = "; ".join([text, *getattr(error, "__notes__", [])])
-    print(f"nlens-video: {' '.join(line.split())}", file=sys.stderr)
+    standard_error().write(f"nlens-video: {' '.join(line.split())}\n")
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import io
 import json
 import platform
 import sys
@@ -140,7 +141,7 @@ def _show(findings: list[Finding]) -> None:
     table = Table(box=None, show_header=False, pad_edge=False)
     for finding in findings:
         table.add_row(finding.what, marks[finding.works], finding.detail)
-    console = Console()
-    with console.capture() as drawn:
-        console.print(table)
-    print_out(drawn.get())
+    drawn = io.StringIO()
+    coloured = sys.stdout is not None and sys.stdout.isatty()
+    Console(file=drawn, force_terminal=coloured).print(table)
+    print_out(drawn.getvalue())

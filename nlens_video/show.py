@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from nlens_video.errors import NlensError
-from nlens_video.standard_output import print_out
+from nlens_video.standard_output import print_out, standard_error
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,7 +39,7 @@ class Voice:
     def __init__(self, *, quiet: bool, as_json: bool, progress: bool, stdout_taken: bool) -> None:
         self._quiet = quiet
         self._json = as_json
-        self._console = Console(stderr=True, highlight=False)
+        self._console = Console(file=standard_error(), highlight=False)
         self._progress = progress and not quiet and self._console.is_terminal
         self._results = sys.stderr if stdout_taken else sys.stdout
 

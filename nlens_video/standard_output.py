@@ -1,14 +1,71 @@
-"""Text on standard output, whose reader may have seen enough."""
+"""The standard streams: one for pictures and results, whose reader may go; one for words."""
 
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from typing import TextIO
+from typing import TextIO, cast
 
-from nlens_video.errors import ReaderGone
+from nlens_video.errors import OutputError, ReaderGone
+
+
+def print_out(text: str, stream: TextIO | None = None) -> None:
+    """Write text as it is; where the stream was closed from the start, nobody asks for it.
+
+    Args:
+        text: with its last line's end.
+        stream: where to; default: standard output.
+
+    Raises:
+        ReaderGone: nobody reads it any more.
+        OutputError: it cannot be written.
+    """
+    out: TextIO | None = sys.stdout if stream is None else stream
+    if out is None:
+        return
+    try:
+        out.write(text)
+        out.flush()
+    except BrokenPipeError as error:
+        raise ReaderGone("standard output: nobody reads it any more") from error
+    except OSError as error:
+        let_go(out)
+        raise OutputError(
+            f"standard output: cannot be written ({error.strerror}); check the disk"
+        ) from error
+
+
+def let_go(stream: TextIO) -> None:
+    """Point a stream nowhere: Python would complain once more when it flushes it at its end."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+def standard_error() -> TextIO:
+    """Standard error; that its words cannot be written or read is no failure of a run."""
+    return cast("TextIO", _Heedless())
+
+
+class _Heedless(io.TextIOBase):
+    """Writes to standard error where that can be done."""
+
+    def write(self, text: str) -> int:
+        """Write, or else stop trying."""
+        if sys.stderr is not None:
+            try:
+                sys.stderr.write(text)
+                sys.stderr.flush()
+            except OSError:
+                let_go(sys.stderr)
+        return len(text)
+
+    def isatty(self) -> bool:
+        """Whether a person sees it at once."""
+        return sys.stderr is not None and sys.stderr.isatty()
 
 
 class _BytesOnly(io.TextIOBase):
@@ -28,29 +85,14 @@ class _BytesOnly(io.TextIOBase):
 
     def write(self, text: str) -> int:
         """Write to standard error."""
-        return sys.stderr.write(text)
+        return standard_error().write(text)
 
 
 @contextmanager
 def kept_from_libraries() -> Iterator[None]:
     """What libraries print goes to standard error: pictures or JSON may go to standard output."""
+    if sys.stdout is None:  # closed from the start
+        yield
+        return
     with redirect_stdout(_BytesOnly(sys.stdout)):
         yield
-
-
-def print_out(text: str, stream: TextIO | None = None) -> None:
-    """Write text as it is.
-
-    Args:
-        text: with its last line's end.
-        stream: where to; default: standard output.
-
-    Raises:
-        ReaderGone: nobody reads it any more.
-    """
-    out = sys.stdout if stream is None else stream
-    try:
-        out.write(text)
-        out.flush()
-    except BrokenPipeError as error:
-        raise ReaderGone("standard output: nobody reads it any more") from error

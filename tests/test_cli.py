@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from fractions import Fraction
+from pathlib import Path
 from types import SimpleNamespace
 
 import av
@@ -406,6 +407,41 @@ def test_text_that_nobody_reads_is_no_failure(files, tmp_path, words):
     assert (run.returncode, err) == (0, b"")
 
 
+@pytest.mark.parametrize("words", [["-q"], ["--json"], ["--plan"]])
+def test_a_full_disk_behind_standard_output_is_one_line(files, tmp_path, words):
+    out = tmp_path / "out.png" if words != ["-q"] else "-"
+    with Path("/dev/full").open("wb") as full:
+        run = process(
+            files / "plate.png", files / "anim.glb", out, "--fit", files / "fit.json", *words,
+            stdout=full,
+        )  # fmt: skip
+        _, err = run.communicate(timeout=120)
+    assert run.returncode == 6
+    assert err.startswith(b"nlens-video: ") and err.count(b"\n") == 1 and b"No space left" in err
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_run_does_without_streams_that_were_closed_from_the_start(files, tmp_path, closed):
+    words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
+    command = [sys.executable, "-m", "nlens_video", *words, "--fit", files / "fit.json", "--json"]
+    shell = ["sh", "-c", f'exec "$@" {closed}>&-', "sh", *map(str, command)]
+    assert subprocess.run(shell, capture_output=True, timeout=120, check=False).returncode == 0
+    assert (tmp_path / "out.png").is_file()
+
+
+def test_words_that_nobody_can_read_do_not_fail_a_run(files, tmp_path):
+    unread, written = os.pipe()
+    os.close(unread)
+    words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
+    command = [sys.executable, "-m", "nlens_video", *map(str, words)]
+    run = subprocess.run(
+        [*command, "--fit", str(files / "fit.json")], stderr=written, timeout=120, check=False
+    )
+    os.close(written)
+    assert run.returncode == 0
+    assert (tmp_path / "out.png").is_file()
+
+
 def test_help_answers_without_loading_anything():
     run = process("--help", stdout=subprocess.PIPE)
     out, _ = run.communicate(timeout=30)
@@ -546,6 +582,15 @@ class TestExitCodes:
     def test_6_folder_that_does_not_exist(self, files, tmp_path):
         run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "no" / "out.png")
         one_line(run, 6)
+
+    @pytest.mark.parametrize("option", [None, "--save-fit", "--timings"])
+    def test_6_a_pipe_or_a_device_is_not_replaced_by_a_file(self, files, tmp_path, option):
+        pipe = tmp_path / "pipe.png"
+        os.mkfifo(pipe)
+        out, more = (pipe, []) if option is None else (tmp_path / "out.png", [option, pipe])
+        given = [files / "plate.png", files / "anim.glb", out, "--fit", files / "fit.json"]
+        assert "is a device or a pipe; give the name" in one_line(nlens(*given, *more), 6)
+        assert list(tmp_path.iterdir()) == [pipe] and pipe.is_fifo()
 
     def test_6_output_that_is_the_input(self, files):
         run = nlens(files / "plate.png", files / "anim.glb", files / "plate.png")

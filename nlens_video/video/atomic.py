@@ -71,10 +71,13 @@ def check_folder(path: Path) -> None:
     """See that a file can be made there.
 
     Raises:
-        OutputError: the folder is missing, is read-only, or the name is that of a folder.
+        OutputError: the folder is missing, is read-only, or the name is that of a folder, a device
+            or a pipe.
     """
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of a file")
+    if path.exists() and not path.is_file():  # its place would be taken by the finished file
+        raise OutputError(f"{path}: is a device or a pipe; give the name of a file")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
     if not os.access(path.parent, os.W_OK):

@@ -185,6 +185,8 @@ class VideoSink:
 
     def _open_container(self) -> av.container.OutputContainer:
         if self._spec == "-":
+            if sys.stdout is None:
+                raise OutputError("standard output: is closed; give OUT a name, or pipe it on")
             return av.open(sys.stdout.buffer, "w", format="nut")
         options = {}
         if self._path is not None and self._path.suffix in (".mkv", ".webm", ".mka"):
