@@ -28,6 +28,7 @@ from nlens_video.trim import ChunkTrim, Part, Trim
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.opening import can_be_read_again
 from nlens_video.video.reconnecting import Reconnecting
+from nlens_video.video.sought import Sought
 from nlens_video.video.source import Source, open_source
 
 if TYPE_CHECKING:
@@ -108,6 +109,8 @@ def taken_in(
         part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
         assembly = _assembled(settings, source.info, profiler, part, track)
         part.passed_over = assembly.steps.pass_over
+        if isinstance(source, Sought) and not assembly.graph.remembering:
+            part.skip_to = source.skip_to
         yield Intake(
             source,
             LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.frames import Picture
 from nlens_video.video.info import SourceFrame
+from nlens_video.video.sought import INTERLEAVING_S
 from nlens_video.video.source import Source
 
 if TYPE_CHECKING:
     import av
 
     Packet = av.Packet[Any]
-
-_INTERLEAVING_S = Fraction(2)  # how far apart in a file two streams' packets of one moment may lie
 
 
 class Part:
@@ -30,10 +29,13 @@ class Part:
 
     Attributes:
         passed_over: called with each frame before or between what is asked for.
+        skip_to: where those need not be seen: tells the source that the ones before a number may be
+            left out.
     """
 
     def __init__(self, source: Source) -> None:
         self.passed_over: Callable[[SourceFrame], None] = lambda frame: None
+        self.skip_to: Callable[[int], None] = lambda number: None
         self._frames = iter(source)
         self._ahead: deque[SourceFrame] = deque()
 
@@ -101,13 +103,14 @@ class Trim(Part):
 
     def items(self) -> Iterator[SourceFrame | Packet]:
         """Frames and packets in the order in which the source holds them."""
+        self.skip_to(self._first)
         for frame in self._in_order():
             moment = frame.pts * frame.time_base
             if self._end is not None and frame.index >= self._end:
                 if self._end_s is None:
                     self._end_s = moment
                 # sound that belongs beside the last frames may come after them
-                if not self._source.info.copied or moment > self._end_s + _INTERLEAVING_S:
+                if not self._source.info.copied or moment > self._end_s + INTERLEAVING_S:
                     break
             yield from self._released(moment)
             if frame.index < self._first:
@@ -123,7 +126,7 @@ class Trim(Part):
         """The packets that may go; those before the beginning wait until it is known."""
         if self._start_s is None:
             while self._packets and moment is not None:
-                if _seconds(self._packets[0]) > moment - _INTERLEAVING_S:
+                if _seconds(self._packets[0]) > moment - INTERLEAVING_S:
                     return
                 self._packets.popleft()
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from types import TracebackType
 from typing import Protocol, Self, TypeAlias
 
@@ -106,6 +106,7 @@ class AvSource:
         self._spec = spec
         self._early: deque[Packet] = deque()
         self._started = False
+        self._index = 0
         self._ended_early: tuple[str, ...] = ()
         self._container, kind = open_container(spec, hints)
         try:
@@ -142,7 +143,7 @@ class AvSource:
         clock = self._clock
         frame: av.VideoFrame | None = self._first
         del self._first
-        index = lost = seen_damage = 0
+        index, lost, seen_damage = self._index, 0, 0
         self._started = True
         self._flush_early()
         while frame is not None:
@@ -164,6 +165,34 @@ class AvSource:
             )  # fmt: skip
             index += 1
             frame = next(self._decoded, None)
+
+    def start_at(self, pts: Sequence[int], start: int, number: int) -> bool:
+        """Seek, before the first frame is given, so that this is one further on.
+
+        Args:
+            pts: of the frames, as far as they are known [ticks].
+            start: number of the frame from which to decode.
+            number: of the frame to begin with.
+
+        Returns:
+            Whether what was decoded on the way came at those times, whole; else it is of no use.
+        """
+        try:
+            self._container.seek(pts[start], stream=self._stream)
+        except av.FFmpegError:
+            return False
+        self._decoded.close()
+        self._early.clear()
+        self._decoded = self._decode()
+        for time in pts[start : number + 1]:
+            frame = next(self._decoded, None)
+            if frame is None or frame.pts != time or self.damaged:
+                return False
+            self._first = frame
+        self._index = number
+        for time in pts[:number]:
+            self._clock.tick(time)
+        return not self._clock.mended
 
     def _decode(self) -> Generator[av.VideoFrame, None, None]:
         """The frames of the video stream; hands on the packets of the others."""
