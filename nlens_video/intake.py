@@ -28,7 +28,7 @@ from nlens_video.trim import ChunkTrim, Part, Trim
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.opening import can_be_read_again
 from nlens_video.video.reconnecting import Reconnecting
-from nlens_video.video.sought import Sought
+from nlens_video.video.sought import Sought, open_sought
 from nlens_video.video.source import Source, open_source
 
 if TYPE_CHECKING:
@@ -138,8 +138,10 @@ def opened(given: SourceSettings) -> Iterator[Source]:
             "for devices and URLs)"
         )
 
+    ahead = given.frames[0] > 0 and can_be_read_again(given.spec)
+
     def connect() -> Source:
-        return open_source(given.spec, **given.hints)
+        return (open_sought if ahead else open_source)(given.spec, **given.hints)
 
     def lasting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()

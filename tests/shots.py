@@ -62,7 +62,7 @@ def write_png(path: Path, rgb=None) -> Path:
 
 def write_video(  # the defaults are a common camera file
     path: Path, frames=12, *, codec="libx264", pix_fmt="yuv420p", rgb=None, rate=25, audio=True,
-    pts=None, time_base=None,
+    pts=None, time_base=None, group=250,
 ):  # fmt: skip
     rgb = plate() if rgb is None else rgb
     rng = np.random.default_rng(1)
@@ -70,7 +70,7 @@ def write_video(  # the defaults are a common camera file
         stream = container.add_stream(codec, rate=rate)
         stream.width, stream.height, stream.pix_fmt = rgb.shape[1], rgb.shape[0], pix_fmt
         if codec == "libx264":
-            stream.options = {"crf": "16", "preset": "ultrafast"}
+            stream.options = {"crf": "16", "preset": "ultrafast", "g": str(group)}
         if time_base is not None:
             stream.codec_context.time_base = time_base
         tones = container.add_stream("aac", rate=48000) if audio else None

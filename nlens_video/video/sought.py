@@ -8,7 +8,6 @@ from types import TracebackType
 from typing import Self
 
 from nlens_video.video.info import SourceFrame, SourceInfo
-from nlens_video.video.opening import InputHints
 from nlens_video.video.packet_index import index_until
 from nlens_video.video.source import AvSource, PacketSink, Source, open_source
 
@@ -17,19 +16,10 @@ INTERLEAVING_S = Fraction(2)
 _WORTH = 48  # frames: fewer are decoded sooner than a file is opened
 
 
-def open_sought(
-    spec: str,
-    *,
-    input_format: str | None = None,
-    input_size: str | None = None,
-    input_rate: str | None = None,
-) -> Source:
+def open_sought(spec: str, **hints: str | None) -> Source:
     """Open a file whose reader may ask for frames to be left out; arguments as `open_source`."""
-    if spec.lower().endswith(".exr"):
-        return open_source(
-            spec, input_format=input_format, input_size=input_size, input_rate=input_rate
-        )
-    return Sought(spec, InputHints(format=input_format, size=input_size, rate=input_rate))
+    source = open_source(spec, **hints)
+    return Sought(source) if isinstance(source, AvSource) else source
 
 
 class Sought:
@@ -39,24 +29,18 @@ class Sought:
     file is opened a second time and read from a key frame before; else all frames are read.
 
     Args:
-        spec: a file.
-        hints: what the user says about it.
+        first: a file that is open.
 
     Attributes:
         info: what is known about it.
-
-    Raises:
-        InputError: it cannot be read.
     """
 
-    def __init__(self, spec: str, hints: InputHints) -> None:
-        self._spec = spec
-        self._hints = hints
+    def __init__(self, first: AvSource) -> None:
         self._wanted = 0
-        self._now = AvSource(spec, hints)
+        self._now = first
         self._damaged_before = 0
         self._mishaps_before: tuple[str, ...] = ()
-        self.info: SourceInfo = self._now.info
+        self.info: SourceInfo = first.info
 
     @property
     def packet_sink(self) -> PacketSink | None:
@@ -112,14 +96,14 @@ class Sought:
         """The file again, where it goes on with a frame; None where that is no gain or not sure."""
         if self.info.kind != "video" or self.damaged:
             return None
-        index = index_until(self._spec, self._hints, number)
+        index = index_until(self.info.name, self._now.hints, number)
         if index is None:
             return None
         early = INTERLEAVING_S if self.info.copied else Fraction(0)
         start = index.start_before(number, round(early / self.info.time_base))
         if start <= here:
             return None
-        later = AvSource(self._spec, self._hints)
+        later = AvSource(self.info.name, self._now.hints)
         if later.start_at(index.pts, start, number):
             return later
         later.__exit__(None, None, None)

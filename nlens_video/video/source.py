@@ -95,6 +95,7 @@ class AvSource:
 
     Attributes:
         info: what is known about the source.
+        hints: what the user says about it.
         damaged: packets and frames that were damaged so far.
         packet_sink: takes the packets of the streams in `info.copied`, in the order in which the
             source holds them, on the thread that iterates; set it before the first frame.
@@ -103,6 +104,7 @@ class AvSource:
     def __init__(self, spec: str, hints: InputHints) -> None:
         self.damaged = 0
         self.packet_sink: PacketSink | None = None
+        self.hints = hints
         self._spec = spec
         self._early: deque[Packet] = deque()
         self._started = False
