@@ -61,10 +61,16 @@ class Cluster:
         Raises:
             UsageError: there is no such cluster, or it has no GPU where one is needed.
         """
-        with _connected(self) as count:
-            # what is joined here need not wait for the last chunk; a client has no such files
-            near = self.address is None or not self.address.startswith("ray://")
-            return _Crew(count, plans, OwnHand() if near else None, int(self.gpus)).run()
+        # a client has no such files
+        near = self.address is None or not self.address.startswith("ray://")
+        crew = _Crew(plans, OwnHand() if near else None, int(self.gpus))
+        try:
+            if self.address is None:
+                crew.begin()
+            with _connected(self) as count:
+                return crew.run(count)
+        finally:
+            crew.drop()
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +116,8 @@ class _Waiting:
 class _Crew:
     """Workers, and who of them does what; one task is done here, where that is of use."""
 
-    def __init__(self, most: int, plans: Sequence[Plan], hand: OwnHand | None, gpus: int) -> None:
-        self._most = most
+    def __init__(self, plans: Sequence[Plan], hand: OwnHand | None, gpus: int) -> None:
+        self._most = 1
         self._gpus = gpus
         self._hand = hand
         self._at_hand: _Waiting | None = None
@@ -120,21 +126,35 @@ class _Crew:
         self._waiting: list[_Waiting] = []
         self._tries: Counter[tuple[int, str]] = Counter()
         self._shots = [_Running(plan, []) for plan in plans]
+        self._begun = 0
 
-    def run(self) -> list[Merged | NlensError]:
-        try:
-            for number in range(len(self._shots)):
-                self._go_on(number, None)
-            while self._waiting or self._busy or self._at_hand is not None:
-                self._start()
-                interrupts.look()
-                for reference in self._ready():
-                    self._take(reference)
-                self._look_at_hand()
-        finally:
-            if self._hand is not None:
-                self._hand.drop()
+    def begin(self) -> None:
+        """Do here what the first shot wants first: Ray takes seconds to start."""
+        self._go_on(0, None)
+        self._begun = 1
+        if self._hand is not None and len(self._waiting) == 1:
+            self._at_hand = self._waiting.pop()
+            self._hand.start(self._at_hand.task)
+
+    def run(self, most: int) -> list[Merged | NlensError]:
+        """Have all shots made, with Ray at work and so many workers at most."""
+        self._most = most
+        if self._at_hand is not None:
+            self._idle.append((self._hired(), 0))  # it starts meanwhile
+        for number in range(self._begun, len(self._shots)):
+            self._go_on(number, None)
+        while self._waiting or self._busy or self._at_hand is not None:
+            self._start()
+            interrupts.look()
+            for reference in self._ready():
+                self._take(reference)
+            self._look_at_hand()
         return [shot.result for shot in self._shots if shot.result is not None]
+
+    def drop(self) -> None:
+        """End what is done here."""
+        if self._hand is not None:
+            self._hand.drop()
 
     def _ready(self) -> list[Any]:
         if not self._busy:
@@ -156,10 +176,13 @@ class _Crew:
     def _worker(self, shot: int) -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
         """One with nothing to do, who knows the shot if there is such a one."""
         if not self._idle:
-            kind = ray.remote(num_cpus=_CPUS, num_gpus=self._gpus, max_restarts=0)(_Worker)
-            return kind.remote()
+            return self._hired()
         known = next((at for at, (_, last) in enumerate(self._idle) if last == shot), 0)
         return self._idle.pop(known)[0]
+
+    def _hired(self) -> Any:  # noqa: ANN401  # as above
+        kind = ray.remote(num_cpus=_CPUS, num_gpus=self._gpus, max_restarts=0)(_Worker)
+        return kind.remote()
 
     def _take(self, reference: Any) -> None:  # noqa: ANN401  # Ray's references have no type
         worker, waiting = self._busy.pop(reference)

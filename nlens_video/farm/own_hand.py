@@ -27,11 +27,12 @@ class OwnHand:
         return self._thread is None
 
     def start(self, task: Task) -> None:
-        """Begin a task whose work takes `look`, a function that it calls now and then."""
+        """Begin a task; the work of one that follows others takes `look`, which it calls often."""
+        looking = {"look": self._look} if task.follows else {}
 
         def work() -> None:
             try:
-                self._answer = task.work(Workbench(), *task.arguments, look=self._look)
+                self._answer = task.work(Workbench(), *task.arguments, **looking)
             except BaseException as error:  # noqa: BLE001 - handed on by `take`
                 self._answer = error
 
