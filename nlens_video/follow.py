@@ -7,7 +7,7 @@ more: its lens is found in the run itself, as ever.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from nlens_video import interrupts
@@ -44,12 +44,15 @@ class Need:
     shot: int
 
 
-def follow(settings: Settings) -> FitTrack | None:
+def follow(
+    settings: Settings, on_counted: Callable[[int], None] = lambda frames: None
+) -> FitTrack | None:
     """Find the lens of a file all along it.
 
     Args:
         settings: of the run; `track_focus` says how. A stream, which can be read only once, is
             not followed here, nor is a still.
+        on_counted: called with the number of frames up to the end of the range, if they were read.
 
     Returns:
         The track; None where the lens does not change, or is not to be followed.
@@ -69,6 +72,7 @@ def follow(settings: Settings) -> FitTrack | None:
         end = settings.source.frames[1]
         seen = _Seen(source, end)
         needs = tuple(_needs(seen.pictures(), _Times.of(seconds), every))
+    on_counted(seen.count)
     if len(needs) < 2:
         return None
     keys = tuple(_keys(settings, needs))

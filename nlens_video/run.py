@@ -50,14 +50,19 @@ def plan(settings: Settings) -> tuple[str, ...]:
         return (*_describe_source(intake.info), *describe(intake.assembly))
 
 
-def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOutcome:
+def find_fit(
+    settings: Settings,
+    look_through: float = ENOUGH_FOR_A_FIT,
+    on_counted: Callable[[int], None] = lambda frames: None,
+) -> FitOutcome:
     """Find the lens on the first frame with the object in view, and save it.
 
     Where it changes over a file and `track_focus` says so, it is saved as it is all along.
 
     Args:
         settings: the run; `save_fit` names the file.
-        look_through: as many frames at most [1].
+        look_through: as many frames at most, infinity for all [1].
+        on_counted: as of `follow.follow`.
 
     Raises:
         NlensError: as `render`; OutOfViewError when the object does not come into view.
@@ -66,7 +71,7 @@ def find_fit(settings: Settings, look_through: int = ENOUGH_FOR_A_FIT) -> FitOut
         raise UsageError("no file for the fit was named")
     check_folder(settings.save_fit)
     sweep(settings.save_fit)
-    track = follow(settings)
+    track = follow(settings, on_counted)
     if track is not None:
         with replacing(settings.save_fit) as partial:
             partial.write_text(track.to_json())

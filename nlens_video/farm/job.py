@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -88,8 +89,11 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
     Raises:
         NlensError: as `run.find_fit`.
     """
-    frames, seconds = _measured(settings.source)
-    fit = _found_fit(settings, store, frames)
+    counted: list[int] = []
+    with opened(settings.source) as plate:  # first: it is there
+        seconds = frame_s(plate.info) or 1 / 25
+    fit = _found_fit(settings, store, counted.append)
+    frames = counted[0] if counted else _counted(settings.source)
     whole = mark_of(with_stored(settings, fit, store))
     return Prepared(
         settings=settings,
@@ -113,7 +117,7 @@ def with_stored(settings: Settings, fit: str | None, store: Store) -> Settings:
     return settings if fit is None else replace(settings, fit=store.fetch(fit))
 
 
-def _found_fit(settings: Settings, store: Store, frames: int) -> str | None:
+def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], None]) -> str | None:
     """Name of the lens, found once; None where one is given or no frame needs it.
 
     Raises:
@@ -125,7 +129,7 @@ def _found_fit(settings: Settings, store: Store, frames: int) -> str | None:
     if not store.has(name):
         asked = replace(settings, effects="defocus", output=None, save_fit=store.local / name)
         try:
-            find_fit(asked, look_through=frames)
+            find_fit(asked, look_through=math.inf, on_counted=on_counted)
         except OutOfViewError:
             return None  # no frame shows the object
         store.put(name)
@@ -150,14 +154,14 @@ def check(settings: Settings) -> None:
         raise UsageError("-: chunks are merged into a file; name one")
 
 
-def _measured(source: SourceSettings) -> tuple[int, float]:
-    """Number of frames, as the decoder gives them, and seconds from one to the next."""
+def _counted(source: SourceSettings) -> int:
+    """Number of frames, as the decoder gives them."""
     count = 0
     with opened(source) as plate:
         for frame in plate:
             interrupts.look()
             count = frame.index + 1
-        return count, frame_s(plate.info) or 1 / 25
+    return count
 
 
 def length_of(mark: ChunkMark, frames: int) -> int:

@@ -17,7 +17,8 @@ from nlens_video.backends.device import choose
 from nlens_video.cli import main
 from nlens_video.errors import UsageError
 from nlens_video.farm.chunk import write_chunk
-from nlens_video.farm.job import ranges, run_job
+from nlens_video.farm.job import prepare, ranges, run_job
+from nlens_video.farm.store import Folder
 
 FRAMES = 12
 
@@ -162,6 +163,18 @@ def test_worker_of_a_gpu_is_placed_where_one_is_declared(declared, says, shot, c
     assert main([*command, "--device", "cuda", "-q"]) == (2 if says else 0)
     said = capfd.readouterr().err
     assert says in said and said.count("nlens-video: ") == bool(says)
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("focus", ["auto", "off"])  # counted by the look for a change, or alone
+def test_plate_is_counted_as_the_decoder_gives_it_whoever_has_read_it(shot, focus, tmp_path):
+    run = settings(parse(["farm", *words(shot, "no.mkv"), "--track-focus", focus]))
+    store = Folder(tmp_path)
+    first = prepare(run, store, 0.2)
+    assert first == prepare(run, store, 0.2)  # the fit is there: another way to count
+    assert first.frames == FRAMES
+    assert [(mark.first, mark.end) for mark in first.marks] == [(0, 5), (5, 10), (10, 12)]
+    assert first.fit is not None and (tmp_path / first.fit).is_file()
 
 
 def test_ranges_cover_every_frame_once():
