@@ -45,20 +45,40 @@ def _answered(words: list[str]) -> int:
         let_go(sys.stdout)
         return 0
     except NlensError as error:
-        if "-v" in words or "--verbose" in words:
-            import traceback
-
-            traceback.print_exception(error)
-        _say(str(error), error)
+        _say(str(error), error, trace=_verbose(words))
         return error.exit_code
+    except MemoryError as error:
+        text = f"memory does not suffice ({error}); give a smaller plate or object"
+        _say(text, error, trace=_verbose(words))
+        return NlensError.exit_code
     except KeyboardInterrupt as interrupt:
-        kept = getattr(interrupt, "__notes__", None)
-        _say("interrupted" if kept else "interrupted, no output written", interrupt)
-        return INTERRUPTED
+        return _interrupted(interrupt)
+    except Exception as error:
+        if not interrupts.heard.is_set():
+            raise
+        return _interrupted(error)  # what a library's start makes of an interrupt
 
 
-def _say(text: str, error: BaseException) -> None:
-    """One line, with what the error's notes add."""
+def _interrupted(error: BaseException) -> int:
+    kept = getattr(error, "__notes__", None)
+    _say("interrupted" if kept else "interrupted, no output written", error)
+    # Under `python -m` CPython ends by the signal in place of the code where an interrupt has left
+    # an `exec` of text, as it makes dataclasses, caught or not; another one makes it forget that
+    # (`run_eval_code_obj` in its Python/pythonrun.c).
+    exec("")
+    return INTERRUPTED
+
+
+def _verbose(words: list[str]) -> bool:
+    return "-v" in words or "--verbose" in words
+
+
+def _say(text: str, error: BaseException, *, trace: bool = False) -> None:
+    """One line, with what the error's notes add; where it came from before it, if asked for."""
+    if trace:
+        import traceback
+
+        standard_error().write("".join(traceback.format_exception(error)))
     line = "; ".join([text, *getattr(error, "__notes__", [])])
     standard_error().write(f"nlens-video: {' '.join(line.split())}\n")
 

@@ -343,6 +343,33 @@ def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path, signals):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "start",
+    ["exec('os.kill(os.getpid(), signal.SIGINT)')", "abused()"],
+    ids=["within an exec of text", "that a library takes for something else"],
+)
+def test_interrupt_of_the_first_second_gives_line_and_exit_code(tmp_path, start):
+    """While modules are loaded: dataclasses are made by exec, libraries run their own start."""
+    (tmp_path / "started.py").write_text(f"""
+import os, signal, sys
+from nlens_video import cli
+
+def abused():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        raise ImportError("initialization failed")
+
+cli._run = lambda words: {start}
+sys.exit(cli.main(["in.mp4"]))
+""")
+    run = subprocess.run(
+        [sys.executable, "-m", "started"], capture_output=True, text=True, timeout=60, check=False,
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert (run.returncode, run.stderr) == (130, "nlens-video: interrupted, no output written\n")
+
+
 @pytest.mark.parametrize("frames", [3, 80], ids=["while opening", "while running"])
 def test_interrupt_ends_a_run_whose_source_has_gone_quiet(files, tmp_path, frames):
     run = process(

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import OpenEXR
 import pytest
@@ -67,6 +68,22 @@ def test_a_disk_that_fills_up_midway_is_one_line_and_leaves_no_result(shot, tmp_
         assert "the same command goes on" in done.stderr
         assert main(words(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more)) == 0
         assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
+
+
+def little_memory():
+    resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
+
+
+def test_memory_that_does_not_suffice_is_one_line_and_leaves_no_result(shot, tmp_path):
+    assert cv2.imwrite(str(tmp_path / "large.png"), np.full((12000, 12000, 3), 90, np.uint8))
+    given = [str(tmp_path / "large.png"), str(shot / "anim.glb"), str(tmp_path / "out.png")]
+    done = run(
+        [*given, "--fit", str(shot / "fit.json"), "--preset", "draft"], preexec_fn=little_memory
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("nlens-video: memory does not suffice (")
+    assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["large.png"]
 
 
 def test_a_full_disk_under_a_sequence_leaves_no_file_of_it(shot, tmp_path):
