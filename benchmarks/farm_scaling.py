@@ -44,7 +44,7 @@ class Costs:
         fit_s: of a shot [s].
         render_s: of a frame [s].
         decode_s: of a frame that is only counted or passed over [s].
-        merge_s: of a frame: decoded twice, encoded once [s].
+        merge_s: of a frame: plate and chunk decoded, encoded once [s].
         frame_bytes: of a rendered frame in its chunk [byte].
         store_bytes_s: what the store of chunks takes in and gives out, together [byte/s].
     """
@@ -54,8 +54,8 @@ class Costs:
     fit_s: float = 2.0
     render_s: float = 0.10
     decode_s: float = 0.002
-    merge_s: float = 0.02
-    frame_bytes: float = 450e3
+    merge_s: float = 0.01
+    frame_bytes: float = 290e3
     store_bytes_s: float = 1.2e9
 
 
@@ -262,7 +262,9 @@ def closed_form_s(footage: Footage, costs: Costs, workers: int) -> float:
     all_workers = costs.start_s + max((whole - hand) / workers, whole / (workers + (hand > 0)))
     last = merging / chunks
     rounds = math.ceil(chunks / at_once) * at_once / chunks
-    one_shot = costs.start_s + fit + max(rounds * rendering / at_once, merging - last) + last
+    first = costs.open_s + min(frames, footage.chunk_s * RATE) * costs.render_s
+    busiest = max(rounds * rendering / at_once, first + merging - last)
+    one_shot = costs.start_s + fit + busiest + last
     store = 2 * shots * frames * costs.frame_bytes / costs.store_bytes_s if chunks > 1 else 0.0
     return max(all_workers, one_shot, store)
 
