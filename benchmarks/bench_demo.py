@@ -11,11 +11,10 @@ import argparse
 import statistics
 import tempfile
 import time
-from itertools import islice
 from pathlib import Path
 
 from nlens_video.graph.profiler import Summary
-from nlens_video.run import render
+from nlens_video.run import OnProgress, render
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
@@ -23,13 +22,16 @@ from nlens_video.video.source import open_source
 SAMPLES = Path(__file__).parents[1] / "samples"
 
 
-def transcode(plate: Path, output: Path, frames: int | None = None) -> float:
-    """Decode and encode the first frames, or all, and nothing between; seconds."""
+def transcode(
+    plate: Path, output: Path, on_progress: OnProgress = lambda done, total: None
+) -> float:
+    """Decode and encode all frames, and nothing between; seconds."""
     start = time.perf_counter()
     with open_source(str(plate)) as source, open_sink(str(output), source.info) as sink:
         source.packet_sink = sink.write_packet
-        for frame in islice(source, frames):
+        for done, frame in enumerate(source, start=1):
             sink.write(frame)
+            on_progress(done, None)
         sink.commit()
     return time.perf_counter() - start
 

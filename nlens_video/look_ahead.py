@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Generic, TypeVar
 
 from nlens_video.frames import Picture
@@ -24,6 +25,7 @@ class LookAhead(Generic[Item]):
     def __init__(self, items: Iterator[Item]) -> None:
         self._items = items
         self._ahead: deque[Item] = deque()
+        self._pictures: deque[Picture] = deque()  # of the frames among them
 
     def with_following(
         self, wanted: Callable[[], bool]
@@ -44,20 +46,19 @@ class LookAhead(Generic[Item]):
             item = self._ahead.popleft() if self._ahead else next(self._items, None)
             if item is None:
                 return
-            following = self._pictures() if foreseen and _picture(item) is not None else ()
-            yield item, following[:FRAMES]
+            following: tuple[Picture, ...] = ()
+            if isinstance(item, SourceFrame):
+                if self._pictures:
+                    self._pictures.popleft()  # its own
+                following = tuple(islice(self._pictures, FRAMES)) if foreseen else ()
+            yield item, following
 
     def _fill(self, count: int) -> None:
         """Read on until so many frames are held, or the source ends."""
-        while len(self._pictures()) < count:
+        while len(self._pictures) < count:
             item = next(self._items, None)
             if item is None:
                 return
             self._ahead.append(item)
-
-    def _pictures(self) -> tuple[Picture, ...]:
-        return tuple(picture for item in self._ahead if (picture := _picture(item)) is not None)
-
-
-def _picture(item: object) -> Picture | None:
-    return item.picture if isinstance(item, SourceFrame) else None
+            if isinstance(item, SourceFrame):
+                self._pictures.append(item.picture)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,7 @@ class Hierarchy:
         levels: pairs (nodes, their parents) from the roots' children downwards.
         visible: nodes of the chosen scene.
         parents: parent of each node, -1 for a root.
+        strides: pairs (nodes, their ancestors 1, 2, 4 ... levels above them).
     """
 
     rest: LocalPose
@@ -60,6 +61,10 @@ class Hierarchy:
     levels: tuple[tuple[Indices, Indices], ...]
     visible: frozenset[int]
     parents: tuple[int, ...]
+    strides: tuple[tuple[Indices, Indices], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "strides", _strides(self.parents))
 
     def with_ancestors(self, nodes: Iterable[int]) -> frozenset[int]:
         """Nodes, and all that carry them."""
@@ -87,8 +92,8 @@ class Hierarchy:
         world = compose(pose)
         world[self.has_matrix] = self.matrices[self.has_matrix]
         with np.errstate(over="ignore", invalid="ignore"):  # looked for once, at the end
-            for nodes, parents in self.levels:
-                world[nodes] = world[parents] @ world[nodes]
+            for nodes, ancestors in self.strides:  # a product of all of a chain in few steps
+                world[nodes] = world[ancestors] @ world[nodes]
         check_range(world, "a node's place or scale")
         return world
 
@@ -161,6 +166,18 @@ def _parents(nodes: tuple[Fields, ...]) -> list[int]:
                 raise SceneError(f"nodes[{child}] has two parents or is its own; export again")
             parents[child] = index
     return parents
+
+
+def _strides(parents: Sequence[int]) -> tuple[tuple[Indices, Indices], ...]:
+    above = np.array(parents, dtype=np.intp)
+    strides: list[tuple[Indices, Indices]] = []
+    while (above >= 0).any():
+        nodes = np.flatnonzero(above >= 0)
+        strides.append((nodes, above[nodes]))
+        twice = np.full_like(above, -1)
+        twice[nodes] = above[above[nodes]]
+        above = twice
+    return tuple(strides)
 
 
 def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:

@@ -16,7 +16,7 @@ import numpy as np
 from nlens_video.frames import BlurredLayer, Float32, Float64, Picture
 
 NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is followed in full
-_SIZE = (64, 36)  # columns and rows that a picture is compared at [px]
+_SIZE = (40, 24)  # columns and rows that a picture is compared at [px]
 _DARKEST, _BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from white [1]
 _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio, above which it tells nothing
 _LEAST_SHARE = 0.25  # of the picture that must be there to compare

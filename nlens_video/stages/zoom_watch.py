@@ -14,7 +14,7 @@ import numpy.typing as npt
 from nlens_video.frames import Float32, Picture
 
 _WIDTH = 240  # of what is looked at [px]
-_POINTS, _FEWEST = 150, 24
+_POINTS, _FEWEST = 80, 24
 _QUALITY, _SPACING_PX = 0.01, 6
 _WINDOW_PX, _LEVELS = 21, 3
 _WITHIN_PX = 1.0  # of where the motion of the whole puts a point
