@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn, TextIO, cast
 
 from nlens_video import __version__
 from nlens_video.errors import UsageError
+from nlens_video.standard_output import print_out
+
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
 
 
 class Parser(argparse.ArgumentParser):
@@ -23,6 +27,10 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise a UsageError."""
         raise UsageError(f"{message}; see {self.prog} --help")
+
+    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
+        """Help and version, whose reader may have gone: early versions of 3.11 let that escape."""
+        print_out(message, cast("TextIO | None", file))
 
     def format_help(self) -> str:
         """All of it, or what is used often and fits on a screen."""

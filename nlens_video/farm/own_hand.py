@@ -32,7 +32,8 @@ class OwnHand:
 
         def work() -> None:
             try:
-                self._answer = task.work(Workbench(), *task.arguments, **looking)
+                with Workbench() as bench:
+                    self._answer = task.work(bench, *task.arguments, **looking)
             except BaseException as error:  # noqa: BLE001 - handed on by `take`
                 self._answer = error
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import TracebackType
+from typing import Self
 
 from nlens_video import interrupts
 from nlens_video.chunk_mark import ChunkMark
@@ -23,9 +25,18 @@ class Workbench:
     def __init__(self) -> None:
         self._open: OpenRun | None = None
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        self.close()
+
     def prepare(self, settings: Settings, store: Store, chunk_s: float) -> Prepared:
         """Find the lens and cut the plate into chunks, as `job.prepare`."""
-        self._close()
+        self.close()
         return prepare(settings, store, chunk_s)
 
     def chunk(self, settings: Settings, fit: str | None, mark: ChunkMark, store: Store) -> None:
@@ -45,7 +56,7 @@ class Workbench:
             return
         known = with_stored(settings, fit, store)
         if self._open is None or not self._open.takes(known, store, mark):
-            self._close()
+            self.close()
             seen = mark_of(known)
             if (seen.key, seen.plate) != (mark.key, mark.plate):
                 raise UsageError(
@@ -67,7 +78,7 @@ class Workbench:
         Raises:
             NlensError: as `run.render`.
         """
-        self._close()
+        self.close()
         known = with_stored(settings, fit, store)
         outcome = render(replace(known, track_focus="off"))
         return Merged(output=outcome.output, frames=frames, chunks=1, notes=outcome.notes)
@@ -77,10 +88,11 @@ class Workbench:
         output: OutputSettings, look: Callable[[], None] = interrupts.look,
     ) -> Merged:  # fmt: skip
         """Join chunks as they come, as `merge.merge_arriving`."""
-        self._close()
+        self.close()
         return merge_arriving(source, marks, store, output, look)
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """End the shot's run that stays open, if there is one."""
         if self._open is not None:
             self._open.close()
             self._open = None

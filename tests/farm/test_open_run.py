@@ -124,7 +124,8 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
 @pytest.mark.needs_gl
 def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
-    Workbench().chunk(run, None, parts[0], Folder(tmp_path))
+    with Workbench() as bench:
+        bench.chunk(run, None, parts[0], Folder(tmp_path))
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     looked = []
 
@@ -141,7 +142,8 @@ def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
 @pytest.mark.needs_gl
 def test_merge_refuses_a_file_that_is_not_the_chunk_its_name_says(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
-    Workbench().chunk(run, None, one, Folder(tmp_path))
+    with Workbench() as bench:
+        bench.chunk(run, None, one, Folder(tmp_path))
     (tmp_path / other.file_name).write_bytes((tmp_path / one.file_name).read_bytes())
     assert not Folder(tmp_path).has(other.file_name)  # there it would be rendered again
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
