@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 
-class Part:
+class Part(ABC):
     """Reads a source, whose first frames may be looked at whatever part of it is asked for.
 
     Args:
@@ -47,9 +48,9 @@ class Part:
         self._ahead.extend(islice(self._frames, count - len(self._ahead)))
         return tuple(frame.picture for frame in self._ahead)
 
+    @abstractmethod
     def items(self) -> Iterator[SourceFrame | Packet]:
         """Frames and packets in the order in which the source holds them."""
-        raise NotImplementedError
 
     def _in_order(self) -> Iterator[SourceFrame]:
         while self._ahead:

@@ -130,7 +130,7 @@ class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]  # untyped base
 
 
 def _address(context: object) -> int | None:
-    return ctypes.cast(context, ctypes.c_void_p).value  # type: ignore[arg-type]  # PyOpenGL's own
+    return ctypes.cast(context, ctypes.c_void_p).value  # type: ignore[arg-type]  # PyOpenGL's own pointer
 
 
 def open_platform() -> HeadlessPlatform:

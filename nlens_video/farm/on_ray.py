@@ -180,7 +180,7 @@ class _Crew:
         known = next((at for at, (_, last) in enumerate(self._idle) if last == shot), 0)
         return self._idle.pop(known)[0]
 
-    def _hired(self) -> Any:  # noqa: ANN401  # as above
+    def _hired(self) -> Any:  # noqa: ANN401  # Ray's handles have no type
         kind = ray.remote(num_cpus=_CPUS, num_gpus=self._gpus, max_restarts=0)(_Worker)
         return kind.remote()
 

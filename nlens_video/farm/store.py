@@ -207,7 +207,7 @@ class Bucket:
             raise UsageError(f"{self.url}: cannot be opened ({_line(error)})") from error
         try:
             yield files, folder.rstrip("/")
-        except Exception as error:
+        except Exception as error:  # each kind of storage has errors of its own
             raise kind(f"{self.url}: cannot {what} ({_line(error)})") from error
 
 
