@@ -13,7 +13,7 @@ from nlens_video.frames import Box, Float64, ObjectLayer
 from nlens_video.lens import LensFit
 from nlens_video.placing import Placing
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import extent, travel_bound_px
+from nlens_video.scene.extent import extent, misses, travel_bound_px
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
@@ -180,18 +180,16 @@ class RenderedObject:
         """
         if self.scene.morphs:
             return math.inf
-        cameras = [self.camera(moment) for moment in moments]
-        seen = [
-            camera.to_camera(self.scene.hull(moment))
-            for camera, moment in zip(cameras, moments, strict=True)
-        ]
-        return travel_bound_px(seen, cameras[0])
+        return travel_bound_px(
+            [self.scene.hull(moment) for moment in moments],
+            [self.camera(moment) for moment in moments],
+        )
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
         camera = self.camera(time_s)
         surroundings = self.view.box.grown(MARGIN_LIMIT_PX)
-        if _misses(self.scene.hull(time_s), camera, surroundings):
+        if misses(self.scene.hull(time_s), camera, surroundings):
             return None  # without moving a vertex
         bounds = _bounds(self.scene.pose(time_s), camera)
         if bounds is None:
@@ -213,16 +211,6 @@ class RenderedObject:
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
             margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
         return self.renderer.render(placement.time_s, placement.camera, margin)
-
-
-def _misses(points: Float64, camera: Camera, box: Box) -> bool:
-    """Whether all that lies in the hull of points (N, 3) is certain to miss a box of the frame."""
-    seen = camera.to_camera(points)
-    if not (np.isfinite(seen).all() and (seen[:, 2] < 0.0).all()):
-        return bool((seen[:, 2] >= 0.0).all())
-    places = camera.pixels(seen)
-    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
-    return bool(low[0] > box.x1 or low[1] > box.y1 or high[0] < box.x0 or high[1] < box.y0)
 
 
 def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:

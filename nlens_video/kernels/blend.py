@@ -74,6 +74,37 @@ def _linear(planes, axes, corner, rgb_from_codes, to_linear, to_bt709, to_displa
 
 
 @_inline
+def _mean(plane, top, bottom, left, right):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    total = np.float32(plane[top, left]) + np.float32(plane[top, right])
+    total += np.float32(plane[bottom, left]) + np.float32(plane[bottom, right])
+    return total * np.float32(0.25)
+
+
+def _reduced(planes, rgb_from_codes, to_linear, to_bt709, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """`blend_ref.reduced`, into `out` (h, w, 3)."""
+    first, second, third = planes
+    (height, width), (rows, columns) = first.shape, second.shape
+    h, w = out.shape[:2]
+    rgb = np.empty(3, np.float32)
+    for i in range(h):
+        above, below = 4 * i + 1, 4 * i + 3  # quarters of a part
+        top, bottom = above * height // (4 * h), below * height // (4 * h)
+        row, lower = above * rows // (4 * h), below * rows // (4 * h)
+        for j in range(w):
+            before, behind = 4 * j + 1, 4 * j + 3
+            left, right = before * width // (4 * w), behind * width // (4 * w)
+            column, farther = before * columns // (4 * w), behind * columns // (4 * w)
+            a = _mean(first, top, bottom, left, right)
+            b = _mean(second, row, lower, column, farther)
+            c = _mean(third, row, lower, column, farther)
+            for k in range(3):
+                coded = _dot(rgb_from_codes, k, a, b, c) + rgb_from_codes[k, 3]
+                rgb[k] = _look_up(to_linear, coded)
+            for k in range(3):
+                out[i, j, k] = _dot(to_bt709, k, rgb[0], rgb[1], rgb[2])
+
+
+@_inline
 def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     if peak > 0:
         value = np.floor(min(max(value, np.float32(0)), peak) + np.float32(0.5))
@@ -176,6 +207,8 @@ def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     head, corner = f"{planes},", f"{axes},UniTuple(i8,2)"
     if function is _linear:
         signature = f"void({head}{corner},{matrix},{row},{matrix},{row},{image})"
+    elif function is _reduced:
+        signature = f"void({head}{matrix},{row},{matrix},{image})"
     else:
         maps = f"Tuple(({row},{row},{matrix},{matrix},{matrix},{matrix}))"
         before = f"UniTuple({kind}[:,::1],2)"
@@ -201,6 +234,16 @@ def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
 def linear(samples: Samples, box: Box) -> Float32:
     """Scene-linear BT.709 RGB (h, w, 3) of a box inside the frame."""
     return _decoded(samples, box, np.empty(0, np.float32))
+
+
+def reduced(samples: Samples, width: int, height: int) -> Float32:
+    """Scene-linear BT.709 RGB (height, width, 3) of means of four codes from each part."""
+    maps: Tables = tables(samples.coding)
+    out = np.empty((height, width, 3), np.float32)
+    _compiled(_reduced, samples.planes[0].dtype.name)(
+        samples.planes, maps.rgb_from_codes, maps.to_linear, maps.to_bt709, out
+    )
+    return out
 
 
 def srgb(samples: Samples, box: Box) -> Float32:

@@ -1,4 +1,4 @@
-"""Animation: the file's channels sampled at a time, all nodes at once.
+"""Animation: the file's channels sampled at a time, all of them at once.
 
 glTF 2.0, section 3.11 and appendix C: STEP, LINEAR (spherical for rotations), CUBICSPLINE; the
 first and last key hold before and after the key range.
@@ -6,13 +6,16 @@ first and last key hold before and after the key range.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.frames import Float64
-from nlens_video.scene.nodes import LocalPose, normalized
+
+_COLUMNS = {"translation": 0, "rotation": 3, "scale": 7}  # of a node's row
+_KINDS = {"STEP": 0, "LINEAR": 1, "CUBICSPLINE": 2}  # as `kernels.node_motion` numbers them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,80 +37,6 @@ class Track:
     values: Float64
 
 
-def locate(times: tuple[float, ...], time_s: float) -> tuple[int, float, float]:
-    """The key before a time, how far towards the next (0 to 1), and their distance [s]."""
-    key = bisect_right(times, time_s) - 1
-    if key < 0:
-        return 0, 0.0, 0.0
-    if key >= len(times) - 1:
-        return len(times) - 1, 0.0, 0.0
-    span = times[key + 1] - times[key]
-    return key, (time_s - times[key]) / span, span
-
-
-@dataclass(slots=True)
-class _Bank:
-    """Tracks of one property and interpolation, sampled together."""
-
-    tracks: list[Track]
-    values: Float64 = field(init=False)
-    nodes: list[int] = field(init=False)
-    starts: list[int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.values = np.concatenate([track.values for track in self.tracks])
-        self.nodes = [track.node for track in self.tracks]
-        lengths = [len(track.times) for track in self.tracks]
-        self.starts = [sum(lengths[:i]) for i in range(len(lengths))]
-
-    def sample(self, time_s: float) -> Float64:
-        """Values (tracks, W) at a time [s]."""
-        first = self.tracks[0]
-        # Most exporters give all channels of a clip the same key times: search each only once.
-        found: dict[int, tuple[int, float, float]] = {}
-        for track in self.tracks:
-            if id(track.times) not in found:
-                found[id(track.times)] = locate(track.times, time_s)
-        where = [found[id(track.times)] for track in self.tracks]
-        left = np.array([s + w[0] for s, w in zip(self.starts, where, strict=True)], dtype=np.intp)
-        u = np.array([w[1] for w in where])[:, None]
-        right = left + (u[:, 0] > 0.0)
-        if first.interpolation == "CUBICSPLINE":
-            span = np.array([w[2] for w in where])[:, None]
-            mixed = hermite(self.values[left], self.values[right], u, span)
-        elif first.interpolation == "STEP":
-            mixed = self.values[left, 1]
-        elif first.path == "rotation":
-            mixed = slerp(self.values[left, 1], self.values[right, 1], u)
-        else:
-            mixed = (1.0 - u) * self.values[left, 1] + u * self.values[right, 1]
-        return normalized(mixed) if first.path == "rotation" else mixed
-
-
-def hermite(left: Float64, right: Float64, u: Float64, span: Float64) -> Float64:
-    """Cubic Hermite spline between keys (N, 3, W) at u (N, 1) of spans (N, 1) [s]."""
-    u2, u3 = u * u, u * u * u
-    return np.asarray(
-        (2.0 * u3 - 3.0 * u2 + 1.0) * left[:, 1]
-        + (u3 - 2.0 * u2 + u) * span * left[:, 2]
-        + (3.0 * u2 - 2.0 * u3) * right[:, 1]
-        + (u3 - u2) * span * right[:, 0]
-    )
-
-
-def slerp(left: Float64, right: Float64, u: Float64) -> Float64:
-    """Spherical interpolation of unit quaternions (N, 4) at u (N, 1), along the shorter way."""
-    cosine = np.einsum("ij,ij->i", left, right)[:, None]
-    right = np.where(cosine < 0.0, -right, right)
-    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
-    sine = np.sin(angle)
-    near = sine < 1e-6  # the two weights tend to the linear ones
-    safe = np.where(near, 1.0, sine)
-    a = np.where(near, 1.0 - u, np.sin((1.0 - u) * angle) / safe)
-    b = np.where(near, u, np.sin(u * angle) / safe)
-    return np.asarray(a * left + b * right)
-
-
 @dataclass(slots=True)
 class Animation:
     """What plays.
@@ -119,32 +48,76 @@ class Animation:
 
     tracks: tuple[Track, ...]
     duration_s: float = field(init=False)
-    _banks: list[_Bank] = field(init=False)
-    _weights: list[_Bank] = field(init=False)
+    _moving: _Bank | None = field(init=False)
+    _morphing: dict[int, _Bank] = field(init=False)
 
     def __post_init__(self) -> None:
         self.duration_s = max((track.times[-1] for track in self.tracks), default=0.0)
-        groups: dict[tuple[str, str], list[Track]] = {}
-        for track in self.tracks:
-            if track.path != "weights":
-                groups.setdefault((track.path, track.interpolation), []).append(track)
-        self._banks = [_Bank(tracks) for tracks in groups.values()]
-        self._weights = [_Bank([track]) for track in self.tracks if track.path == "weights"]
-
-    def apply(self, rest: LocalPose, time_s: float) -> LocalPose:
-        """Local transforms at a time [s]."""
-        if not self._banks:
-            return rest
-        pose = rest.copy()
-        targets = {
-            "translation": pose.translation,
-            "rotation": pose.rotation,
-            "scale": pose.scale,
+        moving = [track for track in self.tracks if track.path != "weights"]
+        self._moving = _Bank.of(moving) if moving else None
+        self._morphing = {
+            track.node: _Bank.of([track]) for track in self.tracks if track.path == "weights"
         }
-        for bank in self._banks:
-            targets[bank.tracks[0].path][bank.nodes] = bank.sample(time_s)
-        return pose
+
+    def apply(self, rest: Float64, time_s: float) -> Float64:
+        """Translation, rotation and scale of all nodes (N, 10) at a time [s].
+
+        Args:
+            rest: what they are without animation (N, 10).
+            time_s: the time [s].
+        """
+        if self._moving is None:
+            return rest
+        local = rest.copy()
+        self._moving.sample(time_s, local)
+        return local
+
+    @property
+    def morphs(self) -> bool:
+        """Whether morph weights are animated."""
+        return bool(self._morphing)
 
     def weights(self, time_s: float) -> dict[int, Float64]:
         """Animated morph weights by node at a time [s]."""
-        return {bank.nodes[0]: bank.sample(time_s)[0] for bank in self._weights}
+        found = {}
+        for node, bank in self._morphing.items():
+            row = np.empty((1, bank.values.shape[2]))
+            bank.sample(time_s, row)
+            found[node] = row[0]
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Bank:
+    """Tracks as the kernel takes them; see `kernels.node_motion.sample`."""
+
+    tracks: npt.NDArray[np.int64]
+    times: Float64
+    values: Float64
+
+    @classmethod
+    def of(cls, tracks: Sequence[Track]) -> _Bank:
+        widest = max(track.values.shape[2] for track in tracks)
+        values = np.zeros((sum(len(track.times) for track in tracks), 3, widest))
+        # Most exporters give all channels of a clip the same key times: keep each only once.
+        times = {id(track.times): track.times for track in tracks}
+        starts = dict(zip(times, np.cumsum([0, *map(len, times.values())]).tolist(), strict=False))
+        rows = []
+        first = 0
+        for track in tracks:
+            count, _, width = track.values.shape
+            values[first : first + count, :, :width] = track.values
+            weights = track.path == "weights"
+            row, column = (0, 0) if weights else (track.node, _COLUMNS[track.path])
+            rows.append((
+                row, column, width, _KINDS[track.interpolation], track.path == "rotation",
+                starts[id(track.times)], first, count,
+            ))  # fmt: skip
+            first += count
+        return cls(np.array(rows, np.int64), np.concatenate(list(times.values())), values)
+
+    def sample(self, time_s: float, out: Float64) -> None:
+        """Put values at a time [s] into the rows and columns of what they animate."""
+        from nlens_video.kernels.node_motion import sample  # here: numba takes long to load
+
+        sample(time_s, self.tracks, self.times, self.values, out)

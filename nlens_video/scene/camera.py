@@ -13,7 +13,7 @@ import numpy as np
 from nlens_video.frames import Float64
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Camera:
     """A pinhole camera at one moment.
 

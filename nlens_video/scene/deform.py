@@ -122,25 +122,29 @@ class Instance:
             self._last = (key, self._deformed(carriers, amounts))
         return self._last[1]
 
-    def hull(self, world: Float64, weights: Float64 | None) -> Float64:
-        """Points (N, 3) in the world whose convex hull holds every vertex, at little cost.
+    def boxes(self, weights: Float64 | None) -> tuple[list[int], Float64]:
+        """Boxes round all vertices, each carried by a node.
 
         A skinned vertex is a mean of what its joints make of it, so it lies in the hull of the
         boxes round the vertices of each joint, carried by that joint.
 
         Args:
-            world: as of `place`.
             weights: as of `place`.
+
+        Returns:
+            The nodes (B,), and corners in the space of each, homogeneous, as columns (B, 4, 8).
         """
         if self._boxes is None:
             self._boxes = self._rest_boxes()
         amounts = np.array(self.weights) if weights is None else weights
         boxes = self._boxes + self._morph_reach(amounts)
-        carriers = world[self.node][None] if self.skin is None else self.skin.matrices(world)
-        corners = boxes[:, _CORNERS, np.arange(3)]
-        carried = np.einsum("jik,jck->jci", carriers[:, :3, :3], corners)
-        carried += carriers[:, None, :3, 3]
-        return np.asarray(carried[np.isfinite(boxes).all(axis=(1, 2))].reshape(-1, 3))
+        corners = np.ones((len(boxes), 4, 8))
+        corners[:, :3] = np.swapaxes(boxes[:, _CORNERS, np.arange(3)], 1, 2)
+        held = np.flatnonzero(np.isfinite(boxes).all(axis=(1, 2)))
+        if self.skin is None:
+            return [self.node], corners
+        bound = self.skin.inverse_bind[held] @ corners[held]
+        return [self.skin.joints[joint] for joint in held], bound
 
     def _rest_boxes(self) -> Float64:
         """Lowest and highest corner (J, 2, 3) of each joint's vertices, infinite where none are."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,8 +38,7 @@ def extent(posed: PosedScene, camera: Camera) -> Extent:
     """Bounds of all vertices; numbers that are not finite come through."""
     from nlens_video.kernels.screen import bounds  # here: numba takes long to load
 
-    box = Box(0, 0, camera.width, camera.height)
-    numbers = lens_of(camera, box, 0.0).numbers()
+    numbers = _numbers(camera)
     found = np.array([bounds(mesh.positions, numbers) for mesh in posed.meshes])
     low_x, low_y, nearest = (float(v) for v in found[:, 0::2].min(axis=0))
     high_x, high_y, farthest = (float(v) for v in found[:, 1::2].max(axis=0))
@@ -69,23 +68,32 @@ def lens_of(camera: Camera, box: Box, near: float) -> Lens:
     )
 
 
-def travel_bound_px(seen: Sequence[Float64], camera: Camera) -> float:
+@lru_cache(maxsize=4)  # most cameras stand still
+def _numbers(camera: Camera) -> Float64:
+    """A camera as the kernels read it, looking at its whole frame (17,)."""
+    return lens_of(camera, Box(0, 0, camera.width, camera.height), 0.0).numbers()
+
+
+def misses(points: Float64, camera: Camera, box: Box) -> bool:
+    """Whether all that lies in the hull of points (N, 3) is certain to miss a box of the frame."""
+    from nlens_video.kernels import screen
+
+    corners = (float(end) for end in (box.x0, box.y0, box.x1, box.y1))
+    return bool(screen.misses(points, _numbers(camera), *corners))
+
+
+def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
     """What no point of a body moves more than on the screen, as a sum over its moments [px].
 
     Args:
-        seen: points in camera space (N, 3) at each moment, of which every point of the body is the
-            same mean at all of them; each moment's own camera's [scene unit].
-        camera: one of the cameras, for its focal lengths.
+        points: in the world (N, 3) at each moment, of which every point of the body is the same
+            mean at all of them [scene unit].
+        cameras: of each moment, of the same focal length.
 
     Returns:
         The bound; infinite where a point is not before the camera.
     """
-    whole = np.stack(seen)
-    depth = -whole[..., 2]
-    if not (np.isfinite(whole).all() and depth.min() > 0.0):
-        return math.inf
-    slant = np.abs(whole[..., :2] / depth[..., None]).max(axis=(0, 1))
-    way = np.abs(np.diff(whole, axis=0)).max(axis=1)
-    # x1 / z1 - x0 / z0 = ((x1 - x0) - x0 / z0 (z1 - z0)) / z1
-    moved = (way[:, :2] + slant * way[:, 2:]) / depth.min()
-    return float(np.hypot(camera.fx * moved[:, 0], camera.fy * moved[:, 1]).sum())
+    from nlens_video.kernels.screen import travel
+
+    lenses = np.array([_numbers(camera) for camera in cameras])
+    return float(travel(np.array(points), lenses))

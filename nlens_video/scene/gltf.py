@@ -16,6 +16,7 @@ from nlens_video.scene.camera import Camera
 from nlens_video.scene.clips import Animations, listed, read_animations
 from nlens_video.scene.deform import Instance, Skin, read_skins
 from nlens_video.scene.document import Document, read_document
+from nlens_video.scene.hull import Hull
 from nlens_video.scene.lights import Light, pose_light, read_lights
 from nlens_video.scene.materials import read_materials
 from nlens_video.scene.mesh import Mesh, read_meshes
@@ -47,6 +48,7 @@ class Scene:
     _lights: tuple[tuple[int, Light], ...]
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
+    _hull: Hull | None = field(init=False, default=None)
     _moved: Recent[_Moved] = field(init=False, default_factory=Recent)
     _posed: Recent[PosedScene] = field(init=False, default_factory=Recent)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
@@ -153,12 +155,14 @@ class Scene:
         Unless it `morphs`, a vertex is the same mean of them at all moments.
         """
         world, weights = self._moved.at(time_s, self._move)
-        return np.concatenate([i.hull(world, weights.get(i.node)) for i in self._instances])
+        if self._hull is None or self.morphs:
+            self._hull = Hull.of(self._instances, weights)
+        return self._hull.at(world)
 
     @property
     def morphs(self) -> bool:
         """Whether morph weights are animated."""
-        return bool(self._animation.weights(0.0))
+        return self._animation.morphs
 
     def _move(self, time_s: float) -> _Moved:
         moment = self._playback.moment(time_s, self._animation.duration_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,32 +13,9 @@ from nlens_video.frames import Bool, Float64
 from nlens_video.scene.document import Document
 from nlens_video.scene.fields import Fields, check_range
 
-Indices = npt.NDArray[np.intp]
+Indices = npt.NDArray[np.int64]
 _DEEPEST = 2000  # each level costs time on each frame
 _EYE = tuple(float(v) for v in np.eye(4).ravel())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LocalPose:
-    """Local transforms of all nodes at one moment.
-
-    Attributes:
-        translation: (N, 3) [scene unit].
-        rotation: unit quaternions (N, 4), x y z w.
-        scale: (N, 3).
-    """
-
-    translation: Float64
-    rotation: Float64
-    scale: Float64
-
-    def copy(self) -> LocalPose:
-        """A pose to be changed."""
-        return LocalPose(
-            translation=self.translation.copy(),
-            rotation=self.rotation.copy(),
-            scale=self.scale.copy(),
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,25 +23,29 @@ class Hierarchy:
     """The forest of nodes.
 
     Attributes:
-        rest: local transforms without animation.
+        rest: translation [scene unit], rotation (a unit quaternion x y z w) and scale of each node
+            without animation (N, 10).
         matrices: local matrices (N, 4, 4) of nodes that have one.
         has_matrix: which nodes have one (N,).
         levels: pairs (nodes, their parents) from the roots' children downwards.
         visible: nodes of the chosen scene.
         parents: parent of each node, -1 for a root.
-        strides: pairs (nodes, their ancestors 1, 2, 4 ... levels above them).
+        order: nodes and their parents (N, 2), parents first.
     """
 
-    rest: LocalPose
+    rest: Float64
     matrices: Float64
     has_matrix: Bool
     levels: tuple[tuple[Indices, Indices], ...]
     visible: frozenset[int]
     parents: tuple[int, ...]
-    strides: tuple[tuple[Indices, Indices], ...] = field(init=False)
+    order: Indices = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "strides", _strides(self.parents))
+        roots = [node for node, parent in enumerate(self.parents) if parent < 0]
+        nodes = np.concatenate([np.array(roots, np.int64), *(nodes for nodes, _ in self.levels)])
+        parents = np.array(self.parents, np.int64)[nodes]
+        object.__setattr__(self, "order", np.stack([nodes, parents], axis=1))
 
     def with_ancestors(self, nodes: Iterable[int]) -> frozenset[int]:
         """Nodes, and all that carry them."""
@@ -83,38 +64,21 @@ class Hierarchy:
             found.update(child for child, parent in pairs if parent in found)
         return frozenset(found)
 
-    def world(self, pose: LocalPose) -> Float64:
+    def world(self, local: Float64) -> Float64:
         """World matrices (N, 4, 4) of all nodes.
+
+        Args:
+            local: what `rest` is, at some moment (N, 10).
 
         Raises:
             SceneError: a node is moved or scaled beyond what float32 can multiply.
         """
-        world = compose(pose)
-        world[self.has_matrix] = self.matrices[self.has_matrix]
-        with np.errstate(over="ignore", invalid="ignore"):  # looked for once, at the end
-            for nodes, ancestors in self.strides:  # a product of all of a chain in few steps
-                world[nodes] = world[ancestors] @ world[nodes]
+        from nlens_video.kernels.node_motion import multiply  # here: numba takes long to load
+
+        world = np.empty((len(local), 4, 4))
+        multiply(local, self.order, self.matrices, self.has_matrix, world)
         check_range(world, "a node's place or scale")
         return world
-
-
-def compose(pose: LocalPose) -> Float64:
-    """Matrices (N, 4, 4) of translation * rotation * scale."""
-    x, y, z, w = pose.rotation.T
-    matrix = np.zeros((len(pose.translation), 4, 4))
-    matrix[:, 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    matrix[:, 0, 1] = 2.0 * (x * y - z * w)
-    matrix[:, 0, 2] = 2.0 * (x * z + y * w)
-    matrix[:, 1, 0] = 2.0 * (x * y + z * w)
-    matrix[:, 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    matrix[:, 1, 2] = 2.0 * (y * z - x * w)
-    matrix[:, 2, 0] = 2.0 * (x * z - y * w)
-    matrix[:, 2, 1] = 2.0 * (y * z + x * w)
-    matrix[:, 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    matrix[:, :3, :3] *= pose.scale[:, None, :]
-    matrix[:, :3, 3] = pose.translation
-    matrix[:, 3, 3] = 1.0
-    return matrix
 
 
 def normalized(quaternions: Float64) -> Float64:
@@ -137,15 +101,15 @@ def read_hierarchy(document: Document, scene: str | None = None) -> Hierarchy:
     nodes = document.items("nodes")
     parents = _parents(nodes)
     levels = _levels(parents)
-    rest = LocalPose(
-        translation=_rows(nodes, "translation", (0.0, 0.0, 0.0)),
-        rotation=normalized(_rows(nodes, "rotation", (0.0, 0.0, 0.0, 1.0))),
-        scale=_rows(nodes, "scale", (1.0, 1.0, 1.0)),
-    )
+    rest = [
+        _rows(nodes, "translation", (0.0, 0.0, 0.0)),
+        normalized(_rows(nodes, "rotation", (0.0, 0.0, 0.0, 1.0))),
+        _rows(nodes, "scale", (1.0, 1.0, 1.0)),
+    ]
     matrices = np.swapaxes(_rows(nodes, "matrix", _EYE).reshape(-1, 4, 4), 1, 2)
     return Hierarchy(
-        rest=rest,
-        matrices=matrices,
+        rest=np.concatenate(rest, axis=1),
+        matrices=np.ascontiguousarray(matrices),
         has_matrix=np.array(["matrix" in node for node in nodes], dtype=bool),
         levels=levels,
         visible=_visible(document, len(nodes), levels, scene),
@@ -168,18 +132,6 @@ def _parents(nodes: tuple[Fields, ...]) -> list[int]:
     return parents
 
 
-def _strides(parents: Sequence[int]) -> tuple[tuple[Indices, Indices], ...]:
-    above = np.array(parents, dtype=np.intp)
-    strides: list[tuple[Indices, Indices]] = []
-    while (above >= 0).any():
-        nodes = np.flatnonzero(above >= 0)
-        strides.append((nodes, above[nodes]))
-        twice = np.full_like(above, -1)
-        twice[nodes] = above[above[nodes]]
-        above = twice
-    return tuple(strides)
-
-
 def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
     children: list[list[int]] = [[] for _ in parents]
     for child, parent in enumerate(parents):
@@ -192,8 +144,8 @@ def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
         seen += len(current)
         if len(levels) == _DEEPEST:
             raise SceneError(f"nodes are nested more than {_DEEPEST} deep; flatten the scene")
-        nodes = np.array(current, dtype=np.intp)
-        levels.append((nodes, np.array([parents[i] for i in current], dtype=np.intp)))
+        nodes = np.array(current, dtype=np.int64)
+        levels.append((nodes, np.array([parents[i] for i in current], dtype=np.int64)))
     if seen != len(parents):
         raise SceneError("nodes form a cycle; expected a tree; export the file again")
     return tuple(levels)

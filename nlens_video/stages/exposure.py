@@ -8,16 +8,17 @@ cannot be compared (a cut, a whip pan) the last known change stands.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from nlens_video.frames import BlurredLayer, Float32, Float64, Picture
+from nlens_video.kernels.exposure import take_change, take_stops
 
 NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is followed in full
 _SIZE = (40, 24)  # columns and rows that a picture is compared at [px]
-_DARKEST, _BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from white [1]
 _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio, above which it tells nothing
 _LEAST_SHARE = 0.25  # of the picture that must be there to compare
 _MID_GREY, _GAMMA = 118.0, 2.2
@@ -36,7 +37,7 @@ class Exposure:
     @property
     def levels(self) -> float:
         """By how much mid grey changes, in the channel that changes most [8-bit levels]."""
-        return max(abs(_levels(np.log2(gain))) for gain in self.gains)
+        return max(abs(_levels(math.log2(gain))) for gain in self.gains)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,44 +93,35 @@ def follow(layer: BlurredLayer, exposure: Exposure) -> BlurredLayer:
 
 def _stops(light: Float32) -> Float32:
     """Logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
-    stops = np.log2(np.maximum(light, np.float32(1e-6)))
-    red, green, blue = cv2.split(light)
-    least, most = cv2.min(cv2.min(red, green), blue), cv2.max(cv2.max(red, green), blue)
-    stops[(least < _DARKEST) | (most > _BRIGHTEST)] = np.nan
+    stops = np.empty_like(light)
+    take_stops(light, stops)
     return stops
 
 
 def _followed(change: Float64) -> tuple[float, float, float]:
     """Gains for a change [stops]: none for a small one, and no jump between the two."""
-    levels = max(abs(_levels(float(part))) for part in change)
-    share = float(np.clip(levels / NEGLIGIBLE_LEVELS - 1.0, 0.0, 1.0))
+    parts = change.tolist()
+    levels = max(abs(_levels(part)) for part in parts)
+    share = min(max(levels / NEGLIGIBLE_LEVELS - 1.0, 0.0), 1.0)
     share *= share * (3.0 - 2.0 * share)
-    red, green, blue = (float(gain) for gain in np.exp2(share * change))
+    red, green, blue = (2.0 ** (share * part) for part in parts)
     return red, green, blue
 
 
 def _levels(stops: float) -> float:
-    return float(_MID_GREY * (np.exp2(stops / _GAMMA) - 1.0))
+    return float(_MID_GREY * (2.0 ** (stops / _GAMMA) - 1.0))
 
 
 def _change(before: _Seen, stops: Float32) -> Float64 | None:
     """Change of the exposure since the first frame (3,) [stops]; None where nothing tells it."""
-    there = _median(stops - before.stops)
-    if there is None:
+    there = np.empty(3)
+    told = take_change(before.stops, stops, _LEAST_SHARE, _LARGEST_SPREAD_STOPS, there)
+    if not told:
         moved = _laid_over(before.stops, stops)
-        there = None if moved is None else _median(stops - moved)
-    return None if there is None else before.change + there
-
-
-def _median(ratio: Float32) -> Float64 | None:
-    """Median (3,) of a ratio (h, w, 3) [stops], None where it is not the same in most places."""
-    known = ratio[~np.isnan(ratio[..., 0])].T.copy()  # rows sort several times faster
-    if known.shape[1] < _LEAST_SHARE * _SIZE[0] * _SIZE[1]:
-        return None
-    half = known.shape[1] // 2  # np.median itself takes twice as long
-    middle = np.partition(known, half, axis=1)[:, half]
-    spread = np.partition(np.abs(known - middle[:, None]), half, axis=1)[:, half]
-    return np.asarray(middle, np.float64) if spread.max() < _LARGEST_SPREAD_STOPS else None
+        if moved is None:
+            return None
+        told = take_change(moved, stops, _LEAST_SHARE, _LARGEST_SPREAD_STOPS, there)
+    return before.change + there if told else None
 
 
 def _laid_over(before: Float32, now: Float32) -> Float32 | None:

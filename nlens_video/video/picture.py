@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 import av
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.color import ColorTags
 from nlens_video.frames import Box, Float32, Picture
 from nlens_video.kernels import blend
-from nlens_video.kernels.blend_samples import Axis, Plane, Samples
+from nlens_video.kernels.blend_samples import Plane, Samples
 from nlens_video.video.formats import unpacked
 from nlens_video.video.samples import array_samples, frame_samples, frame_tags
 
@@ -25,16 +24,6 @@ class _Blended:
 
     def _samples(self) -> Samples:
         raise NotImplementedError
-
-    @property
-    def width(self) -> int:
-        """Columns as displayed [px]."""
-        return int(self._samples().planes[0].shape[1])
-
-    @property
-    def height(self) -> int:
-        """Rows as displayed [px]."""
-        return int(self._samples().planes[0].shape[0])
 
     def _mix(self, other: Picture, share: float) -> None:
         if not isinstance(other, _Blended):
@@ -63,11 +52,8 @@ class _Blended:
         return blend.linear(samples, box)
 
     def reduced(self, width: int, height: int) -> Float32:
-        """Scene-linear BT.709 RGB (height, width, 3) of means of the codes, for measurements."""
-        samples = self._samples()
-        first, second, third = (_shrunk(plane, width, height) for plane in samples.planes)
-        small = Samples((first, second, third), None, Axis(), Axis(), samples.coding)
-        return blend.linear(small, Box(0, 0, width, height))
+        """Scene-linear BT.709 RGB (height, width, 3) of means of four codes, for measurements."""
+        return blend.reduced(self._samples(), width, height)
 
 
 def copied(frame: av.VideoFrame) -> av.VideoFrame:
@@ -124,6 +110,20 @@ class AvPicture(_Blended):
         self.rotation = frame.rotation if rotation is None else rotation
         self.centred_chroma = centred_chroma
 
+    @property
+    def width(self) -> int:
+        """Columns as displayed [px]."""
+        return self.frame.height if self._lies else self.frame.width
+
+    @property
+    def height(self) -> int:
+        """Rows as displayed [px]."""
+        return self.frame.width if self._lies else self.frame.height
+
+    @property
+    def _lies(self) -> bool:
+        return round(self.rotation / 90) % 2 == 1
+
     def _samples(self) -> Samples:
         return frame_samples(
             self.frame, self.tags, round(self.rotation / 90), centred_chroma=self.centred_chroma
@@ -176,6 +176,16 @@ class ArrayPicture(_Blended):
         self.associated = associated
         self._views = array_samples(array, order, tags, associated=associated)
 
+    @property
+    def width(self) -> int:
+        """Columns [px]."""
+        return int(self.array.shape[1])
+
+    @property
+    def height(self) -> int:
+        """Rows [px]."""
+        return int(self.array.shape[0])
+
     def _samples(self) -> Samples:
         return self._views
 
@@ -193,13 +203,6 @@ class ArrayPicture(_Blended):
     def mix(self, other: Picture, share: float) -> None:
         """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
         self._mix(other, share)
-
-
-def _shrunk(plane: Plane, width: int, height: int) -> Float32:
-    """Means of a plane's codes (height, width); of large planes, of every few samples of each."""
-    down, across = max(1, plane.shape[0] // (2 * height)), max(1, plane.shape[1] // (2 * width))
-    thin = np.ascontiguousarray(plane[::down, ::across], dtype=np.float32)
-    return np.asarray(cv2.resize(thin, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _check(samples: Samples, box: Box, rgba: Float32 | None = None) -> None:
