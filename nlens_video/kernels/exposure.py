@@ -17,9 +17,9 @@ def take_stops(light: Float32, stops: Float32) -> None:
     """Fill in logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
     for i in range(light.shape[0]):
         for j in range(light.shape[1]):
-            least = min(light[i, j, 0], light[i, j, 1], light[i, j, 2])
-            most = max(light[i, j, 0], light[i, j, 1], light[i, j, 2])
-            known = least >= np.float32(DARKEST) and most <= np.float32(BRIGHTEST)
+            known = True  # what is no number is not
+            for k in range(3):
+                known &= np.float32(DARKEST) <= light[i, j, k] <= np.float32(BRIGHTEST)
             for k in range(3):
                 stops[i, j, k] = np.log2(light[i, j, k]) if known else np.float32(math.nan)
 
@@ -45,7 +45,8 @@ def median_of(values: Float32) -> float:
         else:
             low = np.int64(middle) + 1
     key = np.int32(low)
-    return np.int32(key ^ ((key >> 31) & np.int32(0x7FFFFFFF))).view(np.float32)
+    bits = np.int32(key ^ ((key >> 31) & np.int32(0x7FFFFFFF)))
+    return bits.view(np.float32)  # type: ignore[return-value]  # single: so is what it is taken off
 
 
 @numba.njit("b1(f4[:,:,::1],f4[:,:,::1],f8,f8,f8[::1])", cache=True, nogil=True)

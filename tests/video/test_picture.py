@@ -62,6 +62,25 @@ def test_the_fast_blend_is_within_a_code_of_the_reference(pixel_format, turns):
         assert error.mean() < 0.01 * limit**2
 
 
+@pytest.mark.parametrize(("width", "height"), [(37, 27), (160, 90), (9, 5)])
+@pytest.mark.parametrize(
+    ("pixel_format", "turns"), [("yuv420p", 0), ("yuv411p", 1), ("yuv422p10le", 2), ("gray", 0)]
+)
+def test_the_fast_reduction_is_that_of_the_reference(width, height, pixel_format, turns):
+    frame = noise_frame(width, height, pixel_format)
+    samples = frame_samples(frame, frame_tags(frame), turns)
+    found, expected = (way.reduced(samples, 16, 10) for way in (blend, blend_ref))
+    assert found.shape == (10, 16, 3)
+    np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-5)
+
+
+@pytest.mark.parametrize("rotation", [0, 90, 180, -90])
+def test_a_picture_is_as_wide_as_it_is_displayed(rotation):
+    picture = AvPicture(noise_frame(36, 20, "yuv420p"), rotation=rotation)
+    assert picture.srgb().shape == (picture.height, picture.width, 3)
+    assert (picture.width > picture.height) == (rotation in {0, 180})
+
+
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "rgb24", "rgba"])
 def test_colours_of_a_layer_can_be_shares_of_the_plates_light(pixel_format):
     frame = noise_frame(32, 24, pixel_format)
