@@ -26,6 +26,7 @@ _FIRST_PIECE = (127 + FIRST_OCTAVE) << STEPS_BITS
 _SMALLEST = np.float32(2.0**FIRST_OCTAVE)
 _MASK = np.int32((1 << _SHIFT) - 1)
 _FRACTION = np.float32(2.0**-_SHIFT)
+SIDE = 3  # samples across and down that stand for a part; with 2, a pan is followed half as well
 _inline = numba.njit(inline="always")
 
 
@@ -74,29 +75,30 @@ def _linear(planes, axes, corner, rgb_from_codes, to_linear, to_bt709, to_displa
 
 
 @_inline
-def _mean(plane, top, bottom, left, right):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    total = np.float32(plane[top, left]) + np.float32(plane[top, right])
-    total += np.float32(plane[bottom, left]) + np.float32(plane[bottom, right])
-    return total * np.float32(0.25)
+def _mean(plane, rows, columns, i, j):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    total = np.float32(0)
+    for p in range(SIDE * i, SIDE * (i + 1)):
+        row = rows[p]
+        for q in range(SIDE * j, SIDE * (j + 1)):
+            total += np.float32(plane[row, columns[q]])
+    return total / np.float32(SIDE * SIDE)
 
 
 def _reduced(planes, rgb_from_codes, to_linear, to_bt709, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """`blend_ref.reduced`, into `out` (h, w, 3)."""
     first, second, third = planes
-    (height, width), (rows, columns) = first.shape, second.shape
-    h, w = out.shape[:2]
+    picked_rows, picked_columns = SIDE * out.shape[0], SIDE * out.shape[1]
+    below, across = np.arange(picked_rows), np.arange(picked_columns)
+    rows = (2 * below + 1) * first.shape[0] // (2 * picked_rows)
+    columns = (2 * across + 1) * first.shape[1] // (2 * picked_columns)
+    coarse_rows = (2 * below + 1) * second.shape[0] // (2 * picked_rows)
+    coarse_columns = (2 * across + 1) * second.shape[1] // (2 * picked_columns)
     rgb = np.empty(3, np.float32)
-    for i in range(h):
-        above, below = 4 * i + 1, 4 * i + 3  # quarters of a part
-        top, bottom = above * height // (4 * h), below * height // (4 * h)
-        row, lower = above * rows // (4 * h), below * rows // (4 * h)
-        for j in range(w):
-            before, behind = 4 * j + 1, 4 * j + 3
-            left, right = before * width // (4 * w), behind * width // (4 * w)
-            column, farther = before * columns // (4 * w), behind * columns // (4 * w)
-            a = _mean(first, top, bottom, left, right)
-            b = _mean(second, row, lower, column, farther)
-            c = _mean(third, row, lower, column, farther)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            a = _mean(first, rows, columns, i, j)
+            b = _mean(second, coarse_rows, coarse_columns, i, j)
+            c = _mean(third, coarse_rows, coarse_columns, i, j)
             for k in range(3):
                 coded = _dot(rgb_from_codes, k, a, b, c) + rgb_from_codes[k, 3]
                 rgb[k] = _look_up(to_linear, coded)
@@ -237,7 +239,7 @@ def linear(samples: Samples, box: Box) -> Float32:
 
 
 def reduced(samples: Samples, width: int, height: int) -> Float32:
-    """Scene-linear BT.709 RGB (height, width, 3) of means of four codes from each part."""
+    """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes from each part."""
     maps: Tables = tables(samples.coding)
     out = np.empty((height, width, 3), np.float32)
     _compiled(_reduced, samples.planes[0].dtype.name)(

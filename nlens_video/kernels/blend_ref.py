@@ -22,9 +22,9 @@ def linear(samples: Samples, box: Box) -> Float64:
 
 
 def reduced(samples: Samples, width: int, height: int) -> Float64:
-    """Scene-linear BT.709 RGB (height, width, 3): of each part the mean codes of four samples.
+    """Scene-linear BT.709 RGB (height, width, 3): of each part the mean codes of nine samples.
 
-    They lie at a quarter and three quarters of the part, across and down.
+    They lie in the middle of its thirds, across and down.
     """
     out = np.empty((height, width, 3))
     to_linear = transfer(samples.coding.tags.transfer).to_linear
@@ -33,8 +33,8 @@ def reduced(samples: Samples, width: int, height: int) -> Float64:
         for j in range(width):
             codes = []
             for plane in samples.planes:
-                rows = [int((i + part) * plane.shape[0] / height) for part in (0.25, 0.75)]
-                columns = [int((j + part) * plane.shape[1] / width) for part in (0.25, 0.75)]
+                rows = [int((6 * i + part) * plane.shape[0] / (6 * height)) for part in (1, 3, 5)]
+                columns = [int((6 * j + part) * plane.shape[1] / (6 * width)) for part in (1, 3, 5)]
                 codes.append(plane[np.ix_(rows, columns)].astype(np.float64).mean())
             out[i, j] = back @ to_linear(_rgb(samples.coding, np.array(codes)))
     return out

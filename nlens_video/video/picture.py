@@ -52,7 +52,7 @@ class _Blended:
         return blend.linear(samples, box)
 
     def reduced(self, width: int, height: int) -> Float32:
-        """Scene-linear BT.709 RGB (height, width, 3) of means of four codes, for measurements."""
+        """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes, for measurements."""
         return blend.reduced(self._samples(), width, height)
 
 
