@@ -22,7 +22,19 @@ from nlens_video.aperture import Aperture
 from nlens_video.backends.render_software import SoftwareObjectRenderer
 from nlens_video.color import ColorTags
 from nlens_video.frames import Box
-from nlens_video.kernels import blend, blend_ref, fragment, light_ref, raster, screen, texture_ref
+from nlens_video.kernels import (
+    blend,
+    blend_ref,
+    exposure,
+    exposure_ref,
+    fragment,
+    light_ref,
+    node_motion,
+    node_motion_ref,
+    raster,
+    screen,
+    texture_ref,
+)
 from nlens_video.kernels.aperture_covariance import aperture_covariance
 from nlens_video.kernels.cast_ref import covered, stopped
 from nlens_video.kernels.cast_veils import count_veiled, new_veiled
@@ -57,6 +69,7 @@ COMPARED = {
     "a half-hidden lens": "half_hidden",
     "the paper's scatter": "paper_scatter",
     "pull-push": "pull_push",
+    "nodes of a scene": "node_motion",
     "projection of vertices": "screen",
     "disparity of samples": "raster triangles simd_raster corners",
     "depth of pixels": "nearest",
@@ -67,6 +80,7 @@ COMPARED = {
     "cast triangles": "cast",
     "cast veils": "cast_veils",
     "decoding": "blend",
+    "change of exposure": "exposure",
     "compositing": "blend",
     "grain on a layer": "regrain",
     "white noise": "white_noise",
@@ -130,10 +144,33 @@ def _blurs() -> dict[str, tuple[float, float]]:
     return made
 
 
+def _nodes(rng):
+    """How far a chain of ten turning nodes comes from its place."""
+    count, times = 10, np.array([0.0, 1.0])
+    values = rng.normal(size=(2 * count, 3, 4))
+    values /= np.linalg.norm(values, axis=2, keepdims=True)
+    tracks = [[node, 3, 4, node_motion.LINEAR, 1, 0, 2 * node, 2] for node in range(count)]
+    local = np.concatenate([rng.normal(size=(count, 7)), np.ones((count, 3))], axis=1)
+    expected = local.copy()
+    for node in range(count):
+        keys = values[2 * node : 2 * node + 2]
+        expected[node, 3:7] = node_motion_ref.sampled(
+            0.3, times, keys, node_motion.LINEAR, turns=True
+        )
+    node_motion.sample(0.3, np.array(tracks), times, values, local)
+    world = np.empty((count, 4, 4))
+    parents = np.arange(count) - 1
+    order = np.stack([np.arange(count), parents], axis=1)
+    node_motion.multiply(local, order, world.copy(), np.zeros(count, bool), world)
+    own = [node_motion_ref.composed(row) for row in expected]
+    return np.abs(world[-1] - node_motion_ref.world(count - 1, own, parents)).max()
+
+
 @cache
 def _geometry() -> dict[str, tuple[float, float]]:
     rng = np.random.default_rng(1)
     made = {}
+    made["nodes of a scene"] = (_nodes(rng), 1e-12)
     positions = (rng.normal(0, 2.0, (60, 3)) - [0, 0, 5]).astype(np.float32)
     view = Camera(
         world_from_camera=np.eye(4), fx=20.0, fy=20.0, cx=16.0, cy=12.0, width=32, height=24
@@ -254,6 +291,19 @@ def _picture(*, pane: bool) -> tuple[float, float]:
     return float(colour), float(np.abs(found[inside] / depth[inside] - 1).max())
 
 
+def _exposure(rng):
+    """How far the change of light between two noisy pictures is from float64's [stops]."""
+    light = rng.uniform(0.005, 0.9, (2, 24, 40, 3)).astype(np.float32)
+    light[1] = light[0] * rng.uniform(1.1, 1.3, (24, 40, 3)).astype(np.float32)
+    stops = np.empty_like(light)
+    for picture, out in zip(light, stops, strict=True):
+        exposure.take_stops(picture, out)
+    found = np.empty(3)
+    exposure.take_change(stops[0], stops[1], 0.25, 0.2, found)
+    before, now = (exposure_ref.stops(picture.astype(np.float64)) for picture in light)
+    return np.abs(found - exposure_ref.change(before, now, 0.25, 0.2)).max()
+
+
 @cache
 def _light() -> dict[str, tuple[float, float]]:
     rng = np.random.default_rng(4)
@@ -273,6 +323,7 @@ def _light() -> dict[str, tuple[float, float]]:
             laid, *(np.abs(a - b).max() for a, b in zip(fast.planes, slow.planes, strict=True))
         )
     made["decoding"], made["compositing"] = (decoded, 2e-5), (laid, 2e-5)
+    made["change of exposure"] = (_exposure(rng), 1e-6)
     plate, noise = rng.random((30, 40, 3)), rng.normal(size=(30, 40, 3))
     deviation = rng.uniform(0.0, 0.03, (256, 3))
     singles = [v.astype(np.float32) for v in (layer, plate, noise, deviation)]
