@@ -22,7 +22,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 from nlens_video.chunk_mark import ChunkMark
-from nlens_video.farm.job import Prepared, length_of, ranges
+from nlens_video.farm.job import PIECE_S, Prepared, length_of, ranges
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan
 from nlens_video.farm.store import Folder
@@ -69,6 +69,11 @@ class Footage:
     chunk_s: float = 10.0
 
     @property
+    def piece(self) -> int:
+        """Frames of a piece of a chunk, as `shots.plan` divides it [1]."""
+        return round(self.chunk_s / max(1, round(self.chunk_s / PIECE_S)) * RATE)
+
+    @property
     def hours(self) -> float:
         """Of all of it [h]."""
         return self.shots * self.frames / RATE / 3600
@@ -89,12 +94,12 @@ class Worker:
 
 @dataclass(slots=True)
 class Followed:
-    """The merge of a shot: begins with the first chunk, ends after the last one.
+    """The merge of a shot: begins with the first piece of a chunk, ends after the last one.
 
     Attributes:
         number: of its task.
         hand: whether it is done by the process that runs the farm, beside the workers.
-        ready_s: when each chunk was there, by its first frame [s].
+        ready_s: when each chunk was there, whole, by its first frame [s].
     """
 
     number: int
@@ -173,17 +178,18 @@ class Simulation:
             self.followed.pop(shot, None)
         if task.work is not Workbench.chunk:
             return
-        followed, mark = self.followed[shot], _mark(task)
-        followed.ready_s[mark.first] = self.now_s
+        followed = self.followed[shot]
+        followed.ready_s[_pieces(task)[0].first] = self.now_s
         if left > 1:
             return
         if not followed.hand:
             heapq.heappush(self.waiting, (shot, next(self.order), followed.task))
             return
-        ends = 0.0
+        ends, merge_s = 0.0, self.costs.merge_s
         for first, ready in sorted(followed.ready_s.items()):
             frames = min(round(self.footage.chunk_s * RATE), self.footage.frames - first)
-            ends = max(ends, ready) + frames * self.costs.merge_s
+            last = min(self.footage.piece, frames)  # the others were there before
+            ends = max(ends + (frames - last) * merge_s, ready) + last * merge_s
         heapq.heappush(self.busy, (ends, next(self.order), shot, followed.task, None))
 
     def _ends(self, shot: int, task: Task, worker: Worker) -> float:
@@ -194,11 +200,11 @@ class Simulation:
         if task.work is Workbench.prepare:
             return begins + costs.fit_s + frames * costs.decode_s
         if task.work is Workbench.chunk:
-            mark = _mark(task)
-            own = length_of(mark, frames)
-            worker.position = mark.first + own
-            goes_on = before == shot and mark.first >= position
-            passed = mark.first - (position if goes_on else 0)
+            pieces = _pieces(task)
+            first, own = pieces[0].first, sum(length_of(mark, frames) for mark in pieces)
+            worker.position = first + own
+            goes_on = before == shot and first >= position
+            passed = first - (position if goes_on else 0)
             work = (0.0 if goes_on else costs.open_s) + passed * costs.decode_s
             return self._stored(begins + work + own * costs.render_s, own)
         if task.work is Workbench.whole:
@@ -215,11 +221,11 @@ class Simulation:
 
     def _answer(self, task: Task) -> object:
         if task.work is Workbench.prepare:
-            settings, _, chunk_s = task.arguments
-            assert isinstance(settings, Settings) and isinstance(chunk_s, float)
+            settings, _, piece_s = task.arguments
+            assert isinstance(settings, Settings) and isinstance(piece_s, float)
             marks = tuple(
                 ChunkMark(key="0" * 16, plate="0" * 16, first=first, end=end)
-                for first, end in ranges(self.footage.frames, round(chunk_s * RATE))
+                for first, end in ranges(self.footage.frames, round(piece_s * RATE))
             )
             return Prepared(settings=settings, fit=None, marks=marks, frames=self.footage.frames)
         if task.work in (Workbench.merge, Workbench.whole):
@@ -236,10 +242,10 @@ class Simulation:
         return Shot(settings=run, store=Folder(folder), chunk_s=self.footage.chunk_s)
 
 
-def _mark(task: Task) -> ChunkMark:
-    mark = task.arguments[2]
-    assert isinstance(mark, ChunkMark)
-    return mark
+def _pieces(task: Task) -> tuple[ChunkMark, ...]:
+    pieces = task.arguments[2]
+    assert isinstance(pieces, tuple)
+    return pieces
 
 
 def _next(shot: Plan, answers: list[object]) -> list[Task]:
@@ -260,9 +266,9 @@ def closed_form_s(footage: Footage, costs: Costs, workers: int) -> float:
     whole = shots * (fit + rendering + merging)
     hand = shots * merging if chunks > 1 else 0.0  # at most what one more pair of hands can do
     all_workers = costs.start_s + max((whole - hand) / workers, whole / (workers + (hand > 0)))
-    last = merging / chunks
+    last = min(footage.piece, frames) * costs.merge_s
     rounds = math.ceil(chunks / at_once) * at_once / chunks
-    first = costs.open_s + min(frames, footage.chunk_s * RATE) * costs.render_s
+    first = costs.open_s + min(frames, footage.piece) * costs.render_s
     busiest = max(rounds * rendering / at_once, first + merging - last)
     one_shot = costs.start_s + fit + busiest + last
     store = 2 * shots * frames * costs.frame_bytes / costs.store_bytes_s if chunks > 1 else 0.0

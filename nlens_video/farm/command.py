@@ -13,7 +13,7 @@ from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.chunk import render_chunk
 from nlens_video.farm.folder import beside, remove
 from nlens_video.farm.here import render_here
-from nlens_video.farm.job import run_job
+from nlens_video.farm.job import PIECE_S, run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.paths import absolute
 from nlens_video.farm.shot_list import read_shot_list
@@ -21,9 +21,6 @@ from nlens_video.farm.shots import Progress, Shot, plan
 from nlens_video.farm.store import Folder, store_of
 from nlens_video.settings import Settings
 from nlens_video.show import Voice
-
-PIECE_S = 2.0
-"""Of a result that can be resumed: what a killed run loses at most [s]."""
 
 
 def run_merge(words: argparse.Namespace, voice: Voice) -> int:

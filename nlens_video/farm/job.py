@@ -21,6 +21,9 @@ from nlens_video.settings import Settings, SourceSettings
 RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]
 """Renders chunks of a run into a folder, and calls back with each that is done."""
 
+PIECE_S = 2.0
+"""About so long is a file of frames: what a killed run or a lost worker loses at most [s]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prepared:

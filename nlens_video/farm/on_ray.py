@@ -9,11 +9,9 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from heapq import heappop, heappush
+from dataclasses import dataclass
 from typing import Any
 
 import ray
@@ -24,12 +22,11 @@ from nlens_video.backends.choose_renderer import VARIABLE, renderer_name
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.own_hand import OwnHand
-from nlens_video.farm.shots import Plan, Task
+from nlens_video.farm.shots import Plan
+from nlens_video.farm.task_queue import TaskQueue, Waiting
 from nlens_video.farm.workbench import Workbench
-from nlens_video.video.atomic import sweep
 
 _CPUS = 2  # of a worker: a run keeps about two busy
-_MOST_TRIES = 3  # of one chunk, before it counts as what kills its workers
 _LOOK_S = 0.5  # from one look for an interruption to the next
 _SHORT_S = 0.05  # the same where nothing but this process is at work
 
@@ -63,12 +60,13 @@ class Cluster:
         """
         # a client has no such files
         near = self.address is None or not self.address.startswith("ray://")
-        crew = _Crew(plans, OwnHand() if near else None, int(self.gpus))
+        crew = _Crew(TaskQueue(plans), OwnHand() if near else None, int(self.gpus))
         try:
             if self.address is None:
                 crew.begin()
             with _connected(self) as count:
-                return crew.run(count)
+                crew.run(count)
+            return crew.finish()
         finally:
             crew.drop()
 
@@ -93,68 +91,55 @@ class _Worker:
             return _Failed(error)
 
 
-@dataclass(slots=True)
-class _Running:
-    """A shot on its way: answers of the tasks that it waits for, and who follows them."""
-
-    plan: Plan
-    answers: list[object]
-    awaited: int = 0
-    follower: _Waiting | None = None
-    result: Merged | NlensError | None = None
-
-
-@dataclass(order=True, frozen=True, slots=True)
-class _Waiting:
-    """A task of a shot, in the order in which they are done."""
-
-    shot: int
-    number: int
-    task: Task = field(compare=False)
-
-
 class _Crew:
     """Workers, and who of them does what; one task is done here, where that is of use."""
 
-    def __init__(self, plans: Sequence[Plan], hand: OwnHand | None, gpus: int) -> None:
+    def __init__(self, queue: TaskQueue, hand: OwnHand | None, gpus: int) -> None:
         self._most = 1
         self._gpus = gpus
+        self._queue = queue
         self._hand = hand
-        self._at_hand: _Waiting | None = None
+        self._at_hand: Waiting | None = None
         self._idle: list[tuple[Any, int]] = []
-        self._busy: dict[Any, tuple[Any, _Waiting]] = {}
-        self._waiting: list[_Waiting] = []
-        self._tries: Counter[tuple[int, str]] = Counter()
-        self._shots = [_Running(plan, []) for plan in plans]
-        self._begun = 0
+        self._busy: dict[Any, tuple[Any, Waiting]] = {}
 
     def begin(self) -> None:
         """Do here what the first shot wants first: Ray takes seconds to start."""
-        self._go_on(0, None)
-        self._begun = 1
-        if self._hand is not None and len(self._waiting) == 1:
-            self._at_hand = self._waiting.pop()
-            self._hand.start(self._at_hand.task)
+        self._queue.begin(1)
+        if self._hand is not None and self._queue.waiting:
+            self._take_in_hand(self._hand, self._queue.next())
 
-    def run(self, most: int) -> list[Merged | NlensError]:
-        """Have all shots made, with Ray at work and so many workers at most."""
+    def run(self, most: int) -> None:
+        """Have all done that needs workers, with Ray at work and so many of them at most."""
         self._most = most
         if self._at_hand is not None:
             self._idle.append((self._hired(), 0))  # it starts meanwhile
-        for number in range(self._begun, len(self._shots)):
-            self._go_on(number, None)
-        while self._waiting or self._busy or self._at_hand is not None:
+        self._queue.begin(len(self._queue))
+        while self._needed():
             self._start()
             interrupts.look()
             for reference in self._ready():
                 self._take(reference)
             self._look_at_hand()
-        return [shot.result for shot in self._shots if shot.result is not None]
+
+    def finish(self) -> list[Merged | NlensError]:
+        """Do here what is left, without Ray: the end of the merge that follows the last worker."""
+        while self._hand is not None and self._at_hand is not None:
+            interrupts.look()
+            self._look_at_hand(_SHORT_S)
+            if self._at_hand is None and self._queue.waiting:
+                self._take_in_hand(self._hand, self._queue.next())
+        return self._queue.results()
 
     def drop(self) -> None:
         """End what is done here."""
         if self._hand is not None:
             self._hand.drop()
+
+    def _needed(self) -> bool:
+        """Whether there is, or may come, something for a worker."""
+        comes = self._at_hand is not None and not self._at_hand.task.follows
+        return bool(self._busy) or comes or self._queue.waiting
 
     def _ready(self) -> list[Any]:
         if not self._busy:
@@ -164,14 +149,15 @@ class _Crew:
         return list(ready)
 
     def _start(self) -> None:
-        while self._waiting and (self._idle or len(self._busy) < self._most):
-            waiting = heappop(self._waiting)
-            if self._shots[waiting.shot].result is not None:
-                continue  # its shot has failed
+        while self._queue.waiting and (self._idle or len(self._busy) < self._most):
+            waiting = self._queue.next()
             worker = self._worker(waiting.shot)
             task = waiting.task
-            self._tries[waiting.shot, task.words] += 1
             self._busy[worker.do.remote(task.work, task.arguments)] = (worker, waiting)
+        if self._hand is not None and self._at_hand is None:
+            follower = self._queue.next_beside()
+            if follower is not None:
+                self._take_in_hand(self._hand, follower)
 
     def _worker(self, shot: int) -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
         """One with nothing to do, who knows the shot if there is such a one."""
@@ -189,73 +175,26 @@ class _Crew:
         try:
             answer = ray.get(reference)
         except RayError as error:
-            self._lost(waiting, error)
+            self._queue.lost(waiting, str(error).splitlines()[0])
             return
         self._idle.append((worker, waiting.shot))
-        self._answered(waiting, answer.error if isinstance(answer, _Failed) else answer)
+        self._queue.answered(waiting, answer.error if isinstance(answer, _Failed) else answer)
 
-    def _look_at_hand(self) -> None:
+    def _take_in_hand(self, hand: OwnHand, waiting: Waiting) -> None:
+        self._at_hand = waiting
+        hand.start(waiting.task)
+
+    def _look_at_hand(self, patience_s: float = 0.0) -> None:
         """Take what the task at hand has come to; drop it where its shot has failed."""
         if self._hand is None or self._at_hand is None:
             return
-        waiting, answer = self._at_hand, self._hand.take()
-        failed = self._shots[waiting.shot].result is not None
-        if failed:
+        waiting = self._at_hand
+        if not self._queue.wants(waiting):
             self._hand.drop()
-        if failed or answer is not None:
             self._at_hand = None
-            self._answered(waiting, answer)
-
-    def _answered(self, waiting: _Waiting, answer: object) -> None:
-        shot = self._shots[waiting.shot]
-        if shot.result is not None:
-            return
-        if isinstance(answer, NlensError):
-            shot.result = answer
-            return
-        waiting.task.done(answer)
-        shot.answers[waiting.number] = answer
-        shot.awaited -= 1
-        if not shot.awaited:
-            self._go_on(waiting.shot, shot.answers)
-        elif shot.awaited == 1 and shot.follower is not None:
-            heappush(self._waiting, shot.follower)
-            shot.follower = None
-
-    def _go_on(self, number: int, answers: list[object] | None) -> None:
-        """Give a shot its answers, and take what it wants done next."""
-        shot = self._shots[number]
-        try:
-            tasks = next(shot.plan) if answers is None else shot.plan.send(answers)
-        except StopIteration as end:
-            shot.result = end.value
-            return
-        except NlensError as error:
-            shot.result = error
-            return
-        shot.answers, shot.awaited = [None] * len(tasks), len(tasks)
-        for at, task in enumerate(tasks):
-            waiting = _Waiting(number, at, task)
-            if not task.follows or len(tasks) == 1:
-                heappush(self._waiting, waiting)
-            elif self._hand is not None and self._at_hand is None:
-                self._at_hand = waiting
-                self._hand.start(task)
-            else:
-                shot.follower = waiting
-
-    def _lost(self, waiting: _Waiting, error: RayError) -> None:
-        task = waiting.task
-        if task.file is not None:
-            sweep(task.file)  # what it has left
-        if self._tries[waiting.shot, task.words] < _MOST_TRIES:
-            heappush(self._waiting, waiting)
-            return
-        reason = str(error).splitlines()[0]
-        self._shots[waiting.shot].result = NlensError(
-            f"{task.words}: {_MOST_TRIES} workers were lost over it ({reason}); render it alone "
-            "with -v to see why"
-        )
+        elif self._hand.ready(patience_s):
+            self._at_hand = None
+            self._queue.answered(waiting, self._hand.take())
 
 
 @contextmanager
@@ -264,6 +203,8 @@ def _connected(cluster: Cluster) -> Iterator[int]:
     workers = cluster.workers or max(1, (os.cpu_count() or 1) // _CPUS)
     local = cluster.address is None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray may report to its makers
+    if local:  # Ray's first autoscaler, which has nothing to do here, takes a second to end
+        os.environ.setdefault("RAY_enable_autoscaler_v2", "1")
     try:
         ray.init(
             address="local" if local else cluster.address,
@@ -271,7 +212,8 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             include_dashboard=False if local else None,
             logging_level=logging.ERROR,
             log_to_driver=False,
-            runtime_env={"env_vars": {VARIABLE: renderer_name()}},
+            # what is started here has this process's environment, and needs no process of its own
+            runtime_env=None if local else {"env_vars": {VARIABLE: renderer_name()}},
         )
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
         raise UsageError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 
 from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.chunk_mark import ChunkMark
@@ -30,7 +31,7 @@ class OpenRun:
         self._feed = ChunkFeed(on_done=self._note)
         self._position: float = 0.0
         self._changed = threading.Condition()
-        self._last: ChunkMark | None = None
+        self._whole: set[ChunkMark] = set()  # and not yet waited for
         self._ended = False
         self._error: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name="nlens-open-run", daemon=True)
@@ -41,22 +42,32 @@ class OpenRun:
         ahead = not self._ended and mark.first >= self._position
         return ahead and (settings, store) == (self._settings, self._store)
 
-    def render(self, mark: ChunkMark) -> None:
-        """Render a chunk that `takes` has said yes to; it is in the store when this returns.
+    def render(self, marks: Sequence[ChunkMark]) -> None:
+        """Render files without a pause between them; each goes to the store as soon as it is whole.
+
+        Args:
+            marks: of the files, in order, at least one; `takes` has said yes to the first.
 
         Raises:
             UsageError: the plate has no such frames.
             NlensError: as `run.render`; the run has ended then.
         """
-        self._position = math.inf if mark.end is None else mark.end
-        self._feed.add(mark)
+        end = marks[-1].end
+        self._position = math.inf if end is None else end
+        for mark in marks:
+            self._feed.add(mark)
+        for mark in marks:
+            self._wait_for(mark)
+            self._store.put(mark.file_name)
+
+    def _wait_for(self, mark: ChunkMark) -> None:
         with self._changed:
-            self._changed.wait_for(lambda: self._last == mark or self._ended)
-        if self._last != mark:
+            self._changed.wait_for(lambda: mark in self._whole or self._ended)
+        if mark not in self._whole:
             raise self._error or UsageError(
                 f"{self._settings.source.spec}: ends before frame {mark.first}; was it changed?"
             )
-        self._store.put(mark.file_name)
+        self._whole.remove(mark)
 
     def close(self) -> None:
         """End the run."""
@@ -75,5 +86,5 @@ class OpenRun:
 
     def _note(self, mark: ChunkMark) -> None:
         with self._changed:
-            self._last = mark
+            self._whole.add(mark)
             self._changed.notify_all()

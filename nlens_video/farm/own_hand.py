@@ -21,11 +21,6 @@ class OwnHand:
         self._stop = threading.Event()
         self._answer: object = None
 
-    @property
-    def free(self) -> bool:
-        """Whether it has nothing to do."""
-        return self._thread is None
-
     def start(self, task: Task) -> None:
         """Begin a task; the work of one that follows others takes `look`, which it calls often."""
         looking = {"look": self._look} if task.follows else {}
@@ -41,14 +36,18 @@ class OwnHand:
         self._thread = threading.Thread(target=work, name="nlens-own-hand", daemon=True)
         self._thread.start()
 
-    def take(self) -> object | None:
-        """What the task returned, or the `NlensError` that it raised; None while it is at work.
+    def ready(self, patience_s: float) -> bool:
+        """Whether the task has come to its end, which is waited for so long at most [s]."""
+        if self._thread is not None:
+            self._thread.join(patience_s)
+        return self._thread is None or not self._thread.is_alive()
+
+    def take(self) -> object:
+        """What the task returned, or the `NlensError` that it raised, once it is `ready`.
 
         Raises:
             Whatever else it raised.
         """
-        if self._thread is None or self._thread.is_alive():
-            return None
         self._thread = None
         answer, self._answer = self._answer, None
         if isinstance(answer, BaseException) and not isinstance(answer, NlensError):

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import UsageError
-from nlens_video.farm.job import Prepared, check, length_of
+from nlens_video.farm.job import PIECE_S, Prepared, check, length_of
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.store import Store
 from nlens_video.farm.workbench import Workbench
@@ -23,7 +23,7 @@ class Shot:
     Attributes:
         settings: the run, its paths absolute.
         store: where fit and chunks lie.
-        chunk_s: length of a chunk, > 0 [s].
+        chunk_s: length of a chunk, what a worker is given at a time, > 0 [s].
 
     Raises:
         UsageError: a range, a report or the like is asked for, which belong to single runs.
@@ -47,7 +47,7 @@ class Task:
         words: what it is, for errors and notes.
         work: a method of `Workbench`, so that another process finds it by its name.
         arguments: of it; they travel, and so does what it returns.
-        file: what a worker that dies may leave half-written, or None.
+        files: what a worker that dies may leave half-written.
         done: called here with what it returned.
         follows: whether it waits for what the tasks beside it write: it may be done while they are
             at work, by somebody else than a worker, or after them.
@@ -56,7 +56,7 @@ class Task:
     words: str
     work: Callable[..., Any]
     arguments: tuple[object, ...]
-    file: Path | None = None
+    files: tuple[Path, ...] = ()
     done: Callable[[Any], None] = lambda answer: None
     follows: bool = False
 
@@ -88,53 +88,61 @@ class Progress:
 def plan(shot: Shot, progress: Progress) -> Plan:
     """The tasks of a shot: one that counts and fits, one for each missing chunk, one that merges.
 
-    A shot of one chunk is rendered at once: nothing goes through the store, nothing is merged.
+    A chunk lies in the store as pieces of some two seconds, so that the merge follows close behind
+    and little is lost with a worker. A shot of one chunk is rendered at once: nothing goes through
+    the store, nothing is merged.
 
     Args:
         shot: the shot.
         progress: told of what is done.
     """
     name = shot.settings.source.spec
-    (counted,) = yield [
-        Task(f"the fit of {name}", Workbench.prepare, (shot.settings, shot.store, shot.chunk_s))
-    ]
+    pieces = max(1, round(shot.chunk_s / PIECE_S))
+    asked = (shot.settings, shot.store, shot.chunk_s / pieces)
+    (counted,) = yield [Task(f"the fit of {name}", Workbench.prepare, asked)]
     prepared = cast("Prepared", counted)
-    missing = [m for m in prepared.marks if not shot.store.has(m.file_name)]
-    frames = {mark: length_of(mark, prepared.frames) for mark in prepared.marks}
-    progress.counted(prepared.frames, prepared.frames - sum(frames[mark] for mark in missing))
-    if len(prepared.marks) == 1 and missing:
+    marks = prepared.marks
+    there = {mark for mark in marks if shot.store.has(mark.file_name)}
+    progress.counted(prepared.frames, sum(length_of(mark, prepared.frames) for mark in there))
+    chunks = [marks[at : at + pieces] for at in range(0, len(marks), pieces)]
+    missing = [tuple(mark for mark in chunk if mark not in there) for chunk in chunks]
+    if len(chunks) == 1 and not there:
         (whole,) = yield [_whole(prepared, shot.store, progress)]
         return cast("Merged", whole)
     merging = Task(
         f"the merge of {name}",
         Workbench.merge,
-        (shot.settings.source, prepared.marks, shot.store, shot.settings.output),
-        None if shot.settings.output is None else Path(shot.settings.output.spec),
+        (shot.settings.source, marks, shot.store, shot.settings.output),
+        _result(shot.settings),
         follows=True,
     )
-    rendering = [_chunk(prepared, mark, shot.store, frames[mark], progress) for mark in missing]
+    rendering = [_chunk(prepared, chunk, shot.store, progress) for chunk in missing if chunk]
     *_, merged = yield [*rendering, merging]
     return cast("Merged", merged)
 
 
 def _whole(prepared: Prepared, store: Store, progress: Progress) -> Task:
-    output = prepared.settings.output
     return Task(
         prepared.settings.source.spec,
         Workbench.whole,
         (prepared.settings, prepared.fit, prepared.frames, store),
-        None if output is None else Path(output.spec),
+        _result(prepared.settings),
         lambda answer: progress.rendered(prepared.frames),
     )
 
 
 def _chunk(
-    prepared: Prepared, mark: ChunkMark, store: Store, frames: int, progress: Progress
+    prepared: Prepared, pieces: tuple[ChunkMark, ...], store: Store, progress: Progress
 ) -> Task:
+    frames = sum(length_of(mark, prepared.frames) for mark in pieces)
     return Task(
-        f"frames {mark.first} to {mark.end} of {prepared.settings.source.spec}",
+        f"frames {pieces[0].first} to {pieces[-1].end} of {prepared.settings.source.spec}",
         Workbench.chunk,
-        (prepared.settings, prepared.fit, mark, store),
-        store.local / mark.file_name,
+        (prepared.settings, prepared.fit, pieces, store),
+        tuple(store.local / mark.file_name for mark in pieces),
         lambda answer: progress.rendered(frames),
     )
+
+
+def _result(settings: Settings) -> tuple[Path, ...]:
+    return () if settings.output is None else (Path(settings.output.spec),)

@@ -39,32 +39,35 @@ class Workbench:
         self.close()
         return prepare(settings, store, chunk_s)
 
-    def chunk(self, settings: Settings, fit: str | None, mark: ChunkMark, store: Store) -> None:
+    def chunk(
+        self, settings: Settings, fit: str | None, pieces: Sequence[ChunkMark], store: Store
+    ) -> None:
         """Render a chunk on a machine that may differ from the one that has planned it.
 
         Args:
             settings: the run.
             fit: name of its lens in the store, None where the run has one or needs none.
-            mark: the chunk.
-            store: where it shall lie.
+            pieces: the files that it lies in, in order; those that are there already stay.
+            store: where they shall lie.
 
         Raises:
             UsageError: the machine differs.
             NlensError: as `chunk.write_chunk`.
         """
-        if store.has(mark.file_name):
+        missing = [mark for mark in pieces if not store.has(mark.file_name)]
+        if not missing:
             return
         known = with_stored(settings, fit, store)
-        if self._open is None or not self._open.takes(known, store, mark):
+        if self._open is None or not self._open.takes(known, store, missing[0]):
             self.close()
             seen = mark_of(known)
-            if (seen.key, seen.plate) != (mark.key, mark.plate):
+            if (seen.key, seen.plate) != (missing[0].key, missing[0].plate):
                 raise UsageError(
                     "a worker sees other files, or has another version or renderer, than the one "
                     "that made the fit; give all of them the same"
                 )
             self._open = OpenRun(known, store)
-        self._open.render(mark)
+        self._open.render(missing)
 
     def whole(self, settings: Settings, fit: str | None, frames: int, store: Store) -> Merged:
         """Render a shot into its result, as a single run does.

@@ -31,6 +31,7 @@ from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.picture import AvPicture
 
 _TAG = "NLENS_CHUNK"
+_OPENING = {"fpsprobesize": "0"}  # no frames are decoded to guess a rate, which nobody asks for
 
 
 class ChunkSink:
@@ -148,7 +149,7 @@ class ChunkFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            with av.open(f"file:{path}", "r", format="nut") as container:
+            with av.open(f"file:{path}", "r", format="nut", options=_OPENING) as container:
                 text = container.metadata.get(_TAG, "")
             self.mark = ChunkMark.from_json(text)
         except (av.FFmpegError, OSError, ValueError) as error:
@@ -169,7 +170,7 @@ class ChunkFile:
             InputError: it is damaged.
         """
         try:
-            with av.open(f"file:{self.path}", "r", format="nut") as container:
+            with av.open(f"file:{self.path}", "r", format="nut", options=_OPENING) as container:
                 stream = container.streams.video[0]
                 stream.thread_type = "AUTO"
                 packets = container.demux(stream)

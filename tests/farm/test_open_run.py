@@ -61,15 +61,16 @@ def same(found, expected):
 def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
     shot, run, whole, tmp_path
 ):
-    """Two workers take turns, so each passes over what the other renders."""
+    """Two workers take turns, so each passes over what the other renders; one chunk has pieces."""
     first, second = OpenRun(run, Folder(tmp_path)), OpenRun(run, Folder(tmp_path))
-    parts = marks(run, (0, 3), (3, 7), (7, 8), (8, 13), (13, 20))
-    for mark, worker in zip(parts, (first, second, first, second, first), strict=True):
-        assert worker.takes(run, Folder(tmp_path), mark)
-        worker.render(mark)
-        assert (tmp_path / mark.file_name).is_file()
+    parts = marks(run, (0, 3), (3, 7), (7, 8), (8, 9), (9, 11), (11, 13), (13, 20))
+    chunks = (parts[:1], parts[1:2], parts[2:3], parts[3:6], parts[6:])
+    for chunk, worker in zip(chunks, (first, second, first, second, first), strict=True):
+        assert worker.takes(run, Folder(tmp_path), chunk[0])
+        worker.render(chunk)
+        assert all((tmp_path / mark.file_name).is_file() for mark in chunk)
     assert not first.takes(run, Folder(tmp_path), parts[1])  # behind it
-    assert not second.takes(replace(run, preset="draft"), Folder(tmp_path), parts[4])  # another run
+    assert not second.takes(replace(run, preset="draft"), Folder(tmp_path), parts[6])  # another run
     first.close()
     second.close()
     merge(run.source, [tmp_path], run.output)
@@ -81,11 +82,11 @@ def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(
     bench = Workbench()
     late, early, missing = marks(run, (5, 7), (2, 4), (40, 50))
     before = threading.active_count()
-    bench.chunk(run, None, late, Folder(tmp_path))
-    bench.chunk(run, None, early, Folder(tmp_path))
+    bench.chunk(run, None, (late,), Folder(tmp_path))
+    bench.chunk(run, None, (early, late), Folder(tmp_path))  # of which one is there
     assert sorted(path.name for path in tmp_path.iterdir()) == [early.file_name, late.file_name]
     with pytest.raises(UsageError, match="ends before frame 40"):
-        bench.chunk(run, None, missing, Folder(tmp_path))
+        bench.chunk(run, None, (missing,), Folder(tmp_path))
     bench.prepare(run, Folder(tmp_path), 1.0)  # something else: the run is closed
     assert threading.active_count() == before
 
@@ -96,7 +97,7 @@ def test_open_run_that_fails_says_so_to_who_waits_for_the_chunk(run, tmp_path):
     broken = replace(run, source=replace(run.source, spec=str(tmp_path / "gone.mp4")))
     worker = OpenRun(broken, Folder(tmp_path))
     with pytest.raises(InputError, match="no such file"):
-        worker.render(mark)
+        worker.render([mark])
     assert not worker.takes(broken, Folder(tmp_path), mark)
     worker.close()
 
@@ -114,7 +115,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
     bench = Workbench()
     for mark in parts[::-1]:
         assert merging.is_alive() and not (tmp_path / "followed.mkv").exists()
-        bench.chunk(run, None, mark, Folder(tmp_path))
+        bench.chunk(run, None, (mark,), Folder(tmp_path))
     bench.prepare(run, Folder(tmp_path), 1.0)
     merging.join(60)
     assert looks and not merging.is_alive()
@@ -125,7 +126,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
 def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
     with Workbench() as bench:
-        bench.chunk(run, None, parts[0], Folder(tmp_path))
+        bench.chunk(run, None, (parts[0],), Folder(tmp_path))
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     looked = []
 
@@ -143,7 +144,7 @@ def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
 def test_merge_refuses_a_file_that_is_not_the_chunk_its_name_says(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
     with Workbench() as bench:
-        bench.chunk(run, None, one, Folder(tmp_path))
+        bench.chunk(run, None, (one,), Folder(tmp_path))
     (tmp_path / other.file_name).write_bytes((tmp_path / one.file_name).read_bytes())
     assert not Folder(tmp_path).has(other.file_name)  # there it would be rendered again
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
