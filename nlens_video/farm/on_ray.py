@@ -10,8 +10,9 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any
 
 import ray
@@ -64,7 +65,8 @@ class Cluster:
         try:
             if self.address is None:
                 crew.begin()
-            with _connected(self) as count:
+            # Ray tells of a lost worker on standard output, where results belong; a note says so
+            with redirect_stdout(StringIO()), _connected(self) as count:
                 crew.run(count)
             return crew.finish()
         finally:

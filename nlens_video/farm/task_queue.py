@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 
 from nlens_video.errors import NlensError
@@ -38,6 +38,7 @@ class _UnderWay:
     answers: list[object]
     awaited: int = 0
     follower: Waiting | None = None
+    notes: tuple[str, ...] = ()
     result: Merged | NlensError | None = None
 
 
@@ -111,6 +112,7 @@ class TaskQueue:
             sweep(file)  # what it has left
         self._losses[waiting.shot, task.words] += 1
         if self._losses[waiting.shot, task.words] < _MOST_TRIES:
+            self._shots[waiting.shot].notes += (f"{task.words}: done again ({reason})",)
             heappush(self._waiting, waiting)
             return
         error = NlensError(
@@ -129,7 +131,8 @@ class TaskQueue:
         try:
             tasks = next(shot.plan) if answers is None else shot.plan.send(answers)
         except StopIteration as end:
-            shot.result = end.value
+            merged: Merged = end.value
+            shot.result = replace(merged, notes=(*merged.notes, *shot.notes))
             return
         except NlensError as error:
             shot.result = error

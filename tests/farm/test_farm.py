@@ -1,5 +1,6 @@
 """A farm's result is the single run's, bit for bit, though its workers die."""
 
+import json
 import os
 import re
 import signal
@@ -60,8 +61,8 @@ def children_at_work(chunks):
 @pytest.mark.needs_gl
 def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole):
     command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, "out.mkv")]
-    command += ["--workers", "2", "--chunk", "0.12", "--chunks", str(shot / "chunks"), "-q"]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    command += ["--workers", "2", "--chunk", "0.12", "--chunks", str(shot / "chunks"), "--json"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     killed = None
     deadline = time.monotonic() + 200
     while killed is None and run.poll() is None and time.monotonic() < deadline:
@@ -70,9 +71,11 @@ def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole
             killed = process
             break
         time.sleep(0.002)
-    said, _ = run.communicate(timeout=200)
-    assert run.returncode == 0, said
+    said, errors = run.communicate(timeout=200)
+    assert run.returncode == 0, errors
     assert killed is not None
+    (note,) = json.loads(said)["notes"]
+    assert re.match(r"frames \d+ to \d+ of .*in\.mp4: done again \(", note)
     same(whole, shot / "out.mkv")
     assert len(list((shot / "chunks").glob("[!.]*.nut"))) == 4
     assert not children_at_work(shot / "chunks")
