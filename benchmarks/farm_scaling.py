@@ -227,7 +227,10 @@ class Simulation:
                 ChunkMark(key="0" * 16, plate="0" * 16, first=first, end=end)
                 for first, end in ranges(self.footage.frames, round(piece_s * RATE))
             )
-            return Prepared(settings=settings, fit=None, marks=marks, frames=self.footage.frames)
+            return Prepared(
+                settings=settings, fit=None, marks=marks, frames=self.footage.frames,
+                frame_s=1 / RATE,
+            )  # fmt: skip
         if task.work in (Workbench.merge, Workbench.whole):
             return Merged(output="", frames=self.footage.frames, chunks=0, notes=())
         return None

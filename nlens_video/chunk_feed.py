@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from queue import SimpleQueue
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 
 from nlens_video.chunk_mark import ChunkMark
 
@@ -35,6 +36,12 @@ class ChunkFeed:
     def add(self, mark: ChunkMark) -> None:
         """One more, none of whose frames lies before the end of the one before."""
         self._waiting.put(mark)
+
+    def drop(self) -> None:
+        """Forget those that nobody has asked for yet."""
+        with suppress(Empty):
+            while True:
+                self._waiting.get_nowait()
 
     def end(self) -> None:
         """No more will come."""

@@ -34,12 +34,14 @@ class Prepared:
         fit: name of the lens in the store where it was found here, else None.
         marks: the chunks, in order; together the whole plate.
         frames: of the plate [1].
+        frame_s: from one of them to the next [s].
     """
 
     settings: Settings
     fit: str | None
     marks: tuple[ChunkMark, ...]
     frames: int
+    frame_s: float
 
 
 def run_job(
@@ -65,7 +67,8 @@ def run_job(
     store = Folder(folder)
     with store.held():
         prepared = prepare(settings, store, chunk_s)
-        missing = [mark for mark in prepared.marks if not store.has(mark.file_name)]
+        there = store.there(mark.file_name for mark in prepared.marks)
+        missing = [mark for mark in prepared.marks if mark.file_name not in there]
         done = prepared.frames - sum(length_of(mark, prepared.frames) for mark in missing)
         on_progress(done, prepared.frames)
 
@@ -106,6 +109,7 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
             for first, end in ranges(frames, max(1, round(chunk_s / seconds)))
         ),
         frames=frames,
+        frame_s=seconds,
     )
 
 

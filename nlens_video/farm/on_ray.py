@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -129,8 +131,6 @@ class _Crew:
         while self._hand is not None and self._at_hand is not None:
             interrupts.look()
             self._look_at_hand(_SHORT_S)
-            if self._at_hand is None and self._queue.waiting:
-                self._take_in_hand(self._hand, self._queue.next())
         return self._queue.results()
 
     def drop(self) -> None:
@@ -199,9 +199,18 @@ class _Crew:
             self._queue.answered(waiting, self._hand.take())
 
 
+def _hear_as(handlers: dict[signal.Signals, Any]) -> None:
+    """Put handlers of signals back: Ray has its own while it runs, and none when it has ended."""
+    for number, handler in handlers.items():
+        if handler is not None:
+            signal.signal(number, handler)
+
+
 @contextmanager
 def _connected(cluster: Cluster) -> Iterator[int]:
     """How many workers there are to be."""
+    here = threading.current_thread() is threading.main_thread()  # others hear no signals
+    handlers = {number: signal.getsignal(number) for number in interrupts.ENDING if here}
     workers = cluster.workers or max(1, (os.cpu_count() or 1) // _CPUS)
     local = cluster.address is None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray may report to its makers
@@ -223,6 +232,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             f"({str(error).splitlines()[0]}); start one with ray start --head, or leave it out"
         ) from error
     try:
+        _hear_as(handlers)
         # Ray leaves this function without types
         found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         if cluster.address and cluster.workers is None:
@@ -238,3 +248,4 @@ def _connected(cluster: Cluster) -> Iterator[int]:
         yield workers
     finally:
         ray.shutdown()
+        _hear_as(handlers)

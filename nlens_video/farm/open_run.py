@@ -50,15 +50,20 @@ class OpenRun:
 
         Raises:
             UsageError: the plate has no such frames.
-            NlensError: as `run.render`; the run has ended then.
+            NlensError: as `run.render` and `Store.put`; the run takes no more then.
         """
         end = marks[-1].end
         self._position = math.inf if end is None else end
         for mark in marks:
             self._feed.add(mark)
-        for mark in marks:
-            self._wait_for(mark)
-            self._store.put(mark.file_name)
+        try:
+            for mark in marks:
+                self._wait_for(mark)
+                self._store.put(mark.file_name)
+        except BaseException:
+            self._position = math.inf  # it takes no more
+            self._feed.drop()
+            raise
 
     def _wait_for(self, mark: ChunkMark) -> None:
         with self._changed:

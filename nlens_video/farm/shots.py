@@ -102,8 +102,11 @@ def plan(shot: Shot, progress: Progress) -> Plan:
     (counted,) = yield [Task(f"the fit of {name}", Workbench.prepare, asked)]
     prepared = cast("Prepared", counted)
     marks = prepared.marks
-    there = {mark for mark in marks if shot.store.has(mark.file_name)}
+    names = shot.store.there(mark.file_name for mark in marks)
+    there = {mark for mark in marks if mark.file_name in names}
     progress.counted(prepared.frames, sum(length_of(mark, prepared.frames) for mark in there))
+    longest = max((length_of(mark, prepared.frames) for mark in marks), default=1)
+    pieces = max(1, round(shot.chunk_s / (longest * prepared.frame_s)))  # frames may be seconds
     chunks = [marks[at : at + pieces] for at in range(0, len(marks), pieces)]
     missing = [tuple(mark for mark in chunk if mark not in there) for chunk in chunks]
     if len(chunks) == 1 and not there:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +49,14 @@ class Store(Protocol):
 
     def has(self, name: str) -> bool:
         """Whether a file is there, whole."""
+        ...
+
+    def there(self, names: Iterable[str]) -> set[str]:
+        """Which of some files `has` would find.
+
+        Raises:
+            InputError: it cannot be asked.
+        """
         ...
 
     def put(self, name: str) -> None:
@@ -102,6 +110,10 @@ class Folder:
         except NlensError:
             return False
 
+    def there(self, names: Iterable[str]) -> set[str]:
+        """Which files are there."""
+        return {name for name in names if self.has(name)}
+
     def put(self, name: str) -> None:
         """Nothing: it is there."""
 
@@ -145,6 +157,12 @@ class Bucket:
         """Whether a file is there."""
         with self._reached(InputError, "be read") as (files, folder):
             return bool(files.exists(f"{folder}/{name}"))
+
+    def there(self, names: Iterable[str]) -> set[str]:
+        """Which files are there, by one look at all of them: each request takes its time."""
+        with self._reached(InputError, "be read") as (files, folder):
+            found = {str(path).rsplit("/", 1)[-1] for path in files.find(folder, maxdepth=1)}
+        return found.intersection(names)
 
     def put(self, name: str) -> None:
         """Upload a file of `local`, and remove it there."""

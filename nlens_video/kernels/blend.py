@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 
 import numba
 import numpy as np
@@ -200,7 +200,7 @@ def _over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # ty
 _Axis = tuple[int, int, int, Float32]
 
 
-@lru_cache(maxsize=8)
+@cache
 def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     """The kernel for one type of samples; strides are free, so that one serves all layouts."""
     kind = {"uint8": "u1", "uint16": "u2", "float32": "f4"}[dtype]

@@ -113,6 +113,8 @@ def misses(points: Float64, lens: Float64, x0: float, y0: float, x1: float, y1: 
         before &= np.isfinite(x) and np.isfinite(y)  # else it is not known where
         low_x, high_x = min(low_x, x), max(high_x, x)
         low_y, high_y = min(low_y, y), max(high_y, y)
+    if len(points) == 0:
+        return False
     beside = low_x > x1 or low_y > y1 or high_x < x0 or high_y < y0
     return behind or (before and beside)
 

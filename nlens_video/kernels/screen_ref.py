@@ -15,6 +15,8 @@ def in_camera(points: Float64, lens: Float64) -> Float64:
 def misses(points: Float64, lens: Float64, x0: float, y0: float, x1: float, y1: float) -> bool:
     """Whether all that lies in the hull of points (N, 3) is certain to miss a box of the screen."""
     right, up, depth = in_camera(points, lens).T
+    if not len(points):
+        return False
     if (depth <= 0.0).all():
         return True
     if not (depth > 0.0).all():

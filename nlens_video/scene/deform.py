@@ -140,9 +140,9 @@ class Instance:
         boxes = self._boxes + self._morph_reach(amounts)
         corners = np.ones((len(boxes), 4, 8))
         corners[:, :3] = np.swapaxes(boxes[:, _CORNERS, np.arange(3)], 1, 2)
-        held = np.flatnonzero(np.isfinite(boxes).all(axis=(1, 2)))
         if self.skin is None:
             return [self.node], corners
+        held = np.flatnonzero((self._boxes[:, 0] <= self._boxes[:, 1]).all(axis=1))
         bound = self.skin.inverse_bind[held] @ corners[held]
         return [self.skin.joints[joint] for joint in held], bound
 

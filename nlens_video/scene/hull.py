@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from nlens_video.frames import Float64
 from nlens_video.scene.deform import Instance
+from nlens_video.scene.fields import check_range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +35,11 @@ class Hull:
         )
 
     def at(self, world: Float64) -> Float64:
-        """The corners in the world (8 B, 3), for world matrices of all nodes (N, 4, 4)."""
+        """The corners in the world (8 B, 3), for world matrices of all nodes (N, 4, 4).
+
+        Raises:
+            SceneError: one lies beyond what float32 can multiply.
+        """
         carried = world[self.nodes, :3] @ self.corners
+        check_range(carried, "a vertex or a skin's joint")
         return np.ascontiguousarray(np.swapaxes(carried, 1, 2)).reshape(-1, 3)

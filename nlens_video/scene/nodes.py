@@ -14,7 +14,7 @@ from nlens_video.scene.document import Document
 from nlens_video.scene.fields import Fields, check_range
 
 Indices = npt.NDArray[np.int64]
-_DEEPEST = 2000  # each level costs time on each frame
+_DEEPEST = 2000  # no scene is: a chain like that is there to do harm
 _EYE = tuple(float(v) for v in np.eye(4).ravel())
 
 

@@ -82,6 +82,35 @@ def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole
     assert shots.audio_packets(shot / "out.mkv") == shots.audio_packets(whole) != []
 
 
+TERMINATED = """
+import os, signal, time
+from nlens_video import interrupts
+from nlens_video.farm.on_ray import Cluster, _connected
+
+def interrupted():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1)
+    except KeyboardInterrupt:
+        interrupts.heard.clear()
+        return True
+    return False
+
+signal.signal(signal.SIGTERM, interrupts.hear)
+with _connected(Cluster(workers=1)):
+    during = interrupted()
+print(during, interrupted())
+"""
+
+
+def test_signal_that_ends_a_run_is_heard_while_ray_runs_and_when_it_has_ended():
+    """While the last piece is joined Ray has ended: half-written results would stay behind."""
+    ran = subprocess.run(
+        [sys.executable, "-c", TERMINATED], capture_output=True, text=True, timeout=100, check=False
+    )
+    assert (ran.returncode, ran.stdout) == (0, "True True\n"), ran.stderr
+
+
 @pytest.mark.needs_gl
 def test_job_renders_only_what_is_missing(shot, whole):
     """With a plain loop in place of a cluster."""

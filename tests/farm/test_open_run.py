@@ -2,7 +2,7 @@
 
 import threading
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import shots
 
 from nlens_video.arguments import parse, settings
 from nlens_video.cli import main
-from nlens_video.errors import InputError, UsageError
+from nlens_video.errors import InputError, OutputError, UsageError
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
 from nlens_video.farm.open_run import OpenRun
@@ -100,6 +100,25 @@ def test_open_run_that_fails_says_so_to_who_waits_for_the_chunk(run, tmp_path):
         worker.render([mark])
     assert not worker.takes(broken, Folder(tmp_path), mark)
     worker.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Full(Folder):
+    """A folder that takes nothing."""
+
+    def put(self, name):
+        raise OutputError("no space left")
+
+
+@pytest.mark.needs_gl
+def test_rest_of_a_chunk_is_not_rendered_once_a_piece_of_it_cannot_be_stored(run, tmp_path):
+    pieces = marks(run, *((first, first + 1) for first in range(14)))
+    worker = OpenRun(run, Full(tmp_path))
+    with pytest.raises(OutputError, match="no space"):
+        worker.render(pieces)
+    assert not worker.takes(run, Full(tmp_path), pieces[-1])
+    worker.close()
+    assert len(list(tmp_path.glob("[!.]*.nut"))) < len(pieces)
 
 
 @pytest.mark.needs_gl

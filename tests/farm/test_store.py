@@ -65,6 +65,7 @@ def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
     assert isinstance(store, Bucket)
     with store.held():
         assert not store.has("fit-0123456789abcdef.json")
+        assert not store.there(["fit-0123456789abcdef.json"])
         (store.local / "fit-0123456789abcdef.json").write_text("{}")
         store.put("fit-0123456789abcdef.json")
         assert store.has("fit-0123456789abcdef.json")
@@ -74,6 +75,7 @@ def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
         assert store.fetch("fit-0123456789abcdef.json") == fetched
         store.forget(fetched.name)
         assert not fetched.exists() and store.has(fetched.name)
+        assert store.there([fetched.name, "fit-00000000deadbeef.json"]) == {fetched.name}
     files, folder = fsspec.core.url_to_fs(store.url)
     assert [path.rsplit("/", 1)[-1] for path in files.ls(folder, detail=False)] == [fetched.name]
     files.pipe_file(f"{folder}/keep.txt", b"mine")

@@ -6,6 +6,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from nlens_video.chunk_mark import ChunkMark
 from nlens_video.errors import InputError, NlensError
 from nlens_video.farm.job import Prepared, ranges
@@ -47,9 +49,9 @@ def planned(chunk_s, frames, tmp_path, there=(), rate=24):
     (fit,) = next(shot)
     marks = tuple(
         ChunkMark(key="0" * 16, plate="1" * 16, first=first, end=end)
-        for first, end in ranges(frames, round(fit.arguments[2] * rate))
+        for first, end in ranges(frames, max(1, round(fit.arguments[2] * rate)))
     )
-    prepared = Prepared(settings=settings(), fit=None, marks=marks, frames=frames)
+    prepared = Prepared(settings=settings(), fit=None, marks=marks, frames=frames, frame_s=1 / rate)
     return shot.send([prepared]), fit.arguments[2], told
 
 
@@ -73,6 +75,17 @@ def test_chunk_shorter_than_two_seconds_is_one_piece(tmp_path):
     tasks, piece_s, _ = planned(0.5, 30, tmp_path)
     assert piece_s == 0.5
     assert [spans(task) for task in tasks[:-1]] == [[(0, 12)], [(12, 24)], [(24, 30)]]
+
+
+@pytest.mark.parametrize(
+    ("rate", "chunk_s", "frames"), [(1, 3.0, 4), (0.25, 10.0, 2), (0.1, 10, 1)]
+)
+def test_chunk_keeps_its_length_where_a_piece_cannot_be_shorter_than_a_frame(
+    tmp_path, rate, chunk_s, frames
+):
+    tasks, _, _ = planned(chunk_s, 20, tmp_path, rate=rate)
+    first = spans(tasks[0])
+    assert first[-1][1] - first[0][0] == frames
 
 
 def test_only_pieces_that_are_missing_are_rendered(tmp_path):

@@ -10,6 +10,7 @@ from scene.glb_builder import GlbBuilder
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
+from nlens_video.errors import SceneError
 from nlens_video.graph.objects import RenderedObject, View
 from nlens_video.scene.gltf import Scene
 
@@ -52,14 +53,46 @@ def body(seed, *, skinned, morphed):
 
 @pytest.mark.parametrize(("skinned", "morphed"), [(0, 0), (1, 0), (0, 1), (1, 1)])
 @settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 10_000), moment=st.floats(0, 1))
-def test_every_vertex_lies_in_the_hull(tmp_path_factory, skinned, morphed, seed, moment):
+@given(seed=st.integers(0, 10_000), moments=st.lists(st.floats(0, 1), min_size=2, max_size=3))
+def test_every_vertex_lies_in_the_hull(tmp_path_factory, skinned, morphed, seed, moments):
     path = tmp_path_factory.mktemp("hull") / "body.glb"
     scene = Scene.load(body(seed, skinned=skinned, morphed=morphed).write(path))
-    points, vertices = scene.hull(moment), scene.pose(moment).vertices().astype(np.float64)
-    middle = points.mean(axis=0)
-    inside = Delaunay(points).find_simplex(middle + (1 - 1e-4) * (vertices - middle)) >= 0
-    assert inside.all()
+    for moment in moments:
+        points, vertices = scene.hull(moment), scene.pose(moment).vertices().astype(np.float64)
+        middle = points.mean(axis=0)
+        inside = Delaunay(points).find_simplex(middle + (1 - 1e-4) * (vertices - middle)) >= 0
+        assert inside.all()
+
+
+def test_morphed_body_is_held_at_each_moment(tmp_path):
+    """Its boxes are not those of the moment that was asked for before."""
+    builder = GlbBuilder()
+    corners = np.random.default_rng(0).random((3 * TRIANGLES, 3)).astype(np.float32)
+    away = {"POSITION": np.tile(np.float32([50, 0, 0]), (3 * TRIANGLES, 1))}
+    node = builder.node(mesh=builder.mesh(corners, FACES, targets=[away]))
+    builder.animation((node, "weights", [0.0, 1.0], [[0.0], [1.0]], "LINEAR"))
+    scene = Scene.load(builder.write(tmp_path / "body.glb"))
+    ends = [scene.hull(moment)[:, 0].max() for moment in (0.0, 1.0, 0.0)]
+    np.testing.assert_allclose(ends, corners[:, 0].max() + np.array([0.0, 50.0, 0.0]), atol=1e-5)
+
+
+@pytest.mark.parametrize("place", [(1e30, 0, 0), (0, 0, 1e30), (0, 0, -1e30)])
+def test_skin_out_of_all_proportion_is_an_error_wherever_it_throws_the_object(tmp_path, place):
+    builder = GlbBuilder()
+    count = 3 * TRIANGLES
+    mesh = builder.mesh(
+        np.random.default_rng(0).random((count, 3)).astype(np.float32), FACES,
+        JOINTS_0=np.zeros((count, 4), np.uint8),
+        WEIGHTS_0=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+    )  # fmt: skip
+    inverse = np.eye(4)[None].copy()
+    inverse[0, :3, 3] = place
+    builder.node(mesh=mesh, skin=builder.skin([builder.node()], inverse))
+    builder.node(camera=builder.camera(0.7), translation=[0, 0, 5.0])
+    scene = Scene.load(builder.write(tmp_path / "body.glb"))
+    objects = RenderedObject(scene=scene, view=View(width=320, height=200), renderer=None)
+    with pytest.raises(SceneError, match="lies beyond 1e"):
+        objects.locate(0, 0.0)
 
 
 @pytest.mark.parametrize("offset", [(0, 0, 5.0), (40.0, 0, 0), (-40.0, 0, 0), (0, 40.0, 0)])
