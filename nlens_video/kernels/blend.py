@@ -74,6 +74,7 @@ def _linear(planes, axes, corner, rgb_from_codes, to_linear, to_bt709, to_displa
                 out[i, j, k] = value
 
 
+# numba infers the types of arguments, here as of all kernels of this file
 @_inline
 def _mean(plane, rows, columns, i, j):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     total = np.float32(0)
