@@ -88,10 +88,12 @@ def upright(
     family = "gray" if len(kind.components) - kind.alpha == 1 else "yuv"
     if tags.matrix == "gbr" and family == "yuv":
         family = "rgb"
-    turned = [np.rot90(view, turns) for view in views]
+    if turns % 4:
+        views = [np.rot90(view, turns) for view in views]
+        alpha = None if alpha is None else np.rot90(alpha, turns)
     return Samples(
-        (turned[0], turned[1], turned[2]),
-        None if alpha is None else np.rot90(alpha, turns),
+        (views[0], views[1], views[2]),
+        alpha,
         *axes,
         Coding(family, tags, kind.bits),
     )
