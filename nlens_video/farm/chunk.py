@@ -7,7 +7,8 @@ from pathlib import Path
 
 from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.chunk_mark import ChunkMark
-from nlens_video.errors import OutputError, UsageError
+from nlens_video.errors import UsageError
+from nlens_video.farm.folder import make
 from nlens_video.farm.key import job_key, plate_key
 from nlens_video.farm.store import Folder
 from nlens_video.outcome import Outcome
@@ -112,9 +113,6 @@ def write_chunks(
     Raises:
         NlensError: as `run.render`; the chunks that were whole by then stay.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+    make(folder)
     part = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
     return render(part, on_progress, feed)

@@ -21,6 +21,20 @@ def beside(output: Path) -> Path:
     return output.with_name(f"{output.name}.chunks")
 
 
+def make(folder: Path) -> None:
+    """Make a folder for chunks, unless it is there.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise OutputError(f"{folder}: is a file; name a folder for the chunks") from error
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+
+
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
     """Make the folder, and hold it against a second run; a killed one lets go by itself.
@@ -28,11 +42,11 @@ def alone_in(folder: Path) -> Iterator[None]:
     Raises:
         OutputError: it cannot be made, or another run holds it.
     """
+    make(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         handle = _locked(folder)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+        raise OutputError(f"{folder}: cannot be written ({error.strerror})") from error
     try:
         yield
     finally:

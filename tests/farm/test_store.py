@@ -11,6 +11,7 @@ import shots
 from nlens_video.arguments import parse, settings
 from nlens_video.cli import main
 from nlens_video.errors import InputError, OutputError, UsageError
+from nlens_video.farm.folder import make
 from nlens_video.farm.paths import absolute
 from nlens_video.farm.shots import Progress, Shot, plan
 from nlens_video.farm.store import Bucket, Folder, store_of
@@ -82,6 +83,16 @@ def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
     store.clear()
     assert [path.rsplit("/", 1)[-1] for path in files.ls(folder, detail=False)] == ["keep.txt"]
     assert not store.local.exists()
+
+
+def test_folder_for_chunks_that_is_a_file_is_one_clear_line(tmp_path):
+    file = tmp_path / "out.mp4"
+    file.write_bytes(b"mine")
+    with pytest.raises(OutputError, match="out.mp4: is a file; name a folder for the chunks$"):
+        make(file)
+    with pytest.raises(OutputError, match="name a folder"), Folder(file).held():
+        pass
+    assert file.read_bytes() == b"mine"
 
 
 def test_path_is_a_folder_and_not_a_url(tmp_path):
