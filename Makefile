@@ -16,21 +16,42 @@ SOURCES := $(wildcard pyproject.toml constraints.txt nlens_video/__init__.py)
 # Debian and Ubuntu packages: headless OpenGL, and venv where Python comes without it.
 define SYSTEM
 missing=""; \
+$(FIND_SYSTEM) \
+$(INSTALL_MISSING)
+endef
+
+# Those of the programs that the tests run, and of the pictures and sounds that GStreamer makes.
+define PROGRAMS
+missing=""; \
+command -v ffmpeg >/dev/null && command -v ffprobe >/dev/null || missing="$$missing ffmpeg"; \
+command -v gst-launch-1.0 >/dev/null || missing="$$missing gstreamer1.0-tools"; \
+gst-inspect-1.0 --exists videotestsrc 2>/dev/null || missing="$$missing gstreamer1.0-plugins-base"; \
+gst-inspect-1.0 --exists y4menc 2>/dev/null || missing="$$missing gstreamer1.0-plugins-good"; \
+$(INSTALL_MISSING)
+endef
+
+define FIND_SYSTEM
 ldconfig -p 2>/dev/null | grep -q 'libEGL\.so\.1' || missing="$$missing libegl1"; \
 ldconfig -p 2>/dev/null | grep -q 'libGL\.so\.1' || missing="$$missing libgl1"; \
-$(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
+$(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv";
+endef
+
+define INSTALL_MISSING
 if [ -n "$$missing" ]; then \
-  if ! command -v apt-get >/dev/null; then echo "Missing here: headless OpenGL (EGL and GL libraries of Mesa) or Python's venv. Install what your system calls:$$missing" >&2; exit 1; fi; \
+  if ! command -v apt-get >/dev/null; then echo "Missing here. Install what your system calls:$$missing" >&2; exit 1; fi; \
   if [ "$$(id -u)" = 0 ]; then sudo=""; elif sudo -n true 2>/dev/null; then sudo="sudo"; else echo "Missing here, and no right to install it. Ask for: apt-get install$$missing" >&2; exit 1; fi; \
   echo "Installing$$missing"; \
   $$sudo apt-get update -qq && $$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
 fi
 endef
 
-.PHONY: demo test lint fuzz gallery docs bench install system clean
+.PHONY: demo test lint fuzz gallery docs bench install system programs clean
 
 system:
 	@$(SYSTEM)
+
+programs:
+	@$(PROGRAMS)
 
 $(BIN)/python: | system
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, $(PYTHON) is $$($(PYTHON) -V). Give another: make PYTHON=python3.12 …" >&2; exit 1; }
@@ -51,14 +72,15 @@ install: system $(VENV)/.installed
 demo: install
 	$(BIN)/nlens-video samples/in.mp4 samples/anim.glb samples/out.mp4 --report samples/report
 	@echo "Look at samples/out.mp4 and samples/report/index.html"
+	@echo "The command is $(BIN)/nlens-video; to call it by its name: . $(BIN)/activate"
 
 lint: system $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: lint
-	REQUIRE_GL=1 REQUIRE_TORCH=1 $(BIN)/python -m pytest
+test: programs lint
+	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest
 
 fuzz: system $(VENV)/.installed-test
 	PYTHONPATH=tests $(BIN)/python -X faulthandler -W error -m hard.fuzz

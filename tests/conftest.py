@@ -42,6 +42,20 @@ def _why_no_chromium() -> str:
     return "" if shutil.which("chromium") else "no chromium; apt-get install chromium"
 
 
+_PACKAGES = {
+    "ffmpeg": "ffmpeg",
+    "ffprobe": "ffmpeg",
+    "gst-launch-1.0": "gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-good",
+}
+"""The Debian packages of each program that `needs_programs` may name; the Makefile has them too."""
+
+
+def _why_no_programs(names: tuple[str, ...]) -> str:
+    missing = [name for name in names if shutil.which(name) is None]
+    packages = " ".join(dict.fromkeys(_PACKAGES[name] for name in missing))
+    return f"no {' and no '.join(missing)}; apt-get install {packages}" if missing else ""
+
+
 _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
@@ -54,11 +68,17 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for marker, (variable, why) in _NEEDS.items():
         if item.get_closest_marker(marker) is None:
             continue
-        reason = why()
-        if reason and os.environ.get(variable) == "1":
-            pytest.fail(f"{variable}=1, but {reason}", pytrace=False)
-        if reason:
-            pytest.skip(reason)
+        _unless(why(), variable)
+    named = {name for mark in item.iter_markers("needs_programs") for name in mark.args}
+    _unless(_why_no_programs(tuple(sorted(named))), "REQUIRE_PROGRAMS")
+
+
+def _unless(reason: str, variable: str) -> None:
+    """Skip for a reason, or fail where the variable says that everything must be there."""
+    if reason and os.environ.get(variable) == "1":
+        pytest.fail(f"{variable}=1, but {reason}", pytrace=False)
+    if reason:
+        pytest.skip(reason)
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from nlens_video.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-OTHER_PROGRAMS = ("make ", "pip install ", "cp samples/", "python docs/")
+OTHER_PROGRAMS = ("make ", "pip install ", "pipx install ", "cp samples/", "python docs/")
 ELSEWHERE = {
     "/dev/video": "no camera is here; other devices: tests/video",
     "rtsp://": "no network is here",

@@ -1,0 +1,54 @@
+"""`make test` needs programs of the system: it names those that it may not install itself."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = (
+    "ffmpeg gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-good"  # Debian's
+)
+SHELL = ("make", "sh", "id", "true")
+
+
+def bare_path(folder, *names):
+    """A PATH with these programs alone."""
+    folder.mkdir()
+    folder.chmod(0o755)
+    for name in names:
+        (folder / name).symlink_to(shutil.which(name))
+    return str(folder)
+
+
+def make_programs(path, **options):
+    return subprocess.run(
+        ["make", "-C", ROOT, "--no-print-directory", "programs"],
+        env={"PATH": path}, capture_output=True, text=True, check=False, **options,
+    )  # fmt: skip
+
+
+def test_missing_programs_are_named_where_nothing_installs_them(tmp_path):
+    run = make_programs(bare_path(tmp_path / "bin", *SHELL))
+    assert run.returncode != 0
+    assert f"Install what your system calls: {PACKAGES}\n" in run.stderr
+
+
+@pytest.mark.skipif(shutil.which("apt-get") is None, reason="apt-get: this is no Debian")
+def test_missing_programs_are_named_to_a_user_without_the_right_to_install(tmp_path):
+    path = bare_path(tmp_path / "bin", *SHELL, "apt-get")
+    if os.geteuid() == 0:  # /root is closed to others, so root stands in with an id of its own
+        (tmp_path / "bin" / "id").unlink()
+        (tmp_path / "bin" / "id").write_text("#!/bin/sh\necho 1000\n")
+        (tmp_path / "bin" / "id").chmod(0o755)
+    run = make_programs(path)
+    assert run.returncode != 0
+    assert f"no right to install it. Ask for: apt-get install {PACKAGES}\n" in run.stderr
+
+
+@pytest.mark.needs_programs("ffmpeg", "ffprobe", "gst-launch-1.0")
+def test_nothing_is_installed_where_all_is_there():
+    run = make_programs(os.environ["PATH"])
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
