@@ -33,8 +33,8 @@ def _check(words: argparse.Namespace) -> int:
 
     plate = arguments.source_settings(words)
     return check(
-        words.result, plate, objects=words.objects, report=words.report,
-        as_json=words.json, quiet=words.quiet,
+        words.result, plate, find_range=words.range is None, objects=words.objects,
+        report=words.report, as_json=words.json, quiet=words.quiet,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from nlens_video.check.judge import (
 )
 from nlens_video.check.look import Look, look_at
 from nlens_video.check.measure import Measures, Measuring
+from nlens_video.check.offset import first_frame
 from nlens_video.check.regions import Track
 from nlens_video.check.sound import SoundPair
 from nlens_video.errors import InputError
@@ -50,14 +51,15 @@ class Checked:
 
 
 def check(
-    result: str, plate: SourceSettings, *, objects: int, report: Path | None, as_json: bool,
-    quiet: bool,
+    result: str, plate: SourceSettings, *, find_range: bool, objects: int, report: Path | None,
+    as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Compare a result with its plate, print the findings and write the report.
 
     Args:
         result: what `render` has written.
         plate: what it was made from, with the same range.
+        find_range: whether the range is not known and is to be found by the pictures.
         objects: how many separate regions the composite changes.
         report: folder of the page with plots.
         as_json: print everything as JSON.
@@ -70,7 +72,7 @@ def check(
         InputError: one of the two cannot be read, or their frames differ in size.
         OutputError: the report cannot be written.
     """
-    checked = compare(result, plate, objects=objects)
+    checked = compare(result, plate, objects=objects, find_range=find_range)
     if report is not None:
         from nlens_video.check.page import write_page
 
@@ -82,12 +84,23 @@ def check(
     return 0 if checked.verdict.fine else FINDINGS
 
 
-def compare(result: str, plate: SourceSettings, *, objects: int = 1) -> Checked:
-    """Read both once, side by side.
+def compare(
+    result: str, plate: SourceSettings, *, objects: int = 1, find_range: bool = False
+) -> Checked:
+    """Read both, side by side.
+
+    Args:
+        result: what `render` has written.
+        plate: what it was made from.
+        objects: how many separate regions the composite changes.
+        find_range: whether the plate's range is found by the result's first picture.
 
     Raises:
         InputError: one of the two cannot be read, or their frames differ in size.
     """
+    first = first_frame(result, plate) if find_range else 0
+    if first:
+        plate = replace(plate, frames=(first, None))
     with open_source(plate.spec, **plate.hints) as given, open_source(result) as made:
         _check_sizes(given, made)
         sound = _sound(given, made)
@@ -98,14 +111,19 @@ def compare(result: str, plate: SourceSettings, *, objects: int = 1) -> Checked:
         measuring = Measuring(_tick_s(given, made))
         looks = (read[0].looks(), read[1].looks())
         with closing(looks[0]), closing(looks[1]):
-            for met in in_step(*looks):
+            for met in in_step(*looks, to_the_end=not first):
                 interrupts.look()
                 measuring.take(met)
         missing = max(0, _audio_count(given) - _audio_count(made))
     tracks = objects_among(measuring.measures, objects)
-    counts = (read[1].count, read[0].count)
+    compared = measuring.measures.pairs + len(measuring.measures.dropped)
+    counts = (read[1].count, compared if first else read[0].count)
+    verdict = _verdict(result, plate.spec, counts, measuring.measures, tracks, sound, missing)
+    if find_range:
+        told = _range_note(first, counts, measuring.measures)
+        verdict = replace(verdict, notes=(*told, *verdict.notes))
     return Checked(
-        verdict=_verdict(result, plate.spec, counts, measuring.measures, tracks, sound, missing),
+        verdict=verdict,
         objects=tracks,
         measures=measuring.measures,
     )
@@ -211,6 +229,19 @@ def _notes(objects: list[Track], measures: Measures) -> tuple[str, ...]:
     if measures.tracks.crowded:
         notes.append("so many places differ that only the first 64 are listed")
     return tuple(notes)
+
+
+def _range_note(first: int, counts: tuple[int, int], measures: Measures) -> tuple[str, ...]:
+    """What was assumed of the range that nobody gave."""
+    made, given = counts
+    if first:
+        return (
+            f"taken for the result of --range {first}:{first + given}, for its first frame shows "
+            f"the plate's frame {first}; --range A:B says otherwise",
+        )
+    if made and measures.dropped and measures.dropped[-1] == given - 1:
+        return (f"if the result is of a part of its plate, say which: --range 0:{made}",)
+    return ()
 
 
 def _check_sizes(given: Source, made: Source) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.check.findings import Finding, at, runs
-from nlens_video.check.measure import LEAST_TOLERANCE, Measures
+from nlens_video.check.measure import LEAST_TOLERANCE, NOISE_FACTOR, Measures
 from nlens_video.check.regions import SECTORS, Track
 from nlens_video.check.series import bend, flicker, freezes, pops, standard_error, steps
 from nlens_video.check.sound import LIMIT_S, SoundPair
@@ -44,10 +44,20 @@ def judge_frames(measures: Measures) -> list[Finding]:
     return found
 
 
+def tolerance(measures: Measures) -> float:
+    """Difference of a block that encoding may make, over all frames [level]."""
+    if not measures.noise:
+        return 0.0
+    return LEAST_TOLERANCE + NOISE_FACTOR * float(np.median(measures.noise))
+
+
 def objects_among(measures: Measures, count: int) -> list[Track]:
     """The tracks that are objects: at most `count` at a time, those that cover most."""
     chosen: list[Track] = []
+    least = tolerance(measures)
     for track in measures.tracks.all():
+        if track.worst <= least:
+            continue
         beside = [one for one in chosen if one.first <= track.last and track.first <= one.last]
         long = len(track.frames) > 1 or measures.pairs <= 2
         if len(beside) < count and long:
@@ -70,17 +80,17 @@ def shadows_among(measures: Measures, objects: list[Track]) -> list[Track]:
 def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
     """Changes away from the objects."""
     found = []
-    tolerance = LEAST_TOLERANCE + 6.0 * float(np.median(measures.noise)) if measures.noise else 0.0
+    least = tolerance(measures)
     shadows = shadows_among(measures, objects)
     for track in measures.tracks.all():
-        if any(track is one for one in (*objects, *shadows)):
+        if track.worst <= least or any(track is one for one in (*objects, *shadows)):
             continue
         x, y, width, height = track.box_px
         found.append(
             at(
                 "plate", (track.first, track.last), track.worst,
                 f"{width}x{height} px at {x},{y} differ by up to {track.worst:.1f} of 255 levels "
-                f"(tolerance {tolerance:.1f}) away from the object; if that is another object, "
+                f"(tolerance {least:.1f}) away from the object; if that is another object, "
                 "say --objects 2 or more",
             )
         )  # fmt: skip

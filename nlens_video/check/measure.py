@@ -13,7 +13,7 @@ from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.frames import Float32, Float64
 
 LEAST_TOLERANCE = 1.5  # what converting and rounding does to a block's mean [level]
-_NOISE_FACTOR = 6.0  # blocks of much texture are encoded that much worse than the middle one
+NOISE_FACTOR = 6.0  # blocks of much texture are encoded that much worse than the middle one
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
 _LEAST_BLOCKS = 1.5  # of a sector that says something about the object's detail [block]
 _STRONG = 24.0  # a block that differs by this much counts whole as the object's [level]
@@ -84,7 +84,7 @@ class Measuring:
         difference = np.abs(pair.result.colour - pair.plate.colour).max(axis=2)
         noise = float(np.median(difference))
         self.measures.noise.append(noise)
-        tolerance = LEAST_TOLERANCE + _NOISE_FACTOR * noise
+        tolerance = LEAST_TOLERANCE + NOISE_FACTOR * noise
         seen = self.measures.tracks.follow(pair.result.index, difference, tolerance)
         anything: Mask = np.zeros(difference.shape, bool)
         for track in seen:
@@ -160,19 +160,27 @@ def _moved(now: Look, before: Look) -> Float32:
     return block_mean(np.abs(now.luma - before.luma))
 
 
-def _misfit(result: Look, plate: Look) -> float:
-    """Median over the blocks, so that an object on less than half of them does not count."""
+def misfit(result: Look, plate: Look) -> float:
+    """Difference of two frames [level].
+
+    Median over the blocks, so that an object on less than half of them does not count.
+    """
     return float(np.median(np.sqrt(block_mean(np.square(result.luma - plate.luma)))))
+
+
+def clearer(off: float, own: float) -> bool:
+    """Whether a frame that is `off` fits so much better than one that is `own` [level]."""
+    return off < min(_CLEARER * own, own - _LEAST_GAIN)
 
 
 def _shift(pair: Pair) -> int:
     """1 where the result shows the plate's next frame, -1 its last one, 0 where its own."""
-    own = _misfit(pair.result, pair.plate)
+    own = misfit(pair.result, pair.plate)
     best, shift = own, 0
     for neighbour, step in ((pair.before, -1), (pair.after, 1)):
         if neighbour is None:
             continue
-        misfit = _misfit(pair.result, neighbour)
-        if misfit < min(best, _CLEARER * own, own - _LEAST_GAIN):
-            best, shift = misfit, step
+        off = misfit(pair.result, neighbour)
+        if off < best and clearer(off, own):
+            best, shift = off, step
     return shift

@@ -1,6 +1,7 @@
 """`nlens-video check` on composites with and without faults, through real codecs."""
 
 import json
+from array import array
 
 import cv2
 import numpy as np
@@ -9,6 +10,9 @@ import shots
 import takes
 
 from nlens_video.check.command import compare
+from nlens_video.check.judge import judge_plate, objects_among, tolerance
+from nlens_video.check.measure import Measures
+from nlens_video.check.regions import Track
 from nlens_video.cli import main
 from nlens_video.settings import SourceSettings
 
@@ -258,3 +262,46 @@ class TestCommand:
         cv2.imwrite(str(small), np.zeros((10, 20, 3), np.uint8))
         code, said = self.run(capsys, small, "--against", source)
         assert code == 3 and "20x10" in said.err
+
+
+def part_of(source, path, first, end):
+    """A clean composite of a part of a plate, as `--range` makes it."""
+    pictures = [takes.with_object(one, n) for n, one in enumerate(takes.decode(source))]
+    return takes.encode(path, pictures[first:end], audio=False)
+
+
+def test_result_of_a_range_is_compared_with_that_range(source, tmp_path):
+    result = part_of(source, tmp_path / "part.mp4", 9, 17)
+    told = compare(str(result), SourceSettings(spec=str(source), frames=(9, 17))).verdict
+    assert told.frames == (8, 8) and [one.kind for one in told.findings] == ["sound"]
+
+
+def test_range_of_a_result_is_found_and_said_where_it_is_not_given(source, tmp_path):
+    result = part_of(source, tmp_path / "part.mp4", 9, 17)
+    verdict = found(result, source, find_range=True)
+    assert verdict.frames == (8, 8) and [one.kind for one in verdict.findings] == ["sound"]
+    assert "taken for the result of --range 9:17" in verdict.notes[0]
+
+
+def test_result_that_ends_early_is_found_and_the_range_that_would_explain_it_said(source, tmp_path):
+    verdict = found(part_of(source, tmp_path / "part.mp4", 0, 17), source, find_range=True)
+    assert any("frames 17 to" in text for text in texts(verdict))
+    assert "--range 0:17" in verdict.notes[0]
+
+
+def test_whole_result_is_compared_from_its_first_frame(source, tmp_path):
+    result = takes.composite(source, tmp_path / "whole.mp4")
+    verdict = found(result, source, find_range=True)
+    assert texts(verdict) == [] and verdict.notes == ()
+
+
+def test_difference_within_the_tolerance_that_is_named_is_no_finding():
+    measures = Measures(noise=array("d", [0.1]), pairs=2)
+    track = Track(first=0, mask=np.ones((2, 2), bool))
+    for index in range(2):
+        track.add(index, np.ones((2, 2), bool), 1.8)
+    measures.tracks.alive.append(track)
+    assert tolerance(measures) == pytest.approx(2.1)
+    assert objects_among(measures, 1) == [] and judge_plate(measures, []) == []
+    track.worst = 2.2
+    assert len(judge_plate(measures, [])) == 1
