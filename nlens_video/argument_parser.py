@@ -59,10 +59,10 @@ def base_parser(prog: str, description: str) -> Parser:
     return parser
 
 
-def add_range(parser: Parser) -> None:
+def add_range(parser: Parser, meaning: str = "frames A to B-1, counted from 0") -> None:
     """How the plate is read, and which part of it."""
     add_source(parser).add_argument(
-        "--range", metavar="A:B", type=_frames, default=(0, None), help="frames A to B-1"
+        "--range", metavar="A:B", type=_frames, default=(0, None), help=meaning
     )
 
 

@@ -11,7 +11,6 @@ from nlens_video.argument_parser import (
     Parser,
     add_encoding,
     add_range,
-    add_source,
     base_parser,
     count,
     positive,
@@ -168,7 +167,7 @@ def source_settings(words: argparse.Namespace) -> SourceSettings:
         input_size=words.input_size,
         input_rate=words.input_rate,
         input_transfer=words.input_transfer,
-        frames=getattr(words, "range", (0, None)),
+        frames=getattr(words, "range", None) or (0, None),
         reconnect_s=getattr(words, "reconnect", 0.0),
     )
 
@@ -270,7 +269,8 @@ def _check_parser() -> Parser:
         "--objects", metavar="N", type=count, default=1, help="separate changed places (1)"
     )
     parser.add_argument("--report", metavar="DIR", type=Path, help="a page with the plots")
-    add_source(parser)
+    add_range(parser, "the plate's frames A to B-1 became OUT (default: found by OUT's first one)")
+    parser.set_defaults(range=None)
     return parser
 
 

@@ -51,7 +51,7 @@ class Compositor:
             also say where it stands (`placing`) and which animation plays (`playback`).
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
-        effects: `auto`, `none`, or names separated by commas.
+        effects: as `--effects`: `auto`, `all`, `none`, names, or `auto,+shadow,-grain`.
         fit: the lens, when it is known beforehand; a fit or the path of a saved one.
         ground_y: height of the ground plane, None for the object's lowest point [scene unit].
         camera: name of the GLB's camera, None for its first.

@@ -12,8 +12,10 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     """Which effects are simulated, and what nobody can see on the plate."""
     camera = parser.add_argument_group("effects of the camera")
     camera.add_argument(
-        "--effects", default="auto", metavar="E", help="auto, none, or names, which --plan lists"
-    )
+        "--effects", default="auto", metavar="E",
+        help="auto (what the shot calls for), all, none; names, or auto,+shadow,-grain to change "
+        "it; --plan lists them with reasons",
+    )  # fmt: skip
     camera.add_argument(
         "--shutter", metavar="D", type=_angle, help="open D of a frame's 360 degrees (default: 180)"
     )

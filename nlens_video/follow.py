@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from nlens_video import interrupts
+from nlens_video.effects.planner import requested_effects
 from nlens_video.errors import LensFitError
 from nlens_video.fit_track import FitTrack, Key, with_holds
 from nlens_video.frames import Picture
@@ -60,7 +61,11 @@ def follow(
     Raises:
         NlensError: as `run.render`.
     """
-    if settings.track_focus == "off" or settings.fit is not None or settings.effects == "none":
+    if (
+        settings.track_focus == "off"
+        or settings.fit is not None
+        or not requested_effects(settings.effects)
+    ):
         return None
     if not can_be_read_again(settings.source.spec):
         return None

@@ -20,8 +20,7 @@ def add_light(parser: argparse.ArgumentParser) -> None:
         "--shadow-strength",
         metavar="S",
         type=_strength,
-        default=1.0,
-        help="0 none, 1 as the light has it, to 2",
+        help="0 none, 1 as the light has it, up to 2; asks for a shadow where no light is known",
     )
 
 

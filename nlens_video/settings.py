@@ -62,13 +62,14 @@ class LightSettings:
         env: equirectangular map of the surroundings, None for none.
         env_rotation_deg: turn of the map about the up axis, counter-clockwise from above [deg].
         env_exposure_ev: brightness of the map in stops, 0 as it is [EV].
-        shadow_strength: 1 as the light has it, 0 none, up to 2 [1].
+        shadow_strength: 1 as the light has it, 0 none, up to 2; a number above 0 asks for a shadow
+            even where no light is known, None leaves that to `effects` [1].
     """
 
     env: Path | None = None
     env_rotation_deg: float = 0.0
     env_exposure_ev: float = 0.0
-    shadow_strength: float = 1.0
+    shadow_strength: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +164,7 @@ class Settings:
         scene: the object.
         output: the result; None for runs that write no picture (`fit`, `--plan`).
         preset: shipped pipeline's name or path of a pipeline file.
-        effects: `auto`, `none`, or names separated by commas.
+        effects: as `EffectRequest.parse` reads it, such as `auto,+shadow,-grain`.
         budget_ms: what a frame may cost [ms].
         hold_budget: whether quality steps down and up to keep it.
         late: what happens to frames that come faster than they are made.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
+from nlens_video.effects.request import EffectRequest
 from nlens_video.errors import UsageError
 from nlens_video.shutter import Shutter
 
@@ -15,6 +16,7 @@ MOTION_BLUR = "motion-blur"
 EXPOSURE = "exposure"
 REFLECTION = "reflection"
 OCCLUSION = "occlusion"
+_LEFT_OUT = "left out by --effects"
 EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS)
 
 
@@ -49,7 +51,8 @@ class Circumstances:
         lamps: lights of the file or the environment map that shine on the ground from above.
         surroundings: whether an environment map tells the light from around.
         pre_rendered: whether the object comes as layers that something else has rendered.
-        strength: of the shadow, 0 to 1 [1].
+        strength: of the shadow, 0 to 2 [1].
+        strength_given: whether the user has said it, and so asks for a shadow.
         moves: whether object or camera are animated.
         shutter: of the plate.
         measured: what the plate's first pictures say, by effect.
@@ -62,6 +65,7 @@ class Circumstances:
     surroundings: bool = False
     pre_rendered: bool = False
     strength: float = 1.0
+    strength_given: bool = False
     moves: bool = False
     shutter: Shutter = Shutter()
     measured: Mapping[str, Measurement] = field(default_factory=dict)
@@ -70,53 +74,47 @@ class Circumstances:
     occlusion_by_coc: bool = False
 
 
+def request(requested: str) -> EffectRequest:
+    """Read what `--effects` says.
+
+    Raises:
+        UsageError: an unknown name, or a request that contradicts itself.
+    """
+    return EffectRequest.parse(requested, EFFECTS)
+
+
 def requested_effects(requested: str) -> tuple[str, ...]:
     """The effects that `--effects` leaves open or asks for.
 
-    Args:
-        requested: `auto`, `none`, or effect names separated by commas.
-
     Raises:
-        UsageError: a name that is no effect of this version.
+        UsageError: as `request`.
     """
-    if requested == "auto":
-        return EFFECTS
-    names = [] if requested == "none" else [name.strip() for name in requested.split(",")]
-    for name in names:
-        if name not in EFFECTS:
-            raise UsageError(
-                f"--effects: {name!r} is not an effect of this version; there are: auto, none, "
-                f"{', '.join(EFFECTS)}"
-            )
-    return tuple(dict.fromkeys(names))
+    return request(requested).possible(EFFECTS)
 
 
 def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision, ...]:
     """Resolve `--effects`.
 
     Args:
-        requested: `auto`, `none`, or effect names separated by commas.
+        requested: as `EffectRequest.parse` reads it.
         scene: what the scene calls for; by default nothing but its lens.
 
     Raises:
-        UsageError: a name that is no effect of this version.
+        UsageError: as `request`, or a shadow is asked for by one option and refused by another.
     """
-    names = requested_effects(requested)
-    if requested == "auto":
-        scene = scene or Circumstances()
-        reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
-        defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
-        on_plate = (_measured(effect, scene.measured.get(effect)) for effect in PLATE_EFFECTS)
-        on_ground = (_shadow(scene), _reflection(scene), _occlusion(scene))
-        return (defocus, *on_ground, _motion_blur(scene), _exposure(scene), *on_plate)
-    return tuple(
-        Decision(
-            effect=effect,
-            wanted=effect in names,
-            reason="asked for by --effects" if effect in names else "left out by --effects",
+    asked = request(requested)
+    scene = scene or Circumstances()
+    _check_shadow(requested, asked, scene)
+    if asked.base == "none":
+        return tuple(
+            Decision(
+                effect=effect,
+                wanted=effect in asked.added,
+                reason="asked for by --effects" if effect in asked.added else _LEFT_OUT,
+            )
+            for effect in EFFECTS
         )
-        for effect in EFFECTS
-    )
+    return tuple(_amended(decision, asked) for decision in _called_for(scene))
 
 
 def within(
@@ -133,12 +131,13 @@ def within(
     Raises:
         UsageError: an effect is asked for by name that the pipeline has no node for.
     """
+    named = request(requested).added
     kept = []
     for decision in decisions:
         if not decision.wanted or decision.effect in there:
             kept.append(decision)
             continue
-        if requested != "auto":
+        if decision.effect in named:
             raise UsageError(
                 f"--effects {requested}: the pipeline {pipeline!r} has no node for "
                 f"{decision.effect}; use --preset standard"
@@ -146,6 +145,34 @@ def within(
         reason = f"the pipeline {pipeline} leaves it out"
         kept.append(Decision(effect=decision.effect, wanted=False, reason=reason))
     return tuple(kept)
+
+
+def _called_for(scene: Circumstances) -> tuple[Decision, ...]:
+    """What the shot calls for, an effect each."""
+    reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
+    defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
+    on_plate = (_measured(effect, scene.measured.get(effect)) for effect in PLATE_EFFECTS)
+    on_ground = (_shadow(scene), _reflection(scene), _occlusion(scene))
+    return (defocus, *on_ground, _motion_blur(scene), _exposure(scene), *on_plate)
+
+
+def _amended(called_for: Decision, asked: EffectRequest) -> Decision:
+    """What the shot calls for, as `--effects` changes it."""
+    effect = called_for.effect
+    if effect in asked.removed:
+        return Decision(effect=effect, wanted=False, reason=_LEFT_OUT)
+    if not asked.asks_for(effect) or called_for.wanted:
+        return called_for
+    reason = f"asked for by --effects; auto leaves it out: {called_for.reason}"
+    return replace(called_for, wanted=True, reason=reason)
+
+
+def _check_shadow(requested: str, asked: EffectRequest, scene: Circumstances) -> None:
+    strength = f"--shadow-strength {scene.strength:g}"
+    if SHADOW in asked.added and scene.strength <= 0.0:
+        raise UsageError(f"--effects {requested} asks for a shadow, {strength} for none; drop one")
+    if SHADOW in asked.removed and scene.strength_given and scene.strength > 0.0:
+        raise UsageError(f"{strength} asks for a shadow, --effects {requested} for none; drop one")
 
 
 def _measured(effect: str, found: Measurement | None) -> Decision:
@@ -202,27 +229,28 @@ def _exposure(scene: Circumstances) -> Decision:
 
 
 def _shadow(scene: Circumstances) -> Decision:
-    wanted = False
+    asked_for = scene.strength_given and scene.strength > 0.0
+    lit = scene.lamps or scene.surroundings
+    wanted = bool(asked_for or (lit and not scene.pre_rendered))
     if scene.strength <= 0.0:
-        reason = "--shadow-strength 0"
-    elif scene.pre_rendered:
+        wanted, reason = False, "--shadow-strength 0"
+    elif not lit:
+        unlit = "no light is known to fall on the ground, from the GLB or --env"
+        reason = (
+            f"asked for by --shadow-strength {scene.strength:g}; darkens the contact only: {unlit}"
+            if wanted
+            else f"{unlit}; --effects auto,+shadow darkens the contact only"
+        )
+    elif scene.pre_rendered and not wanted:
         reason = (
             "the light that the layers were rendered in is not known; "
-            "--effects defocus,shadow casts one by the GLB's lights"
+            "--effects auto,+shadow casts one by the GLB's lights"
         )
-    elif not (scene.lamps or scene.surroundings):
-        reason = (
-            "no light is known to fall on the ground, from the GLB or --env; "
-            "--effects defocus,shadow darkens the contact only"
-        )
-    else:
-        wanted = True
+    elif scene.lamps:
         count = f"{scene.lamps} light{'s' if scene.lamps > 1 else ''}"
-        reason = (
-            f"cast on the ground by {count}, where it touches by the light around too"
-            if scene.lamps
-            else "where it touches the ground, by the light around; no light casts another"
-        )
+        reason = f"cast on the ground by {count}, where it touches by the light around too"
+    else:
+        reason = "where it touches the ground, by the light around; no light casts another"
     return Decision(effect=SHADOW, wanted=wanted, reason=reason)
 
 

@@ -9,7 +9,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from nlens_video.backends.device import Chosen, choose
-from nlens_video.effects.planner import OCCLUSION, Decision
+from nlens_video.effects.planner import OCCLUSION, Decision, request
 from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.asked_lens import Lens
@@ -107,10 +107,10 @@ def assemble(
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, placed_note = _stand(objects, scene, view)
     ground = _lit_ground(objects, scene)
-    named = {name.strip() for name in lens.effects.split(",")}
     estimator = cache(partial(_load_estimator, view.pixel_aspect, device))
     size = (view.width, view.height)
-    front = open_front(objects.real, size, estimator, asked_for=OCCLUSION in named)
+    occluded = request(lens.effects).asks_for(OCCLUSION)
+    front = open_front(objects.real, size, estimator, asked_for=occluded)
     called_for = call_for(
         lens.effects,
         pipeline,
@@ -214,18 +214,18 @@ def _stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tup
 
 def _lit_ground(objects: ObjectSettings, scene: Scene) -> LitGround:
     environment = None
-    if objects.light.env is not None:
+    light = objects.light
+    if light.env is not None:
         from nlens_video.scene.environment import load_environment
 
-        light = objects.light
-        environment = load_environment(
-            objects.light.env, light.env_rotation_deg, light.env_exposure_ev
-        )
+        environment = load_environment(light.env, light.env_rotation_deg, light.env_exposure_ev)
+    given = light.shadow_strength
     return LitGround(
         pose=scene.pose,
         light=SceneLight(scene.light_count, environment),
         pre_rendered=objects.layers is not None,
-        strength=objects.light.shadow_strength,
+        strength=1.0 if given is None else given,
+        strength_given=given is not None,
     )
 
 

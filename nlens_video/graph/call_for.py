@@ -77,7 +77,7 @@ def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profi
     """Decide on every effect.
 
     Args:
-        requested: `auto`, `none`, or effect names separated by commas.
+        requested: as `EffectRequest.parse` reads it.
         pipeline: what can be simulated.
         shot: what is looked at.
         profiler: times the look at the plate.
@@ -124,6 +124,7 @@ def _circumstances(
         surroundings=ground.light.known and light.ambient is not None,
         pre_rendered=ground.pre_rendered,
         strength=ground.strength,
+        strength_given=ground.strength_given,
         moves=shot.scene.moves,
         shutter=shutter,
         measured=measured,

@@ -47,12 +47,14 @@ class LitGround:
         light: what lights it.
         pre_rendered: whether the object comes with its own light, as layers do.
         strength: of the shadow, 1 as the light has it [1].
+        strength_given: whether the user has said it.
     """
 
     pose: Callable[[float], PosedScene]
     light: SceneLight
     pre_rendered: bool
     strength: float
+    strength_given: bool = False
 
 
 class FrontSource(Protocol):
