@@ -44,25 +44,38 @@ class Voice:
         self._results = sys.stderr if stdout_taken else sys.stdout
 
     @contextmanager
-    def progress_bar(self) -> Iterator[OnProgress]:
-        """A function to call with (frames done, frames in all or None)."""
+    def progress_bar(self, what: str = "compositing") -> Iterator[OnProgress]:
+        """A function to call with (frames done, frames in all or None).
+
+        Args:
+            what: what is done to the frames, from the first one on.
+        """
         if not self._progress:
             yield lambda done, total: None
             return
         columns = (
-            TextColumn("compositing"),
+            TextColumn("{task.description}"),
             BarColumn(),
             TaskProgressColumn(),
-            TextColumn("{task.completed} frames, {task.fields[fps]:.1f} fps"),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[pace]}"),
+            TimeRemainingColumn(compact=True),
         )
-        with Progress(*columns, console=self._console, transient=True) as bar:
-            task = bar.add_task("compositing", total=None, fps=0.0)
+        with Progress(
+            *columns,
+            console=self._console,
+            transient=True,
+            redirect_stdout=False,  # what libraries print is led to standard error as it is
+            redirect_stderr=False,
+        ) as bar:
+            task = bar.add_task("starting", total=None, pace="")
 
             def on_progress(done: int, total: int | None) -> None:
                 elapsed = bar.tasks[0].elapsed or 0.0
-                fps = done / elapsed if elapsed > 0 else 0.0
-                bar.update(task, completed=done, total=total, fps=fps)
+                fps = f", {done / elapsed:.1f} fps" if elapsed > 0 else ""
+                frames = "1 frame" if done == 1 else f"{done} frames"
+                bar.update(
+                    task, completed=done, total=total, description=what, pace=f"{frames}{fps}"
+                )
 
             yield on_progress
 

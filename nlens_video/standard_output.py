@@ -46,26 +46,41 @@ def let_go(stream: TextIO) -> None:
 
 
 def standard_error() -> TextIO:
-    """Standard error; that its words cannot be written or read is no failure of a run."""
-    return cast("TextIO", _Heedless())
+    """Standard error as it is now; that it cannot be written or read is no failure of a run."""
+    return cast("TextIO", _Forgiving(sys.stderr))
 
 
-class _Heedless(io.TextIOBase):
-    """Writes to standard error where that can be done."""
+class _Forgiving(io.TextIOBase):
+    """Writes to a stream where that can be done.
+
+    It holds its stream: whoever puts a stream of their own in the place of `sys.stderr` writes to
+    this one, and a look-up at each write would find theirs and write to it without end.
+
+    Args:
+        stream: where to; None where it was closed from the start.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = stream
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]  # read-only here, as of io.TextIOWrapper
+        """Which characters can be written."""
+        return getattr(self._stream, "encoding", None) or "utf-8"
 
     def write(self, text: str) -> int:
         """Write, or else stop trying."""
-        if sys.stderr is not None:
+        if self._stream is not None:
             try:
-                sys.stderr.write(text)
-                sys.stderr.flush()
+                self._stream.write(text)
+                self._stream.flush()
             except OSError:
-                let_go(sys.stderr)
+                let_go(self._stream)
         return len(text)
 
     def isatty(self) -> bool:
         """Whether a person sees it at once."""
-        return sys.stderr is not None and sys.stderr.isatty()
+        return self._stream is not None and self._stream.isatty()
 
 
 class _BytesOnly(io.TextIOBase):
@@ -73,6 +88,7 @@ class _BytesOnly(io.TextIOBase):
 
     def __init__(self, real: TextIO) -> None:
         self._real = real
+        self._words = standard_error()
 
     @property
     def buffer(self) -> object:
@@ -85,7 +101,7 @@ class _BytesOnly(io.TextIOBase):
 
     def write(self, text: str) -> int:
         """Write to standard error."""
-        return standard_error().write(text)
+        return self._words.write(text)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from nlens_video.show import Voice
 
 def run_merge(words: argparse.Namespace, voice: Voice) -> int:
     """`merge`; returns the exit code."""
-    with voice.progress_bar() as on_progress:
+    with voice.progress_bar("merging") as on_progress:
         merged = merge(source_settings(words), words.chunks, output_settings(words), on_progress)
     voice.merged(merged)
     return 0
