@@ -109,6 +109,7 @@ def _leave_a_stuck_reader(code: int) -> None:
 
 def _run(argv: list[str]) -> int:
     words = arguments.parse(argv)
+    refuse_overwriting(words)
     if words.command in SIDE_COMMANDS:
         return SIDE_COMMANDS[words.command](words)
     from nlens_video.show import Voice
@@ -145,7 +146,6 @@ def _at_work(words: argparse.Namespace, voice: Voice) -> int:
 def _composite(words: argparse.Namespace, voice: Voice) -> int:
     """The commands that take a plate and an object."""
     run = arguments.settings(words)
-    refuse_overwriting(run)
     if getattr(words, "plan", False):
         from nlens_video.run import plan
 

@@ -34,6 +34,7 @@ LAYERS = [
     ["light_arguments", "live_arguments"],
     ["argument_parser"],
     ["overwriting"],
+    ["command_paths"],
     ["effects", "settings"],
     ["backends"],
     ["stages"],

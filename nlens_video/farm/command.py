@@ -9,9 +9,10 @@ from pathlib import Path
 
 from nlens_video.arguments import output_settings, source_settings
 from nlens_video.backends.device import choose
+from nlens_video.command_paths import chunks_beside
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.chunk import render_chunk
-from nlens_video.farm.folder import beside, remove
+from nlens_video.farm.folder import remove
 from nlens_video.farm.here import render_here
 from nlens_video.farm.job import PIECE_S, run_job
 from nlens_video.farm.merge import Merged, merge
@@ -38,7 +39,7 @@ def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int
         UsageError: Ray is not installed.
         NlensError: as `run.render` and `merge`.
     """
-    store = store_of(words.chunks or str(beside(Path(words.output))))
+    store = store_of(words.chunks or str(chunks_beside(Path(words.output))))
     run = _on_one_device(absolute(settings), words)
     shot = Shot(settings=run, store=store, chunk_s=words.chunk)
     (result,) = _made([shot], words, voice)
@@ -59,7 +60,7 @@ def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
     shots = [
         Shot(
             settings=_on_one_device(absolute(run), words),
-            store=Folder(beside(output)),
+            store=Folder(chunks_beside(output)),
             chunk_s=words.chunk,
         )
         for run in read_shot_list(words.jobs)
@@ -106,7 +107,7 @@ def run_resumable(words: argparse.Namespace, settings: Settings, voice: Voice) -
     Raises:
         NlensError: as `job.run_job`.
     """
-    folder = beside(Path(words.output))
+    folder = chunks_beside(Path(words.output))
     try:
         with voice.progress_bar() as on_progress:
             merged = run_job(settings, folder, PIECE_S, render_here, on_progress)

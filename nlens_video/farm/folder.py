@@ -16,11 +16,6 @@ OURS = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
 """Names of chunks and fits, and of their temporaries."""
 
 
-def beside(output: Path) -> Path:
-    """The folder that belongs to a result."""
-    return output.with_name(f"{output.name}.chunks")
-
-
 def make(folder: Path) -> None:
     """Make a folder for chunks, unless it is there.
 

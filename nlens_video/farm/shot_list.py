@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import tomllib
+from argparse import Namespace
 from pathlib import Path
 
 from nlens_video import arguments
-from nlens_video.errors import UsageError
+from nlens_video.errors import OutputError, UsageError
+from nlens_video.overwriting import refuse_overwriting
 from nlens_video.settings import Settings
 
 _NEEDED = ("in", "object", "out")
+_FARMED = {"command": "farm", "jobs": None, "chunks": None}
 
 
 def read_shot_list(path: Path) -> list[Settings]:
@@ -21,6 +24,7 @@ def read_shot_list(path: Path) -> list[Settings]:
 
     Raises:
         UsageError: the file cannot be read, or a shot makes no sense.
+        OutputError: a shot writes over what one of them reads.
     """
     try:
         listed = tomllib.loads(path.read_text()).get("shot")
@@ -28,15 +32,21 @@ def read_shot_list(path: Path) -> list[Settings]:
         raise UsageError(f"--jobs {path}: cannot be read as TOML ({error})") from error
     if not isinstance(listed, list) or not listed:
         raise UsageError(f"--jobs {path}: lists no [[shot]] with in, object and out")
-    runs = [_run(entry, f"--jobs {path}: shot {at}") for at, entry in enumerate(listed, 1)]
+    shots = [_parsed(entry, f"--jobs {path}: shot {at}") for at, entry in enumerate(listed, 1)]
+    runs = [run for _, run in shots]
     written = [run.output.spec for run in runs if run.output is not None]
     twice = next((name for name in written if written.count(name) > 1), None)
     if twice is not None:
         raise UsageError(f"--jobs {path}: two shots write {twice}; give each its own")
+    try:
+        refuse_overwriting(Namespace(command="farm", jobs=path), *(words for words, _ in shots))
+    except OutputError as error:
+        raise OutputError(f"--jobs {path}: {error}") from error
     return runs
 
 
-def _run(entry: object, where: str) -> Settings:
+def _parsed(entry: object, where: str) -> tuple[Namespace, Settings]:
+    """The words of a shot, as `farm` would be given them, and what they mean."""
     if not isinstance(entry, dict):
         raise UsageError(f"{where} is no table")
     unknown = set(entry) - {*_NEEDED, "options"}
@@ -49,6 +59,7 @@ def _run(entry: object, where: str) -> Settings:
     if not isinstance(options, list) or not all(isinstance(w, str) for w in (*named, *options)):
         raise UsageError(f"{where}: in, object and out must be texts, options a list of them")
     try:
-        return arguments.settings(arguments.parse(["render", *map(str, named), *options]))
+        words = arguments.parse(["render", *map(str, named), *options])
+        return Namespace(**{**vars(words), **_FARMED}), arguments.settings(words)
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error

@@ -23,6 +23,11 @@ def partial_name(path: Path) -> Path:
     return path.with_name(f".{path.stem}.partial-{_host()}-{os.getpid()}{path.suffix}")
 
 
+def kept_name(path: Path) -> Path:
+    """Name of the part of `path` that an aborted run leaves, where that was asked for."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
 def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
     """Temporaries of `path` whose runs are gone: those of processes of this machine that ended.
 

@@ -9,6 +9,7 @@ from typing import Protocol, Self
 from nlens_video.errors import OutputError, UsageError
 from nlens_video.video.atomic import check_folder
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.named_files import NamedFiles, local_path
 from nlens_video.video.numbered import Numbered
 from nlens_video.video.still_sink import EXTENSIONS, StillSink
 from nlens_video.video.video_sink import VideoSink
@@ -70,7 +71,8 @@ def open_sink(
     if spec != "-" and "://" not in spec:
         path = Path(spec)
         check_folder(path)
-        if _overwrites(info.name, spec):
+        plate = local_path(info.name)
+        if plate is not None and NamedFiles(path).meets(NamedFiles(plate)):
             raise OutputError(f"{spec}: is the input as well; give the result another name")
         if path.suffix.lower() in EXTENSIONS:
             if info.kind not in ("still",) and not Numbered.matches(spec):
@@ -95,17 +97,3 @@ def _check_pictures(spec: str, codec: str | None, crf: float | None, pix_fmt: st
                 f"{option} {value}: {spec} is written as {suffix[1:]}, which has no such choice; "
                 f"leave {option} out or give a video"
             )
-
-
-def _overwrites(plate: str, spec: str) -> bool:
-    """Whether a result could replace a file of the plate, however the two are written."""
-    if Numbered.matches(plate):
-        sequence = Numbered(plate)
-        files = [sequence.path(number) for number in sequence.numbers()]
-    else:
-        files = [Path(plate)]
-    if Numbered.matches(spec):
-        result = Numbered(spec)
-        return any(result.number(file) is not None for file in files)
-    path = Path(spec)
-    return path.exists() and any(file.exists() and file.samefile(path) for file in files)

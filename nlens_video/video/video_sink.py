@@ -20,7 +20,7 @@ from av.video.stream import VideoStream
 
 from nlens_video.color import FULL_RANGE
 from nlens_video.errors import InputError, OutputError, ReaderGone
-from nlens_video.video.atomic import left_over, partial_name, publish, sweep
+from nlens_video.video.atomic import kept_name, left_over, partial_name, publish, sweep
 from nlens_video.video.audio import AudioEncoder
 from nlens_video.video.encoder_clock import encoder_clock
 from nlens_video.video.encoding import Encoding, choose_encoding
@@ -94,7 +94,7 @@ class VideoSink:
         if self._keep and self._open and self._path is not None and self._partial is not None:
             with contextlib.suppress(OutputError):
                 self._finish()
-                self.kept = _kept_name(self._path)
+                self.kept = kept_name(self._path)
                 publish(self._partial, self.kept)
         self._discard()
 
@@ -157,7 +157,7 @@ class VideoSink:
         if self._keep:
             found = [one for one in left_over(self._path) if one.stat().st_size]
             if found:
-                kept = _kept_name(self._path)
+                kept = kept_name(self._path)
                 max(found, key=lambda one: one.stat().st_mtime).replace(kept)
                 notes = (f"what a killed run has left is now {kept}",)
         return (*notes, *sweep(self._path))
@@ -269,11 +269,6 @@ class VideoSink:
         self._targets[stream.index] = encoder
         name = self._container.format.name
         return f"{label} becomes {encoder.codec}: {name} does not hold its codec"
-
-
-def _kept_name(path: Path) -> Path:
-    """The name of a part that stays."""
-    return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
 def _holds(container: av.container.OutputContainer, stream: CopiedStream) -> bool:

@@ -21,8 +21,9 @@ from hard.faults import kills
 from nlens_video import model_store
 from nlens_video import run as run_module
 from nlens_video.cli import main
+from nlens_video.command_paths import chunks_beside
 from nlens_video.errors import NlensError, OutputError
-from nlens_video.farm.folder import alone_in, beside, remove
+from nlens_video.farm.folder import alone_in, remove
 from nlens_video.video.atomic import left_over, partial_name, sweep
 from nlens_video.video.sink import open_sink
 from nlens_video.video.source import open_source
@@ -262,7 +263,7 @@ def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
 
 
 def test_two_runs_do_not_share_chunks_and_foreign_files_stay(tmp_path):
-    folder = beside(tmp_path / "out.mp4")
+    folder = chunks_beside(tmp_path / "out.mp4")
     with alone_in(folder), pytest.raises(OutputError, match="another run is at work"):
         with alone_in(folder):
             pass
