@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, NoReturn, TextIO, cast
+import math
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 from nlens_video import __version__
 from nlens_video.errors import UsageError
@@ -11,6 +16,10 @@ from nlens_video.standard_output import print_out
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
+
+
+_LARGEST = 1e9
+"""Numbers beyond it are slips of the hand, and overflow somewhere."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -24,9 +33,58 @@ class Parser(argparse.ArgumentParser):
     often: frozenset[str] = frozenset()
     whole: str = ""
 
+    def __init__(self, *words: Any, **named: Any) -> None:  # noqa: ANN401  argparse's own
+        super().__init__(*words, **named)
+        self.register("type", None, word)
+
     def error(self, message: str) -> NoReturn:
         """Raise a UsageError."""
         raise UsageError(f"{message}; see {self.prog} --help")
+
+    def parse_known_args(  # type: ignore[override]  # argparse declares it by overloads
+        self,
+        args: Sequence[str] | None = None,
+        namespace: Any = None,  # noqa: ANN401  as argparse declares it
+    ) -> tuple[Any, list[str]]:
+        """Name the nearest option of one that is not known, before anything else is said."""
+        words = list(sys.argv[1:] if args is None else args)
+        if self._subparsers is None:
+            self._check_options(words)
+        return super().parse_known_args(self._joined(words), namespace)
+
+    def _check_options(self, words: list[str]) -> None:
+        for word in words:
+            if word == "--":
+                return
+            name = word.partition("=")[0]
+            if not name.startswith("--") or any(k.startswith(name) for k in self._names()):
+                continue
+            near = get_close_matches(name, self._names(), n=1)
+            meant = f"did you mean {near[0]}? See" if near else "see"
+            raise UsageError(f"{name} is not an option; {meant} {self.prog} --help")
+
+    def _names(self) -> list[str]:
+        return [name for name in self._option_string_actions if name.startswith("--")]
+
+    def _joined(self, words: list[str]) -> list[str]:
+        """Words of which a value that begins with a minus is one with its option: `--at=-0.1,0.5`.
+
+        argparse takes it for an option unless it is a plain number.
+        """
+        joined: list[str] = []
+        for at, word in enumerate(words):
+            before = words[at - 1] if at else ""
+            action = self._option_string_actions.get(before)
+            value = word.startswith("-") and not word.startswith("--") and word != "-"
+            if (
+                action is not None and action.nargs is None and before.startswith("--")
+                and value and word not in self._option_string_actions
+                and "--" not in words[:at]
+            ):  # fmt: skip
+                joined[-1] = f"{before}={word}"
+            else:
+                joined.append(word)
+        return joined
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
         """Help and version, whose reader may have gone: early versions of 3.11 let that escape."""
@@ -70,11 +128,17 @@ def add_source(parser: Parser) -> argparse._ArgumentGroup:
     """How the plate is read."""
     raw = parser.add_argument_group("the plate")
     raw.add_argument("--input-format", metavar="F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …")
-    raw.add_argument("--input-size", metavar="WxH", type=_size, help="of raw video")
-    raw.add_argument("--input-rate", metavar="FPS", help="of raw video, stills, sequences")
+    raw.add_argument(
+        "--input-size", metavar="WxH", type=_size, help="size of raw video, such as 960x512"
+    )
+    raw.add_argument(
+        "--input-rate",
+        metavar="FPS",
+        help="frames a second of raw video and sequences, such as 25 or 30000/1001",
+    )
     raw.add_argument(
         "--input-transfer", metavar="NAME", type=_transfer,
-        help="srgb, bt709, linear …, where the plate's tag is wrong",
+        help="take the plate's transfer to be srgb, bt709, linear …, where its tag is wrong",
     )  # fmt: skip
     return raw
 
@@ -82,9 +146,14 @@ def add_source(parser: Parser) -> argparse._ArgumentGroup:
 def add_encoding(parser: Parser) -> None:
     """How the result is written."""
     out = parser.add_argument_group("the encoding (default: as the source)")
-    out.add_argument("--codec", metavar="NAME")
-    out.add_argument("--crf", metavar="Q", type=float)
-    out.add_argument("--pix-fmt", metavar="NAME")
+    out.add_argument("--codec", metavar="NAME", help="FFmpeg's encoder, such as libx264 or ffv1")
+    out.add_argument(
+        "--crf",
+        metavar="Q",
+        type=number,
+        help="quality of encoders that have it: less is better",
+    )
+    out.add_argument("--pix-fmt", metavar="NAME", help="pixel format, such as yuv420p10le")
     out.add_argument("--keep-partial", action="store_true", help="keep what an interrupt leaves")
 
 
@@ -108,22 +177,45 @@ def _frames(text: str) -> tuple[int, int | None]:
     return frames
 
 
+def number(text: str) -> float:
+    """A number of usual size, from a word."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.inf
+    if not abs(value) <= _LARGEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of usual size")
+    return value
+
+
 def positive(text: str) -> float:
     """A number above 0, from a word."""
     try:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    if not 1.0 / _LARGEST <= value <= _LARGEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number of usual size")
     return value
 
 
 def count(text: str) -> int:
     """A number from 1 on, from a word."""
-    if not text.isdigit() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 on")
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
     return int(text)
+
+
+def word(text: str) -> str:
+    """A name, from a word that is not empty."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("is empty; give a name")
+    return text
+
+
+def path(text: str) -> Path:
+    """A file or a folder, from a word that is not empty: `Path` takes that for the folder here."""
+    return Path(word(text))
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
+from difflib import get_close_matches
 from pathlib import Path
 
 from nlens_video.aperture import parse_aperture
@@ -12,10 +14,12 @@ from nlens_video.argument_parser import (
     add_encoding,
     add_range,
     base_parser,
-    count,
+    number,
+    path,
     positive,
 )
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
+from nlens_video.errors import UsageError
 from nlens_video.farm_arguments import (
     add_chunk,
     add_farm,
@@ -41,6 +45,7 @@ from nlens_video.settings import (
     Settings,
     SourceSettings,
 )
+from nlens_video.side_arguments import check_parser, completion_parser, doctor_parser, place_parser
 
 COMMANDS = (
     "render", "fit", "farm", "merge", "place", "check", "evaluate", "bench", "study", "doctor",
@@ -79,6 +84,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
     command = "render"
     if named:
         command, argv = argv[0], argv[1:]
+    else:
+        _check_command(argv)
     many = command == "farm" and lists_jobs(argv)
     parser = jobs_parser() if many else parser_of(command)
     if command == "render" and not named:
@@ -88,6 +95,22 @@ def parse(argv: list[str]) -> argparse.Namespace:
     return namespace
 
 
+def _check_command(argv: list[str]) -> None:
+    """Refuse a first word that looks like a command's name, and is neither one nor a file."""
+    word = argv[0] if argv else ""
+    if (
+        not re.fullmatch("[a-z][a-z-]*", word)
+        or any(one.startswith("--input-f") for one in argv)
+        or Path(word).exists()
+    ):
+        return
+    near = get_close_matches(word, COMMANDS, n=1)
+    if not near and len(argv) > 1:
+        return
+    meant = f"did you mean {near[0]}? See" if near else f"commands are {', '.join(COMMANDS)}; see"
+    raise UsageError(f"{word!r} is neither a command nor a file; {meant} nlens-video --help")
+
+
 def parser_of(command: str) -> Parser:
     """The parser of one of COMMANDS."""
     parsers: dict[str, Callable[[], Parser]] = {
@@ -95,13 +118,13 @@ def parser_of(command: str) -> Parser:
         "fit": _fit_parser,
         "farm": _farm_parser,
         "merge": merge_parser,
-        "place": _place_parser,
-        "check": _check_parser,
+        "place": place_parser,
+        "check": check_parser,
         "evaluate": evaluate_parser,
         "bench": bench_parser,
         "study": study_parser,
-        "doctor": _doctor_parser,
-        "completion": _completion_parser,
+        "doctor": doctor_parser,
+        "completion": completion_parser,
     }
     return parsers[command]()
 
@@ -174,33 +197,58 @@ def source_settings(words: argparse.Namespace) -> SourceSettings:
 
 def _add_common(parser: Parser) -> None:
     parser.add_argument("input", metavar="IN", help="video, still, plate_%%04d.png, device, URL, -")
-    parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the animated object (glTF 2.0)")
+    parser.add_argument("glb", metavar="ANIM.glb", type=path, help="the animated object (glTF 2.0)")
     look = parser.add_argument_group("the object")
     look.add_argument("--camera", metavar="NAME", help="the GLB's camera (default: its first)")
     look.add_argument("--scene", metavar="NAME", help="the GLB's scene (default: as it says)")
     look.add_argument("--layers", metavar="P.exr", help="pre-rendered RGBA + Z layers, or %%04d")
-    look.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
+    look.add_argument(
+        "--ground-y",
+        metavar="Y",
+        type=number,
+        help="height of the ground plane in the GLB's units (default: the object's lowest point)",
+    )
     look.add_argument("--footprint", metavar="NODE", help="fit under this object (default: all)")
     add_playback(parser)
     add_placing(parser)
     add_light(parser)
     add_real(parser)
     lens = parser.add_argument_group("the lens")
-    lens.add_argument("--preset", default="standard", metavar="NAME", help="pipeline, or own .toml")
-    lens.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     lens.add_argument(
-        "--fallback", choices=("none", "constant"), default="none", help="if no fit is possible"
+        "--preset",
+        default="standard",
+        metavar="NAME",
+        help="draft, realtime, standard, reference, paper, or an own .toml",
     )
     lens.add_argument(
-        "--aperture", default="round", metavar="A", help="round, BLADES[:TURN[:ROUNDNESS]], A.png"
+        "--device",
+        choices=("auto", "cpu", "cuda"),
+        default="auto",
+        help="where networks and kernels run",
     )
     lens.add_argument(
-        "--cat-eye", default=0.0, metavar="S", type=float, help="towards corners, 0 to 1"
+        "--fallback",
+        choices=("none", "constant"),
+        default="none",
+        help="what if no lens fit is possible: stop, or one CoC for the whole object",
+    )
+    lens.add_argument(
+        "--aperture",
+        default="round",
+        metavar="A",
+        help="its shape: round, BLADES[:TURN[:ROUNDNESS]] as 6:15:0.2, or a picture A.png",
+    )
+    lens.add_argument(
+        "--cat-eye",
+        default=0.0,
+        metavar="S",
+        type=number,
+        help="how much the aperture narrows towards the corners, 0 to 1",
     )
     add_range(parser)
     shown = parser.add_argument_group("what is shown")
-    shown.add_argument("--report", metavar="DIR", type=Path, help="a self-contained HTML report")
-    shown.add_argument("--no-progress", action="store_true")
+    shown.add_argument("--report", metavar="DIR", type=path, help="a self-contained HTML report")
+    shown.add_argument("--no-progress", action="store_true", help="no progress bar")
 
 
 def _render_parser() -> Parser:
@@ -223,12 +271,18 @@ def _add_run(parser: Parser) -> argparse._ArgumentGroup:
     add_effects(parser)
     add_tracking(parser)
     run = parser.add_argument_group("the run")
-    run.add_argument("--budget-ms", metavar="MS", type=positive, default=180.0)
+    run.add_argument(
+        "--budget-ms",
+        metavar="MS",
+        type=positive,
+        default=180.0,
+        help="what a frame may take, in milliseconds (180)",
+    )
     add_live(run)
-    run.add_argument("--fit", metavar="FIT.json", type=Path, help="use this lens fit")
-    run.add_argument("--save-fit", metavar="FIT.json", type=Path, help="keep the lens fit")
-    run.add_argument("--aov", metavar="DIR", type=Path, help="EXR layers of each frame")
-    run.add_argument("--timings", metavar="T.json", type=Path, help="time of each node and frame")
+    run.add_argument("--fit", metavar="FIT.json", type=path, help="use this lens fit")
+    run.add_argument("--save-fit", metavar="FIT.json", type=path, help="keep the lens fit")
+    run.add_argument("--aov", metavar="DIR", type=path, help="EXR layers of each frame")
+    run.add_argument("--timings", metavar="T.json", type=path, help="time of each node and frame")
     run.add_argument("--plan", action="store_true", help="print what would run and why, then stop")
     add_encoding(parser)
     return run
@@ -237,49 +291,7 @@ def _add_run(parser: Parser) -> argparse._ArgumentGroup:
 def _fit_parser() -> Parser:
     parser = base_parser("nlens-video fit", "Find the lens of a plate and keep it as JSON.")
     _add_common(parser)
-    parser.add_argument("save_fit", metavar="FIT.json", type=Path)
+    parser.add_argument("save_fit", metavar="FIT.json", type=path, help="the lens fit to write")
     add_tracking(parser)
     parser.set_defaults(track_focus="off")
-    return parser
-
-
-def _place_parser() -> Parser:
-    about = "Draw choices of --at, --size, --yaw, --horizon, round those given, on the first frame."
-    parser = base_parser("nlens-video place", about)
-    parser.add_argument("input", metavar="IN", help="the plate, as of nlens-video")
-    parser.add_argument("glb", metavar="ANIM.glb", type=Path, help="the object (glTF 2.0)")
-    parser.add_argument("output", metavar="OUT.png", type=Path, help="the contact sheet")
-    parser.add_argument("--ground-y", metavar="Y", type=float, help="height of the ground plane")
-    parser.add_argument("--scene", metavar="NAME", help="the GLB's scene (default: as it says)")
-    add_playback(parser)
-    add_placing(parser)
-    add_range(parser)
-    return parser
-
-
-def _check_parser() -> Parser:
-    about = (
-        "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, audio.\n"
-        "Exit code 0: fine; 1: something was found; 2 to 6 are errors, as everywhere."
-    )
-    parser = base_parser("nlens-video check", about)
-    parser.add_argument("result", metavar="OUT", help="what nlens-video has written")
-    parser.add_argument("--against", dest="input", metavar="IN", required=True, help="its plate")
-    parser.add_argument(
-        "--objects", metavar="N", type=count, default=1, help="separate changed places (1)"
-    )
-    parser.add_argument("--report", metavar="DIR", type=Path, help="a page with the plots")
-    add_range(parser, "the plate's frames A to B-1 became OUT (default: found by OUT's first one)")
-    parser.set_defaults(range=None)
-    return parser
-
-
-def _doctor_parser() -> Parser:
-    return base_parser("nlens-video doctor", "What works on this machine, and what to install.")
-
-
-def _completion_parser() -> Parser:
-    about = 'The shell\'s completion of nlens-video: eval "$(nlens-video completion bash)"'
-    parser = base_parser("nlens-video completion", about)
-    parser.add_argument("shell", choices=("bash", "zsh", "fish"))
     return parser

@@ -13,17 +13,22 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     camera = parser.add_argument_group("effects of the camera")
     camera.add_argument(
         "--effects", default="auto", metavar="E",
-        help="auto (what the shot calls for), all, none; names, or auto,+shadow,-grain to change "
-        "it; --plan lists them with reasons",
+        help="auto, all, none, names, or auto,+shadow,-grain; --plan says why each is on or off",
     )  # fmt: skip
     camera.add_argument(
-        "--shutter", metavar="D", type=_angle, help="open D of a frame's 360 degrees (default: 180)"
+        "--shutter",
+        metavar="D",
+        type=_angle,
+        help="how long the shutter is open, 360 is all of a frame (default: read, else 180)",
     )
     camera.add_argument(
         "--vignetting", metavar="STOPS", type=_stops, help="light lost at the corners, 0 for none"
     )
     camera.add_argument(
-        "--distortion", metavar="K1[,K2]", type=_coefficients, help="as in OpenCV, 0 for none"
+        "--distortion",
+        metavar="K1[,K2]",
+        type=_coefficients,
+        help="radial coefficients as OpenCV defines them, 0 for none",
     )
 
 

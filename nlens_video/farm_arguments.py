@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from nlens_video.argument_parser import (
     Parser,
@@ -11,6 +10,7 @@ from nlens_video.argument_parser import (
     add_source,
     base_parser,
     count,
+    path,
     positive,
 )
 
@@ -43,7 +43,7 @@ def jobs_parser() -> Parser:
     """The words of `farm --jobs`."""
     parser = base_parser("nlens-video farm --jobs", "Composite many shots on a Ray cluster.")
     parser.add_argument(
-        "--jobs", metavar="JOBS.toml", type=Path, required=True,
+        "--jobs", metavar="JOBS.toml", type=path, required=True,
         help="a [[shot]] for each, with in, object, out, and options, a list of words",
     )  # fmt: skip
     _add_workers(parser)
@@ -69,7 +69,7 @@ def merge_parser() -> Parser:
     parser = base_parser("nlens-video merge", about)
     parser.add_argument("output", metavar="OUT", help="video, out_%%04d.png, -")
     parser.add_argument(
-        "chunks", metavar="CHUNK", type=Path, nargs="+", help="files or folders of --as-chunk"
+        "chunks", metavar="CHUNK", type=path, nargs="+", help="files or folders of --as-chunk"
     )
     parser.add_argument(
         "--from", dest="input", metavar="IN", required=True, help="the plate they were made from"

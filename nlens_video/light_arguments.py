@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 
+from nlens_video.argument_parser import path
 from nlens_video.errors import UsageError
 from nlens_video.settings import LightSettings
 
@@ -13,14 +13,26 @@ from nlens_video.settings import LightSettings
 def add_light(parser: argparse.ArgumentParser) -> None:
     """The words of `light`."""
     lit = parser.add_argument_group("its light, beside the lights of its file")
-    lit.add_argument("--env", metavar="MAP.hdr", type=Path, help="equirectangular, .hdr or .exr")
-    lit.add_argument("--env-rotation", metavar="D", type=_finite, help="about up, degrees")
-    lit.add_argument("--env-exposure", metavar="EV", type=_finite, help="of the map, in stops")
+    lit.add_argument(
+        "--env",
+        metavar="MAP.hdr",
+        type=path,
+        help="light from around: an equirectangular map, .hdr or .exr",
+    )
+    lit.add_argument(
+        "--env-rotation",
+        metavar="D",
+        type=_finite,
+        help="turn the map about the vertical, in degrees",
+    )
+    lit.add_argument(
+        "--env-exposure", metavar="EV", type=_finite, help="brighten the map by so many stops"
+    )
     lit.add_argument(
         "--shadow-strength",
         metavar="S",
         type=_strength,
-        help="0 none, 1 as the light has it, up to 2; asks for a shadow where no light is known",
+        help="0 none, 1 as the light has it, up to 2; a shadow even without lights",
     )
 
 

@@ -18,5 +18,5 @@ def add_live(group: argparse._ArgumentGroup) -> None:
     )  # fmt: skip
     group.add_argument(
         "--reconnect", metavar="SEC", type=positive, default=0.0,
-        help="open a lost device or URL again for so long",
+        help="try for so many seconds to open a lost device or URL again",
     )  # fmt: skip

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from nlens_video.argument_parser import Parser, base_parser
+from nlens_video.argument_parser import Parser, base_parser, path
 
 
 def evaluate_parser() -> Parser:
@@ -18,8 +17,8 @@ def evaluate_parser() -> Parser:
         help="the plate's CoC and the lens fit; composites; the drawn object and its shadow; "
         "clips by the lens found against the true one",
     )
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="one folder in it a plate")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="tables (Markdown, CSV) and plots")
+    parser.add_argument("folder", metavar="FOLDER", type=path, help="one folder in it a plate")
+    parser.add_argument("--out", metavar="DIR", type=path, help="tables (Markdown, CSV) and plots")
     return parser
 
 
@@ -28,9 +27,9 @@ def bench_parser() -> Parser:
     about = "Measure every preset, and others' methods, against the sampled lens: what it costs."
     parser = base_parser("nlens-video bench", about)
     parser.add_argument(
-        "folder", metavar="FOLDER", type=Path, nargs="?", help="plates rendered with their object"
+        "folder", metavar="FOLDER", type=path, nargs="?", help="plates rendered with their object"
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="bench.md, bench.csv, bench.png")
+    parser.add_argument("--out", metavar="DIR", type=path, help="bench.md, bench.csv, bench.png")
     parser.add_argument("--quick", action="store_true", help="a coarser truth, fewer frames")
     return parser
 
@@ -42,14 +41,14 @@ def study_parser() -> Parser:
     kinds = parser.add_subparsers(dest="what", required=True, metavar="make|analyse")
     make = kinds.add_parser("make", help="pictures and their stimuli.csv to one web page")
     make.add_argument(
-        "folder", metavar="FOLDER", type=Path, nargs="?", help="pictures and stimuli.csv"
+        "folder", metavar="FOLDER", type=path, nargs="?", help="pictures and stimuli.csv"
     )
     make.add_argument("--demo", action="store_true", help="pictures of rendered balls on a table")
-    make.add_argument("page", metavar="OUT.html", type=Path, help="the page")
+    make.add_argument("page", metavar="OUT.html", type=path, help="the page")
     make.add_argument("--choices", metavar="LIST", help="answers, such as red,green,blue")
     make.add_argument("--things", default="billiard balls", help="what is looked for")
     answers = kinds.add_parser("analyse", help="failure rates and z-tests of saved answers")
-    answers.add_argument("answers", metavar="ANSWERS", type=Path, nargs="+", help="JSON or CSV")
+    answers.add_argument("answers", metavar="ANSWERS", type=path, nargs="+", help="JSON or CSV")
     answers.add_argument("--reference", metavar="METHOD", default="ours", help="tested against")
     answers.add_argument("--json", action="store_true", default=argparse.SUPPRESS)
     return parser

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from nlens_video.argument_parser import positive
+from nlens_video.argument_parser import number, positive
 from nlens_video.errors import UsageError
 from nlens_video.light_arguments import light
 from nlens_video.placing import LEVEL, Placing
@@ -16,11 +16,19 @@ from nlens_video.settings import ObjectSettings
 def add_playback(parser: argparse.ArgumentParser) -> None:
     """The words of `playback`."""
     played = parser.add_argument_group("its animation (a moving camera keeps the plate's time)")
-    played.add_argument("--animation", metavar="NAME", default=ALL, help="name, number, or all")
-    played.add_argument("--loop", action="store_true", help="start again, not rest at the end")
-    played.add_argument("--animation-speed", metavar="S", type=positive, default=1.0)
     played.add_argument(
-        "--animation-offset", metavar="SEC", type=float, default=0.0, help="where it starts"
+        "--animation", metavar="NAME", default=ALL, help="which one plays: name, number, or all"
+    )
+    played.add_argument("--loop", action="store_true", help="start again, not rest at the end")
+    played.add_argument(
+        "--animation-speed", metavar="S", type=positive, default=1.0, help="times its own speed (1)"
+    )
+    played.add_argument(
+        "--animation-offset",
+        metavar="SEC",
+        type=number,
+        default=0.0,
+        help="start so many seconds into it",
     )
 
 
@@ -29,11 +37,33 @@ def add_placing(parser: argparse.ArgumentParser) -> None:
     placed = parser.add_argument_group(
         "its place if the GLB has no camera (fractions of the frame)"
     )
-    placed.add_argument("--at", metavar="X,Y", type=_point, help="where it touches the ground")
-    placed.add_argument("--size", metavar="S", type=float, help="its height")
-    placed.add_argument("--yaw", metavar="D", type=float, help="turn in degrees (default 0)")
-    placed.add_argument("--fov", metavar="DEG", type=_angle, help="field of view across the frame")
-    placed.add_argument("--horizon", metavar="H", type=float, help="row of it (default 0.5: level)")
+    placed.add_argument(
+        "--at",
+        metavar="X,Y",
+        type=_point,
+        help="where it touches the ground, from 0,0 (upper left) to 1,1",
+    )
+    placed.add_argument(
+        "--size", metavar="S", type=number, help="its height, 1 is all of the frame's"
+    )
+    placed.add_argument(
+        "--yaw",
+        metavar="D",
+        type=number,
+        help="turn about the vertical in degrees (default 0: its front faces the viewer)",
+    )
+    placed.add_argument(
+        "--fov",
+        metavar="DEG",
+        type=_angle,
+        help="the plate's field of view across the frame, 1 to 170",
+    )
+    placed.add_argument(
+        "--horizon",
+        metavar="H",
+        type=number,
+        help="row of the plate's horizon (default 0.5: a level camera)",
+    )
 
 
 def object_settings(words: argparse.Namespace) -> ObjectSettings:

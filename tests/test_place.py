@@ -109,7 +109,7 @@ def test_a_scene_is_chosen_by_name(files, tmp_path):
         ("camera.glb", ["--footprint", "car"], 4, "no object is named 'car'; expected one of"),
         ("camera.glb", ["--animation", "run"], 4, "the file has none"),
         ("camera.glb", ["--animation-speed", "0"], 2, "not a positive number"),
-        ("camera.glb", ["--animation-offset", "inf"], 2, "must be a number of seconds"),
+        ("camera.glb", ["--animation-offset", "inf"], 2, "not a number of usual size"),
     ],
 )
 def test_words_that_cannot_be_followed_are_answered_with_one_line(
