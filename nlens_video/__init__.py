@@ -10,6 +10,11 @@ __version__ = "0.1.0"
 __all__ = ["Compositor", "LensFit", "__version__"]
 
 
+def __dir__() -> list[str]:
+    """The public names, those included that are loaded when they are first asked for."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> object:
     """Load the compositor, and with it the heavy libraries, when it is first asked for."""
     if name == "Compositor":

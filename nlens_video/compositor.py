@@ -2,37 +2,34 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
-from nlens_video.aperture import Aperture, as_aperture
-from nlens_video.effects.planner import requested_effects
+from nlens_video.aperture import Aperture
 from nlens_video.errors import UsageError
-from nlens_video.graph.ahead import Ahead
-from nlens_video.graph.asked_lens import Lens
-from nlens_video.graph.assemble import Assembly, assemble
-from nlens_video.graph.call_for import Plate
-from nlens_video.graph.objects import View
-from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.frame_loop import FrameLoop
 from nlens_video.graph.profiler import Profiler, Summary
-from nlens_video.graph.stream import LoopFrame
 from nlens_video.lens import LensFit
-from nlens_video.loop_arguments import as_fit, as_moment, check_settings
+from nlens_video.loop_arguments import (
+    as_fit,
+    as_lens,
+    as_moment,
+    as_objects,
+    as_words,
+    check_settings,
+)
 from nlens_video.loop_frames import Frames, as_format_of, given_back, taken
 from nlens_video.optics import NOTHING_SAID, Optics
-from nlens_video.settings import Fallback, ObjectSettings
+from nlens_video.own_thread import OwnThread
+from nlens_video.parameter_names import in_python, naming_parameters
+from nlens_video.settings import Device, Fallback, ObjectSettings, Occlusion
 
 if TYPE_CHECKING:
     import av
 
-    from nlens_video.frames import Picture
     from nlens_video.notebook import Shown
 
 R = TypeVar("R")
@@ -46,22 +43,48 @@ class Compositor:
     frames are processed in the order of the calls. A process that was forked from the one that made
     it is refused: each makes its own.
 
+    Options have the names that the command line gives them, with `_` for `-`, and the same meaning
+    and limits (`nlens-video render --help`); None leaves a value to the program.
+
     Args:
-        glb: the animated object, with a perspective camera; or `settings.ObjectSettings`, which
-            also say where it stands (`placing`) and which animation plays (`playback`).
+        glb: the animated object; or `settings.ObjectSettings`, which hold what `camera` to
+            `reflect` say.
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
-        effects: as `--effects`: `auto`, `all`, `none`, names, or `auto,+shadow,-grain`.
+        effects: `auto`, `all`, `none`, names, or `auto,+shadow,-grain`.
         fit: the lens, when it is known beforehand; a fit or the path of a saved one.
-        ground_y: height of the ground plane, None for the object's lowest point [scene unit].
-        camera: name of the GLB's camera, None for its first.
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
         budget_ms: what a frame may cost [ms].
-        shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         track_focus: `auto` follows a lens that changes, `off` keeps the first fit.
+        device: where networks and kernels run.
         aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
-        optics: what is known of the lens beside its focus: vignetting, distortion.
+        shutter: how long the shutter is open, 0 to 360 for all of a frame [deg].
+        vignetting: light lost at the corners, 0 to 8 [stops].
+        distortion: k1, or k1 and k2, as OpenCV defines them [1].
+        camera: name of the GLB's camera, None for its first.
+        scene: name or number of the GLB's scene.
+        ground_y: height of the ground plane, None for the object's lowest point [scene unit].
+        footprint: name of the object under which the lens is fitted.
+        animation: name or number of the animation that plays, or `all`.
+        loop: whether it starts again after its end.
+        animation_speed: seconds of the animation per second of the frames, > 0 [1].
+        animation_offset: moment of the animation on the first frame [s].
+        at: where a GLB without a camera touches the ground: column and row, in fractions of the
+            frame from its upper left corner; needs `size` [frame width, frame height].
+        size: height of the object there, > 0 [frame height].
+        yaw: turn about the vertical, 0 faces the viewer [deg].
+        fov: field of view across the frame, 1 to 170 [deg].
+        horizon: row of the horizon, above `at`; None for a level camera's [frame height].
+        env: equirectangular map of the light from around, .hdr or .exr.
+        env_rotation: turn of the map about the vertical [deg].
+        env_exposure: brightness of the map in stops [EV].
+        shadow_strength: 0 none, 1 as the light has it, up to 2 [1].
+        holdout: matte or depth of what stands in front of the object.
+        occlusion: `auto` finds what stands in front by the frame's blur.
+        reflect: share of the light that the ground mirrors seen from above, 0 to 1 [1].
+        shutter_deg: older name of `shutter` [deg].
+        optics: `vignetting` and `distortion` as one object.
 
     Raises:
         UsageError: an argument makes no sense.
@@ -77,42 +100,57 @@ class Compositor:
         fps: float = 30.0,
         effects: str = "auto",
         fit: LensFit | str | Path | None = None,
-        ground_y: float | None = None,
-        camera: str | None = None,
         fallback: Fallback = "none",
         budget_ms: float = 180.0,
-        shutter_deg: float | None = None,
         track_focus: Literal["auto", "off"] = "auto",
+        device: Device = "auto",
         aperture: Aperture | str = "round",
         cat_eye: float = 0.0,
+        shutter: float | None = None,
+        vignetting: float | None = None,
+        distortion: float | tuple[float, float] | None = None,
+        camera: str | None = None,
+        scene: str | int | None = None,
+        ground_y: float | None = None,
+        footprint: str | None = None,
+        animation: str | int | None = None,
+        loop: bool = False,
+        animation_speed: float | None = None,
+        animation_offset: float | None = None,
+        at: tuple[float, float] | None = None,
+        size: float | None = None,
+        yaw: float | None = None,
+        fov: float | None = None,
+        horizon: float | None = None,
+        env: str | Path | None = None,
+        env_rotation: float | None = None,
+        env_exposure: float | None = None,
+        shadow_strength: float | None = None,
+        holdout: str | Path | None = None,
+        occlusion: Occlusion | None = None,
+        reflect: float | None = None,
+        shutter_deg: float | None = None,
         optics: Optics = NOTHING_SAID,
     ) -> None:
-        check_settings(fps=fps, budget_ms=budget_ms, fallback=fallback, track_focus=track_focus)
-        load_pipeline(preset)  # both speak up here rather than at the first frame
-        requested_effects(effects)
-        fit = None if fit is None else as_fit(fit)
-        if not isinstance(glb, ObjectSettings):
-            glb = ObjectSettings(glb=Path(glb), camera=camera, ground_y=ground_y)
-        elif camera is not None or ground_y is not None:
-            raise UsageError("camera and ground_y stand in the ObjectSettings; leave them out")
-        self._objects = glb
-        self._lens = Lens(
-            preset=preset, effects=effects, fit=fit, fallback=fallback, frame_s=1.0 / fps,
-            shutter_deg=shutter_deg, aperture=as_aperture(aperture, cat_eye), optics=optics,
-            live=track_focus == "auto",
-        )  # fmt: skip
-        self._fps = fps
-        self._profiler = Profiler(budget_ms)
-        self._assembly: Assembly | None = None
-        self._size: tuple[int, int] | None = None
-        self._first_s: float | None = None
-        self._count = 0
-        self._closed = False
-        self._gate = threading.Lock()
-        self._last: Picture | None = None
-        self._process = os.getpid()
-        self._stack = ExitStack()
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-compositor")
+        with naming_parameters():
+            check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)
+            words = as_words(
+                dict(
+                    preset=preset, effects=effects, fallback=fallback, device=device,
+                    cat_eye=cat_eye, shutter=shutter, vignetting=vignetting, distortion=distortion,
+                    camera=camera, scene=scene, ground_y=ground_y, footprint=footprint,
+                    animation=animation, loop=loop, animation_speed=animation_speed,
+                    animation_offset=animation_offset, at=at, size=size, yaw=yaw, fov=fov,
+                    horizon=horizon, env=env, env_rotation=env_rotation, env_exposure=env_exposure,
+                    shadow_strength=shadow_strength, holdout=holdout, occlusion=occlusion,
+                    reflect=reflect, track_focus=track_focus,
+                )
+            )  # fmt: skip
+            told = as_lens(
+                words, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
+            )
+            self._loop = FrameLoop(as_objects(glb, words), told, fps, Profiler(budget_ms))
+        self._thread = OwnThread(self._loop.close)
 
     def process(self, frame: Frames, time: float | None = None) -> Frames:
         """Composite one frame.
@@ -135,7 +173,7 @@ class Compositor:
         from nlens_video.video.picture import ArrayPicture
 
         result, moment = taken(frame), as_moment(time)
-        self._call(lambda: self._composite(ArrayPicture(result), moment))
+        self._call(lambda: self._loop.composite(ArrayPicture(result), moment))
         return given_back(result, frame)
 
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
@@ -159,7 +197,7 @@ class Compositor:
         if type(frame).__name__ != "VideoFrame":
             raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")
         picture = AvPicture(copied(frame))
-        self._call(lambda: self._composite(picture, self._since_first(frame)))
+        self._call(lambda: self._loop.composite(picture, self._loop.since_first(frame)))
         return as_format_of(picture.frame, frame)
 
     def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
@@ -171,21 +209,13 @@ class Compositor:
     @property
     def fit(self) -> LensFit | None:
         """The lens, once found or given."""
-        if self._assembly is None or self._assembly.steps.fit is None:
-            return self._lens.fit
-        return self._assembly.steps.fit
+        return self._loop.fit
 
     @fit.setter
     def fit(self, fit: LensFit) -> None:
         """Take another lens from the next frame on, and follow no change of it any more."""
-        fit = as_fit(fit)
-
-        def take() -> None:
-            self._lens = replace(self._lens, fit=fit)
-            if self._assembly is not None and self._size is not None:
-                self._assembly.steps.hold(fit.for_width(*self._size))
-
-        self._call(take)
+        held = as_fit(fit)
+        self._call(lambda: self._loop.hold(held))
 
     def swap(self, glb: str | Path | ObjectSettings) -> None:
         """Composite another object from the next frame on; the lens is held, time goes on.
@@ -197,46 +227,29 @@ class Compositor:
             SceneError: the GLB cannot be used; raised at the next frame.
         """
         if not isinstance(glb, ObjectSettings):
-            glb = replace(self._objects, glb=Path(glb))
+            glb = replace(self._loop.objects, glb=Path(glb))
         objects = glb
-
-        def take() -> None:
-            self._lens = replace(self._lens, fit=self.fit)
-            self._stack.close()
-            self._objects, self._assembly = objects, None
-
-        self._call(take)
+        self._call(lambda: self._loop.swap(objects))
 
     def show(self) -> Shown:
         """The last composite, the lens and what runs, as a notebook draws them."""
         from nlens_video.notebook import show
 
-        return self._call(lambda: show(self._last, self.fit, self.plan))
+        return self._call(lambda: show(self._loop.last, self.fit, self.plan))
 
     @property
     def plan(self) -> tuple[str, ...]:
         """What runs on each frame and why, a line each; empty before the first frame."""
-        if self._assembly is None:
-            return ()
-        from nlens_video.graph.plan import describe
-
-        return tuple(describe(self._assembly))
+        return tuple(map(in_python, self._loop.plan))
 
     @property
     def timings(self) -> Summary:
         """The frames so far in a few numbers."""
-        return self._profiler.summary()
+        return self._loop.profiler.summary()
 
     def close(self) -> None:
         """Free OpenGL, networks and the thread; harmless when repeated."""
-        if os.getpid() != self._process:  # its thread, and OpenGL, are the other process's
-            return
-        with self._gate:
-            freed = None if self._closed else self._worker.submit(self._stack.close)
-            self._closed = True
-        if freed is not None:
-            freed.result()
-        self._worker.shutdown()
+        self._thread.close()
 
     def __reduce__(self) -> NoReturn:
         raise UsageError("a compositor cannot be sent to another process; make one in each")
@@ -253,44 +266,5 @@ class Compositor:
         self.close()
 
     def _call(self, work: Callable[[], R]) -> R:
-        if os.getpid() != self._process:
-            raise UsageError("the compositor was made by another process; make one in each")
-        with self._gate:  # nothing gets in between the last frame and the freeing
-            if self._closed:
-                raise UsageError("the compositor is closed; make a new one")
-            asked = self._worker.submit(work)
-        return asked.result()
-
-    def _since_first(self, frame: av.VideoFrame) -> float | None:
-        if frame.time is None:
-            return None
-        if self._first_s is None:
-            self._first_s = frame.time
-        return frame.time - self._first_s
-
-    def _composite(self, picture: Picture, time: float | None) -> None:
-        assembly = self._assembled(picture)
-        steps = assembly.steps
-        moment = self._count / self._fps if time is None else time
-        state = steps.enter(LoopFrame(self._count, moment, picture))
-        steps.run(state, assembly.graph.nodes)
-        self._last = picture
-        self._profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
-        self._count += 1
-
-    def _assembled(self, picture: Picture) -> Assembly:
-        size = (picture.width, picture.height)
-        if self._assembly is None:
-            view = View(width=size[0], height=size[1], camera=self._objects.camera)
-            self._assembly = assemble(
-                self._objects, self._lens, view, self._profiler, Plate(lambda: (picture,))
-            )
-            self._stack.enter_context(self._assembly.render_context())
-            self._stack.enter_context(Ahead(self._assembly.graph))
-            self._size = size
-        if size != self._size:
-            raise UsageError(
-                f"a frame of {size[0]}x{size[1]} after frames of {self._size}: one compositor "
-                "takes one size; make another for other frames"
-            )
-        return self._assembly
+        with naming_parameters():
+            return self._thread.call(work)

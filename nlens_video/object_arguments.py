@@ -112,7 +112,9 @@ def _own_place(words: argparse.Namespace) -> Placing | None:
             raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
         return None
     if words.at is None or words.size is None:
-        raise UsageError("to place the object give both --at X,Y and --size S; see --help")
+        raise UsageError(
+            "to place the object give both --at X,Y and --size S, fractions of the frame"
+        )
     if words.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
     return placing(words, words.at, words.size, LEVEL)
