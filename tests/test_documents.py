@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nlens_video.arguments import COMMANDS, _check_parser, _render_parser
+from nlens_video.arguments import COMMANDS, parser_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -25,7 +25,7 @@ def test_page_holds_no_placeholder_and_no_dead_link(page):
 
 
 def test_options_that_the_readme_names_exist():
-    known = {*_render_parser()._option_string_actions, *_check_parser()._option_string_actions}
+    known = {name for one in ("render", "check") for name in parser_of(one)._option_string_actions}
     named = set(re.findall(r"--[a-z][a-z-]+", (ROOT / "README.md").read_text()))
     assert named <= known, named - known
     for command in re.findall(

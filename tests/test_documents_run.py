@@ -109,12 +109,14 @@ def test_make_targets_extras_and_scripts_that_pages_name_exist():
 @pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
 def test_python_of_the_page_runs_on_an_opencv_capture(page, folder, monkeypatch):
     monkeypatch.chdir(folder)
-    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
-    seen = []
-    capture = cv2.VideoCapture("in.mp4")
-    with contextlib.redirect_stdout(io.StringIO()):
-        exec(block, {"capture": capture, "show": seen.append})
-    assert len(seen) == 14 and all(frame.shape == seen[0].shape for frame in seen)
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
+    assert blocks
+    for block in blocks:
+        seen = []
+        capture = cv2.VideoCapture("in.mp4")
+        with contextlib.redirect_stdout(io.StringIO()):
+            exec(block, {"capture": capture, "show": seen.append})
+        assert len(seen) == 14 and all(frame.shape == seen[0].shape for frame in seen)
 
 
 def test_the_site_is_built_without_a_warning(tmp_path):
