@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from fractions import Fraction
 
 import av
@@ -12,9 +13,17 @@ from av.audio.resampler import AudioResampler
 from av.audio.stream import AudioStream
 from av.stream import Stream
 
+from nlens_video.video.containers import holds_audio
 from nlens_video.video.info import Packet
+from nlens_video.video.muxers import is_recent
 
-_PREFERRED = ("aac", "libopus", "pcm_s16le")
+_PREFERRED = ("aac", "libopus")
+_SURROUND = ("ac3",)
+"""Before MPEG's layer 2, which has two channels."""
+_LOSSLESS = ("flac", "alac", "wavpack", "tta", "mlp", "truehd")
+_LOSSLESS_IN = ("mov", "mp4", "ipod", "matroska", "ogv", "ogg")
+"""Containers in which players take ALAC or FLAC."""
+_AAC_BIT_RATE = 80_000  # of a channel [bit/s]
 _TOLERANCE_S = 0.02
 """Time stamps in milliseconds and encoder delays wander less than this; sync is seen from 40 ms."""
 _LONGEST_GAP_S = 3600
@@ -39,17 +48,16 @@ class AudioEncoder:
         context = source.codec_context
         if not isinstance(context, AudioCodecContext):
             raise ValueError("nothing decodes it")
-        supported = container.supported_codecs
-        named = [name for name in _PREFERRED if name in supported]
-        self.codec = named[0] if named else container.default_audio_codec
-        rate = 48000 if self.codec == "libopus" else context.sample_rate
-        layout = _layout(context)
-        _try(self.codec, rate, layout)  # a stream that was added cannot be taken back
+        self.codec, rate, layout = _chosen(container, context)
         added = container.add_stream(self.codec, rate)
         if not isinstance(added, AudioStream):
             raise ValueError(f"{self.codec} is no audio encoder")
         self._stream = added
         self._stream.codec_context.layout = layout
+        if self.codec == "aac":
+            added.codec_context.bit_rate = _AAC_BIT_RATE * context.layout.nb_channels
+        self._stream.metadata.update(source.metadata)
+        self._stream.disposition = source.disposition
         formats = self._stream.codec_context.codec.audio_formats or (context.format,)
         self._stream.codec_context.format = formats[0]
         self._resampler = AudioResampler(formats[0].name, layout, rate)
@@ -124,6 +132,42 @@ class AudioEncoder:
                 packets += self._encoded(rest)
             packets += self._stream.encode(None)
         return packets
+
+
+def _chosen(
+    container: av.container.OutputContainer, source: AudioCodecContext
+) -> tuple[str, int, str]:
+    """Encoder, rate [Hz] and layout: the first that container and encoder take.
+
+    Raises:
+        ValueError: there is none.
+    """
+    name, default = container.format.name, container.default_audio_codec
+    if default == "none":
+        raise ValueError(f"{name} holds no sound")
+    deep = source.format.bytes > 2
+    pcm = ("pcm_s24le", "pcm_s16le") if deep else ("pcm_s16le",)
+    surround = _SURROUND if source.layout.nb_channels > 2 else ()
+    lossless = source.codec.name in _LOSSLESS and name in _LOSSLESS_IN
+    kept = ("alac", "flac") if lossless else ()
+    for codec in (*kept, *_PREFERRED, *surround, *pcm, default):
+        # what cannot be tried is not taken: a stream that was added cannot be taken back
+        if not _is_encoder(codec) or is_recent(name, codec) or not holds_audio(name, codec):
+            continue
+        for layout in (_layout(source), "stereo", "mono"):
+            for rate in (source.sample_rate, 48000, 44100, 8000):
+                if name in ("mxf", "dv") and rate != 48000:
+                    continue
+                with contextlib.suppress(ValueError):
+                    _try(codec, rate, layout)
+                    return codec, rate, layout
+    raise ValueError(f"nothing here encodes {source.sample_rate} Hz for {name}")
+
+
+def _is_encoder(name: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return av.Codec(name, "w").type == "audio"
+    return False
 
 
 def _try(codec: str, rate: int, layout: str) -> None:

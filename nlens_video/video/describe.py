@@ -8,7 +8,7 @@ import av
 import av.container
 import av.video.stream
 from av.sidedata.sidedata import Type as SideDataType
-from av.stream import Stream
+from av.stream import Discard, Disposition, Stream
 
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo
 from nlens_video.video.picture import AvPicture
@@ -24,7 +24,7 @@ _HDR_METADATA = (
 def described(
     spec: str, kind: Kind, container: av.container.InputContainer,
     stream: av.video.stream.VideoStream, first: av.VideoFrame, copied: tuple[Stream, ...],
-    transfer: str | None = None,
+    transfer: str | None = None, covers: dict[int, bytes] | None = None,
 ) -> SourceInfo:  # fmt: skip
     """What is known of a source.
 
@@ -36,6 +36,7 @@ def described(
         first: its first frame.
         copied: the streams that travel along.
         transfer: name of the transfer function to take instead of what the frame says.
+        covers: picture files that the container holds as covers, by the index of their stream.
 
     Raises:
         InputError: the pixel format is one that nothing is known about.
@@ -61,15 +62,40 @@ def described(
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame,
         hdr_metadata=_tells_hdr(first),
-        copied=tuple(map(_described, copied)),
+        copied=tuple(_described(one, covers or {}) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
+        stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
         notes=_left_out(container, stream, copied),
     )  # fmt: skip
 
 
-def copied_streams(container: av.container.InputContainer) -> tuple[Stream, ...]:
-    """The audio, subtitle and data streams, which travel along."""
-    return tuple(one for one in container.streams if one.type in ("audio", "subtitle", "data"))
+def copied_streams(
+    container: av.container.InputContainer, video: av.video.stream.VideoStream, kind: Kind
+) -> tuple[Stream, ...]:
+    """The other streams, which travel along.
+
+    Not those that are written anew from what is known of the file (timecode, chapters), and of what
+    may be a stream at several sizes only the pictures that are worked on.
+    """
+    if kind == "still":
+        return ()
+    return tuple(
+        one for one in container.streams
+        if one is not video and one.type != "unknown" and not _is_written_anew(container, one)
+        and (one.type != "video" or is_cover(one) or kind == "video")
+    )  # fmt: skip
+
+
+def is_cover(stream: Stream) -> bool:
+    """Whether a stream is a picture that stands for the file."""
+    return bool(stream.disposition & Disposition.attached_pic)
+
+
+def _is_written_anew(container: av.container.InputContainer, stream: Stream) -> bool:
+    if stream.type != "data":
+        return False
+    chapters = stream.discard == Discard.all and bool(container.chapters())
+    return chapters or "timecode" in stream.metadata
 
 
 def _tells_hdr(frame: av.VideoFrame) -> bool:
@@ -80,10 +106,12 @@ def _tells_hdr(frame: av.VideoFrame) -> bool:
         return False  # PyAV has no name for something else that lies beside it, such as EXIF
 
 
-def _described(stream: Stream) -> CopiedStream:
+def _described(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
     context = stream.codec_context
-    name = "" if context is None else context.name
-    return CopiedStream(index=stream.index, type=stream.type, codec=name, stream=stream)
+    return CopiedStream(
+        index=stream.index, type=stream.type, codec="" if context is None else context.name,
+        stream=stream, cover=covers.get(stream.index, b""),
+    )  # fmt: skip
 
 
 def _left_out(
@@ -91,9 +119,11 @@ def _left_out(
     copied: tuple[Stream, ...],
 ) -> tuple[str, ...]:  # fmt: skip
     return tuple(
-        f"stream {one.index} ({one.type}) is not carried over: only one video stream is rendered"
+        f"stream {one.index} ({one.type}) is not carried over: of a stream one video is taken"
+        if one.type == "video"
+        else f"stream {one.index} is not carried over: FFmpeg does not know what it is"
         for one in container.streams
-        if one is not video and one not in copied
+        if one is not video and one not in copied and one.type in ("video", "unknown")
     )
 
 

@@ -33,15 +33,17 @@ class CopiedStream:
 
     Attributes:
         index: in the source.
-        type: `audio`, `subtitle` or `data`.
+        type: `audio`, `subtitle`, `data`, `attachment`, or `video`: a further one or a cover.
         codec: FFmpeg's name, empty where FFmpeg knows none.
         stream: FFmpeg's own; not to be touched once the source is closed.
+        cover: a cover's picture file, empty for all other streams.
     """
 
     index: int
     type: str
     codec: str
     stream: Stream = field(repr=False, compare=False)
+    cover: bytes = field(default=b"", repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +68,10 @@ class SourceInfo:
         bit_rate: of the pictures, None where unknown [bit/s].
         interlaced: whether the first frame is two fields.
         hdr_metadata: whether the first frame says how it was mastered or how bright it gets.
-        copied: the audio, subtitle and data streams that travel along.
+        copied: the other streams, which travel along.
         metadata: of the container.
+        stream_metadata: of the pictures, such as their language and timecode.
+        disposition: of the pictures, FFmpeg's flags.
         chapters: of the container.
         notes: what was left out, and why.
     """
@@ -91,6 +95,8 @@ class SourceInfo:
     hdr_metadata: bool = False
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
+    stream_metadata: dict[str, str] = field(default_factory=dict)
+    disposition: int = 1
     chapters: tuple[av.container.Chapter, ...] = ()
     notes: tuple[str, ...] = ()
 

@@ -8,10 +8,13 @@ from typing import Protocol, Self
 
 from nlens_video.errors import OutputError, UsageError
 from nlens_video.video.atomic import check_folder
+from nlens_video.video.containers import holds_video
+from nlens_video.video.encoders import check_crf, check_pixel_format, encoder_called, some_format
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.muxers import SOUND_ONLY, Muxer, muxer, no_pictures, nothing_writes
 from nlens_video.video.named_files import NamedFiles, local_path
 from nlens_video.video.numbered import Numbered
-from nlens_video.video.still_sink import EXTENSIONS, StillSink
+from nlens_video.video.still_sink import ANIMATED, EXTENSIONS, StillSink
 from nlens_video.video.video_sink import VideoSink
 
 
@@ -74,6 +77,9 @@ def open_sink(
         plate = local_path(info.name)
         if plate is not None and NamedFiles(path).meets(NamedFiles(plate)):
             raise OutputError(f"{spec}: is the input as well; give the result another name")
+        animated = path.suffix.lower() in ANIMATED and info.kind != "still"
+        if animated and not Numbered.matches(spec):
+            return VideoSink(spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt)
         if path.suffix.lower() in EXTENSIONS:
             if info.kind not in ("still",) and not Numbered.matches(spec):
                 raise OutputError(
@@ -85,6 +91,49 @@ def open_sink(
     return VideoSink(
         spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt, keep_partial=keep_partial
     )  # fmt: skip
+
+
+def check_output(
+    spec: str, *, codec: str | None = None, crf: float | None = None, pix_fmt: str | None = None
+) -> None:
+    """See that a result can be written, as far as that is known before its source is opened.
+
+    Quick where `codec` is None; else the codec is tried in the container, in memory. What remains
+    is what depends on the source: its size, its rate, whether it is a still.
+
+    Args:
+        spec: video file by its extension, picture, `%04d` sequence, or `-` for standard output.
+        codec: as `open_sink`.
+        crf: as `open_sink`.
+        pix_fmt: as `open_sink`.
+
+    Raises:
+        OutputError: the folder is missing or read-only, nothing writes that extension, or what it
+            names holds no pictures.
+        UsageError: codec, quality or pixel format do not exist, do not go together, or are given
+            for pictures.
+    """
+    encoder = None if codec is None else encoder_called(codec)
+    if pix_fmt is not None:
+        check_pixel_format(pix_fmt, encoder)
+    if crf is not None and encoder is not None:
+        check_crf(crf, encoder)
+    if "://" in spec:
+        return
+    container: Muxer | None = Muxer("nut", "rawvideo")
+    if spec != "-":
+        path = Path(spec)
+        check_folder(path)
+        if path.suffix.lower() in EXTENSIONS:
+            _check_pictures(spec, codec, crf, pix_fmt)
+            return
+        container = muxer(spec)
+    if container is None:
+        raise OutputError(nothing_writes(spec))
+    if container.video_codec == "none" or container.name in SOUND_ONLY:
+        raise OutputError(no_pictures(spec))
+    if encoder is not None and not holds_video(container.name, encoder, some_format(encoder)):
+        raise UsageError(f"--codec {codec}: {container.name} does not hold it; give another OUT")
 
 
 def _check_pictures(spec: str, codec: str | None, crf: float | None, pix_fmt: str | None) -> None:

@@ -14,7 +14,7 @@ import av.video.stream
 from nlens_video.errors import InputError, UsageError
 from nlens_video.frames import MOST_PIXELS, too_large
 from nlens_video.video.conform import Conform
-from nlens_video.video.describe import copied_streams, described
+from nlens_video.video.describe import copied_streams, described, is_cover
 from nlens_video.video.exr_source import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.opening import DECODER, InputHints, open_container, video_stream
@@ -107,13 +107,14 @@ class AvSource:
         self.hints = hints
         self._spec = spec
         self._early: deque[Packet] = deque()
+        self._covers: dict[int, bytes] = {}
         self._started = False
         self._index = 0
         self._ended_early: tuple[str, ...] = ()
         self._container, kind = open_container(spec, hints)
         try:
             self._stream = video_stream(self._container, spec)
-            self._copied = copied_streams(self._container) if kind != "still" else ()
+            self._copied = copied_streams(self._container, self._stream, kind)
             self._stream.codec_context.thread_type = "AUTO"
             self._stream.codec_context.options = DECODER
             declared = (self._stream.codec_context.width, self._stream.codec_context.height)
@@ -123,8 +124,9 @@ class AvSource:
                 raise InputError(_undecodable(spec, self._container, self._stream, declared))
             self._first = first
             self.info = described(
-                spec, kind, self._container, self._stream, first, self._copied, hints.transfer
-            )
+                spec, kind, self._container, self._stream, first, self._copied, hints.transfer,
+                self._covers,
+            )  # fmt: skip
             self._clock = SourceClock(self.info)
             self._conform = Conform(first)
         except BaseException:
@@ -201,7 +203,9 @@ class AvSource:
         failed = 0
         for packet in self._packets():
             if packet is not None and packet.stream is not self._stream:
-                if packet.dts is not None and packet.stream in self._copied:
+                if is_cover(packet.stream):
+                    self._covers.setdefault(packet.stream.index, bytes(packet))
+                elif packet.dts is not None and packet.stream in self._copied:
                     self._hand_on(packet)
                 continue
             try:

@@ -25,6 +25,8 @@ EXTENSIONS = {
     ".png": "png", ".jpg": "mjpeg", ".jpeg": "mjpeg", ".tif": "tiff", ".tiff": "tiff",
     ".bmp": "bmp", ".webp": "libwebp", ".exr": "exr",
 }  # fmt: skip
+ANIMATED = (".webp",)
+"""Of these, those whose files hold a video as well."""
 _QUALITY = {
     "mjpeg": {"flags": "+qscale", "global_quality": str(2 * 118)},
     "libwebp": {"lossless": "1"},
@@ -56,7 +58,11 @@ class StillSink:
         self._format = "gbrpf32le"
         if self._codec != "exr":
             encoding = choose_encoding(
-                info, {self._codec}, self._path.suffix, codec=self._codec, pix_fmt=pix_fmt
+                info,
+                lambda name, _: name == self._codec,
+                self._path.suffix,
+                codec=self._codec,
+                pix_fmt=pix_fmt,
             )
             self._format, self.notes = encoding.pixel_format, encoding.reasons
         self.notes = (*self.notes, *sweep(self._path))

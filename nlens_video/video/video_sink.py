@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,19 +15,19 @@ from typing import Self
 import av
 import av.container
 from av.codec.context import Flags
-from av.stream import Stream
 from av.video.stream import VideoStream
 
 from nlens_video.color import FULL_RANGE
 from nlens_video.errors import InputError, OutputError, ReaderGone
 from nlens_video.video.atomic import kept_name, left_over, partial_name, publish, sweep
-from nlens_video.video.audio import AudioEncoder
+from nlens_video.video.carried import Carried, sample_entry, set_tags
+from nlens_video.video.containers import holds_video
 from nlens_video.video.encoder_clock import encoder_clock
 from nlens_video.video.encoding import Encoding, choose_encoding
-from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.muxers import SOUND_ONLY, no_pictures, nothing_writes
 from nlens_video.video.rendered import picture_frame
 
-_MP4_FAMILY = ("mp4", "mov", "ipod")
 _PLAYABLE = {
     "flush_packets": "1",
     # MP4 and MOV: the first index waits for the first part, else it cannot say where time begins
@@ -35,7 +35,6 @@ _PLAYABLE = {
     "cluster_time_limit": "500",  # Matroska
 }  # fmt: skip
 """Options of containers that can be played as far as they are written: parts of half a second."""
-_SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 
 
 class VideoSink:
@@ -58,27 +57,29 @@ class VideoSink:
         self._keep = keep_partial and self._path is not None
         self._open = True
         self._committed = False
-        self._left_out = 0
         found = self._rescued()
         self._container = self._open_container()
         try:
             if self._path is None and codec is None:
                 codec = "rawvideo"
+            name, default = self._container.format.name, self._container.default_video_codec
+            if default == "none" or name in SOUND_ONLY:
+                raise OutputError(no_pictures(spec))
             self.encoding = choose_encoding(
-                info, self._container.supported_codecs, self._container.format.name,
+                info, partial(holds_video, name), name, default=default,
                 codec=codec, crf=crf, pix_fmt=pix_fmt,
             )  # fmt: skip
             self._stream = self._add_video(self.encoding)
-            notes = self._add_copied()
+            self._carried = Carried(self._container, info)
         except BaseException:
             self._discard()
             raise
-        self._notes = (*self.encoding.reasons, *notes, *found)
+        self._notes = (*self.encoding.reasons, *self._carried.notes, *found)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What differs from the source so far, and why."""
-        count = self._left_out
+        count = self._carried.left_out
         lost = f"{count} damaged packets of sound or other streams were left out"
         return (*self._notes, *((lost,) if count else ()))
 
@@ -108,6 +109,7 @@ class VideoSink:
         self._clock.stamp(encoded, frame)
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
         with self._writing():
+            self._carried.begin()
             self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
 
     def write_packet(self, packet: Packet) -> None:
@@ -119,15 +121,9 @@ class VideoSink:
             OutputError: the disk is full, or the container refuses it.
         """
         with self._writing():
-            target = self._targets.get(packet.stream.index) if self._open else None
-            try:
-                if isinstance(target, AudioEncoder):
-                    self._container.mux(target.encode(packet))
-                elif target is not None:
-                    packet.stream = target
-                    self._container.mux(packet)
-            except (av.InvalidDataError, av.ArgumentError):
-                self._left_out += 1
+            if self._open:
+                self._carried.begin()
+                self._carried.write(packet)
 
     def commit(self) -> None:
         """Finish the file and give it its name.
@@ -143,9 +139,7 @@ class VideoSink:
     def _finish(self) -> None:
         with self._writing():
             self._container.mux(self._clock.retimed(self._stream.encode(None)))
-            for target in self._targets.values():
-                if isinstance(target, AudioEncoder):
-                    self._container.mux(target.encode(None))
+            self._carried.finish()
             self._open = False
             self._container.close()
 
@@ -199,9 +193,7 @@ class VideoSink:
         try:
             return av.open(target, "w", container_options=options)
         except ValueError as error:
-            raise OutputError(
-                f"{self._spec}: nothing writes this extension; try .mp4, .mov, .mkv, .webm, .png"
-            ) from error
+            raise OutputError(nothing_writes(self._spec)) from error
         except (av.FFmpegError, OSError) as error:
             raise OutputError(f"{self._spec}: cannot be written ({error.strerror})") from error
 
@@ -222,7 +214,18 @@ class VideoSink:
             context.sample_aspect_ratio = info.sample_aspect_ratio
         if info.rotation:
             stream.set_display_rotation(info.rotation)
+        if entry := sample_entry(self._container.format.name, encoding.codec):
+            context.codec_tag = entry
+        set_tags(stream, info)
         self._set_colour(stream)
+        try:
+            context.open()
+        except av.FFmpegError as error:
+            width, height = info.stored_size
+            raise OutputError(
+                f"{self._spec}: {encoding.codec} refuses pictures of {width}x{height} in "
+                f"{encoding.pixel_format} ({error.strerror}); give another --codec"
+            ) from error
         return stream
 
     def _set_colour(self, stream: VideoStream) -> None:
@@ -238,52 +241,3 @@ class VideoSink:
             context.color_primaries, context.color_trc = 1, 13
         elif becomes:
             context.colorspace, context.color_range = 0, FULL_RANGE
-
-    def _add_copied(self) -> list[str]:
-        """Streams that travel along, and what becomes of those that cannot."""
-        self._targets: dict[int, Stream | AudioEncoder] = {}
-        notes = []
-        name = self._container.format.name
-        for stream in self._info.copied:
-            label = f"stream {stream.index} ({stream.type})"
-            if _holds(self._container, stream):
-                target = self._container.add_stream_from_template(stream.stream)
-                target.metadata.update(stream.stream.metadata)
-                self._targets[stream.index] = target
-            elif stream.type == "audio" and self._container.default_audio_codec != "none":
-                notes.append(self._encode_anew(stream, label))
-            else:
-                notes.append(f"{label} is left out: {name} does not hold it")
-        for key, value in self._info.metadata.items():
-            if key not in _SKIPPED_METADATA:
-                self._container.metadata[key] = value
-        if self._info.chapters:
-            self._container.set_chapters(list(self._info.chapters))
-        return notes
-
-    def _encode_anew(self, stream: CopiedStream, label: str) -> str:
-        try:
-            encoder = AudioEncoder(self._container, stream.stream)
-        except ValueError as error:
-            return f"{label} is left out: {error}"
-        self._targets[stream.index] = encoder
-        name = self._container.format.name
-        return f"{label} becomes {encoder.codec}: {name} does not hold its codec"
-
-
-def _holds(container: av.container.OutputContainer, stream: CopiedStream) -> bool:
-    """Whether a container takes a stream as it is: only writing a header tells for certain."""
-    if stream.codec and stream.codec not in container.supported_codecs:
-        return False
-    name = container.format.name
-    # The MP4 family writes what it knows of a stream at the end, unless the file is fragmented; of
-    # AC-3 it knows nothing before the first packet.
-    early = name in _MP4_FAMILY and stream.codec not in ("ac3", "eac3")
-    options = {"movflags": "empty_moov"} if early else {}
-    try:
-        with av.open(io.BytesIO(), "w", format=name, container_options=options) as trial:
-            trial.add_stream_from_template(stream.stream)
-            trial.start_encoding()
-    except (av.FFmpegError, ValueError, OSError):
-        return False
-    return True
