@@ -70,7 +70,7 @@ $(VENV)/.installed-test: $(VENV)/.installed
 install: system $(VENV)/.installed
 
 demo: install
-	$(BIN)/nlens-video samples/in.mp4 samples/anim.glb samples/out.mp4 --report samples/report
+	$(BIN)/nlens-video samples/in.mp4 samples/anim.glb samples/out.mp4 --report samples/report -y
 	@echo "Look at samples/out.mp4 and samples/report/index.html"
 	@echo "The command is $(BIN)/nlens-video; to call it by its name: . $(BIN)/activate"
 

@@ -117,6 +117,13 @@ def base_parser(prog: str, description: str) -> Parser:
     return parser
 
 
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    """Whether what is there may be replaced."""
+    parser.add_argument(
+        "-y", "--overwrite", action="store_true", help="replace what is there without asking"
+    )
+
+
 def add_range(parser: Parser, meaning: str = "frames A to B-1, counted from 0") -> None:
     """How the plate is read, and which part of it."""
     add_source(parser).add_argument(

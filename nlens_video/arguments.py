@@ -12,6 +12,7 @@ from nlens_video.aperture import parse_aperture
 from nlens_video.argument_parser import (
     Parser,
     add_encoding,
+    add_overwrite,
     add_range,
     base_parser,
     number,
@@ -248,6 +249,7 @@ def _add_common(parser: Parser) -> None:
     add_range(parser)
     shown = parser.add_argument_group("what is shown")
     shown.add_argument("--report", metavar="DIR", type=path, help="a self-contained HTML report")
+    add_overwrite(parser)
     shown.add_argument("--no-progress", action="store_true", help="no progress bar")
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video import arguments, completion, interrupts
 from nlens_video.errors import NlensError, ReaderGone
+from nlens_video.existing_outputs import settle_existing
 from nlens_video.overwriting import refuse_overwriting
 from nlens_video.side_commands import SIDE_COMMANDS
 from nlens_video.standard_output import kept_from_libraries, let_go, standard_error
@@ -110,6 +111,7 @@ def _leave_a_stuck_reader(code: int) -> None:
 def _run(argv: list[str]) -> int:
     words = arguments.parse(argv)
     refuse_overwriting(words)
+    settle_existing(words, overwrite=getattr(words, "overwrite", False))
     if words.command in SIDE_COMMANDS:
         return SIDE_COMMANDS[words.command](words)
     from nlens_video.show import Voice
@@ -156,9 +158,12 @@ def _composite(words: argparse.Namespace, voice: Voice) -> int:
 
         return run_farm(words, run, voice)
     if words.command == "fit":
+        from nlens_video.beside import tell_missing
         from nlens_video.run import find_fit
 
-        voice.fit(find_fit(run))
+        found = find_fit(run)
+        voice.fit(found)
+        tell_missing(str(found.path), found.missing)
         return 0
     if words.resume:
         from nlens_video.farm.command import run_resumable
@@ -168,11 +173,13 @@ def _composite(words: argparse.Namespace, voice: Voice) -> int:
         from nlens_video.farm.command import run_chunk
 
         return run_chunk(run, Path(words.output), voice)
+    from nlens_video.beside import tell_missing
     from nlens_video.run import render
 
     with voice.progress_bar() as on_progress:
         outcome = render(run, on_progress)
     voice.outcome(outcome)
+    tell_missing(outcome.output, outcome.missing)
     return 0
 
 

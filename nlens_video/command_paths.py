@@ -53,11 +53,13 @@ class Use:
         name: what they are, for messages.
         given: as the user named them.
         files: they.
+        derived: whether the user named another file, beside which they lie.
     """
 
     name: str
     given: str
     files: NamedFiles
+    derived: bool = False
 
     @property
     def folder(self) -> bool:
@@ -169,4 +171,9 @@ def uses(words: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterato
             if word.of is not None:
                 path = word.of(path)
             single = role == "reads" and not path.is_dir()  # a chunk by itself, a folder of them
-            yield Use(word.name, str(given), NamedFiles(path, () if single else word.inside))
+            yield Use(
+                word.name,
+                str(given),
+                NamedFiles(path, () if single else word.inside),
+                word.of is not None,
+            )

@@ -7,6 +7,7 @@ import argparse
 from nlens_video.argument_parser import (
     Parser,
     add_encoding,
+    add_overwrite,
     add_source,
     base_parser,
     count,
@@ -47,6 +48,7 @@ def jobs_parser() -> Parser:
         help="a [[shot]] for each, with in, object, out, and options, a list of words",
     )  # fmt: skip
     _add_workers(parser)
+    add_overwrite(parser)
     parser.add_argument("--no-progress", action="store_true")
     return parser
 
@@ -76,5 +78,6 @@ def merge_parser() -> Parser:
     )
     add_source(parser)
     add_encoding(parser)
+    add_overwrite(parser)
     parser.add_argument("--no-progress", action="store_true")
     return parser

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from nlens_video.argument_parser import Parser, base_parser, path
+from nlens_video.argument_parser import Parser, add_overwrite, base_parser, path
 
 
 def evaluate_parser() -> Parser:
@@ -45,6 +45,7 @@ def study_parser() -> Parser:
     )
     make.add_argument("--demo", action="store_true", help="pictures of rendered balls on a table")
     make.add_argument("page", metavar="OUT.html", type=path, help="the page")
+    add_overwrite(make)
     make.add_argument("--choices", metavar="LIST", help="answers, such as red,green,blue")
     make.add_argument("--things", default="billiard balls", help="what is looked for")
     answers = kinds.add_parser("analyse", help="failure rates and z-tests of saved answers")

@@ -16,6 +16,7 @@ from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, Float32, Objec
 from nlens_video.graph.assemble import Assembly
 from nlens_video.graph.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.stream import FrameState
+from nlens_video.lens import LensFit
 from nlens_video.settings import OutputSettings, Settings
 from nlens_video.video.atomic import check_folder, replacing, sweep
 from nlens_video.video.exr import write_layers
@@ -32,7 +33,13 @@ class Started:
 
 
 class Observer(AbstractContextManager["Observer"], Protocol):
-    """Looks on; changes nothing."""
+    """Looks on; changes nothing.
+
+    Attributes:
+        what: the option that asks for it and its value, for messages.
+    """
+
+    what: str
 
     def entering(self, state: FrameState) -> None:
         """A frame comes in, not yet touched (on the decoding thread)."""
@@ -52,10 +59,17 @@ def observers(
 ) -> list[Observer]:
     """Those that the settings ask for.
 
+    Args:
+        settings: the run.
+        started: what is known of it.
+        output: its result; None where that is the lens fit.
+
     Raises:
         OutputError: a folder or file cannot be made.
     """
     watching: list[Observer] = []
+    if settings.save_fit is not None and output is not None:
+        watching.append(SavedFit(settings.save_fit, started))
     if settings.timings is not None:
         watching.append(TimingRows(settings.timings, settings, started))
     if settings.aov is not None:
@@ -71,6 +85,8 @@ def observers(
 class Watching:
     """What most observers leave as it is."""
 
+    what = ""
+
     def __enter__(self) -> Self:
         return self
 
@@ -85,8 +101,37 @@ class Watching:
     def entering(self, state: FrameState) -> None:
         """Nothing to do."""
 
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Nothing to do."""
+
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Nothing to do."""
+
+
+class SavedFit(Watching):
+    """`--save-fit`: the lens, where the object was in view."""
+
+    def __init__(self, path: Path, started: Started) -> None:
+        check_folder(path)
+        sweep(path)
+        self.what = f"--save-fit {path}"
+        self._path = path
+        self._steps = started.assembly.steps
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """Write it."""
+        if self._steps.fit is not None:
+            save_fit(self._steps.fit, self._path)
+
+
+def save_fit(fit: LensFit, path: Path) -> None:
+    """Write a lens fit as JSON.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    with replacing(path) as partial:
+        partial.write_text(fit.to_json())
 
 
 class TimingRows(Watching):
@@ -95,6 +140,7 @@ class TimingRows(Watching):
     def __init__(self, path: Path, settings: Settings, started: Started) -> None:
         check_folder(path)
         sweep(path)
+        self.what = f"--timings {path}"
         self._path = path
         self._stack = ExitStack()
         self._stream: IO[str] | None = None
@@ -134,10 +180,11 @@ class TimingRows(Watching):
         self._rows += 1
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
-        """Close the list."""
+        """Close the list, and give the file its name."""
         assert self._stream is not None
         tail = json.dumps({**asdict(summary), "fps": summary.fps})
         self._stream.write(f'\n ],\n "summary": {tail}\n}}\n')
+        self._stack.close()
 
 
 class AovLayers(Watching):
@@ -151,6 +198,7 @@ class AovLayers(Watching):
                 f"{folder}: cannot be made ({error}); give a writable folder"
             ) from error
         sweep(folder / "any.exr", whole_folder=True)
+        self.what = f"--aov {folder}"
         self._folder = folder
         self._frame = Box(0, 0, started.info.width, started.info.height)
         self._record = started.assembly.record

@@ -23,6 +23,7 @@ class Outcome:
         composited: frames on which the object was in view [1].
         damaged: packets and frames of the source that were damaged [1].
         notes: what a person should know.
+        missing: what was asked for beside the result and could not be written, and why.
     """
 
     output: str
@@ -32,6 +33,7 @@ class Outcome:
     composited: int
     damaged: int
     notes: tuple[str, ...]
+    missing: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """For scripts."""
@@ -40,8 +42,9 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOutcome:
-    """A lens fit, where it was saved, and what a person should know."""
+    """A lens fit, where it was saved, what a person should know, and what is missing beside it."""
 
     fit: LensFit
     path: Path
     notes: tuple[str, ...]
+    missing: tuple[str, ...] = ()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video import interrupts
+from nlens_video.beside import Beside, telling_what_is_complete
 from nlens_video.chunk_feed import ChunkFeed
 from nlens_video.errors import OutOfViewError, UsageError
 from nlens_video.follow import follow
@@ -18,8 +20,7 @@ from nlens_video.graph.plan import describe
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameState
 from nlens_video.intake import frame_s, taken_in
-from nlens_video.lens import LensFit
-from nlens_video.observers import Started, observers
+from nlens_video.observers import Started, observers, save_fit
 from nlens_video.outcome import FitOutcome, Outcome
 from nlens_video.settings import OutputSettings, Settings
 from nlens_video.video.atomic import check_folder, replacing, sweep
@@ -80,12 +81,11 @@ def find_fit(
     with ExitStack() as stack:
         intake = stack.enter_context(taken_in(settings, profiler))
         assembly = intake.assembly
-        watching = observers(settings, Started(intake.info, assembly, profiler), None)
-        for observer in watching:
-            stack.enter_context(observer)
+        started = Started(intake.info, assembly, profiler)
+        beside = stack.enter_context(Beside(observers(settings, started, None)))
         shot = assembly.steps.finding
         seen = 0
-        for state in intake.items(watching):
+        for state in intake.items([beside]):
             if not isinstance(state, FrameState):
                 continue
             seen += 1
@@ -93,8 +93,7 @@ def find_fit(
             assembly.steps.run(state, shot)
             frame = cast("SourceFrame", state.frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
-            for observer in watching:
-                observer.frame(state, timing)
+            beside.frame(state, timing)
             if assembly.steps.fit is not None or seen >= look_through:
                 break
         fit = assembly.steps.fit
@@ -103,10 +102,12 @@ def find_fit(
                 f"{settings.scene.glb}: the object does not come into view within {seen} frames, "
                 "so there is nothing to fit; check the camera or --range"
             )
-        for observer in watching:
-            observer.finish(profiler.summary(), assembly.notes())
-        _save(fit, settings.save_fit)
-    return FitOutcome(fit=fit, path=settings.save_fit, notes=assembly.notes())
+        save_fit(fit, settings.save_fit)
+        with telling_what_is_complete(str(settings.save_fit)):
+            beside.finish(profiler.summary(), assembly.notes())
+    return FitOutcome(
+        fit=fit, path=settings.save_fit, notes=assembly.notes(), missing=beside.missing
+    )
 
 
 def render(
@@ -143,9 +144,8 @@ def render(
         ahead = stack.enter_context(Ahead(*assembly.graphs))
         zoom = ZoomCheck(frame_s(source.info))
         started = Started(source.info, assembly, profiler)
-        watching = [*observers(settings, started, settings.output), zoom]
-        for observer in watching:
-            stack.enter_context(observer)
+        beside = stack.enter_context(Beside(observers(settings, started, settings.output)))
+        watching = (beside, zoom)
         sink = _open_result(output, source.info, chunks)
         stack.enter_context(telling_what_is_kept(sink))
         stack.enter_context(sink)
@@ -189,12 +189,10 @@ def render(
                 *zoom.notes,
             ),
         )  # fmt: skip
-        if settings.save_fit is not None and outcome.fit is not None:
-            _save(outcome.fit, settings.save_fit)
-        for observer in watching:
-            observer.finish(outcome.timing, outcome.notes)
         sink.commit()
-    return outcome
+        with telling_what_is_complete(output.spec):
+            beside.finish(outcome.timing, outcome.notes)
+    return replace(outcome, missing=beside.missing)
 
 
 def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
@@ -221,11 +219,6 @@ def telling_what_is_kept(sink: Sink) -> Iterator[None]:
         if sink.kept is not None:
             error.add_note(f"the part written so far is {sink.kept}")
         raise
-
-
-def _save(fit: LensFit, path: Path) -> None:
-    with replacing(path) as partial:
-        partial.write_text(fit.to_json())
 
 
 def _describe_source(info: SourceInfo) -> Iterator[str]:

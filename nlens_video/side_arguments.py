@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from nlens_video.argument_parser import Parser, add_range, base_parser, count, number, path
+from nlens_video.argument_parser import (
+    Parser,
+    add_overwrite,
+    add_range,
+    base_parser,
+    count,
+    number,
+    path,
+)
 from nlens_video.object_arguments import add_placing, add_playback
 
 
@@ -13,6 +21,7 @@ def place_parser() -> Parser:
     parser.add_argument("input", metavar="IN", help="the plate, as of nlens-video")
     parser.add_argument("glb", metavar="ANIM.glb", type=path, help="the object (glTF 2.0)")
     parser.add_argument("output", metavar="OUT.png", type=path, help="the contact sheet")
+    add_overwrite(parser)
     parser.add_argument(
         "--ground-y",
         metavar="Y",
@@ -39,6 +48,7 @@ def check_parser() -> Parser:
         "--objects", metavar="N", type=count, default=1, help="separate changed places (1)"
     )
     parser.add_argument("--report", metavar="DIR", type=path, help="a page with the plots")
+    add_overwrite(parser)
     add_range(parser, "the plate's frames A to B-1 became OUT (default: found by OUT's first one)")
     parser.set_defaults(range=None)
     return parser

@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from support.disks import why_no_mount
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX Runtime themselves
 SHARED = Path(__file__).parents[2] / "shared"
@@ -60,6 +61,7 @@ _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
+    "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
     "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),
 }
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from nlens_video import arguments
+from nlens_video.argument_parser import path, word
 from nlens_video.command_paths import PATH_WORDS
 from nlens_video.farm_arguments import jobs_parser
 
@@ -20,7 +21,7 @@ def options(parser):
     """The options of a parser that take any text, or a path; those of its subcommands not."""
     for action in parser._actions:
         takes_value = action.nargs != 0 and action.choices is None
-        if takes_value and action.type in (None, str, Path):
+        if takes_value and action.type in (None, str, Path, path, word):
             yield action.dest
 
 

@@ -15,7 +15,7 @@ LAYERS = [
     ["side_commands"],
     ["check", "completion", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
     ["run"],
-    ["follow"],
+    ["beside", "follow"],
     ["intake", "zoom_check"],
     [
         "look_ahead",
@@ -36,7 +36,7 @@ LAYERS = [
     ["effect_arguments", "real_arguments"],
     ["light_arguments", "live_arguments"],
     ["argument_parser"],
-    ["overwriting"],
+    ["existing_outputs", "overwriting"],
     ["command_paths"],
     ["effects", "settings"],
     ["backends"],

@@ -32,6 +32,7 @@ from nlens_video.errors import InputError
 from nlens_video.settings import SourceSettings
 from nlens_video.standard_output import print_out
 from nlens_video.trim import Trim
+from nlens_video.video.atomic import check_target_folder
 from nlens_video.video.info import Packet, SourceFrame
 from nlens_video.video.source import Source, open_source
 
@@ -72,15 +73,19 @@ def check(
         InputError: one of the two cannot be read, or their frames differ in size.
         OutputError: the report cannot be written.
     """
-    checked = compare(result, plate, objects=objects, find_range=find_range)
     if report is not None:
-        from nlens_video.check.page import write_page
+        check_target_folder(report)
+    checked = compare(result, plate, objects=objects, find_range=find_range)
+    try:
+        if as_json:
+            print_out(json.dumps(checked.verdict.as_json(), indent=2) + "\n")
+        elif not quiet:
+            print_out("\n".join(table(checked.verdict)) + "\n")
+    finally:  # findings and page: each is given whatever becomes of the other
+        if report is not None:
+            from nlens_video.check.page import write_page
 
-        write_page(report, checked.verdict, checked.objects)
-    if as_json:
-        print_out(json.dumps(checked.verdict.as_json(), indent=2) + "\n")
-    elif not quiet:
-        print_out("\n".join(table(checked.verdict)) + "\n")
+            write_page(report, checked.verdict, checked.objects)
     return 0 if checked.verdict.fine else FINDINGS
 
 

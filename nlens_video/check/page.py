@@ -51,6 +51,7 @@ def page(verdict: Verdict, objects: list[Track]) -> str:
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta name="generator" content="nlens-video">'
         f'<meta name="color-scheme" content="light dark"><title>{escape(title)}</title>'
         f"<style>{style}</style></head><body><header>"
         f'<p class="eyebrow">nlens-video check</p><h1>{escape(title)}</h1>'

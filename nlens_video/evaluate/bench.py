@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate.bench_case import Case, built_case, plate_case
@@ -12,11 +13,10 @@ from nlens_video.evaluate.bench_measure import FULL, QUICK, Effort, RungRun, run
 from nlens_video.evaluate.bench_output import Report, plates_table, scenes_table
 from nlens_video.evaluate.bench_rungs import Rung, all_rungs
 from nlens_video.evaluate.bench_scenes import BuiltScene, write_scenes
-from nlens_video.evaluate.console import Progress, make_folder
+from nlens_video.evaluate.console import Progress, make_folder, tell_and_write
 from nlens_video.evaluate.plates import find_plates
 from nlens_video.evaluate.plots import check_matplotlib
 from nlens_video.evaluate.tables import Entry, Table
-from nlens_video.standard_output import print_out
 
 
 def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, quiet: bool) -> int:
@@ -48,12 +48,9 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
     with tempfile.TemporaryDirectory() as folder:
         scenes = write_scenes(Path(folder), effort.size)
         report = measure(scenes, rendered, all_rungs(Path(folder)), effort, show)
-    if out is not None:
-        report.write(out)
-    if as_json:
-        print_out(report.json())
-    elif not quiet:
-        print_out(report.markdown())
+    text = report.json() if as_json else report.markdown()
+    write = None if out is None else partial(report.write, out)
+    tell_and_write(text, write, quiet=quiet and not as_json)
     return 0
 
 

@@ -7,10 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate import plots
-from nlens_video.evaluate.console import Progress, make_folder
+from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
 from nlens_video.evaluate.plates import find_plates, load_plate
 from nlens_video.evaluate.protocol import CocProtocol
-from nlens_video.standard_output import print_out
 from nlens_video.video.atomic import replacing
 
 
@@ -37,12 +36,9 @@ def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) 
         make_folder(out)
     found, passed = find_plates(folder)
     protocol = _measured(found, Progress(quiet=quiet))
-    if out is not None:
-        _write(protocol, out)
-    if as_json:
-        print_out(_as_json(protocol, passed))
-    elif not quiet:
-        print_out(_as_markdown(protocol, passed))
+    text = _as_json(protocol, passed) if as_json else _as_markdown(protocol, passed)
+    write = None if out is None else partial(_write, protocol, out)
+    tell_and_write(text, write, quiet=quiet and not as_json)
     return 0
 
 
@@ -78,15 +74,11 @@ def _write(protocol: CocProtocol, out: Path) -> None:
     texts["coc.md"] = _as_markdown(protocol, []) + (
         "\n![reliability](reliability.png)\n![error by true CoC](error_by_coc.png)\n"
     )
+    write_texts(out, texts)
     writers = {
-        **{name: partial(_write_text, text) for name, text in texts.items()},
         "reliability.png": partial(plots.plot_reliability, protocol.errors),
         "error_by_coc.png": partial(plots.plot_error_by_coc, protocol.errors),
     }
     for name, write in writers.items():
         with replacing(out / name) as partial_path:
             write(partial_path)
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text)

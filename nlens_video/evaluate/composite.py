@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate.bench_machine import machine
 from nlens_video.evaluate.composite_methods import all_methods
 from nlens_video.evaluate.composite_report import Report
 from nlens_video.evaluate.composite_subject import load_subject
-from nlens_video.evaluate.console import Progress, make_folder
+from nlens_video.evaluate.console import Progress, make_folder, tell_and_write
 from nlens_video.evaluate.metrics import coc_figures
 from nlens_video.evaluate.paper_figures import NETWORK, QUADRATIC
 from nlens_video.evaluate.plates import Plate, find_plates
@@ -17,7 +18,6 @@ from nlens_video.evaluate.quadratic import nearest_blur, quadratic_coc
 from nlens_video.evaluate.tables import Entry
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.stages.protocols import CocNetwork
-from nlens_video.standard_output import print_out
 
 
 def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:
@@ -50,12 +50,9 @@ def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: 
     with OnnxCocNetwork(find_model("coc").path) as network:
         for path in Progress(quiet=quiet).track(found, "measuring composites"):
             _measure(path, network, report)
-    if out is not None:
-        report.write(out)
-    if as_json:
-        print_out(report.json())
-    elif not quiet:
-        print_out(report.markdown())
+    text = report.json() if as_json else report.markdown()
+    write = None if out is None else partial(report.write, out)
+    tell_and_write(text, write, quiet=quiet and not as_json)
     return 0
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
 from nlens_video.errors import OutputError
+from nlens_video.standard_output import print_out
+from nlens_video.video.atomic import check_target_folder, replacing
 
 T = TypeVar("T")
 
@@ -27,12 +29,47 @@ class Progress:
         return track(items, what, console=self._console, transient=True, disable=self._hidden)
 
 
+def tell_and_write(text: str, write: Callable[[], None] | None, *, quiet: bool) -> None:
+    """Print what was measured, and write it; each is done whatever becomes of the other.
+
+    Args:
+        text: what is printed.
+        write: writes the files, None where none are asked for.
+        quiet: print nothing.
+
+    Raises:
+        OutputError: one of the two could not be done.
+    """
+    try:
+        if not quiet:
+            print_out(text)
+    finally:
+        if write is not None:
+            write()
+
+
+def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write files into a folder.
+
+    Args:
+        folder: is there.
+        texts: what each file holds, by its name.
+
+    Raises:
+        OutputError: one of them cannot be written.
+    """
+    for name, text in texts.items():
+        with replacing(folder / name) as partial:
+            partial.write_text(text)
+
+
 def make_folder(out: Path) -> None:
     """Make the folder of the results where it is missing.
 
     Raises:
         OutputError: it cannot be made.
     """
+    check_target_folder(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

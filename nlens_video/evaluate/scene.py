@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate.bench_case import codes_of
-from nlens_video.evaluate.console import Progress, make_folder
+from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
 from nlens_video.evaluate.drawn import drawn_table, measure_drawn
 from nlens_video.evaluate.plates import find_plates, load_plate
 from nlens_video.evaluate.shadow import DEPTH, TRUTH, Shaded, shadow_table
 from nlens_video.evaluate.tables import Table
 from nlens_video.scene.gltf import Scene
-from nlens_video.standard_output import print_out
-from nlens_video.video.atomic import replacing
 
 
 def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:
@@ -41,15 +40,14 @@ def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool
     for path in Progress(quiet=quiet).track(found, "drawing objects and shadows"):
         _measure(path, drawn, shadows)
     text = _markdown(drawn, shadows)
-    if out is not None:
-        texts = {"scene.md": text, "drawn.csv": drawn.csv(), "shadow.csv": shadows.csv()}
-        for name, content in texts.items():
-            with replacing(out / name) as partial_path:
-                partial_path.write_text(content)
-    if as_json:
-        print_out(json.dumps({t.name: t.json() for t in (drawn, shadows)}, indent=2) + "\n")
-    elif not quiet:
-        print_out(text)
+    texts = {"scene.md": text, "drawn.csv": drawn.csv(), "shadow.csv": shadows.csv()}
+    printed = (
+        json.dumps({t.name: t.json() for t in (drawn, shadows)}, indent=2) + "\n"
+        if as_json
+        else text
+    )
+    writing = None if out is None else partial(write_texts, out, texts)
+    tell_and_write(printed, writing, quiet=quiet and not as_json)
     return 0
 
 

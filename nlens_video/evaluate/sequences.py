@@ -8,11 +8,12 @@ import json
 import math
 import tempfile
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from nlens_video.errors import InputError
 from nlens_video.evaluate.bench_case import codes_of
-from nlens_video.evaluate.console import Progress, make_folder
+from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
 from nlens_video.evaluate.sequence import Sequence, find_sequences, load_sequence
 from nlens_video.evaluate.sequence_figures import (
     BLOCK_PX,
@@ -24,8 +25,6 @@ from nlens_video.evaluate.sequence_figures import (
 from nlens_video.evaluate.tables import Column, Entry, Table
 from nlens_video.run import render
 from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.standard_output import print_out
-from nlens_video.video.atomic import replacing
 
 FOUND, TRUE, SHARP = "lens found", "true lens", "no blur"
 _HEADING = "# Sequences: the lens found against the true one\n\n"
@@ -66,19 +65,14 @@ def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: 
     for path in Progress(quiet=quiet).track(find_sequences(folder), "compositing sequences"):
         _measure(load_sequence(path), table, frames)
     text = f"{_HEADING}{', '.join(table.plates())}\n\n{table.markdown()}"
-    if out is not None:
-        texts = {
-            "sequences.md": text,
-            "sequences.csv": table.csv(),
-            "sequence_frames.csv": frames.csv(),
-        }
-        for name, content in texts.items():
-            with replacing(out / name) as partial_path:
-                partial_path.write_text(content)
-    if as_json:
-        print_out(json.dumps({table.name: table.json()}, indent=2) + "\n")
-    elif not quiet:
-        print_out(text)
+    texts = {
+        "sequences.md": text,
+        "sequences.csv": table.csv(),
+        "sequence_frames.csv": frames.csv(),
+    }
+    printed = json.dumps({table.name: table.json()}, indent=2) + "\n" if as_json else text
+    writing = None if out is None else partial(write_texts, out, texts)
+    tell_and_write(printed, writing, quiet=quiet and not as_json)
     return 0
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from nlens_video.arguments import output_settings, source_settings
 from nlens_video.backends.device import choose
+from nlens_video.beside import tell_missing
 from nlens_video.command_paths import chunks_beside
 from nlens_video.errors import NlensError, UsageError
 from nlens_video.farm.chunk import render_chunk
@@ -63,7 +64,7 @@ def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
             store=Folder(chunks_beside(output)),
             chunk_s=words.chunk,
         )
-        for run in read_shot_list(words.jobs)
+        for run in read_shot_list(words.jobs, overwrite=words.overwrite)
         for output in [Path("" if run.output is None else run.output.spec).absolute()]
     ]
     results = _made(shots, words, voice)
@@ -125,4 +126,6 @@ def run_chunk(settings: Settings, folder: Path, voice: Voice) -> int:
     with voice.progress_bar() as on_progress:
         chunk = render_chunk(settings, folder, on_progress)
     voice.chunk(chunk)
+    if chunk.outcome is not None:
+        tell_missing(str(chunk.path), chunk.outcome.missing)
     return 0

@@ -157,6 +157,8 @@ def check(settings: Settings) -> None:
     ):
         if given:
             raise UsageError(f"{option}: chunks are made of all frames and only them; leave it out")
+    if settings.save_fit is not None:
+        raise UsageError("--save-fit: belongs to single runs; keep the lens with nlens-video fit")
     if settings.output is not None and settings.output.spec == "-":
         raise UsageError("-: chunks are merged into a file; name one")
 

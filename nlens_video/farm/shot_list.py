@@ -8,6 +8,7 @@ from pathlib import Path
 
 from nlens_video import arguments
 from nlens_video.errors import OutputError, UsageError
+from nlens_video.existing_outputs import settle_existing
 from nlens_video.overwriting import refuse_overwriting
 from nlens_video.settings import Settings
 
@@ -15,16 +16,17 @@ _NEEDED = ("in", "object", "out")
 _FARMED = {"command": "farm", "jobs": None, "chunks": None}
 
 
-def read_shot_list(path: Path) -> list[Settings]:
+def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
     """The runs that a file lists.
 
     Args:
         path: TOML with a `[[shot]]` for each: `in`, `object`, `out`, and `options`, a list of
             words as on the command line; paths as there, too.
+        overwrite: whether what is there may be replaced without asking.
 
     Raises:
         UsageError: the file cannot be read, or a shot makes no sense.
-        OutputError: a shot writes over what one of them reads.
+        OutputError: a shot writes over what one of them reads, or must not replace what is there.
     """
     try:
         listed = tomllib.loads(path.read_text()).get("shot")
@@ -39,7 +41,9 @@ def read_shot_list(path: Path) -> list[Settings]:
     if twice is not None:
         raise UsageError(f"--jobs {path}: two shots write {twice}; give each its own")
     try:
-        refuse_overwriting(Namespace(command="farm", jobs=path), *(words for words, _ in shots))
+        farmed = [words for words, _ in shots]
+        refuse_overwriting(Namespace(command="farm", jobs=path), *farmed)
+        settle_existing(*farmed, overwrite=overwrite)
     except OutputError as error:
         raise OutputError(f"--jobs {path}: {error}") from error
     return runs

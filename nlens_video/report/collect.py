@@ -47,6 +47,7 @@ class Report:
             raise OutputError(
                 f"{folder}: cannot be made ({error.strerror}); give --report a writable folder"
             ) from error
+        self.what = f"--report {folder}"
         self._path = folder / PAGE
         sweep(self._path)
         self._info = started.info

@@ -1,0 +1,129 @@
+"""A disk that runs full: what is complete stays, the rest leaves nothing, one line says which."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+import shots
+from support.command import nlens, one_line
+from support.disks import fill, small_disk
+
+from nlens_video.video.atomic import partial_name
+
+pytestmark = pytest.mark.needs_gl
+BESIDE = {"--report": "report", "--timings": "t.json", "--save-fit": "fit.json", "--aov": "aov"}
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_video(folder / "in.mp4", frames=6)
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+@pytest.fixture
+def full(tmp_path):
+    """A folder on a disk without room."""
+    with small_disk(tmp_path / "small", 16) as folder:
+        filler = fill(folder)
+        yield folder
+        assert list(folder.rglob(".*")) == []
+        filler.unlink()
+
+
+def rendered(shot, out, *more):
+    return nlens(shot / "in.mp4", shot / "anim.glb", out, "--fit", shot / "fit.json", *more)
+
+
+@pytest.mark.needs_mount
+@pytest.mark.parametrize("option", BESIDE)
+def test_a_finished_video_stays_when_what_belongs_beside_it_does_not_fit(
+    shot, tmp_path, full, option
+):
+    out = tmp_path / "out.mp4"
+    others = [word for key, name in BESIDE.items() if key != option
+              for word in (key, tmp_path / name)]  # fmt: skip
+    run = rendered(shot, out, option, full / BESIDE[option], *others, "-q")
+    line = one_line(run, 6)
+    assert f"{out} is complete, but not what was asked for beside it: {option} {full}" in line
+    assert "No space left on device" in line
+    assert len(shots.read_planes(out)) == 6
+    for key, name in BESIDE.items():
+        assert (tmp_path / name).exists() == (key != option)
+    if option != "--timings":
+        assert len(json.loads((tmp_path / "t.json").read_text())["frames"]) == 6
+    if option != "--aov":
+        assert len(list((tmp_path / "aov").iterdir())) == 6
+
+
+@pytest.mark.needs_mount
+def test_each_part_that_is_missing_is_named_and_the_summary_is_told(shot, tmp_path, full):
+    words = [word for key, name in BESIDE.items() for word in (key, full / name)]
+    run = rendered(shot, tmp_path / "out.mp4", *words, "--json")
+    line = one_line(run, 6)
+    assert all(f"{key} {full / name}: " in line for key, name in BESIDE.items())
+    told = json.loads(run.stdout)
+    assert told["timing"]["frames"] == 6 and len(told["missing"]) == 4
+
+
+@pytest.mark.needs_mount
+def test_a_lens_fit_stays_when_its_report_does_not_fit(shot, tmp_path, full):
+    fit = tmp_path / "found.json"
+    run = nlens("fit", shot / "plate.png", shot / "anim.glb", fit, "--report", full / "r", "-q")
+    assert f"{fit} is complete, but not" in one_line(run, 6)
+    assert "slope" in json.loads(fit.read_text())
+
+
+@pytest.mark.needs_mount
+def test_findings_are_told_when_the_page_of_a_check_does_not_fit(shot, full):
+    plate = shot / "in.mp4"
+    run = nlens("check", plate, "--against", plate, "--report", full / "r", "--json")
+    assert "No space left on device" in one_line(run, 6)
+    assert json.loads(run.stdout)["frames"]
+
+
+@pytest.mark.needs_mount
+@pytest.mark.parametrize("command", ["render", "place", "fit"])
+def test_a_result_that_does_not_fit_leaves_the_one_before_as_it_was(shot, tmp_path, command):
+    name = {"render": "out.mp4", "place": "out.png", "fit": "out.json"}[command]
+    with small_disk(tmp_path / "small", 16) as folder:
+        (folder / name).write_text("of yesterday")
+        fill(folder)
+        run = nlens(command, shot / "in.mp4", shot / "anim.glb", folder / name)
+        assert f"{name}: cannot be written" in one_line(run, 6)
+        assert (folder / name).read_text() == "of yesterday"
+        assert sorted(path.name for path in folder.iterdir()) == ["filler", name]
+
+
+@pytest.mark.parametrize("option", BESIDE)
+def test_a_disk_that_is_full_from_the_first_byte_costs_only_what_lies_on_it(shot, tmp_path, option):
+    """The same as above where nothing can be mounted: a device that is always full."""
+    out, target = tmp_path / "out.png", tmp_path / BESIDE[option]
+    if option in ("--report", "--aov"):
+        target.mkdir()
+    file = {"--report": target / "index.html", "--aov": target / "000000.exr"}.get(option, target)
+    partial_name(file).symlink_to("/dev/full")
+    words = [shot / "plate.png", shot / "anim.glb", out, "--fit", shot / "fit.json", "-q"]
+    line = one_line(nlens(*words, option, target), 6)
+    assert f"{out} is complete, but not what was asked for beside it: {option} {target}" in line
+    assert out.is_file() and not file.exists() and not partial_name(file).is_symlink()
+
+
+def test_a_limit_of_file_sizes_is_a_full_disk(shot, tmp_path):
+    """`ulimit -f`, as quotas of batch systems are set: 64 KiB hold the picture, not the page."""
+    words = [shot / "in.mp4", shot / "anim.glb", "out.mp4", "--fit", shot / "fit.json"]
+    command = [sys.executable, "-m", "nlens_video", *map(str, words), "--report", "r", "-q"]
+    command += ["--crf", "40"]
+    shell = ["sh", "-c", 'ulimit -f 128; exec "$@"', "sh", *command]
+    run = subprocess.run(
+        shell, capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path
+    )
+    line = one_line(run, 6)
+    assert line.startswith("nlens-video: out.mp4 is complete, but not")
+    assert "r/index.html: cannot be written (File too large)" in line
+    assert len(shots.read_planes(tmp_path / "out.mp4")) == 6
+    assert list((tmp_path / "r").iterdir()) == []
