@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 from nlens_video import __version__
 from nlens_video.errors import UsageError
+from nlens_video.standard_names import input_name, output_name
 from nlens_video.standard_output import print_out
 
 if TYPE_CHECKING:
@@ -129,6 +130,16 @@ def add_range(parser: Parser, meaning: str = "frames A to B-1, counted from 0") 
     add_source(parser).add_argument(
         "--range", metavar="A:B", type=_frames, default=(0, None), help=meaning
     )
+
+
+def add_plate(parser: Parser, meaning: str) -> None:
+    """The plate by its name."""
+    parser.add_argument("input", metavar="IN", type=input_name, help=meaning)
+
+
+def add_result(parser: Parser, meaning: str) -> None:
+    """The result by its name."""
+    parser.add_argument("output", metavar="OUT", type=output_name, help=meaning)
 
 
 def add_source(parser: Parser) -> argparse._ArgumentGroup:

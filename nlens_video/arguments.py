@@ -13,7 +13,9 @@ from nlens_video.argument_parser import (
     Parser,
     add_encoding,
     add_overwrite,
+    add_plate,
     add_range,
+    add_result,
     base_parser,
     number,
     path,
@@ -197,7 +199,7 @@ def source_settings(words: argparse.Namespace) -> SourceSettings:
 
 
 def _add_common(parser: Parser) -> None:
-    parser.add_argument("input", metavar="IN", help="video, still, plate_%%04d.png, device, URL, -")
+    add_plate(parser, "video, still, plate_%%04d.png, device, URL, -")
     parser.add_argument("glb", metavar="ANIM.glb", type=path, help="the animated object (glTF 2.0)")
     look = parser.add_argument_group("the object")
     look.add_argument("--camera", metavar="NAME", help="the GLB's camera (default: its first)")
@@ -269,7 +271,7 @@ def _farm_parser() -> Parser:
 
 def _add_run(parser: Parser) -> argparse._ArgumentGroup:
     _add_common(parser)
-    parser.add_argument("output", metavar="OUT", help="video, still, out_%%04d.png, -")
+    add_result(parser, "video, still, out_%%04d.png, pipe, URL, -")
     add_effects(parser)
     add_tracking(parser)
     run = parser.add_argument_group("the run")

@@ -8,12 +8,14 @@ from nlens_video.argument_parser import (
     Parser,
     add_encoding,
     add_overwrite,
+    add_result,
     add_source,
     base_parser,
     count,
     path,
     positive,
 )
+from nlens_video.standard_names import input_name
 
 
 def add_chunk(parser: argparse._ArgumentGroup) -> None:
@@ -69,13 +71,14 @@ def merge_parser() -> Parser:
     """The words of `merge`."""
     about = "Join the chunks of a run: times checked, encoded once, the rest as in IN."
     parser = base_parser("nlens-video merge", about)
-    parser.add_argument("output", metavar="OUT", help="video, out_%%04d.png, -")
+    add_result(parser, "video, out_%%04d.png, pipe, -")
     parser.add_argument(
         "chunks", metavar="CHUNK", type=path, nargs="+", help="files or folders of --as-chunk"
     )
     parser.add_argument(
-        "--from", dest="input", metavar="IN", required=True, help="the plate they were made from"
-    )
+        "--from", dest="input", metavar="IN", type=input_name, required=True,
+        help="the plate they were made from",
+    )  # fmt: skip
     add_source(parser)
     add_encoding(parser)
     add_overwrite(parser)

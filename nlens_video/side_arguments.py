@@ -5,6 +5,7 @@ from __future__ import annotations
 from nlens_video.argument_parser import (
     Parser,
     add_overwrite,
+    add_plate,
     add_range,
     base_parser,
     count,
@@ -12,13 +13,14 @@ from nlens_video.argument_parser import (
     path,
 )
 from nlens_video.object_arguments import add_placing, add_playback
+from nlens_video.standard_names import input_name
 
 
 def place_parser() -> Parser:
     """The words of `place`."""
     about = "Draw choices of --at, --size, --yaw, --horizon, round those given, on the first frame."
     parser = base_parser("nlens-video place", about)
-    parser.add_argument("input", metavar="IN", help="the plate, as of nlens-video")
+    add_plate(parser, "the plate, as of nlens-video")
     parser.add_argument("glb", metavar="ANIM.glb", type=path, help="the object (glTF 2.0)")
     parser.add_argument("output", metavar="OUT.png", type=path, help="the contact sheet")
     add_overwrite(parser)
@@ -42,8 +44,12 @@ def check_parser() -> Parser:
         "Exit code 0: fine; 1: something was found; 2 to 6 are errors, as everywhere."
     )
     parser = base_parser("nlens-video check", about)
-    parser.add_argument("result", metavar="OUT", help="what nlens-video has written")
-    parser.add_argument("--against", dest="input", metavar="IN", required=True, help="its plate")
+    parser.add_argument(
+        "result", metavar="OUT", type=input_name, help="what nlens-video has written"
+    )
+    parser.add_argument(
+        "--against", dest="input", metavar="IN", type=input_name, required=True, help="its plate"
+    )
     parser.add_argument(
         "--objects", metavar="N", type=count, default=1, help="separate changed places (1)"
     )

@@ -49,7 +49,7 @@ LAYERS = [
     ["chunk_mark"],
     ["frames"],
     ["box"],
-    ["standard_output"],
+    ["standard_names", "standard_output"],
     ["errors", "interrupts"],
 ]
 LEVEL = {name: level for level, names in enumerate(reversed(LAYERS)) for name in names}

@@ -17,6 +17,7 @@ from nlens_video.farm.store import Folder, Store
 from nlens_video.intake import frame_s, opened
 from nlens_video.run import OnProgress, find_fit
 from nlens_video.settings import Settings, SourceSettings
+from nlens_video.video.stream_output import is_stream
 
 RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]
 """Renders chunks of a run into a folder, and calls back with each that is done."""
@@ -159,8 +160,8 @@ def check(settings: Settings) -> None:
             raise UsageError(f"{option}: chunks are made of all frames and only them; leave it out")
     if settings.save_fit is not None:
         raise UsageError("--save-fit: belongs to single runs; keep the lens with nlens-video fit")
-    if settings.output is not None and settings.output.spec == "-":
-        raise UsageError("-: chunks are merged into a file; name one")
+    if settings.output is not None and is_stream(settings.output.spec):
+        raise UsageError(f"{settings.output.spec}: chunks are merged into a file; name one")
 
 
 def _counted(source: SourceSettings) -> int:

@@ -17,8 +17,13 @@ from nlens_video.video.numbered import Numbered
 
 DEFAULT_RATE = "24"
 """Frames per second of an image sequence that nothing is said about."""
-_TIMELESS = ("rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd")
+_TIMELESS = (
+    "rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd",
+    "image2pipe",
+)  # fmt: skip
 """Containers that hold bare pictures; beside them there are image files and devices."""
+_NO_DEVICES = ("image2", "rtp", "rtsp", "sap", "alsa", "oss")
+"""FFmpeg's inputs that open no file themselves, and yet are no devices with pictures."""
 
 DECODER = {"max_pixels": str(MOST_PIXELS)}
 """FFmpeg's options of any decoder: it then refuses a larger picture, wherever it comes."""
@@ -64,7 +69,9 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         kind = "stream"
         if spec.startswith("/dev/video"):
             format_ = format_ or "v4l2"
-    elif Path(spec).is_file() and (format_ is None or format_ == "rawvideo"):
+    elif _opens_no_file(format_):  # a device: its names are no files
+        kind = "stream"
+    elif Path(spec).is_file():
         # what is there is meant: no pattern though it has a %d, no protocol though it has a colon
         _check_file(spec)
         file = f"file:{spec}"
@@ -72,10 +79,9 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         first = Numbered(spec).span().start
         format_, kind = "image2", "sequence"
         options |= {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
-    elif format_ is None or format_ == "rawvideo":
-        _check_file(spec)
     else:
-        kind = "stream"
+        _check_file(spec)
+        kind = "stream" if Path(spec).is_fifo() else kind
     options |= DECODER  # what probing decodes is bounded, too
     try:
         container = av.open(file, "r", format=format_, options=options)
@@ -116,20 +122,43 @@ def _format(hints: InputHints) -> tuple[str | None, dict[str, str]]:
     if hints.rate is not None:
         options["framerate"] = hints.rate
     name = hints.format
-    if name is None or name in av.formats_available and name != "rawvideo":
+    if name is None or name != "rawvideo" and _is_container(name):
         return name, options
     if name != "rawvideo":
         try:
             av.VideoFormat(name)
         except ValueError as error:
             raise UsageError(
-                f"--input-format {name} is neither a container, a device nor a pixel format; "
-                "for raw video give a pixel format such as yuv420p or bgr24"
+                f"--input-format {name}: FFmpeg has no such container, device or pixel format here;"
+                f" its devices are {', '.join(_devices())}; for raw video give a pixel format such "
+                "as yuv420p or bgr24"
             ) from error
         options["pixel_format"] = name
     if hints.size is None:
         raise UsageError("raw video does not say its size; give --input-size WIDTHxHEIGHT")
     return "rawvideo", options
+
+
+def _is_container(name: str) -> bool:
+    """Whether FFmpeg reads a container or a device by that name, which may be one of several."""
+    try:
+        return av.ContainerFormat(name, "r").is_input
+    except ValueError:
+        return False
+
+
+def _opens_no_file(name: str | None) -> bool:
+    return name is not None and name != "image2" and av.ContainerFormat(name, "r").no_file
+
+
+def _devices() -> list[str]:
+    """Names of the devices with pictures that FFmpeg was built with."""
+    inputs = [name for name in sorted(av.formats_available) if _is_container(name)]
+    return [
+        name.split(",")[-1]
+        for name in inputs
+        if name not in _NO_DEVICES and av.ContainerFormat(name, "r").no_file
+    ]
 
 
 def _check_file(spec: str) -> None:
@@ -144,11 +173,11 @@ def _check_file(spec: str) -> None:
 
 def _check_hints(spec: str, hints: InputHints, format_: av.ContainerFormat, kind: Kind) -> None:
     """See that FFmpeg has listened to the hints; most containers do not."""
-    device = format_.no_file and kind == "stream"
-    timeless = format_.no_file or format_.name in _TIMELESS or format_.name.endswith("_pipe")
+    device = format_.no_file and kind == "stream" and format_.name != "lavfi"
+    pictures = format_.name == "image2" or format_.name.endswith("_pipe")
     for option, value, heard in (
         ("--input-size", hints.size, device or format_.name == "rawvideo"),
-        ("--input-rate", hints.rate, timeless),
+        ("--input-rate", hints.rate, device or pictures or format_.name in _TIMELESS),
     ):
         if value is not None and not heard:
             raise UsageError(
@@ -168,6 +197,11 @@ def _explain(spec: str, error: Exception) -> str:
             "and --input-size"
         )
     reason = getattr(error, "strerror", None) or str(error)
+    if spec.startswith("/dev/video"):
+        return (
+            f"{spec}: no camera can be opened there ({reason}); v4l2-ctl --list-devices tells "
+            "where there is one"
+        )
     return (
         f"{spec}: cannot be opened ({reason}); expected a video, a picture, a %04d sequence "
         f"or a stream that FFmpeg reads, of at most {MOST_PIXELS // 10**6} megapixels"

@@ -15,6 +15,7 @@ from nlens_video.video.muxers import SOUND_ONLY, Muxer, muxer, no_pictures, noth
 from nlens_video.video.named_files import NamedFiles, local_path
 from nlens_video.video.numbered import Numbered
 from nlens_video.video.still_sink import ANIMATED, EXTENSIONS, StillSink
+from nlens_video.video.stream_output import is_stream
 from nlens_video.video.video_sink import VideoSink
 
 
@@ -59,7 +60,8 @@ def open_sink(
     """Open a result; nothing of that name exists before `commit`.
 
     Args:
-        spec: video file by its extension, picture, `%04d` sequence, or `-` for standard output.
+        spec: video file by its extension, picture, `%04d` sequence, `-` for standard output, a
+            named pipe or an address.
         info: the source whose timing, tags and other streams are carried over.
         codec: encoder or codec family; default: the source's family.
         crf: quality; default: visually lossless.
@@ -71,7 +73,7 @@ def open_sink(
         UsageError: codec, quality or pixel format do not exist, do not go together, or are given
             for pictures.
     """
-    if spec != "-" and "://" not in spec:
+    if not is_stream(spec):
         path = Path(spec)
         check_folder(path)
         plate = local_path(info.name)
@@ -118,7 +120,7 @@ def check_output(
         check_pixel_format(pix_fmt, encoder)
     if crf is not None and encoder is not None:
         check_crf(crf, encoder)
-    if "://" in spec:
+    if spec != "-" and is_stream(spec):
         return
     container: Muxer | None = Muxer("nut", "rawvideo")
     if spec != "-":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -27,6 +26,7 @@ from nlens_video.video.encoding import Encoding, choose_encoding
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.muxers import SOUND_ONLY, no_pictures, nothing_writes
 from nlens_video.video.rendered import picture_frame
+from nlens_video.video.stream_output import StreamOutput, is_stream
 
 _PLAYABLE = {
     "flush_packets": "1",
@@ -38,7 +38,7 @@ _PLAYABLE = {
 
 
 class VideoSink:
-    """A video file, or a NUT stream of raw frames on standard output.
+    """A video file, or a stream that is written as it comes.
 
     Attributes:
         encoding: encoder, pixel format, options.
@@ -52,7 +52,8 @@ class VideoSink:
         self.kept: Path | None = None
         self._info = info
         self._spec = spec
-        self._path = None if spec == "-" or "://" in spec else Path(spec)
+        self._path = None if is_stream(spec) else Path(spec)
+        self._direct: StreamOutput | None = None
         self._partial = partial_name(self._path) if self._path else None
         self._keep = keep_partial and self._path is not None
         self._open = True
@@ -60,7 +61,7 @@ class VideoSink:
         found = self._rescued()
         self._container = self._open_container()
         try:
-            if self._path is None and codec is None:
+            if self._direct is not None and self._container.format.name == "nut" and codec is None:
                 codec = "rawvideo"
             name, default = self._container.format.name, self._container.default_video_codec
             if default == "none" or name in SOUND_ONLY:
@@ -142,6 +143,8 @@ class VideoSink:
             self._carried.finish()
             self._open = False
             self._container.close()
+            if self._direct is not None:
+                self._direct.close()
 
     def _rescued(self) -> tuple[str, ...]:
         """What killed runs have left: the last of it is kept where that is asked for."""
@@ -161,6 +164,9 @@ class VideoSink:
             self._open = False
             with contextlib.suppress(av.FFmpegError, OSError, ValueError):
                 self._container.close()
+        if self._direct is not None:
+            with contextlib.suppress(OSError):
+                self._direct.close()
         if self._partial is not None:
             with contextlib.suppress(OSError):
                 self._partial.unlink(missing_ok=True)
@@ -178,20 +184,18 @@ class VideoSink:
             ) from error
 
     def _open_container(self) -> av.container.OutputContainer:
-        if self._spec == "-":
-            if sys.stdout is None:
-                raise OutputError("standard output: is closed; give OUT a name, or pipe it on")
-            return av.open(sys.stdout.buffer, "w", format="nut")
+        if self._path is None:
+            self._direct = StreamOutput(self._spec)
+            return self._direct.container
         options = {}
-        if self._path is not None and self._path.suffix in (".mkv", ".webm", ".mka"):
+        if self._path.suffix in (".mkv", ".webm", ".mka"):
             # Audio that starts before zero must not push the pictures off their own times.
             options["avoid_negative_ts"] = "disabled"
         if self._keep:
             options |= _PLAYABLE
         # a name with a colon in it is no protocol
-        target = f"file:{self._partial}" if self._partial else self._spec
         try:
-            return av.open(target, "w", container_options=options)
+            return av.open(f"file:{self._partial}", "w", container_options=options)
         except ValueError as error:
             raise OutputError(nothing_writes(self._spec)) from error
         except (av.FFmpegError, OSError) as error:
