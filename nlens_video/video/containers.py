@@ -174,7 +174,8 @@ def _comes_back(container: str, template: Stream) -> bool:
             pictures = _pictures_beside(out)
             stream = copy_of(out, template)
             _fill(out, pictures)
-            for index in range(8):
+            out.start_encoding()
+            for index in range(0 if template.type == "attachment" else 8):
                 packet = av.Packet(bytes(64))
                 packet.pts = packet.dts = index
                 packet.time_base, packet.stream = Fraction(1, 25), stream
