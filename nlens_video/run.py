@@ -26,6 +26,7 @@ from nlens_video.settings import OutputSettings, Settings
 from nlens_video.video.atomic import check_folder, replacing, sweep
 from nlens_video.video.chunk_row import ChunkRow
 from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.part import part_of
 from nlens_video.video.reconnecting import Reconnecting
 from nlens_video.video.sink import Sink, open_sink
 from nlens_video.video.source import Source
@@ -146,7 +147,7 @@ def render(
         started = Started(source.info, assembly, profiler)
         beside = stack.enter_context(Beside(observers(settings, started, settings.output)))
         watching = (beside, zoom)
-        sink = _open_result(output, source.info, chunks)
+        sink = _open_result(output, part_of(source.info, settings.source.frames), chunks)
         stack.enter_context(telling_what_is_kept(sink))
         stack.enter_context(sink)
         total = _expected(source.info, settings)
@@ -184,7 +185,6 @@ def render(
                 *assembly.device.notes,
                 *ahead.notes,
                 *sink.notes,
-                *_missing(written + timing_of_all.dropped, total),
                 *_lost(source),
                 *zoom.notes,
             ),
@@ -235,13 +235,6 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
     )
     for note in info.notes:
         yield f"note: {note}"
-
-
-def _missing(came: int, expected: int | None) -> tuple[str, ...]:
-    """A word on a source that ended early; estimates of the count may be off by a little."""
-    if expected is None or came >= 0.95 * expected - 2:
-        return ()
-    return (f"the source promises {expected} frames, {came} came: it is cut short or damaged",)
 
 
 def _lost(source: Source) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ class Carried:
         self._covers: list[tuple[Stream, bytes]] = []
         added = [self._add(stream) for stream in info.copied]
         self.notes = tuple(note for note in added if note)
-        if "timecode" in info.stream_metadata and self._name not in _TIMECODE:
+        if _has_timecode(info) and self._name not in _TIMECODE:
             self.notes += (f"the timecode is left out: {self._name} has no place for it",)
         for key, value in info.metadata.items():
             if key not in _SKIPPED_METADATA:
@@ -116,6 +116,10 @@ class Carried:
         else:
             return f"{label} is left out: {self._name} has no place for it"
         return ""
+
+
+def _has_timecode(info: SourceInfo) -> bool:
+    return "timecode" in map(str.lower, (*info.stream_metadata, *info.metadata))
 
 
 def set_tags(stream: Stream, info: SourceInfo) -> None:

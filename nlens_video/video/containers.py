@@ -93,6 +93,8 @@ def holds_stream(container: str, stream: CopiedStream) -> bool:
         container: FFmpeg's name of the muxer.
         stream: of an open source.
     """
+    if stream.type == "attachment":
+        return container == "matroska"  # files that hold nothing else cannot be read
     if is_recent(container, stream.codec) or not _takes_header(container, stream.stream):
         return False
     if av.ContainerFormat(container, "w").no_file:
@@ -174,8 +176,7 @@ def _comes_back(container: str, template: Stream) -> bool:
             pictures = _pictures_beside(out)
             stream = copy_of(out, template)
             _fill(out, pictures)
-            out.start_encoding()
-            for index in range(0 if template.type == "attachment" else 8):
+            for index in range(8):
                 packet = av.Packet(bytes(64))
                 packet.pts = packet.dts = index
                 packet.time_base, packet.stream = Fraction(1, 25), stream

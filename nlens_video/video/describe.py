@@ -8,9 +8,9 @@ import av
 import av.container
 import av.video.stream
 from av.sidedata.sidedata import Type as SideDataType
-from av.stream import Discard, Disposition, Stream
+from av.stream import Discard, Stream
 
-from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo
+from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.picture import AvPicture
 from nlens_video.video.samples import frame_tags
 
@@ -84,11 +84,6 @@ def copied_streams(
         if one is not video and one.type != "unknown" and not _is_written_anew(container, one)
         and (one.type != "video" or is_cover(one) or kind == "video")
     )  # fmt: skip
-
-
-def is_cover(stream: Stream) -> bool:
-    """Whether a stream is a picture that stands for the file."""
-    return bool(stream.disposition & Disposition.attached_pic)
 
 
 def _is_written_anew(container: av.container.InputContainer, stream: Stream) -> bool:

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import av
 import av.container
-from av.stream import Stream
+from av.stream import Disposition, Stream
 
 from nlens_video.color import ColorTags
 from nlens_video.frames import Picture
@@ -139,3 +139,8 @@ class SourceFrame:
     def number(self) -> int:
         """Position in the source with the lost ones counted: by it files belong to frames."""
         return self.index + self.lost
+
+
+def is_cover(stream: Stream) -> bool:
+    """Whether a stream is a picture that stands for the file."""
+    return bool(stream.disposition & Disposition.attached_pic)

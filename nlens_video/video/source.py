@@ -13,10 +13,11 @@ import av.video.stream
 
 from nlens_video.errors import InputError, UsageError
 from nlens_video.frames import MOST_PIXELS, too_large
+from nlens_video.video.completeness import Completeness
 from nlens_video.video.conform import Conform
-from nlens_video.video.describe import copied_streams, described, is_cover
+from nlens_video.video.describe import copied_streams, described
 from nlens_video.video.exr_source import ExrSource
-from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo, is_cover
 from nlens_video.video.opening import DECODER, InputHints, open_container, video_stream
 from nlens_video.video.picture import AvPicture
 from nlens_video.video.source_clock import SourceClock
@@ -115,6 +116,8 @@ class AvSource:
         try:
             self._stream = video_stream(self._container, spec)
             self._copied = copied_streams(self._container, self._stream, kind)
+            self._completeness = Completeness(self._container, (self._stream, *self._copied))
+            self._is_file = kind == "video"
             self._stream.codec_context.thread_type = "AUTO"
             self._stream.codec_context.options = DECODER
             declared = (self._stream.codec_context.width, self._stream.codec_context.height)
@@ -230,11 +233,13 @@ class AvSource:
             try:
                 for packet in self._container.demux(*streams):
                     errors = 0
+                    self._completeness.saw(packet)
                     yield packet
             except av.FFmpegError:
                 self.damaged += 1
                 errors += 1
             else:
+                self._ended_early = self._completeness.notes() if self._is_file else ()
                 return
         self._ended_early = (f"given up after {errors} failed reads in a row",)
         yield None
