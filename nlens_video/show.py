@@ -118,7 +118,8 @@ class Voice:
             self._emit(asdict(merged))
         elif not self._quiet:
             where = "standard output" if merged.output == "-" else merged.output
-            self._say("merged", f"{where}, {merged.frames} frames of {merged.chunks} chunks")
+            chunks = "1 chunk" if merged.chunks == 1 else f"{merged.chunks} chunks"
+            self._say("merged", f"{where}, {merged.frames} frames of {chunks}")
             self._notes(merged.notes)
 
     def shots(self, results: Sequence[tuple[str, Merged | NlensError]]) -> None:

@@ -57,11 +57,17 @@ def _why_no_programs(names: tuple[str, ...]) -> str:
     return f"no {' and no '.join(missing)}; apt-get install {packages}" if missing else ""
 
 
+@functools.cache
+def _why_no_root() -> str:
+    return "not root, who alone can run a program as another user" if os.geteuid() else ""
+
+
 _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
+    "needs_root": ("REQUIRE_ROOT", _why_no_root),
     "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),
 }
 

@@ -3,25 +3,16 @@
 import os
 import subprocess
 import sys
-import venv
 import zipfile
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[1]
+from support.installation import build_wheel, install
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run(
-        [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", folder, ROOT],
-        check=True,
-        capture_output=True,
-    )
-    (built,) = folder.glob("*.whl")
-    return built
+    return build_wheel(tmp_path_factory.mktemp("wheel"))
 
 
 def test_wheel_carries_pipelines_models_shaders_and_types(wheel):
@@ -38,15 +29,8 @@ def test_wheel_carries_pipelines_models_shaders_and_types(wheel):
 
 def test_wheel_runs_from_elsewhere_in_an_environment_of_its_own(wheel, tmp_path):
     home = tmp_path / "venv"
-    venv.EnvBuilder(with_pip=True, symlinks=True).create(home)
-    python = home / "bin" / "python"
-    # its dependencies are those already installed here; the wheel itself comes from the file alone
-    subprocess.run(
-        [python, "-m", "pip", "install", "-q", "--no-deps", "--no-index", wheel], check=True
-    )
-    site = next(Path(path) for path in sys.path if path.endswith("site-packages"))
+    python = install(wheel, home, Path(sys.executable))
     (own,) = home.glob("lib/python*/site-packages")
-    (own / "dependencies.pth").write_text(f"{site}\n")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     where = subprocess.run(
         [python, "-c", "import nlens_video; print(nlens_video.__file__)"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,13 +27,15 @@ _INK, _OURS, _PLATES = "#222222", "#0072b2", "#9aa5ad"
 
 
 def check_matplotlib() -> None:
-    """See that plots can be made.
+    """See that plots can be made, and keep matplotlib's advice off the screen.
 
     Raises:
         UsageError: matplotlib is not installed.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise UsageError("--out needs matplotlib, which is not installed; pip install matplotlib")
+    # without a home to write to it keeps its fonts in a temporary folder, and warns at length
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def plot_reliability(errors: Sequence[PlateErrors], path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import signal
 import threading
 import time
@@ -216,6 +217,8 @@ def _connected(cluster: Cluster) -> Iterator[int]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray may report to its makers
     if local:  # Ray's first autoscaler, which has nothing to do here, takes a second to end
         os.environ.setdefault("RAY_enable_autoscaler_v2", "1")
+        # by itself Ray keeps one in the home folder, which a service or a container may not have
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex())
     try:
         ray.init(
             address="local" if local else cluster.address,

@@ -20,6 +20,7 @@ import numpy as np
 from nlens_video.frames import Behind, BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.graph.build import Graph
 from nlens_video.graph.node import Node
+from nlens_video.kernels import cache_folder
 
 _SIDE = 24  # of what is computed [px]
 _FRAME = Box(0, 0, _SIDE, _SIDE)
@@ -44,9 +45,10 @@ class Ahead:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know: that compiling took a while, which happens once."""
-        if self._seconds < _WORTH_SAYING_S:
-            return ()
+        """What a person should know: where kernels are kept, that compiling took a while."""
+        where = cache_folder.notes()
+        if where or self._seconds < _WORTH_SAYING_S:
+            return where
         return (
             f"kernels were compiled or loaded in {self._seconds:.0f} s; they are kept, so the next "
             "run starts sooner",
