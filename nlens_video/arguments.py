@@ -276,12 +276,9 @@ def _add_run(parser: Parser) -> argparse._ArgumentGroup:
     add_tracking(parser)
     run = parser.add_argument_group("the run")
     run.add_argument(
-        "--budget-ms",
-        metavar="MS",
-        type=positive,
-        default=180.0,
+        "--budget-ms", metavar="MS", type=positive, default=180.0,
         help="what a frame may take, in milliseconds (180)",
-    )
+    )  # fmt: skip
     add_live(run)
     run.add_argument("--fit", metavar="FIT.json", type=path, help="use this lens fit")
     run.add_argument("--save-fit", metavar="FIT.json", type=path, help="keep the lens fit")

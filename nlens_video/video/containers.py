@@ -50,7 +50,7 @@ def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
     def write(out: av.container.OutputContainer) -> None:
         _fill(out, _pictures(out, encoder, pixel_format))
 
-    return _is_found_again(container, encoder, write)
+    return _is_found_again(container, encoder, write, pixel_format)
 
 
 @cache
@@ -154,8 +154,8 @@ def _target(container: str) -> io.BytesIO | str:
     return "nowhere" if av.ContainerFormat(container, "w").no_file else io.BytesIO()
 
 
-def _is_found_again(container: str, encoder: str, write: _Write) -> bool:
-    """Write a trial; see whether its codec can be read from it."""
+def _is_found_again(container: str, encoder: str, write: _Write, pixel_format: str = "") -> bool:
+    """Write a trial; see whether its codec, for raw video with its format, can be read from it."""
     if av.ContainerFormat(container, "w").no_file:
         with av.open("nowhere", "w", format=container) as out:
             return encoder in out.supported_codecs
@@ -165,7 +165,8 @@ def _is_found_again(container: str, encoder: str, write: _Write) -> bool:
             write(out)
     except (av.FFmpegError, ValueError, OSError):
         return False
-    return _named(av.Codec(encoder, "w")) in _found(file)
+    kind, name = _named(av.Codec(encoder, "w"))
+    return (kind, _raw(name, pixel_format)) in _found(file)
 
 
 def _comes_back(container: str, template: Stream) -> bool:
@@ -201,7 +202,13 @@ def _kind(stream: Stream) -> tuple[str, str]:
     context = stream.codec_context
     if context is None:
         return stream.type, getattr(stream, "name", None) or ""
-    return _named(context.codec)
+    kind, name = _named(context.codec)
+    return kind, _raw(name, getattr(context, "pix_fmt", None) or "")
+
+
+def _raw(codec: str, pixel_format: str) -> str:
+    """Codec of a stream, for raw video with its format: some muxers give bytes a wrong name."""
+    return f"rawvideo {pixel_format.replace('yuvj', 'yuv')}" if codec == "rawvideo" else codec
 
 
 def _named(codec: av.Codec) -> tuple[str, str]:
