@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 _LARGEST = 1e9
 """Numbers beyond it are slips of the hand, and overflow somewhere."""
+_LONGEST_NAME = 255  # of a file or folder, as Linux and macOS have it [byte]
 
 
 class Parser(argparse.ArgumentParser):
@@ -60,7 +62,7 @@ class Parser(argparse.ArgumentParser):
             name = word.partition("=")[0]
             if not name.startswith("--") or any(k.startswith(name) for k in self._names()):
                 continue
-            near = get_close_matches(name, self._names(), n=1)
+            near = get_close_matches(name, self._names(), n=1, cutoff=0.7)
             meant = f"did you mean {near[0]}? See" if near else "see"
             raise UsageError(f"{name} is not an option; {meant} {self.prog} --help")
 
@@ -134,12 +136,12 @@ def add_range(parser: Parser, meaning: str = "frames A to B-1, counted from 0") 
 
 def add_plate(parser: Parser, meaning: str) -> None:
     """The plate by its name."""
-    parser.add_argument("input", metavar="IN", type=input_name, help=meaning)
+    parser.add_argument("input", metavar="IN", type=plate_name, help=meaning)
 
 
 def add_result(parser: Parser, meaning: str) -> None:
     """The result by its name."""
-    parser.add_argument("output", metavar="OUT", type=output_name, help=meaning)
+    parser.add_argument("output", metavar="OUT", type=result_name, help=meaning)
 
 
 def add_source(parser: Parser) -> argparse._ArgumentGroup:
@@ -225,19 +227,40 @@ def count(text: str) -> int:
 
 
 def word(text: str) -> str:
-    """A name, from a word that is not empty."""
+    """A name that is not empty, nor longer than a file's may be."""
     if not text.strip():
         raise argparse.ArgumentTypeError("is empty; give a name")
+    longest = max(len(os.fsencode(part)) for part in text.split("/"))
+    if "://" not in text and longest > _LONGEST_NAME:
+        raise argparse.ArgumentTypeError(
+            f"is a name of {longest} bytes; a name has {_LONGEST_NAME} at most"
+        )
     return text
 
 
+def plate_name(text: str) -> str:
+    """What is read: a file, a pattern, a device, an address, `-`."""
+    return input_name(word(text))
+
+
+def result_name(text: str) -> str:
+    """What is written: a file, a pattern, an address, `-`."""
+    return output_name(word(text))
+
+
 def path(text: str) -> Path:
-    """A file or a folder, from a word that is not empty: `Path` takes that for the folder here."""
+    """A file or a folder of this machine, from a word that is not empty.
+
+    `Path` takes an empty word for the folder here, and an address for folders.
+    """
+    if "://" in text:
+        raise argparse.ArgumentTypeError(f"{text!r} is an address; give a file on this machine")
     return Path(word(text))
 
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+    sides = [int(side) if side.isdecimal() and len(side) < 7 else 0 for side in (width, height)]
+    if not all(sides):
         raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, such as 960x512")
-    return int(width), int(height)
+    return sides[0], sides[1]

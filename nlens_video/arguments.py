@@ -23,13 +23,7 @@ from nlens_video.argument_parser import (
 )
 from nlens_video.effect_arguments import add_effects, add_tracking, optics
 from nlens_video.errors import UsageError
-from nlens_video.farm_arguments import (
-    add_chunk,
-    add_farm,
-    jobs_parser,
-    lists_jobs,
-    merge_parser,
-)
+from nlens_video.farm_arguments import add_chunk, add_farm, jobs_parser, lists_jobs, merge_parser
 from nlens_video.light_arguments import add_light
 from nlens_video.live_arguments import add_live
 from nlens_video.measure_arguments import bench_parser, evaluate_parser, study_parser

@@ -13,9 +13,9 @@ from nlens_video.argument_parser import (
     base_parser,
     count,
     path,
+    plate_name,
     positive,
 )
-from nlens_video.standard_names import input_name
 
 
 def add_chunk(parser: argparse._ArgumentGroup) -> None:
@@ -51,7 +51,7 @@ def jobs_parser() -> Parser:
     )  # fmt: skip
     _add_workers(parser)
     add_overwrite(parser)
-    parser.add_argument("--no-progress", action="store_true")
+    parser.add_argument("--no-progress", action="store_true", help="no progress bar")
     return parser
 
 
@@ -76,11 +76,11 @@ def merge_parser() -> Parser:
         "chunks", metavar="CHUNK", type=path, nargs="+", help="files or folders of --as-chunk"
     )
     parser.add_argument(
-        "--from", dest="input", metavar="IN", type=input_name, required=True,
+        "--from", dest="input", metavar="IN", type=plate_name, required=True,
         help="the plate they were made from",
     )  # fmt: skip
     add_source(parser)
     add_encoding(parser)
     add_overwrite(parser)
-    parser.add_argument("--no-progress", action="store_true")
+    parser.add_argument("--no-progress", action="store_true", help="no progress bar")
     return parser

@@ -51,5 +51,7 @@ def study_parser() -> Parser:
     answers = kinds.add_parser("analyse", help="failure rates and z-tests of saved answers")
     answers.add_argument("answers", metavar="ANSWERS", type=path, nargs="+", help="JSON or CSV")
     answers.add_argument("--reference", metavar="METHOD", default="ours", help="tested against")
-    answers.add_argument("--json", action="store_true", default=argparse.SUPPRESS)
+    answers.add_argument(
+        "--json", action="store_true", default=argparse.SUPPRESS, help="print the tables as JSON"
+    )
     return parser

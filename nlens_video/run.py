@@ -98,6 +98,9 @@ def find_fit(
             if assembly.steps.fit is not None or seen >= look_through:
                 break
         fit = assembly.steps.fit
+        if not seen:
+            first, end = settings.source.frames
+            raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
         if fit is None:
             raise OutOfViewError(
                 f"{settings.scene.glb}: the object does not come into view within {seen} frames, "

@@ -11,9 +11,9 @@ from nlens_video.argument_parser import (
     count,
     number,
     path,
+    plate_name,
 )
 from nlens_video.object_arguments import add_placing, add_playback
-from nlens_video.standard_names import input_name
 
 
 def place_parser() -> Parser:
@@ -45,10 +45,10 @@ def check_parser() -> Parser:
     )
     parser = base_parser("nlens-video check", about)
     parser.add_argument(
-        "result", metavar="OUT", type=input_name, help="what nlens-video has written"
+        "result", metavar="OUT", type=plate_name, help="what nlens-video has written"
     )
     parser.add_argument(
-        "--against", dest="input", metavar="IN", type=input_name, required=True, help="its plate"
+        "--against", dest="input", metavar="IN", type=plate_name, required=True, help="its plate"
     )
     parser.add_argument(
         "--objects", metavar="N", type=count, default=1, help="separate changed places (1)"

@@ -109,16 +109,27 @@ CUBE_FACES = np.array(
 
 
 def cube_glb(
-    path: Path, *, start=(0.0, 0.0, -1.6), end=None, seconds=1.0, size=0.35, camera=True, sun=True
+    path: Path,
+    *,
+    start=(0.0, 0.0, -1.6),
+    end=None,
+    seconds=1.0,
+    size=0.35,
+    camera=True,
+    sun=True,
+    **named,
 ):
-    """A cube that stands on the ground and slides from `start` to `end`, a camera and a sun."""
+    """A cube on the ground that slides from `start` to `end`, a camera and a sun.
+
+    `named` are further fields of its node.
+    """
     builder = GlbBuilder()
     paint = builder.add(
         "materials",
         {"pbrMetallicRoughness": {"baseColorFactor": [0.8, 0.25, 0.1, 1], "metallicFactor": 0}},
     )
     mesh = builder.mesh(CUBE, CUBE_FACES, material=paint)
-    node = builder.node(mesh=mesh, translation=list(start), scale=[size] * 3)
+    node = builder.node(mesh=mesh, translation=list(start), scale=[size] * 3, **named)
     if end is not None:
         path_keys = np.array([start, end], np.float32)
         builder.animation((node, "translation", [0.0, seconds], path_keys, "LINEAR"))

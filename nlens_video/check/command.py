@@ -28,7 +28,7 @@ from nlens_video.check.measure import Measures, Measuring
 from nlens_video.check.offset import first_frame
 from nlens_video.check.regions import Track
 from nlens_video.check.sound import SoundPair
-from nlens_video.errors import InputError
+from nlens_video.errors import InputError, UsageError
 from nlens_video.settings import SourceSettings
 from nlens_video.standard_output import print_out
 from nlens_video.trim import Trim
@@ -102,6 +102,7 @@ def compare(
 
     Raises:
         InputError: one of the two cannot be read, or their frames differ in size.
+        UsageError: the plate has no frames in the range.
     """
     first = first_frame(result, plate) if find_range else 0
     if first:
@@ -120,6 +121,9 @@ def compare(
                 interrupts.look()
                 measuring.take(met)
         missing = max(0, _audio_count(given) - _audio_count(made))
+    if not read[0].count:
+        begin, end = plate.frames
+        raise UsageError(f"--range {begin}:{end or ''}: {plate.spec} has no such frames")
     tracks = objects_among(measuring.measures, objects)
     compared = measuring.measures.pairs + len(measuring.measures.dropped)
     counts = (read[1].count, compared if first else read[0].count)

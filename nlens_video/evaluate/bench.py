@@ -41,8 +41,9 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
     """
     if out is not None:
         check_matplotlib()
-        make_folder(out)
     rendered = [plate_case(folder) for folder in find_plates(plates)[0]] if plates else []
+    if out is not None:
+        make_folder(out)
     show = Progress(quiet=quiet)
     effort = QUICK if quick else FULL
     with tempfile.TemporaryDirectory() as folder:

@@ -33,8 +33,9 @@ def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) 
     """
     if out is not None:
         plots.check_matplotlib()
-        make_folder(out)
     found, passed = find_plates(folder)
+    if out is not None:
+        make_folder(out)
     protocol = _measured(found, Progress(quiet=quiet))
     text = _as_json(protocol, passed) if as_json else _as_markdown(protocol, passed)
     write = None if out is None else partial(_write, protocol, out)

@@ -44,8 +44,9 @@ def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: 
 
     if out is not None:
         check_matplotlib()
-        make_folder(out)
     found, passed = find_plates(folder)
+    if out is not None:
+        make_folder(out)
     report = Report(machine=machine(), passed=tuple(path.name for path in passed))
     with OnnxCocNetwork(find_model("coc").path) as network:
         for path in Progress(quiet=quiet).track(found, "measuring composites"):

@@ -33,9 +33,9 @@ def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool
         SceneError: a plate's GLB cannot be used.
         OutputError: `out` cannot be written.
     """
+    found, _ = find_plates(folder)
     if out is not None:
         make_folder(out)
-    found, _ = find_plates(folder)
     drawn, shadows = drawn_table(), shadow_table()
     for path in Progress(quiet=quiet).track(found, "drawing objects and shadows"):
         _measure(path, drawn, shadows)

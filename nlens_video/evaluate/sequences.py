@@ -59,10 +59,11 @@ def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: 
         LensFitError: a sequence does not tell its lens.
         OutputError: `out` cannot be written.
     """
+    found = find_sequences(folder)
     if out is not None:
         make_folder(out)
     table, frames = sequences_table(), Frames()
-    for path in Progress(quiet=quiet).track(find_sequences(folder), "compositing sequences"):
+    for path in Progress(quiet=quiet).track(found, "compositing sequences"):
         _measure(load_sequence(path), table, frames)
     text = f"{_HEADING}{', '.join(table.plates())}\n\n{table.markdown()}"
     texts = {

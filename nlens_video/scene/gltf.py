@@ -142,7 +142,8 @@ class Scene:
         if not parts:
             drawn = dict.fromkeys(self._node_names[instance.node] for instance in self._instances)
             known = listed([name for name in drawn if name])
-            raise SceneError(f"{self.path}: no object is named '{node}'; expected one of {known}")
+            there = f"expected one of {known}" if known else "its objects have no names"
+            raise SceneError(f"{self.path}: no object is named '{node}'; {there}")
         return np.concatenate(parts)
 
     def _carried_by(self, name: str) -> frozenset[int]:
@@ -239,8 +240,9 @@ class Scene:
         for camera in self._cameras:
             if name in (camera.name, camera.node_name):
                 return camera
-        known = ", ".join(self.camera_names)
-        raise SceneError(f"{self.path}: no camera is named '{name}'; expected one of {known}")
+        known = ", ".join(named for named in self.camera_names if named)
+        there = f"expected one of {known}" if known else "its cameras have no names"
+        raise SceneError(f"{self.path}: no camera is named '{name}'; {there}")
 
 
 def _name_alternatives(document: Document, animations: Animations, playback: Playback) -> None:

@@ -1,0 +1,166 @@
+"""Each word of each command once with sense and with nonsense."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from stranger.option_rows import (
+    EFFECTS,
+    ENCODING,
+    EVALUATE,
+    INPUT,
+    JOB,
+    LENS,
+    NO_FILE,
+    NO_TARGET,
+    NOT_NUMBERS,
+    OBJECT,
+    OF_A_VIDEO,
+    OUTPUT,
+    PLACING,
+    PLANNED,
+    PLATE,
+    PLAYBACK,
+    RANGE,
+    RESULTS,
+    RUN,
+    SHOWN,
+    STREAM,
+    TALK,
+    TALK_ELSEWHERE,
+    VIDEO,
+    Command,
+    Row,
+    option,
+)
+
+COMMANDS = {
+    "render": Command(
+        words=("render", "in.png", "anim.glb", "{tmp}/out.png", "--preset", "draft", "--fit",
+               "fit.json", "--no-progress"),
+        places={"input": 1, "glb": 2, "output": 3},
+        rows={
+            **TALK, "input": INPUT, **OBJECT, "output": OUTPUT, **LENS, **PLATE, **RANGE, **SHOWN,
+            **EFFECTS, **RUN, **{name: replace(row, words=VIDEO) for name, row in ENCODING.items()},
+            "input_format": replace(PLATE["input_format"], words=STREAM),
+            "as_chunk": option("--as-chunk", words=(*VIDEO[:3], "{tmp}/chunks", *VIDEO[4:])),
+                        "resume": option("--resume", words=VIDEO),
+        },
+    ),
+    "fit": Command(
+        words=("fit", "in.png", "anim.glb", "{tmp}/fit.json", "--preset", "draft",
+               "--no-progress"),
+        places={"input": 1, "glb": 2, "save_fit": 3},
+        rows={
+            **TALK, "input": INPUT, **OBJECT, **LENS, **PLATE, **RANGE, **SHOWN,
+            "save_fit": Row(sense=("{tmp}/other.json",), nonsense=NO_TARGET, codes=(2, 6)),
+        },
+    ),
+    "farm": Command(
+        words=("farm", "in.mp4", "anim.glb", "{tmp}/out.mkv", "--preset", "draft", "--fit",
+               "fit.json", "--plan"),
+        places={"input": 1, "glb": 2, "output": 3},
+        rows={
+            **TALK, "input": INPUT, **OBJECT, "output": Row(sense=("{tmp}/out.mkv",)),
+            **LENS, **OF_A_VIDEO, **EFFECTS, **PLANNED, "no_progress": SHOWN["no_progress"],
+            "overwrite": SHOWN["overwrite"],
+            "range": replace(RANGE["range"], nonsense=RANGE["range"].nonsense[:-1]),
+            "layers": replace(OBJECT["layers"], nonsense=("",)),
+            "workers": option("--workers", "2", nonsense=(*NOT_NUMBERS, "0", "-1", "1.5")),
+            "chunk": option("--chunk", "5", nonsense=(*NOT_NUMBERS, "0", "-1")),
+            "address": option("--address", "auto", nonsense=("",)),
+            "chunks": option("--chunks", "{tmp}/chunks", nonsense=("", "x" * 300)),
+            "jobs": option(elsewhere=JOB),
+        },
+    ),
+    "merge": Command(
+        words=("merge", "{tmp}/out.mkv", "chunks", "--from", "in.mp4"),
+        places={"output": 1, "chunks": 2},
+        rows={
+            **TALK, **ENCODING, "no_progress": SHOWN["no_progress"],
+            **{name: replace(row, code=2) for name, row in OF_A_VIDEO.items()},  # another plate
+            "overwrite": SHOWN["overwrite"],
+            "output": Row(sense=("{tmp}/out.mkv",), nonsense=RESULTS, codes=(2, 3, 6)),
+            "chunks": Row(sense=("chunks",), nonsense=NO_FILE, codes=(2, 3)),
+            "input": option("--from", "in.mp4", nonsense=NO_FILE, codes=(2, 3, 6)),
+        },
+    ),
+    "place": Command(
+        words=("place", "in.png", "bare.glb", "{tmp}/sheet.png"),
+        places={"input": 1, "glb": 2, "output": 3},
+        rows={
+            **TALK, "input": INPUT, "glb": OBJECT["glb"], **PLATE, **RANGE, **PLACING,
+            "output": Row(sense=("{tmp}/sheet.png",), nonsense=RESULTS, codes=(2, 6)),
+            "ground_y": OBJECT["ground_y"], "scene": OBJECT["scene"], **PLAYBACK,
+            "overwrite": SHOWN["overwrite"],
+        },
+    ),
+    "check": Command(
+        words=("check", "in.png", "--against", "in.png"),
+        places={"result": 1},
+        rows={
+            **TALK, **PLATE, **RANGE, "overwrite": SHOWN["overwrite"],
+            "input_transfer": replace(PLATE["input_transfer"], sense=("--input-transfer", "srgb")),
+            "result": Row(sense=("in.png",), nonsense=NO_FILE, codes=(2, 3)),
+            "input": option("--against", "in.png", nonsense=NO_FILE, codes=(2, 3)),
+            "objects": option("--objects", "2", nonsense=(*NOT_NUMBERS, "0", "-1", "1.5")),
+            "report": SHOWN["report"],
+        },
+    ),
+    "evaluate": Command(
+        words=("evaluate", "coc", "folder"),
+        places={"what": 1, "folder": 2},
+        rows={
+            **TALK_ELSEWHERE,
+            "what": Row(nonsense=("", "speed"), elsewhere=EVALUATE),
+            "folder": Row(nonsense=NO_FILE, codes=(2, 3),
+                          elsewhere=EVALUATE),
+            "out": option(nonsense=("", "text.txt", "x" * 300, "{tmp}/new"), codes=(2, 3, 6),
+                          elsewhere=EVALUATE),
+        },
+    ),
+    "bench": Command(
+        words=("bench", "folder"),
+        places={"folder": 1},
+        rows={
+            **TALK_ELSEWHERE,
+            "folder": Row(nonsense=NO_FILE, codes=(2, 3),
+                          elsewhere="tests/evaluate/test_bench_command.py"),
+            "out": option(nonsense=("", "text.txt", "x" * 300, "{tmp}/new"), codes=(2, 3, 6),
+                          elsewhere="tests/evaluate/test_bench_command.py"),
+            "quick": option(elsewhere="tests/evaluate/test_bench_command.py"),
+        },
+    ),
+    "study make": Command(
+        words=("study", "make", "folder", "{tmp}/page.html"),
+        places={"folder": 2, "page": 3},
+        rows={
+            "help": TALK["help"],
+            "folder": Row(nonsense=NO_FILE, codes=(2, 3), elsewhere="tests/study/test_page.py"),
+            "page": Row(nonsense=("", "folder", "x" * 300), codes=(2, 3, 6),
+                        elsewhere="tests/study/test_page.py"),
+            "overwrite": option(elsewhere="tests/study/test_page.py"),
+            "demo": option(elsewhere="tests/study/test_demo.py"),
+            "choices": option(nonsense=("", ","), codes=(2, 3),
+                              elsewhere="tests/study/test_page.py"),
+            "things": option(nonsense=("",), elsewhere="tests/study/test_page.py"),
+        },
+    ),
+    "study analyse": Command(
+        words=("study", "analyse", "text.txt"),
+        places={"answers": 2},
+        rows={
+            "help": TALK["help"], "json": option(elsewhere="tests/study/test_analysis.py"),
+            "answers": Row(nonsense=NO_FILE, codes=(2, 3),
+                           elsewhere="tests/study/test_analysis.py"),
+            "reference": option(nonsense=("", "nosuch"), codes=(2, 3),
+                                elsewhere="tests/study/test_analysis.py"),
+        },
+    ),
+    "doctor": Command(words=("doctor",), places={}, rows=TALK),
+    "completion": Command(
+        words=("completion", "bash"),
+        places={"shell": 1},
+        rows={**TALK, "shell": Row(sense=("zsh",), nonsense=("", "tcsh", "BASH"))},
+    ),
+}  # fmt: skip
