@@ -131,8 +131,7 @@ def _at_work(words: argparse.Namespace, voice: Voice) -> int:
     if words.command == "place":
         from nlens_video.place import write_contact_sheet
 
-        write_contact_sheet(arguments.place_settings(words))
-        voice.saved(words.output)
+        voice.choices(words.output, write_contact_sheet(arguments.place_settings(words)))
         return 0
     if words.command == "merge":
         from nlens_video.farm.command import run_merge

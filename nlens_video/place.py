@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from nlens_video.errors import OutputError, SceneError, UsageError
 from nlens_video.frames import Box, Float32, Float64
-from nlens_video.placing import ASSUMED_FOCAL_MM, Placing, focal_35mm, focal_of_fov
+from nlens_video.place_choices import Choice, choices
+from nlens_video.placing import ASSUMED_FOCAL_MM, Placing, focal_35mm, focal_of_fov, fov_of_focal
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
@@ -27,29 +28,19 @@ if TYPE_CHECKING:
     from nlens_video.backends.box_renderer import BoxRenderer
 
 _LONG_SIDE = 480  # of a choice [px]
-_CAPTION = 44  # height of the words under it [px]
+_ACROSS = 3  # choices side by side
+_FONT, _LINE_HEIGHT, _LEFT = 0.42, 19, 6  # of the words under a choice: OpenCV's scale, [px], [px]
 _GRID = np.arange(-4, 5)  # lines of the ground grid, in heights of the object
-_HORIZON_STEP, _SIZE_FACTOR, _YAW_STEP = 0.12, 1.5, 45.0
 _LINE, _PAPER, _INK = (255, 200, 60), 24, (235, 235, 235)  # BGR
 
 Bgr = npt.NDArray[np.uint8]
 
 
-def choices(start: Placing) -> tuple[tuple[Placing, ...], ...]:
-    """Rows of places that differ from `start` in horizon, in size and in yaw, `start` amid each."""
-    lowest = 0.5 * (start.horizon + start.at[1])  # a horizon must lie above the contact point
-    horizons = (start.horizon - _HORIZON_STEP, min(start.horizon + _HORIZON_STEP, lowest))
-    sizes = (start.size / _SIZE_FACTOR, start.size * _SIZE_FACTOR)
-    yaws = (start.yaw_deg - _YAW_STEP, start.yaw_deg + _YAW_STEP)
-    return (
-        (replace(start, horizon=horizons[0]), start, replace(start, horizon=horizons[1])),
-        (replace(start, size=sizes[0]), start, replace(start, size=sizes[1])),
-        (replace(start, yaw_deg=yaws[0]), start, replace(start, yaw_deg=yaws[1])),
-    )
-
-
-def write_contact_sheet(settings: PlaceSettings) -> None:
+def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
     """Draw the sharp object on the plate's first frame at each choice, with the words for it.
+
+    Returns:
+        The options that repeat each choice, in the order of their numbers.
 
     Raises:
         UsageError: the sheet is no PNG, or the range holds no frame.
@@ -62,12 +53,14 @@ def write_contact_sheet(settings: PlaceSettings) -> None:
     check_folder(settings.output)
     scene = Scene.load(settings.scene.glb, settings.scene.playback, settings.scene.scene)
     plate, focal = _first_frame(settings.source)
-    if settings.scene.fov_deg is not None:
-        focal = focal_of_fov(settings.scene.fov_deg, (plate.shape[1], plate.shape[0]))
-    sheet = _drawn(scene, plate, focal or ASSUMED_FOCAL_MM, settings)
+    size = (plate.shape[1], plate.shape[0])
+    focal = focal or ASSUMED_FOCAL_MM
+    shown = choices(settings.start, settings.scene.fov_deg, fov_of_focal(focal, size))
+    words = [choice.words(settings.scene) for choice in shown]
     with replacing(settings.output) as partial:
-        if not cv2.imwrite(str(partial), sheet):
+        if not cv2.imwrite(str(partial), _drawn(scene, plate, focal, shown, words, settings)):
             raise OutputError(f"{settings.output}: cannot be written; is the disk full?")
+    return tuple(" ".join(one) for one in words)
 
 
 def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None]:
@@ -88,20 +81,28 @@ def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:
     return np.ascontiguousarray(np.round(255.0 * small[..., ::-1]).clip(0, 255).astype(np.uint8))
 
 
-def _drawn(scene: Scene, plate: Bgr, focal: float, settings: PlaceSettings) -> Bgr:
+def _drawn(
+    scene: Scene, plate: Bgr, focal: float, shown: Sequence[Choice],
+    words: Sequence[tuple[str, ...]], settings: PlaceSettings,
+) -> Bgr:  # fmt: skip
     from nlens_video.backends.choose_renderer import choose_renderer
 
     vertices = scene.pose(0.0).vertices()
     ground = contact_point(vertices, settings.scene.ground_y)
+    width = plate.shape[1]
     with choose_renderer(scene) as renderer:
         stand = _Stand(vertices, ground, plate, focal, renderer)
-        made: dict[Placing, Bgr] = {}
-        for row in choices(settings.start):
-            for placing in row:
-                if placing not in made:
-                    made[placing] = stand.choice(placing)
-    rows = [np.hstack([made[placing] for placing in row]) for row in choices(settings.start)]
-    return np.vstack(rows)
+        drawn = [stand.choice(choice) for choice in shown]
+    texts = [
+        _lines(number, one, width) if seen else [f"{number}  reaches behind the camera"]
+        for number, (one, (_, seen)) in enumerate(zip(words, drawn, strict=True), start=1)
+    ]
+    height = max(map(len, texts))
+    cells = [
+        np.vstack([picture, _caption(width, text, height)])
+        for (picture, _), text in zip(drawn, texts, strict=True)
+    ]
+    return np.vstack([np.hstack(cells[at : at + _ACROSS]) for at in range(0, len(cells), _ACROSS)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,18 +115,18 @@ class _Stand:
     focal: float
     renderer: BoxRenderer
 
-    def choice(self, placing: Placing) -> Bgr:
-        """One place: plate, ground grid, horizon, object, and the words under it."""
+    def choice(self, choice: Choice) -> tuple[Bgr, bool]:
+        """One place: plate, ground grid, horizon and object, and whether it can be seen so."""
         picture = self.plate.copy()
-        height, width = picture.shape[:2]
+        size = (picture.shape[1], picture.shape[0])
+        focal = self.focal if choice.fov_deg is None else focal_of_fov(choice.fov_deg, size)
         try:
-            camera = place_camera(self.vertices, self.contact, placing, self.focal, (width, height))
+            camera = place_camera(self.vertices, self.contact, choice.placing, focal, size)
         except SceneError:
-            camera = None
-        if camera is not None:
-            self._draw_ground(picture, camera, placing)
-            self._draw_object(picture, camera)
-        return np.vstack([picture, _caption(width, placing, shown=camera is not None)])
+            return picture, False
+        self._draw_ground(picture, camera, choice.placing)
+        self._draw_object(picture, camera)
+        return picture, True
 
     def _draw_ground(self, picture: Bgr, camera: Camera, placing: Placing) -> None:
         height, width = picture.shape[:2]
@@ -158,12 +159,23 @@ def _grid_lines(contact: Float64, spacing: float) -> Iterator[Float64]:
             yield contact + spacing * np.stack([x, np.zeros_like(x), z], axis=1)
 
 
-def _caption(width: int, placing: Placing, *, shown: bool) -> Bgr:
-    caption = np.full((_CAPTION, width, 3), _PAPER, np.uint8)
-    words = placing.words()
-    half = words.index(" --yaw")
-    lines = (words[:half], words[half + 1 :] if shown else "reaches behind the camera")
+def _lines(number: int, words: tuple[str, ...], width: int) -> list[str]:
+    """The words of a choice in lines that fit under it; no option is parted from its value."""
+    lines = [f"{number} "]
+    for word in words:
+        if len(lines[-1]) > 2 and _wide(f"{lines[-1]} {word}") > width - 2 * _LEFT:
+            lines.append("  ")
+        lines[-1] += f" {word}"
+    return lines
+
+
+def _wide(line: str) -> int:
+    return int(cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)[0][0])
+
+
+def _caption(width: int, lines: list[str], height: int) -> Bgr:
+    caption = np.full((8 + _LINE_HEIGHT * height, width, 3), _PAPER, np.uint8)
     for number, line in enumerate(lines):
-        spot = (6, 17 + 19 * number)
-        cv2.putText(caption, line, spot, cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+        spot = (_LEFT, 17 + _LINE_HEIGHT * number)
+        cv2.putText(caption, line, spot, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _INK, 1, cv2.LINE_AA)
     return caption

@@ -66,6 +66,12 @@ def focal_of_fov(fov_deg: float, size: tuple[int, int], pixel_aspect: float = 1.
     return distance * FULL_FRAME_DIAGONAL_MM / math.hypot(width, size[1])
 
 
+def fov_of_focal(focal_mm: float, size: tuple[int, int]) -> float:
+    """Field of view across a frame of square pixels, the inverse of `focal_of_fov` [deg]."""
+    distance = focal_mm * math.hypot(*size) / FULL_FRAME_DIAGONAL_MM
+    return 2.0 * math.degrees(math.atan(0.5 * size[0] / distance))
+
+
 def focal_35mm(metadata: Mapping[str, str]) -> float | None:
     """35 mm equivalent focal length that a recording's metadata tell [mm], None if they do not."""
     for key, value in metadata.items():

@@ -102,6 +102,15 @@ class Voice:
         elif not self._quiet:
             self._say("saved", str(path))
 
+    def choices(self, path: Path, options: tuple[str, ...]) -> None:
+        """Show that a contact sheet was written, and the options of each of its pictures."""
+        if self._json:
+            self._emit({"saved": str(path), "choices": options})
+        elif not self._quiet:
+            self._say("saved", str(path))
+            for number, line in enumerate(options, start=1):
+                self._say(str(number), line)
+
     def chunk(self, chunk: Chunk) -> None:
         """Show a chunk that was rendered, or was there."""
         if self._json:

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import shlex
 from types import SimpleNamespace
 
 import av
@@ -12,11 +13,11 @@ import pytest
 import shots
 from scene.glb_builder import GlbBuilder
 
-from nlens_video import Compositor
+from nlens_video import Compositor, arguments
 from nlens_video.cli import main
 from nlens_video.errors import UsageError
-from nlens_video.place import choices
-from nlens_video.placing import Placing
+from nlens_video.place_choices import Choice, choices
+from nlens_video.placing import Placing, focal_of_fov, fov_of_focal
 from nlens_video.settings import ObjectSettings
 
 pytestmark = pytest.mark.needs_gl
@@ -106,7 +107,12 @@ def test_a_scene_is_chosen_by_name(files, tmp_path):
         ("cube.glb", ["--at", "0.5,0.4", "--size", "1"], 2, "lies above the horizon"),
         ("camera.glb", [*WORDS, "--camera", "Plate"], 2, "leave one of them out"),
         ("camera.glb", [*WORDS, "--layers", "l.exr"], 2, "leave --at out"),
-        ("camera.glb", ["--footprint", "car"], 4, "no object is named 'car'; expected one of"),
+        (
+            "camera.glb",
+            ["--footprint", "car"],
+            4,
+            "no object is named 'car'; its objects have no names",
+        ),
         ("camera.glb", ["--animation", "run"], 4, "the file has none"),
         ("camera.glb", ["--animation-speed", "0"], 2, "not a positive number"),
         ("camera.glb", ["--animation-offset", "inf"], 2, "not a number of usual size"),
@@ -121,13 +127,20 @@ def test_words_that_cannot_be_followed_are_answered_with_one_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_the_choices_differ_in_horizon_size_and_yaw_round_the_start():
+def test_nine_choices_differ_from_the_start_in_one_thing_each():
     start = Placing(at=(0.5, 0.8), size=0.3, yaw_deg=10.0, horizon=0.75)
-    rows = choices(start)
-    assert [row[1] for row in rows] == [start] * 3
-    assert [p.horizon for p in rows[0]] == pytest.approx([0.63, 0.75, 0.775])
-    assert [p.size for p in rows[1]] == pytest.approx([0.2, 0.3, 0.45])
-    assert [p.yaw_deg for p in rows[2]] == [-35.0, 10.0, 55.0]
+    shown = choices(start, None, 60.0)
+    assert len(set(shown)) == 9 and shown[0] == Choice(start, None)
+    places = [choice.placing for choice in shown]
+    assert [p.horizon for p in places[1:3]] == pytest.approx([0.63, 0.775])
+    assert [p.yaw_deg for p in places[3:6]] == [-35.0, 55.0, 190.0]
+    assert [p.size for p in places[6:8]] == pytest.approx([0.2, 0.45])
+    assert shown[8] == Choice(start, 30.0)
+    assert [choice.fov_deg for choice in choices(start, 40.0, 60.0)] == [40.0] * 8 + [20.0]
+
+
+def test_field_of_view_and_focal_length_are_each_others_inverse():
+    assert fov_of_focal(focal_of_fov(50.0, (960, 512)), (960, 512)) == pytest.approx(50.0)
 
 
 def test_the_contact_sheet_shows_the_object_at_each_choice(files, tmp_path):
@@ -135,15 +148,29 @@ def test_the_contact_sheet_shows_the_object_at_each_choice(files, tmp_path):
         "place", files / "plate.png", files / "cube.glb", tmp_path / "s.png", *WORDS, "--json"
     )
     assert run.code == 0, run.err
-    assert json.loads(run.out) == {"saved": str(tmp_path / "s.png")}
+    told = json.loads(run.out)
+    assert told["saved"] == str(tmp_path / "s.png") and len(set(told["choices"])) == 9
     sheet = cv2.imread(str(tmp_path / "s.png"))
-    high = sheet.shape[0] // 3
     cells = [row[:270, 480 * n : 480 * n + 480] for row in np.split(sheet, 3) for n in range(3)]
-    assert (high, sheet.shape[1]) == (270 + 44, 3 * 480)
-    assert np.array_equal(cells[1], cells[4]) and np.array_equal(cells[1], cells[7])
+    assert sheet.shape[1] == 3 * 480 and sheet.shape[0] > 3 * (270 + 25)
+    assert all(not np.array_equal(cells[0], other) for other in cells[1:])
     orange = [((c[..., 2] > 1.6 * c[..., 0]) & (c[..., 2] > 40)).sum() for c in cells]
     assert min(orange) > 500
-    assert orange[3] < 0.6 * orange[4] < 0.36 * orange[5]  # smaller, as told, larger
+    assert orange[6] < 0.6 * orange[0] < 0.36 * orange[7]  # smaller, as told, larger
+
+
+def test_words_of_a_choice_repeat_it(files, tmp_path):
+    shots.cube_glb(tmp_path / "cube.glb", camera=False, end=(0.1, 0.0, -1.6))
+    words = [*WORDS, "--ground-y", "-0.1", "--animation", "0", "--animation-speed", "2", "--loop",
+             "--animation-offset", "0.25", "--scene", "0", "--fov", "50", "--yaw", "0"]  # fmt: skip
+    run = nlens("place", files / "plate.png", tmp_path / "cube.glb", tmp_path / "s.png", *words)
+    assert run.code == 0, run.err
+    first, *_, last = (line.split(maxsplit=1)[1] for line in run.err.splitlines()[1:])
+    for line, fov in ((first, 50.0), (last, 25.0)):
+        pasted = arguments.parse(["in.png", "cube.glb", "o.png", *shlex.split(line)])
+        asked = arguments.parse(["in.png", "cube.glb", "o.png", *words])
+        asked.fov = fov
+        assert arguments.settings(pasted).scene == arguments.settings(asked).scene
 
 
 def test_a_contact_sheet_needs_no_sound_choice_everywhere(files, tmp_path):
