@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlens_video import arguments, completion, interrupts
+from nlens_video.command_paths import drop_protocol
 from nlens_video.errors import NlensError, ReaderGone
 from nlens_video.existing_outputs import settle_existing
 from nlens_video.overwriting import refuse_overwriting
@@ -110,6 +111,7 @@ def _leave_a_stuck_reader(code: int) -> None:
 
 def _run(argv: list[str]) -> int:
     words = arguments.parse(argv)
+    drop_protocol(words)
     refuse_overwriting(words)
     settle_existing(words, overwrite=getattr(words, "overwrite", False))
     if words.command in SIDE_COMMANDS:

@@ -177,3 +177,18 @@ def uses(words: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterato
                 NamedFiles(path, () if single else word.inside),
                 word.of is not None,
             )
+
+
+def drop_protocol(words: argparse.Namespace) -> None:
+    """Turn `file:p.mp4`, FFmpeg's way of saying that a path is meant, into that path, in place."""
+    for dest in {word.dest for word in PATH_WORDS[form(words)]}:
+        value = getattr(words, dest, None)
+        if isinstance(value, list):
+            setattr(words, dest, [_bare(one) for one in value])
+        elif value is not None:
+            setattr(words, dest, _bare(value))
+
+
+def _bare(given: str | Path) -> str | Path:
+    path = local_path(str(given)) if str(given).startswith("file:") else None
+    return given if path is None else type(given)(path)
