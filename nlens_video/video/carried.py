@@ -7,6 +7,7 @@ from fractions import Fraction
 import av
 import av.container
 from av.stream import Disposition, Stream
+from av.video.stream import VideoStream
 
 from nlens_video.video.audio import AudioEncoder
 from nlens_video.video.containers import copy_of, holds_stream
@@ -15,7 +16,15 @@ from nlens_video.video.muxers import MP4_FAMILY
 from nlens_video.video.subtitles import SubtitleEncoder
 
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
-_OF_THE_OLD_PICTURES = ("encoder", "duration", "bps", "number_of_", "_statistics_", "rotate")
+_OF_THE_OLD_PICTURES = (
+    "encoder",
+    "duration",
+    "bps",
+    "number_of_",
+    "_statistics_",
+    "rotate",
+    "alpha_mode",
+)
 """Beginnings of tags that no longer hold once pictures are encoded anew."""
 _TIMECODE = ("mov", "mp4", "mxf", "matroska", "webm", "nut", "dv", "gxf")
 """Containers that hold the timecode of the first frame."""
@@ -122,11 +131,13 @@ def _has_timecode(info: SourceInfo) -> bool:
     return "timecode" in map(str.lower, (*info.stream_metadata, *info.metadata))
 
 
-def set_tags(stream: Stream, info: SourceInfo) -> None:
+def set_tags(stream: VideoStream, info: SourceInfo) -> None:
     """Give the new pictures the tags and dispositions of the old ones."""
     for key, value in info.stream_metadata.items():
         if not key.lower().startswith(_OF_THE_OLD_PICTURES):
             stream.metadata[key] = value
+    if stream.pix_fmt == "yuva420p" and stream.name in ("libvpx", "libvpx-vp9"):
+        stream.metadata["alpha_mode"] = "1"
     stream.disposition = Disposition(info.disposition)
 
 

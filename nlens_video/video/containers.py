@@ -30,7 +30,13 @@ _SIZE = (352, 288)  # one that H.263 and DNxHR have, too [px]
 _SIZES = {"dvvideo": (720, 576)}
 _BLOCK = 1152
 """Samples of sound in a block of a trial, where the encoder does not say [1]."""
-_OPTIONS = {"libx265": {"x265-params": "log-level=none"}, "dnxhd": {"profile": "dnxhr_hq"}}
+_OPTIONS = {
+    "libx265": {"x265-params": "log-level=none"},
+    "dnxhd": {"profile": "dnxhr_hq"},
+    "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
+}
+_ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
+"""Encoders that put alpha beside the pictures, where Matroska alone has a place for it."""
 _SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experiments
 _Write = Callable[[av.container.OutputContainer], None]
 
@@ -45,6 +51,9 @@ def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
         pixel_format: FFmpeg's name of the one that the encoder is given.
     """
     if container in _PROGRAM_STREAMS and encoder not in ("mpeg1video", "mpeg2video"):
+        return False
+    beside = encoder in _ALPHA_BESIDE and pixel_format == "yuva420p"
+    if beside and container not in ("matroska", "webm"):
         return False
 
     def write(out: av.container.OutputContainer) -> None:

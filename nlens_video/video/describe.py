@@ -15,6 +15,7 @@ from nlens_video.video.picture import AvPicture
 from nlens_video.video.samples import frame_tags
 
 _SRGB_TRC = 13
+_WANDERING = Fraction(1, 1000)
 _HDR_METADATA = (
     SideDataType.MASTERING_DISPLAY_METADATA, SideDataType.CONTENT_LIGHT_LEVEL,
     SideDataType.DYNAMIC_HDR_PLUS, SideDataType.DOVI_METADATA,
@@ -52,7 +53,8 @@ def described(
     return SourceInfo(
         name=spec, kind=kind, width=worked.width, height=worked.height,
         rotation=rotation, time_base=stream.time_base or Fraction(1, 1000),
-        average_rate=rate or None, frame_count=1 if kind == "still" else count,
+        average_rate=rate or None, steady=_is_steady(stream),
+        frame_count=1 if kind == "still" else count,
         duration_s=duration, pixel_format=first.format.name, tags=tags,
         frame_tags=FrameTags(
             colorspace=first.colorspace, color_range=first.color_range,
@@ -91,6 +93,17 @@ def _is_written_anew(container: av.container.InputContainer, stream: Stream) -> 
         return False
     chapters = stream.discard == Discard.all and bool(container.chapters())
     return chapters or "timecode" in stream.metadata
+
+
+def _is_steady(stream: av.video.stream.VideoStream) -> bool:
+    """Whether the rate by which all time stamps can be told is the average one.
+
+    Time stamps in milliseconds make the average wander a little.
+    """
+    average, base = stream.average_rate, stream.base_rate
+    if not average or not base:
+        return False
+    return abs(average / base - 1) < _WANDERING
 
 
 def _tells_hdr(frame: av.VideoFrame) -> bool:

@@ -78,6 +78,8 @@ class FixedRateClock(EncoderClock):
 def encoder_clock(codec: str, container: str, info: SourceInfo) -> EncoderClock:
     """The clock that an encoder and a container can do with."""
     fixed = codec in _FIXED_RATE or container == "yuv4mpegpipe"
+    # AVI has a place for each tick of its clock, not for times; readers take the ticks for frames.
+    fixed |= container == "avi" and info.steady
     fine = codec == "mpeg4" and info.time_base.denominator > _MPEG4_LARGEST
     if fixed or fine:
         return FixedRateClock(info, info.average_rate or Fraction(25))

@@ -133,6 +133,8 @@ def encoder_options(
     options = dict(_OPTIONS.get(encoder, {}))
     if encoder == "dnxhd" and "10" in pixel_format:
         options["profile"] = "dnxhr_hqx" if "422" in pixel_format else "dnxhr_444"
+    if encoder == "libvpx" and pixel_format == "yuva420p":
+        options["auto-alt-ref"] = "0"  # it refuses transparency with them
     if encoder == "prores_ks":
         options["profile"] = "4444" if "444" in pixel_format else "hq"
     if crf is not None:
@@ -149,6 +151,8 @@ def nearest_format(wanted: str, formats: list[str], codec: str) -> str:
     # x264 and its like would take 4:4:4, which few players show, for what came as RGB.
     playable = codec in ("libx264", "libx265", "libvpx-vp9", "libvpx")
     if goal is None or (goal.family != "yuv" and playable):
+        if goal is not None and goal.alpha and "yuva420p" in formats:
+            return "yuva420p"
         deep = goal is not None and goal.bits != 8
         name = "yuv420p10le" if deep and "yuv420p10le" in formats else "yuv420p"
         return name if name in formats else formats[0]

@@ -41,7 +41,7 @@ _CHOOSY = ("dnxhd", "dvvideo", "h263", "mpeg1video", "mpeg2video", "cfhd", "v210
 _MPEG_RATES = (
     24, 25, 30, 50, 60, *(Fraction(n * 1000, 1001) for n in (24, 30, 60))
 )  # fmt: skip
-"""Frame rates that an MPEG-1 or MPEG-2 header can name [1/s]."""
+"""Frame rates that the header of MPEG-1, MPEG-2 or MXF can name [1/s]."""
 
 
 Holds = Callable[[str, str], bool]
@@ -96,29 +96,35 @@ def choose_encoding(
         name = "libx264" if rgb and "rgb" not in pix_fmt else name
         check_pixel_format(pix_fmt, name)
     wanted = pix_fmt or working_format(info.pixel_format)
-    chosen = pix_fmt or _format(info, name)
-    if not holds(name, chosen):
+    chosen = pix_fmt or _format(info, name, holds)
+    if not chosen or not holds(name, chosen):
         raise UsageError(
-            f"{container} does not hold {name} in {chosen}; give another OUT, --codec or --pix-fmt"
+            f"{container} does not hold {name} in {chosen or wanted}; "
+            "give another OUT, --codec or --pix-fmt"
         )
     # Encoders take no such side data from the frames that they are given.
     reasons = ["HDR mastering metadata is not carried over"] if info.hdr_metadata else []
     reasons += [why] if why else []
     if chosen != wanted:
-        reasons.append(f"pixel format {chosen} instead of {wanted}: nearest that {name} takes")
+        lost = "; alpha is left out" if _has_alpha(wanted) and not _has_alpha(chosen) else ""
+        reasons.append(
+            f"pixel format {chosen} instead of {wanted}: nearest that {name} takes{lost}"
+        )
     options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
     if container in _NO_ORDER:
         options["bf"] = "0"
     return Encoding(codec=name, pixel_format=chosen, options=options, reasons=tuple(reasons))
 
 
+def _has_alpha(pixel_format: str) -> bool:
+    return any(one.is_alpha for one in av.VideoFormat(pixel_format).components)
+
+
 def _encoder(info: SourceInfo, holds: Holds, container: str, default: str) -> tuple[str, str]:
     """The first encoder that goes, and why it is not the source's where that is so."""
     for name in _candidates(info, container, default):
-        chosen = _format(info, name)
-        if is_recent(container, name) or not holds(name, chosen):
-            continue
-        if _opens(info, name, chosen):
+        chosen = "" if is_recent(container, name) else _format(info, name, holds)
+        if chosen and _opens(info, name, chosen):
             break
     else:
         width, height = info.stored_size
@@ -131,7 +137,7 @@ def _encoder(info: SourceInfo, holds: Holds, container: str, default: str) -> tu
     if info.kind in ("still", "sequence") or canonical(name) == canonical(info.codec):
         return name, ""
     why = f"{container} does not hold it" if own else "it has no encoder here"
-    if own and not is_recent(container, own) and holds(own, _format(info, own)):
+    if own and not is_recent(container, own) and _format(info, own, holds):
         why = "its encoder refuses such pictures"
     return name, f"codec {name} instead of the source's {canonical(info.codec)}: {why}"
 
@@ -145,7 +151,7 @@ def _own(info: SourceInfo) -> str:
 
 def _candidates(info: SourceInfo, container: str, default: str) -> Iterator[str]:
     """Encoders in the order of preference."""
-    if default == "none":
+    if default == "none" or (container == "mxf" and info.average_rate not in _MPEG_RATES):
         return
     own = _own(info)
     if own == "libx264" and av.VideoFormat(working_format(info.pixel_format)).is_rgb:
@@ -181,11 +187,28 @@ def _opens(info: SourceInfo, name: str, pixel_format: str) -> bool:
     return True
 
 
-def _format(info: SourceInfo, name: str) -> str:
-    """The pixel format that an encoder is given: the source's, or the nearest that it takes."""
+def _formats(info: SourceInfo, name: str) -> list[str]:
+    """The pixel formats that an encoder may be given, the best first.
+
+    The source's, or the nearest that it takes; where that has alpha, what more containers hold.
+    """
     wanted = working_format(info.pixel_format)
     formats = pixel_formats(name)
-    chosen = wanted if not formats or wanted in formats else nearest_format(wanted, formats, name)
-    if name == "libx264" and layout(chosen) and any(size % 2 for size in info.stored_size):
-        chosen = chosen.replace("420", "444").replace("422", "444")  # x264 wants even sizes
-    return chosen
+    if not formats or wanted in formats:
+        best = wanted
+    else:
+        best = nearest_format(wanted, formats, name)
+    choices = [best]
+    if _has_alpha(best):
+        plain = [one for one in formats if not _has_alpha(one)]
+        choices += ["yuva420p"] if "yuva420p" in formats else []
+        choices += [nearest_format(wanted, plain, name)] if plain else []
+    if name == "libx264" and layout(best) and any(size % 2 for size in info.stored_size):
+        # x264 wants even sizes
+        choices = [one.replace("420", "444").replace("422", "444") for one in choices]
+    return choices
+
+
+def _format(info: SourceInfo, name: str, holds: Holds) -> str:
+    """The best pixel format for an encoder that the container holds; empty: none."""
+    return next((one for one in _formats(info, name) if holds(name, one)), "")

@@ -58,6 +58,7 @@ class SourceInfo:
         rotation: counter-clockwise turn from stored to displayed samples [deg].
         time_base: seconds per tick of a pts [s].
         average_rate: frames per second, None where the source does not say [1/s].
+        steady: whether all frames are as far apart as the average rate has it.
         frame_count: estimate, None where the source does not say.
         duration_s: length, None where the source does not say [s].
         pixel_format: FFmpeg's name of the format the frames come in; `gbrpf32le` for OpenEXR.
@@ -83,6 +84,7 @@ class SourceInfo:
     rotation: int = 0
     time_base: Fraction
     average_rate: Fraction | None
+    steady: bool = True
     frame_count: int | None
     duration_s: float | None
     pixel_format: str

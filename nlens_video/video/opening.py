@@ -9,6 +9,7 @@ from pathlib import Path
 import av
 import av.container
 import av.video.stream
+from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.errors import InputError, UsageError
 from nlens_video.frames import MOST_PIXELS
@@ -24,6 +25,9 @@ _TIMELESS = (
 """Containers that hold bare pictures; beside them there are image files and devices."""
 _NO_DEVICES = ("image2", "rtp", "rtsp", "sap", "alsa", "oss")
 """FFmpeg's inputs that open no file themselves, and yet are no devices with pictures."""
+
+_WITH_ALPHA = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
+"""Decoders that read the alpha beside the pictures."""
 
 DECODER = {"max_pixels": str(MOST_PIXELS)}
 """FFmpeg's options of any decoder: it then refuses a larger picture, wherever it comes."""
@@ -112,6 +116,19 @@ def video_stream(container: av.container.InputContainer, spec: str) -> av.video.
     if stream.codec_context is None:
         raise InputError(f"{spec}: nothing here decodes its video stream; convert it first")
     return stream
+
+
+def decoder_of(stream: av.video.stream.VideoStream) -> VideoCodecContext:
+    """What decodes a stream: FFmpeg's choice, but for VP8 and VP9 with alpha, which that drops."""
+    own = stream.codec_context
+    alpha = "1" in (value for key, value in stream.metadata.items() if key.lower() == "alpha_mode")
+    if not alpha or own.name not in _WITH_ALPHA:
+        return own
+    context = av.CodecContext.create(_WITH_ALPHA[own.name], "r")
+    if not isinstance(context, VideoCodecContext):
+        return own
+    context.extradata = own.extradata
+    return context
 
 
 def _format(hints: InputHints) -> tuple[str | None, dict[str, str]]:

@@ -18,7 +18,7 @@ from nlens_video.video.conform import Conform
 from nlens_video.video.describe import copied_streams, described
 from nlens_video.video.exr_source import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, is_cover
-from nlens_video.video.opening import DECODER, InputHints, open_container, video_stream
+from nlens_video.video.opening import DECODER, InputHints, decoder_of, open_container, video_stream
 from nlens_video.video.picture import AvPicture
 from nlens_video.video.source_clock import SourceClock
 
@@ -118,8 +118,9 @@ class AvSource:
             self._copied = copied_streams(self._container, self._stream, kind)
             self._completeness = Completeness(self._container, (self._stream, *self._copied))
             self._is_file = kind == "video"
-            self._stream.codec_context.thread_type = "AUTO"
-            self._stream.codec_context.options = DECODER
+            self._decoder = decoder_of(self._stream)
+            self._decoder.thread_type = "AUTO"
+            self._decoder.options = DECODER
             declared = (self._stream.codec_context.width, self._stream.codec_context.height)
             self._decoded = self._decode()
             first = next(self._decoded, None)
@@ -212,7 +213,7 @@ class AvSource:
                     self._hand_on(packet)
                 continue
             try:
-                frames = self._stream.decode(packet)
+                frames = self._decoder.decode(packet)
             except av.FFmpegError:
                 self.damaged += 1
                 failed += 1

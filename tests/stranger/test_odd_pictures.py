@@ -1,0 +1,84 @@
+"""Pictures of odd sizes, rates and formats: the result is what the ffmpeg program can read."""
+
+from fractions import Fraction
+
+import av
+import pytest
+from support.programs import codecs, complaints, made, streams
+from video.clips import copy
+
+from nlens_video.errors import OutputError
+
+pytestmark = pytest.mark.needs_programs("ffmpeg", "ffprobe")
+
+
+def clip(path, codec, pixel_format, *words, size="64x48", rate="25"):
+    source = f"testsrc=s={size}:r={rate}"
+    return made(
+        "-f", "lavfi", "-i", source, "-frames:v", 6, *words, "-c:v", codec, "-pix_fmt",
+        pixel_format, path,
+    )  # fmt: skip
+
+
+def count(path):
+    with av.open(str(path)) as source:
+        return sum(1 for _ in source.decode(video=0))
+
+
+@pytest.mark.parametrize("size", ["63x47", "64x47", "65x49"])
+@pytest.mark.parametrize(
+    ("codec", "pixel_format"),
+    [
+        ("libx264", "yuv444p"), ("libx265", "yuv420p"), ("libvpx-vp9", "yuv420p"),
+        ("mpeg2video", "yuv420p"), ("mpeg4", "yuv420p"), ("mjpeg", "yuvj420p"), ("ffv1", "yuv420p"),
+    ],
+)  # fmt: skip
+def test_odd_sizes_keep_codec_and_size(codec, pixel_format, size, tmp_path):
+    plate = clip(tmp_path / "in.mkv", codec, pixel_format, size=size)
+    copy(plate, tmp_path / "out.mp4")
+    assert codecs(tmp_path / "out.mp4") == codecs(plate)
+    found = streams(tmp_path / "out.mp4")[0]
+    assert f"{found['width']}x{found['height']}" == size
+    assert complaints(tmp_path / "out.mp4") == ""
+
+
+@pytest.mark.parametrize("ending", ["mov", "mkv", "avi", "nut"])
+@pytest.mark.parametrize("pixel_format", ["nv12", "uyvy422", "bgr24", "rgb24", "yuv420p", "gray"])
+def test_raw_pictures_stay_raw_only_where_readers_know_their_format(pixel_format, ending, tmp_path):
+    plate = clip(tmp_path / "in.nut", "rawvideo", pixel_format)
+    out = tmp_path / f"out.{ending}"
+    notes = " ".join(copy(plate, out))
+    assert complaints(out) == ""
+    found = streams(out)[0]
+    if found["codec_name"] == "rawvideo":
+        worked = {"nv12": "yuv420p", "uyvy422": "yuv422p"}.get(pixel_format, pixel_format)
+        assert found["pix_fmt"] == worked
+    else:
+        assert "instead of the source's rawvideo" in notes
+
+
+@pytest.mark.parametrize("ending", ["mkv", "mp4"])
+@pytest.mark.parametrize("rate", ["25", "30000/1001", "12"])
+def test_avi_has_the_rate_of_its_source(rate, ending, tmp_path):
+    plate = clip(tmp_path / f"in.{ending}", "libx264", "yuv420p", rate=rate)
+    copy(plate, tmp_path / "out.avi")
+    found = streams(tmp_path / "out.avi")[0]
+    assert (Fraction(found["r_frame_rate"]), found["nb_frames"]) == (
+        pytest.approx(Fraction(rate)),
+        "6",
+    )
+    assert count(tmp_path / "out.avi") == 6
+
+
+@pytest.mark.parametrize("ending", ["mpg", "mxf"])
+def test_rate_that_a_container_cannot_name_is_refused_before_a_frame_is_written(ending, tmp_path):
+    plate = clip(tmp_path / "in.mkv", "libx264", "yuv420p", rate="15")
+    with pytest.raises(OutputError, match="at 15 frames per second"):
+        copy(plate, tmp_path / f"out.{ending}")
+
+
+def test_mpeg2_at_a_rate_of_its_own_is_not_called_its_own_substitute(tmp_path):
+    plate = clip(tmp_path / "in.mov", "mpeg2video", "yuv420p", "-strict", "-2", rate="15")
+    notes = " ".join(copy(plate, tmp_path / "out.mov"))
+    assert "mpeg2video instead of the source's mpeg2video" not in notes
+    assert "instead of the source's mpeg2video: its encoder refuses such pictures" in notes
