@@ -33,6 +33,8 @@ _LOSSLESS = ("ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "qtrle", "png"
 _INTERMEDIATE = ("prores", "dnxhd", "cfhd")
 _EDITING = ("matroska", "avi", "nut", "mxf", "mov")
 """Containers in which lossless and intermediate codecs are looked for."""
+_EVEN = ("libx264", "libx265")
+"""Encoders that want sizes to be multiples of what chroma is subsampled by."""
 _NO_ORDER = ("avi", "asf", "mxf")
 """Containers that do not tell when a picture is shown, only when it is decoded: no B-frames."""
 _FALLBACKS = ("libx264", "libvpx-vp9", "mpeg2video")
@@ -203,8 +205,7 @@ def _formats(info: SourceInfo, name: str) -> list[str]:
         plain = [one for one in formats if not _has_alpha(one)]
         choices += ["yuva420p"] if "yuva420p" in formats else []
         choices += [nearest_format(wanted, plain, name)] if plain else []
-    if name == "libx264" and layout(best) and any(size % 2 for size in info.stored_size):
-        # x264 wants even sizes
+    if name in _EVEN and layout(best) and any(size % 2 for size in info.stored_size):
         choices = [one.replace("420", "444").replace("422", "444") for one in choices]
     return choices
 

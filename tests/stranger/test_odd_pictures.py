@@ -29,7 +29,7 @@ def count(path):
 @pytest.mark.parametrize(
     ("codec", "pixel_format"),
     [
-        ("libx264", "yuv444p"), ("libx265", "yuv420p"), ("libvpx-vp9", "yuv420p"),
+        ("libx264", "yuv444p"), ("libx265", "yuv444p"), ("libvpx-vp9", "yuv420p"),
         ("mpeg2video", "yuv420p"), ("mpeg4", "yuv420p"), ("mjpeg", "yuvj420p"), ("ffv1", "yuv420p"),
     ],
 )  # fmt: skip
@@ -39,6 +39,14 @@ def test_odd_sizes_keep_codec_and_size(codec, pixel_format, size, tmp_path):
     assert codecs(tmp_path / "out.mp4") == codecs(plate)
     found = streams(tmp_path / "out.mp4")[0]
     assert f"{found['width']}x{found['height']}" == size
+    assert complaints(tmp_path / "out.mp4") == ""
+
+
+@pytest.mark.parametrize("codec", ["libx264", "libx265"])
+def test_encoder_that_wants_even_sizes_gets_full_chroma_for_odd_ones(codec, tmp_path):
+    plate = clip(tmp_path / "in.mkv", "ffv1", "yuv420p", size="63x47")
+    notes = " ".join(copy(plate, tmp_path / "out.mp4", codec=codec))
+    assert f"pixel format yuv444p instead of yuv420p: nearest that {codec} takes" in notes
     assert complaints(tmp_path / "out.mp4") == ""
 
 
