@@ -253,7 +253,7 @@ def path(text: str) -> Path:
 
     `Path` takes an empty word for the folder here, and an address for folders.
     """
-    if "://" in text:
+    if "://" in text and not text.startswith("file:"):
         raise argparse.ArgumentTypeError(f"{text!r} is an address; give a file on this machine")
     return Path(word(text))
 
