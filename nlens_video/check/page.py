@@ -57,7 +57,9 @@ def page(verdict: Verdict, objects: list[Track]) -> str:
         f'<p class="eyebrow">nlens-video check</p><h1>{escape(title)}</h1>'
         f'<p class="lead">{word} {verdict.frames[0]} frames of {verdict.frames[1]}, '
         f'{verdict.object_frames} with an object.</p></header><main id="main">'
-        + section("found", "What was looked for", table("Findings", ("what", "found"), rows))
+        + section(
+            "found", "What was looked for", table("Findings", ("what", "found"), rows, stacked=True)
+        )
         + (section("series", "Over the clip", charts) if charts else "")
         + f"{notes}</main><footer><p>Made by nlens-video {escape(__version__)}.</p></footer>"
         "</body></html>\n"

@@ -61,9 +61,18 @@ def key(entries: Sequence[tuple[str, str]]) -> str:
 
 
 def table(
-    caption: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, number_column: int = -1
-) -> str:
-    """A table whose first cells name the rows; a column of numbers is aligned to the right."""
+    caption: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, number_column: int = -1,
+    stacked: bool = False,
+) -> str:  # fmt: skip
+    """A table whose first cells name the rows.
+
+    Args:
+        caption: what it shows.
+        head: names of the columns.
+        rows: the cells, as words.
+        number_column: the column of numbers, which is aligned to the right.
+        stacked: whether cells stand below each other on a narrow screen, since they hold sentences.
+    """
     classes = [' class="number"' if at == number_column else "" for at in range(len(rows[0]))]
     top = "".join(
         f'<th scope="col"{kind}>{escape(name)}</th>'
@@ -72,11 +81,12 @@ def table(
     lines = []
     for name, *cells in rows:
         line = "".join(
-            f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(classes[1:], cells, strict=True)
+            f"<td{kind}>{prose(cell)}</td>" for kind, cell in zip(classes[1:], cells, strict=True)
         )
         lines.append(f'<tr><th scope="row">{escape(name)}</th>{line}</tr>')
+    kind = ' class="stacked"' if stacked else ""
     return (
-        f"<table><caption>{escape(caption)}</caption>"
+        f"<table{kind}><caption>{escape(caption)}</caption>"
         f"{f'<thead><tr>{top}</tr></thead>' if head else ''}<tbody>{''.join(lines)}</tbody></table>"
     )
 

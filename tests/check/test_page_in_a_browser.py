@@ -1,0 +1,69 @@
+"""The page of a check in a real browser: on a phone, on a desk, on paper."""
+
+import json
+import re
+import shutil
+import subprocess
+from html import unescape
+
+import pytest
+
+from nlens_video.check.findings import Verdict, at
+from nlens_video.check.page import write_page
+
+pytestmark = pytest.mark.needs_chromium
+
+LONG = (
+    "96x64 px at 16,400 differ by up to 118.2 of 255 levels (tolerance 7.4) away from the object; "
+    "if that is another object, say --objects 2 or more"
+)
+LOOK = """<!doctype html><body><iframe id="page" src="check/index.html"
+style="width:WIDTHpx;height:900px;border:0"></iframe><script>
+addEventListener("load", () => {
+  const page = document.getElementById("page").contentDocument;
+  const root = page.documentElement;
+  const cells = [...page.querySelectorAll("tbody td")];
+  document.body.setAttribute("data-seen", JSON.stringify({
+    overflow: root.scrollWidth - root.clientWidth,
+    found: Math.min(...cells.map(one => one.getBoundingClientRect().width)),
+    broken: [...page.querySelectorAll("code")]
+      .filter(one => one.getClientRects().length > 1).length,
+  }));
+});
+</script></body>"""
+
+
+def chromium(folder, *words):
+    return subprocess.run(
+        [shutil.which("chromium"), "--headless", "--no-sandbox", "--disable-gpu",
+         "--allow-file-access-from-files", "--proxy-server=127.0.0.1:9",
+         f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=10000", *words],
+        capture_output=True, text=True, timeout=120, check=True,
+    ).stdout  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("browser")
+    verdict = Verdict(
+        result="out.mp4", plate="in.mp4", frames=(12, 12), object_frames=12, measures={},
+        findings=(at("plate", (0, 11), 118.2, LONG),), notes=(),
+    )  # fmt: skip
+    write_page(folder / "check", verdict, [])
+    return folder
+
+
+@pytest.mark.parametrize(("width", "least"), [(360, 300), (400, 340), (800, 400), (1400, 700)])
+def test_findings_have_room_at_every_width(folder, width, least):
+    harness = folder / f"look{width}.html"
+    harness.write_text(LOOK.replace("WIDTH", str(width)))
+    told = chromium(folder, "--window-size=1500,1000", "--dump-dom", harness.as_uri())
+    seen = json.loads(unescape(re.search(r'data-seen="([^"]*)"', told).group(1)))
+    assert seen["overflow"] <= 0 and seen["broken"] == 0
+    assert seen["found"] >= least
+
+
+def test_page_can_be_printed(folder):
+    target = folder / "check.pdf"
+    chromium(folder, f"--print-to-pdf={target}", (folder / "check" / "index.html").as_uri())
+    assert target.read_bytes().startswith(b"%PDF")
