@@ -17,20 +17,23 @@ from nlens_video import arguments, completion, interrupts
 from nlens_video.command_paths import drop_protocol
 from nlens_video.errors import NlensError, ReaderGone
 from nlens_video.existing_outputs import settle_existing
+from nlens_video.memory import require_memory
 from nlens_video.overwriting import refuse_overwriting
 from nlens_video.side_commands import SIDE_COMMANDS
-from nlens_video.standard_output import kept_from_libraries, let_go, standard_error
+from nlens_video.standard_output import kept_from_libraries, let_go, make_ready, standard_error
 
 if TYPE_CHECKING:
     from nlens_video.show import Voice
 
 INTERRUPTED = 130
+_SMALL = ("doctor", "completion", "study")  # load no library that aborts where memory is short
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
     if completion.ASKED in os.environ:
         completion.answer()
+    make_ready()
     words = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(sys.__stderr__)  # a crash in a library names the line that called it
@@ -50,7 +53,8 @@ def _answered(words: list[str]) -> int:
         _say(str(error), error, trace=_verbose(words))
         return error.exit_code
     except MemoryError as error:
-        text = f"memory does not suffice ({error}); give a smaller plate or object"
+        size = f" ({error})" if str(error) else ""
+        text = f"memory does not suffice{size}; give a smaller plate or object"
         _say(text, error, trace=_verbose(words))
         return NlensError.exit_code
     except KeyboardInterrupt as interrupt:
@@ -92,7 +96,11 @@ def _interruptible() -> Iterator[None]:
         yield
         return
     interrupts.heard.clear()
-    before = {number: signal.signal(number, interrupts.hear) for number in interrupts.ENDING}
+    before = {
+        number: signal.signal(number, interrupts.hear)
+        for number in interrupts.ENDING
+        if not interrupts.stays_ignored(number)
+    }
     try:
         yield
     finally:
@@ -112,6 +120,8 @@ def _leave_a_stuck_reader(code: int) -> None:
 def _run(argv: list[str]) -> int:
     words = arguments.parse(argv)
     drop_protocol(words)
+    if words.command not in _SMALL:
+        require_memory()
     refuse_overwriting(words)
     settle_existing(words, overwrite=getattr(words, "overwrite", False))
     if words.command in SIDE_COMMANDS:
@@ -120,6 +130,7 @@ def _run(argv: list[str]) -> int:
 
     voice = Voice(
         quiet=words.quiet,
+        verbose=words.verbose,
         as_json=words.json,
         progress=not getattr(words, "no_progress", True),
         stdout_taken=getattr(words, "output", None) == "-",
@@ -152,7 +163,7 @@ def _composite(words: argparse.Namespace, voice: Voice) -> int:
     if getattr(words, "plan", False):
         from nlens_video.run import plan
 
-        voice.plan(plan(run))
+        voice.plan(plan(run, all_reasons=words.verbose or words.json))
         return 0
     if words.command == "farm":
         from nlens_video.farm.command import run_farm

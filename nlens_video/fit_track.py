@@ -93,7 +93,7 @@ class FitTrack:
             LensFitError: the file cannot be read, or its track makes no sense.
         """
         LensFit.load(path)
-        track = json.loads(path.read_text()).get("track")
+        track = json.loads(path.read_text(encoding="utf-8")).get("track")
         if track is None:
             return None
         try:

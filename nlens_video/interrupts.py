@@ -23,6 +23,11 @@ def hear(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
+def stays_ignored(number: signal.Signals) -> bool:
+    """Whether whoever started the process has it ignore a signal: `nohup` does with SIGHUP."""
+    return number.name == "SIGHUP" and signal.getsignal(number) is signal.SIG_IGN
+
+
 def look() -> None:
     """Raise the interrupt that got lost, if there was one.
 

@@ -163,7 +163,7 @@ class LensFit:
             LensFitError: the file cannot be read or is no fit.
         """
         try:
-            return cls.from_json(path.read_text(), str(path))
+            return cls.from_json(path.read_text(encoding="utf-8"), str(path))
         except (OSError, UnicodeDecodeError) as error:
             raise LensFitError(f"{path}: cannot be read ({error}); expected a saved fit") from error
 

@@ -54,7 +54,7 @@ def find_model(name: str, folder: Path | None = None) -> Model:
     folder = models_folder() if folder is None else folder
     manifest = folder / MANIFEST
     try:
-        entries = tomllib.loads(manifest.read_text())["model"]
+        entries = tomllib.loads(manifest.read_text(encoding="utf-8"))["model"]
         entry = entries.get(name)
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise NlensError(f"{manifest}: cannot be read ({error}); {_REPAIR}") from error

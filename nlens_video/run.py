@@ -42,14 +42,18 @@ ENOUGH_FOR_A_FIT = 240
 """Frames that `fit` looks through for the object."""
 
 
-def plan(settings: Settings) -> tuple[str, ...]:
+def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
     """The resolved graph in words; reads the GLB and the source's first frames, renders nothing.
+
+    Args:
+        settings: the run.
+        all_reasons: as of `graph.plan.describe`.
 
     Raises:
         NlensError: as `render`.
     """
     with taken_in(settings, Profiler(settings.budget_ms)) as intake:
-        return (*_describe_source(intake.info), *describe(intake.assembly))
+        return (*_describe_source(intake.info), *describe(intake.assembly, all_reasons=all_reasons))
 
 
 def find_fit(

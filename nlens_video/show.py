@@ -18,6 +18,7 @@ from nlens_video.standard_output import print_out, standard_error
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from nlens_video.effects.planner import Decision
     from nlens_video.farm.chunk import Chunk
     from nlens_video.farm.merge import Merged
     from nlens_video.lens import LensFit
@@ -31,13 +32,17 @@ class Voice:
 
     Args:
         quiet: errors only.
+        verbose: every reason and figure.
         as_json: results as JSON on standard output.
         progress: whether a progress bar may be shown.
         stdout_taken: whether the video goes to standard output.
     """
 
-    def __init__(self, *, quiet: bool, as_json: bool, progress: bool, stdout_taken: bool) -> None:
+    def __init__(
+        self, *, quiet: bool, verbose: bool, as_json: bool, progress: bool, stdout_taken: bool
+    ) -> None:
         self._quiet = quiet
+        self._verbose = verbose
         self._json = as_json
         self._console = Console(file=standard_error(), highlight=False)
         self._progress = progress and not quiet and self._console.is_terminal
@@ -162,11 +167,10 @@ class Voice:
         where = "standard output" if outcome.output == "-" else outcome.output
         self._say("wrote", f"{where}, {timing.frames} frames, {outcome.composited} of them changed")
         self._say("lens", fit_line(outcome.fit) if outcome.fit else "none: no object in view")
-        for decision in outcome.decisions:
-            state = "on" if decision.wanted else "off"
-            self._say("effect", f"{decision.effect} {state}: {decision.reason}")
-        nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
-        self._say("ms", f"median of each node: {nodes}")
+        self._effects(outcome.decisions)
+        if self._verbose:
+            nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
+            self._say("ms", f"median of each node: {nodes}")
         first = f", with the fit {timing.first_frame_ms:.0f} ms" if timing.first_frame_ms else ""
         self._say(
             "frame",
@@ -182,6 +186,15 @@ class Voice:
         if outcome.damaged:
             self._say("note", f"{outcome.damaged} damaged packets or frames in the source")
         self._notes(outcome.notes)
+
+    def _effects(self, decisions: Sequence[Decision]) -> None:
+        for decision in decisions:
+            if decision.wanted or self._verbose:
+                state = "on" if decision.wanted else "off"
+                self._say("effect", f"{decision.effect} {state}: {decision.reason}")
+        off = [decision.effect for decision in decisions if not decision.wanted]
+        if off and not self._verbose:
+            self._say("effect", f"off: {', '.join(off)} (-v says why)")
 
     def _notes(self, notes: Sequence[str]) -> None:
         for note in notes:

@@ -1,7 +1,11 @@
-"""The standard streams: one for pictures and results, whose reader may go; one for words."""
+"""The standard streams: one for pictures and results, whose reader may go; one for words.
+
+Each may be closed from the start, or unable to write every character.
+"""
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import sys
@@ -10,6 +14,41 @@ from contextlib import contextmanager, redirect_stdout
 from typing import TextIO, cast
 
 from nlens_video.errors import OutputError, ReaderGone
+
+_PLAIN = {"…": "...", "±": "+-", "·": "*", "–": "-", "−": "-", "×": "x", "→": "->", "°": " deg"}
+_CHARACTERS = "nlens_video.plain"
+codecs.register_error(_CHARACTERS, lambda error: _plainly(error))
+
+
+def make_ready() -> None:
+    """See that no file that is opened becomes a standard stream, and that all text can be written.
+
+    A file that is opened where standard output or error was closed gets its number, and then what
+    libraries write there.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free, which is this one
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_CHARACTERS)
+
+
+def _plainly(error: UnicodeError) -> tuple[bytes, int]:
+    """What stands for characters that a stream's encoding lacks.
+
+    Names of files that are no text of that encoding are given back as the bytes that they are.
+    """
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    written = b""
+    for character in error.object[error.start : error.end]:
+        lone = 0xDC80 <= ord(character) <= 0xDCFF
+        errors = "surrogateescape" if lone else "backslashreplace"
+        written += _PLAIN.get(character, character).encode("ascii", errors)
+    return written, error.end
 
 
 def print_out(text: str, stream: TextIO | None = None) -> None:

@@ -50,6 +50,7 @@ LAYERS = [
     ["frames"],
     ["box"],
     ["standard_names", "standard_output"],
+    ["memory"],
     ["errors", "interrupts"],
 ]
 LEVEL = {name: level for level, names in enumerate(reversed(LAYERS)) for name in names}

@@ -33,7 +33,7 @@ def write_page(folder: Path, verdict: Verdict, objects: list[Track]) -> Path:
         raise OutputError(f"{folder}: cannot be made ({error}); give a writable folder") from error
     target = folder / "index.html"
     with replacing(target) as partial:
-        partial.write_text(page(verdict, objects), encoding="utf-8")
+        partial.write_text(page(verdict, objects), encoding="utf-8", errors="replace")
     return target
 
 

@@ -101,7 +101,7 @@ class Report:
         texts["bench.md"] = self.markdown() + "\n![accuracy over time](bench.png)\n"
         for name, text in texts.items():
             with replacing(out / name) as partial_path:
-                partial_path.write_text(text)
+                partial_path.write_text(text, encoding="utf-8")
         panels = [(table.title, self._points(table)) for table in self.tables]
         with replacing(out / "bench.png") as partial_path:
             plot(panels, partial_path)

@@ -135,7 +135,7 @@ class Report:
         }
         for name, text in texts.items():
             with replacing(out / name) as partial_path:
-                partial_path.write_text(text)
+                partial_path.write_text(text, encoding="utf-8")
         with replacing(out / "composite.png") as partial_path:
             plot(self._bars(), partial_path)
 

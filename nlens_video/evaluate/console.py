@@ -60,7 +60,7 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
     """
     for name, text in texts.items():
         with replacing(folder / name) as partial:
-            partial.write_text(text)
+            partial.write_text(text, encoding="utf-8")
 
 
 def make_folder(out: Path) -> None:

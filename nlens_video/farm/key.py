@@ -51,7 +51,7 @@ def job_key(settings: Settings) -> str:
         "holdout": _of_spec(settings.scene.real.holdout),
         "settings": _meaning(bare),
     }
-    return _digest(json.dumps(parts, sort_keys=True).encode())
+    return _digest(json.dumps(parts, sort_keys=True).encode("utf-8", "surrogateescape"))
 
 
 def plate_key(source: SourceSettings) -> str:
@@ -60,7 +60,7 @@ def plate_key(source: SourceSettings) -> str:
     Raises:
         InputError: it cannot be read, or is no file.
     """
-    return _digest(f"{_of_spec(source.spec)} {source.hints}".encode())
+    return _digest(f"{_of_spec(source.spec)} {source.hints}".encode("utf-8", "surrogateescape"))
 
 
 _SPECS = ("spec", "layers", "holdout", "preset")  # words that name files, each with a part
@@ -89,14 +89,14 @@ def _of_spec(spec: str | None) -> str:
         return _of_file(Path(spec))
     sequence = Numbered(spec)
     files = (f"{number} {_of_file(sequence.path(number))}" for number in sequence.span())
-    return _digest("\n".join(files).encode())
+    return _digest("\n".join(files).encode("utf-8", "surrogateescape"))
 
 
 def _of_file(path: Path) -> str:
     """Of a file's bytes; of a large one its size and parts of it count."""
     try:
         size = path.stat().st_size
-        digest = hashlib.sha256(f"{size}\n".encode())
+        digest = hashlib.sha256(f"{size}\n".encode("utf-8", "surrogateescape"))
         with path.open("rb") as file:
             for start, length in _parts(size):
                 file.seek(start)

@@ -143,7 +143,7 @@ class Bucket:
     @property
     def local(self) -> Path:
         """A folder for temporaries that belongs to this URL."""
-        name = hashlib.sha256(self.url.encode()).hexdigest()[:16]
+        name = hashlib.sha256(self.url.encode("utf-8", "surrogateescape")).hexdigest()[:16]
         return Path(tempfile.gettempdir()) / f"nlens-video-{name}"
 
     @contextmanager

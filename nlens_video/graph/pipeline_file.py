@@ -84,7 +84,7 @@ def load_pipeline(preset: str) -> PipelineFile:
                 f"preset {preset!r} is not one of {known}, nor a pipeline file (*.toml)"
             )
     try:
-        raw = tomllib.loads(path.read_text())
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path}: cannot be read as a pipeline file ({error})") from error
     nodes = raw.get("node")

@@ -8,13 +8,23 @@ from nlens_video.graph.assemble import Assembly
 from nlens_video.graph.node import CONDITIONS, Node
 
 
-def describe(assembly: Assembly) -> Iterator[str]:
-    """Lines for a person: pipeline, effects, nodes with backend and condition, warnings."""
+def describe(assembly: Assembly, *, all_reasons: bool = True) -> Iterator[str]:
+    """Lines for a person: pipeline, effects, nodes with backend and condition, warnings.
+
+    Args:
+        assembly: the resolved graph.
+        all_reasons: also why the effects are off that are, in place of one line with their names.
+    """
     graph = assembly.graph
     yield f"pipeline {graph.pipeline}: {graph.summary}"
     yield f"device {assembly.device.name}: {assembly.device.reason}"
     for decision in assembly.decisions:
-        yield f"effect {decision.effect}: {'yes' if decision.wanted else 'no'}, {decision.reason}"
+        if decision.wanted or all_reasons:
+            word = "yes" if decision.wanted else "no"
+            yield f"effect {decision.effect}: {word}, {decision.reason}"
+    off = [decision.effect for decision in assembly.decisions if not decision.wanted]
+    if off and not all_reasons:
+        yield f"effects off: {', '.join(off)} (-v says why)"
     for node in graph.nodes:
         yield f"node {node.name} [{_when(node)}; lane {node.lane}] {node.backend}"
     for name, reason in graph.left_out:

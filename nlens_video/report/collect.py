@@ -127,7 +127,7 @@ class Report:
         text = page(findings)
         with replacing(self._path) as partial:
             try:
-                partial.write_text(text, encoding="utf-8")
+                partial.write_text(text, encoding="utf-8", errors="replace")  # names may be no text
             except OSError as error:
                 raise OutputError(
                     f"{self._path}: cannot be written ({error.strerror}); free some space or give "

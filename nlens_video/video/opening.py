@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import av
 import av.container
@@ -57,6 +58,12 @@ def can_be_read_again(spec: str) -> bool:
     return Path(spec).is_file() or Numbered.matches(spec)
 
 
+def _standard_input() -> BinaryIO:
+    if sys.stdin is None:  # closed from the start
+        raise InputError("standard input: it is closed; pipe a stream in or name a file")
+    return sys.stdin.buffer
+
+
 def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputContainer, Kind]:
     """Open whatever `spec` names.
 
@@ -68,7 +75,7 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
     kind: Kind = "video"
     format_, options = _format(hints)
     if spec == "-":
-        file, kind = sys.stdin.buffer, "stream"
+        file, kind = _standard_input(), "stream"
     elif "://" in spec or spec.startswith("/dev/"):
         kind = "stream"
         if spec.startswith("/dev/video"):

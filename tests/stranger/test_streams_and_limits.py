@@ -1,0 +1,195 @@
+"""Standard streams that are closed or write few characters, little memory, early signals."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+import shots
+from support.command import nlens
+from support.terminal import program
+
+from nlens_video.memory import address_space
+
+pytestmark = pytest.mark.needs_gl
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_png(folder / "plate.png")
+    shots.write_video(folder / "in.mp4", frames=3)
+    shots.cube_glb(folder / "anim.glb")
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+def shell(line, *words, environment=None, **options):
+    """Run a line of the shell, in which "$@" stands for the command."""
+    return subprocess.run(
+        ["sh", "-c", line, "sh", *map(str, words)], capture_output=True, check=False,
+        timeout=300, env={**os.environ, **(environment or {})}, **options,
+    )  # fmt: skip
+
+
+def quick(files, plate, out, *more):
+    return program(
+        files / plate, files / "anim.glb", out, "--fit", files / "fit.json", "--preset", "draft",
+        "--effects", "none", *more,
+    )  # fmt: skip
+
+
+def test_plate_from_a_standard_input_that_is_closed_is_refused_in_one_line(files, tmp_path):
+    run = shell('"$@" <&-', *program("-", files / "anim.glb", tmp_path / "out.mp4"))
+    assert run.returncode == 3
+    assert run.stderr == (
+        b"nlens-video: standard input: it is closed; pipe a stream in or name a file\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_result_is_the_same_whichever_standard_streams_are_closed(files, tmp_path, closed):
+    for name, line in (("open.png", '"$@"'), ("closed.png", f'"$@" {closed}')):
+        assert shell(line, *quick(files, "plate.png", tmp_path / name)).returncode == 0
+    opened, shut = (tmp_path / name for name in ("open.png", "closed.png"))
+    assert shut.read_bytes() == opened.read_bytes()
+
+
+def test_words_of_libraries_do_not_get_into_a_file_where_standard_error_is_closed(tmp_path):
+    """The first file that is opened would get the number 2, and what is written to it."""
+    code = (
+        "import os, sys; from nlens_video import standard_output; standard_output.make_ready()\n"
+        "file = open(sys.argv[1], 'wb'); os.write(2, b'words'); file.write(b'picture')"
+    )
+    assert shell('"$@" <&- >&- 2>&-', sys.executable, "-c", code, tmp_path / "a").returncode == 0
+    assert (tmp_path / "a").read_bytes() == b"picture"
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"PYTHONIOENCODING": "ascii"},
+        {"PYTHONIOENCODING": "latin-1"},
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    ],
+    ids=["ascii", "latin-1", "C"],
+)
+@pytest.mark.parametrize("words", [("render", "--help"), ("place", "--help"), ("doctor",)])
+def test_text_is_written_in_any_encoding(environment, words):
+    run = shell('"$@"', *program(*words), environment=environment)
+    assert run.returncode == 0, run.stderr.decode()
+    assert run.stderr == b"" and b"\\u" not in run.stdout
+    if words[0] == "render":
+        assert b"..." in run.stdout
+
+
+def test_summary_and_progress_are_written_in_ascii(files, tmp_path):
+    fit = tmp_path / "fit.json"
+    run = shell(
+        '"$@"', *program("fit", files / "plate.png", files / "anim.glb", fit),
+        environment={"PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr.decode()
+    assert b"+-" in run.stderr and b"\\x" not in run.stderr
+
+
+def test_names_that_are_no_text_are_read_written_and_told_as_they_are(files, tmp_path):
+    folder = os.fsencode(tmp_path)
+    plate, out = folder + b"/pl\xff.png", folder + b"/o\xfe.png"
+    shutil.copy(os.fsencode(files / "plate.png"), plate)
+    command = [os.fsencode(word) for word in quick(files, "plate.png", "out.png")]
+    command[3], command[5] = plate, out
+    for more in ([], [b"--json"], [b"--report", folder + b"/rep\xfd"]):
+        run = subprocess.run([*command, b"-y", *more], capture_output=True, check=False)
+        assert run.returncode == 0, run.stderr
+        assert b"Traceback" not in run.stderr
+        if more == [b"--json"]:
+            assert os.fsencode(json.loads(run.stdout)["output"]) == out
+        else:
+            assert out in run.stderr
+    missing = subprocess.run(
+        [*command[:3], folder + b"/no\xff.png", *command[4:]], capture_output=True, check=False
+    )
+    assert missing.returncode == 3 and b"no\xff.png" in missing.stderr
+
+
+def limited(kind, size):
+    return lambda: resource.setrlimit(kind, (size, size))
+
+
+@pytest.mark.parametrize("gigabytes", [0.6, 1.0, 2.0])
+def test_too_small_an_address_space_is_told_before_libraries_abort(files, tmp_path, gigabytes):
+    run = subprocess.run(
+        quick(files, "plate.png", tmp_path / "out.png"), capture_output=True, text=True,
+        check=False, preexec_fn=limited(resource.RLIMIT_AS, int(gigabytes * 2**30)),
+    )  # fmt: skip
+    assert run.returncode == 1
+    assert run.stderr.startswith(
+        f"nlens-video: the address space is limited to {gigabytes} GB, at least "
+    )
+    assert run.stderr.endswith("are needed; call ulimit -v unlimited before\n")
+    assert run.stderr.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+def test_run_fits_into_the_address_space_that_is_asked_for(files, tmp_path):
+    run = subprocess.run(
+        program(files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4"), capture_output=True,
+        text=True, check=False, preexec_fn=limited(resource.RLIMIT_AS, address_space()),
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+
+
+def test_help_needs_no_memory_to_speak_of():
+    run = subprocess.run(
+        program("--help"), capture_output=True, text=True, check=False,
+        preexec_fn=limited(resource.RLIMIT_AS, 300 << 20),
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("loaded", ["nlens_video.errors", "nlens_video.arguments"])
+def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(loaded):
+    command = [sys.executable, "-X", "importtime", *program("in.mp4", "a.glb", "out.mp4")[1:]]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run:
+        for line in run.stderr:
+            if line.split("|")[-1].strip() == loaded:
+                break
+        run.send_signal(signal.SIGINT)
+        rest = [line for line in run.stderr if not line.startswith("import time:")]
+    assert run.returncode == 130, rest
+    assert rest in ([], ["nlens-video: interrupted, no output written\n"])
+
+
+def test_run_under_nohup_outlives_the_terminal(files, tmp_path):
+    command = quick(files, "in.mp4", tmp_path / "out.mp4")
+    hang_up = "while kill -HUP $pid 2>/dev/null; do sleep 0.05; done"
+    line = f'trap "" HUP; "$@" & pid=$!; {hang_up}; wait $pid'
+    run = shell(line, *command)
+    assert run.returncode == 0, run.stderr.decode()
+    assert (tmp_path / "out.mp4").is_file()
+
+
+def test_summary_and_plan_name_what_is_off_in_one_line_and_say_why_when_asked(files, tmp_path):
+    command = (files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4", "--fit",
+               files / "fit.json", "--preset", "draft", "-y")  # fmt: skip
+    short, long = nlens(*command), nlens(*command, "-v")
+    off = [line for line in short.stderr.splitlines() if line.startswith("effect off: ")]
+    assert len(off) == 1 and off[0].endswith("(-v says why)")
+    assert " off: " not in short.stderr.replace(off[0], "") and "median of each" not in short.stderr
+    names = off[0].removeprefix("effect off: ").removesuffix(" (-v says why)").split(", ")
+    for name in names:
+        assert f"effect {name} off: " in long.stderr
+    assert "median of each node" in long.stderr and "effect off: " not in long.stderr
+    told = json.loads(nlens(*command, "--json").stdout)["decisions"]
+    assert {one["effect"] for one in told if not one["wanted"]} == set(names)
+
+    plan = nlens(*command, "--plan").stdout
+    assert f"effects off: {', '.join(names)} (-v says why)" in plan
+    for words in (("--plan", "-v"), ("--plan", "--json")):
+        whole = nlens(*command, *words).stdout
+        assert f"effect {names[0]}: no, " in whole and "effects off: " not in whole
