@@ -29,7 +29,7 @@ def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
         OutputError: a shot writes over what one of them reads, or must not replace what is there.
     """
     try:
-        listed = tomllib.loads(path.read_text()).get("shot")
+        listed = tomllib.loads(path.read_text(encoding="utf-8")).get("shot")
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise UsageError(f"--jobs {path}: cannot be read as TOML ({error})") from error
     if not isinstance(listed, list) or not listed:
