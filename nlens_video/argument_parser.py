@@ -129,9 +129,12 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
 
 def add_range(parser: Parser, meaning: str = "frames A to B-1, counted from 0") -> None:
     """How the plate is read, and which part of it."""
-    add_source(parser).add_argument(
-        "--range", metavar="A:B", type=_frames, default=(0, None), help=meaning
-    )
+    part = add_source(parser).add_mutually_exclusive_group()
+    part.add_argument("--range", metavar="A:B", type=_frames, default=(0, None), help=meaning)
+    part.add_argument(
+        "--frame", metavar="N", dest="range", type=_frame, default=(0, None),
+        help="this frame only, which may become a picture",
+    )  # fmt: skip
 
 
 def add_plate(parser: Parser, meaning: str) -> None:
@@ -195,6 +198,12 @@ def _frames(text: str) -> tuple[int, int | None]:
     if not colon or frames[0] < 0 or (frames[1] is not None and frames[1] <= frames[0]):
         raise argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B")
     return frames
+
+
+def _frame(text: str) -> tuple[int, int]:
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not the number of a frame, from 0 on")
+    return int(text), int(text) + 1
 
 
 def number(text: str) -> float:

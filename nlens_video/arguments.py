@@ -66,8 +66,8 @@ Put a rendered, animated object into real footage as if the same lens had filmed
 """
 
 _OFTEN = frozenset(
-    "--report --preset --effects --range --fit --at --animation --env --shadow-strength --holdout "
-    "--budget-ms --codec --crf --plan --json --version".split()
+    "--report --preset --effects --range --frame --fit --at --animation --env --shadow-strength "
+    "--holdout --budget-ms --codec --crf --plan --json --version".split()
 )
 
 

@@ -65,6 +65,7 @@ def follow(
         settings.track_focus == "off"
         or settings.fit is not None
         or not requested_effects(settings.effects)
+        or settings.source.one_frame  # whose lens is found on itself
     ):
         return None
     if not can_be_read_again(settings.source.spec):

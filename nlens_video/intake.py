@@ -83,15 +83,31 @@ class Intake:
 
 
 @contextmanager
-def taken_in(
+def taken_in(settings: Settings, profiler: Profiler) -> Iterator[Intake]:
+    """Open the source and build the graph for it; the source closes at the end.
+
+    Args:
+        settings: the run.
+        profiler: times it.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    with opened(settings.source) as source:
+        yield take_in(source, settings, profiler)
+
+
+def take_in(
+    source: Source,
     settings: Settings,
     profiler: Profiler,
     track: FitTrack | None = None,
     chunks: ChunkFeed | None = None,
-) -> Iterator[Intake]:
-    """Open the source and build the graph for it; the source closes at the end.
+) -> Intake:
+    """Build the graph for a source that is open.
 
     Args:
+        source: it, of which no frame has been taken.
         settings: the run.
         profiler: times it.
         track: the lens all along a file whose lens changes.
@@ -100,25 +116,24 @@ def taken_in(
     Raises:
         NlensError: as `run.render`.
     """
-    with opened(settings.source) as source:
-        if settings.late == "drop" and source.info.kind != "stream":
-            raise UsageError(
-                f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
-                "out, or pipe it in"
-            )
-        part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
-        assembly = _assembled(settings, source.info, profiler, part, track)
-        part.passed_over = assembly.steps.pass_over
-        if isinstance(source, Sought) and not assembly.graph.remembering:
-            part.skip_to = source.skip_to
-        yield Intake(
-            source,
-            LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
-            assembly,
-            profiler,
-            # chunks have their lens, and one may be waited for whose frames are not yet wanted
-            foresight=chunks is None and _may_wait(source.info),
+    if settings.late == "drop" and source.info.kind != "stream":
+        raise UsageError(
+            f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
+            "out, or pipe it in"
         )
+    part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
+    assembly = _assembled(settings, source.info, profiler, part, track)
+    part.passed_over = assembly.steps.pass_over
+    if isinstance(source, Sought) and not assembly.graph.remembering:
+        part.skip_to = source.skip_to
+    return Intake(
+        source,
+        LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
+        assembly,
+        profiler,
+        # chunks have their lens, and one may be waited for whose frames are not yet wanted
+        foresight=chunks is None and _may_wait(source.info),
+    )
 
 
 @contextmanager
@@ -171,19 +186,22 @@ def _assembled(
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )
-    view = View(
+
+    def pictures() -> tuple[Picture, ...]:
+        return apart(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
+
+    plate = Plate(pictures, settings.source.frames[0])
+    return assemble(settings.scene, lens, view_of(settings, info), profiler, plate)
+
+
+def view_of(settings: Settings, info: SourceInfo) -> View:
+    """How the plate's frames see the scene."""
+    return View(
         width=info.width,
         height=info.height,
         pixel_aspect=info.pixel_aspect,
         camera=settings.scene.camera,
         focal_35mm=focal_35mm(info.metadata),
-    )
-
-    def pictures() -> tuple[Picture, ...]:
-        return apart(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
-
-    return assemble(
-        settings.scene, lens, view, profiler, Plate(pictures, settings.source.frames[0])
     )
 
 

@@ -13,6 +13,8 @@ ASSUMED_FOCAL_MM = 35.0
 FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 LEVEL = 0.5
 """Row of the horizon of a camera that is not pitched [frame height]."""
+_FARTHEST = 5.0  # from the frame's middle: farther off it is a number of pixels [frame]
+_TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
 _FOCAL_KEYS = ("focal_length.35mm_equivalent", "focallengthin35mmfilm")
 
 
@@ -36,8 +38,21 @@ class Placing:
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon))):
             raise UsageError(f"--at, --size, --yaw, --horizon must be numbers: {self.words()}")
-        if self.size <= 0.0:
-            raise UsageError(f"--size {self.size:g} is a share of the frame's height, above 0")
+        x, y = self.at
+        if max(abs(x - 0.5), abs(y - 0.5)) > _FARTHEST:
+            raise UsageError(
+                f"--at {x:g},{y:g} is far off; expected fractions of the frame, 0 to 1, such as "
+                "0.5,0.8, and no pixels"
+            )
+        if not 0.0 < self.size <= _TALLEST:
+            raise UsageError(
+                f"--size {self.size:g} is a share of the frame's height, above 0, such as 0.3"
+            )
+        if abs(self.horizon - 0.5) > _FARTHEST:
+            raise UsageError(
+                f"--horizon {self.horizon:g} is far off; expected a fraction of the frame's "
+                "height, 0 to 1, such as 0.4"
+            )
         if self.at[1] <= self.horizon:
             raise UsageError(
                 f"--at {self.at[0]:g},{self.at[1]:g} lies above the horizon (--horizon "

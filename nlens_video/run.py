@@ -19,16 +19,17 @@ from nlens_video.graph.lanes import run_lanes
 from nlens_video.graph.plan import describe
 from nlens_video.graph.profiler import Profiler
 from nlens_video.graph.stream import FrameState
-from nlens_video.intake import frame_s, taken_in
+from nlens_video.intake import frame_s, opened, take_in, taken_in
 from nlens_video.observers import Started, observers, save_fit
 from nlens_video.outcome import FitOutcome, Outcome
+from nlens_video.preflight import check_shot, check_words, check_written, open_result
 from nlens_video.settings import OutputSettings, Settings
 from nlens_video.video.atomic import check_folder, replacing, sweep
 from nlens_video.video.chunk_row import ChunkRow
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.part import part_of
 from nlens_video.video.reconnecting import Reconnecting
-from nlens_video.video.sink import Sink, open_sink
+from nlens_video.video.sink import Sink
 from nlens_video.video.source import Source
 from nlens_video.zoom_check import ZoomCheck
 
@@ -141,22 +142,24 @@ def render(
     if settings.output is None:
         raise UsageError("no output was named")
     output = settings.output
-    if settings.save_fit is not None:
-        check_folder(settings.save_fit)
-        sweep(settings.save_fit)
+    check_words(settings, as_chunks=chunks is not None)
     composited = written = 0
+    changed = False
     with ExitStack() as stack:
+        source = stack.enter_context(opened(settings.source))
+        if chunks is None:
+            check_shot(settings, source.info)
+        sink = _open_result(output, part_of(source.info, settings.source.frames), settings, chunks)
+        stack.enter_context(telling_what_is_kept(sink))
+        stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        intake = stack.enter_context(taken_in(settings, profiler, follow(settings), chunks))
-        source, assembly = intake.source, intake.assembly
+        intake = take_in(source, settings, profiler, follow(settings), chunks)
+        assembly = intake.assembly
         ahead = stack.enter_context(Ahead(*assembly.graphs))
         zoom = ZoomCheck(frame_s(source.info))
         started = Started(source.info, assembly, profiler)
         beside = stack.enter_context(Beside(observers(settings, started, settings.output)))
         watching = (beside, zoom)
-        sink = _open_result(output, part_of(source.info, settings.source.frames), chunks)
-        stack.enter_context(telling_what_is_kept(sink))
-        stack.enter_context(sink)
         total = _expected(source.info, settings)
         lanes = assembly.lanes()
         may_drop = intake.may_drop if settings.late == "drop" else None
@@ -173,14 +176,13 @@ def render(
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.carried_fit)
             assembly.wrote(item, timing)
             written += 1
-            blurred = item.values.get("blurred")
-            composited += isinstance(blurred, BlurredLayer) and not blurred.box.empty
+            drawn, casts = _seen(item)
+            composited += drawn
+            changed = changed or drawn or casts
             for observer in watching:
                 observer.frame(item, timing)
             on_progress(written, total)
-        if not written:
-            first, end = settings.source.frames
-            raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
+        check_written(settings, source.info, written, changed=changed or chunks is not None)
         timing_of_all = profiler.summary()
         outcome = Outcome(
             output=output.spec, fit=assembly.steps.fit, decisions=assembly.decisions,
@@ -208,13 +210,19 @@ def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
     items.close()
 
 
-def _open_result(output: OutputSettings, info: SourceInfo, chunks: ChunkFeed | None) -> Sink:
+def _seen(state: FrameState) -> tuple[bool, bool]:
+    """Whether a frame shows the object, and whether its shadow or its image in the ground."""
+    blurred = state.values.get("blurred")
+    casts = any(state.values.get(name) is not None for name in ("shadow", "reflection"))
+    return isinstance(blurred, BlurredLayer) and not blurred.box.empty, casts
+
+
+def _open_result(
+    output: OutputSettings, info: SourceInfo, settings: Settings, chunks: ChunkFeed | None
+) -> Sink:
     if chunks is not None:
         return ChunkRow(Path(output.spec), info, chunks)
-    return open_sink(
-        output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
-        keep_partial=output.keep_partial,
-    )  # fmt: skip
+    return open_result(output, info, settings.source)
 
 
 @contextmanager

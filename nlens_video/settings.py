@@ -43,6 +43,12 @@ class SourceSettings:
     reconnect_s: float = 0.0
 
     @property
+    def one_frame(self) -> bool:
+        """Whether one frame is asked for."""
+        first, end = self.frames
+        return end == first + 1
+
+    @property
     def hints(self) -> dict[str, str | None]:
         """What is said about the input beside its name, as `video.source.open_source` takes it."""
         size = f"{self.input_size[0]}x{self.input_size[1]}" if self.input_size else None

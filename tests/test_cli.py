@@ -217,7 +217,9 @@ def test_range_takes_the_sound_beside_its_frames_along(files, tmp_path):
 def test_object_out_of_view_leaves_the_plate_untouched(files, tmp_path):
     shots.cube_glb(tmp_path / "away.glb", start=(0.0, 0.0, 30.0))
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=3, audio=False)
-    run = nlens(tmp_path / "in.mkv", tmp_path / "away.glb", tmp_path / "out.mkv", "--json")
+    run = nlens(
+        tmp_path / "in.mkv", tmp_path / "away.glb", tmp_path / "out.mkv", "--range", "0:3", "--json"
+    )
     assert run.returncode == 0, run.stderr
     outcome = json.loads(run.stdout)
     assert outcome["fit"] is None and outcome["composited"] == 0

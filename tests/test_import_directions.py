@@ -15,7 +15,7 @@ LAYERS = [
     ["side_commands"],
     ["check", "completion", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
     ["run"],
-    ["beside", "follow", "place_choices"],
+    ["beside", "follow", "place_choices", "preflight"],
     ["intake", "zoom_check"],
     [
         "look_ahead",

@@ -15,6 +15,7 @@ from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
 from nlens_video.intake import frame_s, opened
+from nlens_video.preflight import preflight
 from nlens_video.run import OnProgress, find_fit
 from nlens_video.settings import Settings, SourceSettings
 from nlens_video.video.stream_output import is_stream
@@ -97,7 +98,8 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
         NlensError: as `run.find_fit`.
     """
     counted: list[int] = []
-    with opened(settings.source) as plate:  # first: it is there
+    with opened(settings.source) as plate:
+        preflight(settings, plate.info)
         seconds = frame_s(plate.info) or 1 / 25
     fit = _found_fit(settings, store, counted.append)
     frames = counted[0] if counted else _counted(settings.source)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from nlens_video.backends.device import Chosen, choose
 from nlens_video.effects.planner import OCCLUSION, Decision, request
-from nlens_video.errors import UsageError
 from nlens_video.frames import BlurredLayer, CocMap, DefocusedLayer, Picture
 from nlens_video.graph.asked_lens import Lens
 from nlens_video.graph.build import Graph, build
@@ -21,13 +20,12 @@ from nlens_video.graph.ladder import check_rung, held_budget
 from nlens_video.graph.lanes import Lane
 from nlens_video.graph.layered import LayeredObject
 from nlens_video.graph.live_lens import LiveLens
-from nlens_video.graph.objects import ObjectSource, RenderedObject, View, place
+from nlens_video.graph.objects import ObjectSource, RenderedObject, View, stand
 from nlens_video.graph.optics_stages import seen_beyond
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import FrameTiming, Profiler
 from nlens_video.graph.stream import FrameState, FrameSteps
 from nlens_video.graph.tools import FrontSource, LitGround, ShotRecord, Tools
-from nlens_video.placing import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.settings import REFLECTANCE, ObjectSettings
@@ -105,7 +103,7 @@ def assemble(
     device = choose(lens.device)
     pipeline = load_pipeline(lens.preset)
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
-    view, placed_note = _stand(objects, scene, view)
+    view, placed_note = stand(objects, scene, view)
     ground = _lit_ground(objects, scene)
     estimator = cache(partial(_load_estimator, view.pixel_aspect, device))
     size = (view.width, view.height)
@@ -191,25 +189,6 @@ def _with(
 def _reflectance(objects: ObjectSettings) -> float:
     given = objects.real.reflectance
     return REFLECTANCE if given is None else given
-
-
-def _stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tuple[str, ...]]:
-    """The camera that sees the object: the file's, or one that sees it where it is placed."""
-    if objects.placing is None:
-        scene.camera(0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect)
-        return view, ()
-    if objects.layers is not None:
-        raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
-    focal = view.focal_35mm or ASSUMED_FOCAL_MM
-    known = "as the plate says" if view.focal_35mm else "assumed"
-    if objects.fov_deg is not None:
-        focal = focal_of_fov(objects.fov_deg, (view.width, view.height), view.pixel_aspect)
-        known = f"by --fov {objects.fov_deg:g}"
-    unused = "; the file's own camera is not used" if scene.camera_names else ""
-    return place(view, scene, objects.placing, focal, objects.ground_y), (
-        f"placed by {objects.placing.words()}, focal length {focal:.4g} mm "
-        f"(35 mm equivalent, {known}){unused}",
-    )
 
 
 def _lit_ground(objects: ObjectSettings, scene: Scene) -> LitGround:

@@ -9,14 +9,16 @@ from typing import Protocol
 
 import numpy as np
 
+from nlens_video.errors import UsageError
 from nlens_video.frames import Box, Float64, ObjectLayer
 from nlens_video.lens import LensFit
-from nlens_video.placing import Placing
+from nlens_video.placing import ASSUMED_FOCAL_MM, Placing, focal_of_fov
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.extent import extent, misses, travel_bound_px
 from nlens_video.scene.gltf import Scene
 from nlens_video.scene.placed import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
+from nlens_video.settings import ObjectSettings
 from nlens_video.stages.protocols import BehindRenderer, ViewRenderer
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
@@ -105,6 +107,38 @@ def place(view: View, scene: Scene, placing: Placing, focal: float, ground_y: fl
     return replace(view, placed=camera)
 
 
+def stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tuple[str, ...]]:
+    """The camera that sees the object: the file's, or one that sees it where it is placed.
+
+    Args:
+        objects: the object, and where it is to stand.
+        scene: its file.
+        view: the frame.
+
+    Returns:
+        The view with that camera, and a note on it.
+
+    Raises:
+        SceneError: no camera sees it so, or the file has none.
+        UsageError: layers were rendered through another camera.
+    """
+    if objects.placing is None:
+        scene.camera(0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect)
+        return view, ()
+    if objects.layers is not None:
+        raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
+    focal = view.focal_35mm or ASSUMED_FOCAL_MM
+    known = "as the plate says" if view.focal_35mm else "assumed"
+    if objects.fov_deg is not None:
+        focal = focal_of_fov(objects.fov_deg, (view.width, view.height), view.pixel_aspect)
+        known = f"by --fov {objects.fov_deg:g}"
+    unused = "; the file's own camera is not used" if scene.camera_names else ""
+    return place(view, scene, objects.placing, focal, objects.ground_y), (
+        f"placed by {objects.placing.words()}, focal length {focal:.4g} mm "
+        f"(35 mm equivalent, {known}){unused}",
+    )
+
+
 class ObjectSource(Protocol):
     """Gives the object's place, geometry and picture on each frame."""
 
@@ -187,17 +221,7 @@ class RenderedObject:
 
     def locate(self, index: int, time_s: float) -> Placement | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
-        camera = self.camera(time_s)
-        surroundings = self.view.box.grown(MARGIN_LIMIT_PX)
-        if misses(self.scene.hull(time_s), camera, surroundings):
-            return None  # without moving a vertex
-        bounds = _bounds(self.scene.pose(time_s), camera)
-        if bounds is None:
-            return None
-        box, nearest, farthest = bounds
-        if box.intersection(surroundings).empty:
-            return None
-        return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
+        return placement_near(self.scene, self.view, time_s)
 
     def footprint(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
@@ -211,6 +235,21 @@ class RenderedObject:
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
             margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
         return self.renderer.render(placement.time_s, placement.camera, margin)
+
+
+def placement_near(scene: Scene, view: View, time_s: float) -> Placement | None:
+    """Where an object is at a moment [s]; None when it misses the frame and all that blurs in."""
+    camera = view.camera_at(scene, time_s)
+    surroundings = view.box.grown(MARGIN_LIMIT_PX)
+    if misses(scene.hull(time_s), camera, surroundings):
+        return None  # without moving a vertex
+    bounds = _bounds(scene.pose(time_s), camera)
+    if bounds is None:
+        return None
+    box, nearest, farthest = bounds
+    if box.intersection(surroundings).empty:
+        return None
+    return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
 
 
 def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:

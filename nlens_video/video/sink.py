@@ -55,7 +55,7 @@ class Sink(Protocol):
 
 def open_sink(
     spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
-    pix_fmt: str | None = None, keep_partial: bool = False,
+    pix_fmt: str | None = None, keep_partial: bool = False, one_frame: bool = False,
 ) -> Sink:  # fmt: skip
     """Open a result; nothing of that name exists before `commit`.
 
@@ -67,6 +67,7 @@ def open_sink(
         crf: quality; default: visually lossless.
         pix_fmt: pixel format; default: the source's.
         keep_partial: whether an aborted run leaves a playable file.
+        one_frame: whether only one frame of the source comes.
 
     Raises:
         OutputError: it cannot be written there, or nothing writes that extension.
@@ -79,14 +80,14 @@ def open_sink(
         plate = local_path(info.name)
         if plate is not None and NamedFiles(path).meets(NamedFiles(plate)):
             raise OutputError(f"{spec}: is the input as well; give the result another name")
-        animated = path.suffix.lower() in ANIMATED and info.kind != "still"
+        animated = path.suffix.lower() in ANIMATED and info.kind != "still" and not one_frame
         if animated and not Numbered.matches(spec):
             return VideoSink(spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt)
         if path.suffix.lower() in EXTENSIONS:
-            if info.kind not in ("still",) and not Numbered.matches(spec):
+            if not (info.kind == "still" or one_frame or Numbered.matches(spec)):
                 raise OutputError(
-                    f"{spec}: is one picture, the plate is a {info.kind}; "
-                    "give a video or a sequence such as out_%04d.png"
+                    f"{spec}: is one picture, the plate is a {info.kind}; give --frame N, a video "
+                    "or a sequence such as out_%04d.png"
                 )
             _check_pictures(spec, codec, crf, pix_fmt)
             return StillSink(spec, info, pix_fmt=pix_fmt, keep_partial=keep_partial)

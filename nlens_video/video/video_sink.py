@@ -58,6 +58,7 @@ class VideoSink:
         self._keep = keep_partial and self._path is not None
         self._open = True
         self._committed = False
+        self._written = 0
         found = self._rescued()
         self._container = self._open_container()
         try:
@@ -93,7 +94,13 @@ class VideoSink:
     ) -> None:  # fmt: skip
         if self._committed:
             return
-        if self._keep and self._open and self._path is not None and self._partial is not None:
+        if (
+            self._keep
+            and self._open
+            and self._written
+            and self._path is not None
+            and self._partial is not None
+        ):
             with contextlib.suppress(OutputError):
                 self._finish()
                 self.kept = kept_name(self._path)
@@ -108,6 +115,7 @@ class VideoSink:
         """
         encoded = picture_frame(frame.picture, self.encoding.pixel_format)
         self._clock.stamp(encoded, frame)
+        self._written += 1
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
         with self._writing():
             self._carried.begin()

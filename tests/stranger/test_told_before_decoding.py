@@ -1,0 +1,228 @@
+"""What can be known of a run before its plate is decoded is told then; frames as previews."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import shots
+from support.command import nlens, one_line
+
+from nlens_video import run as run_module
+from nlens_video.farm import job as job_module
+
+pytestmark = pytest.mark.needs_gl
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_video(folder / "in.mp4", frames=12)
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
+    shots.cube_glb(folder / "bare.glb", camera=False)
+    shots.cube_glb(folder / "behind.glb", start=(0.0, 0.0, 30.0))
+    shots.cube_glb(folder / "left.glb", start=(-60.0, 0.0, -2.6), end=(-50.0, 0.0, -2.6))
+    shots.cube_glb(folder / "leaves.glb", end=(60.0, 0.0, -1.6), seconds=0.2)
+    shots.cube_glb(folder / "near.glb", start=(-2.7, 0.0, -2.6))
+    shots.fit_json(folder / "fit.json")
+    (folder / "bad.json").write_text('{"slope": "steep"}')
+    return folder
+
+
+@pytest.fixture
+def no_pass(monkeypatch):
+    """Whoever decodes the plate to follow its lens, or to find it, fails the test."""
+
+    def decodes(*given, **named):
+        pytest.fail("the plate is decoded before the slip is told")
+
+    monkeypatch.setattr(run_module, "follow", decodes)
+    monkeypatch.setattr(job_module, "find_fit", decodes)
+
+
+SLIPS = [
+    (["--codec", "x264lib"], 2, "no such encoder"),
+    (["--crf", "999"], 2, "--crf 999: libx264 takes"),
+    (["--crf", "20", "--codec", "ffv1"], 2, "--crf 20: ffv1"),
+    (["--pix-fmt", "yuv421"], 2, "--pix-fmt yuv421: no such pixel format"),
+    (["--preset", "cinematic"], 2, "standard"),
+    (["--effects", "glitter"], 2, "defocus"),
+    (["--fit", "none.json"], 5, "none.json"),
+    (["--fit", "bad.json"], 5, "slope"),
+    (["--animation", "run"], 4, "no animation 'run'"),
+    (["--scene", "dusk"], 4, "dusk"),
+    (["--camera", "crane"], 4, "crane"),
+    (["--footprint", "car"], 4, "car"),
+    (["--holdout", "none.png"], 3, "--holdout none.png: no such file"),
+    (["--env", "none.hdr"], 3, "--env none.hdr: no such file"),
+    (["--layers", "none.exr"], 3, "--layers none.exr: no such file"),
+]
+TARGETS = [
+    (["--report", "in.mp4/r"], 6, "is no folder"),
+    (["--aov", "in.mp4"], 6, "is no folder"),
+    (["--save-fit", "no/such/fit.json"], 6, "does not exist; make it first"),
+    (["--timings", "no/such/t.json"], 6, "does not exist; make it first"),
+    (["--range", "500:"], 2, "--range 500: of the plate: no such frames; it has about 12"),
+    (["--frame", "500"], 2, "no such frames; it has about 12"),
+]
+
+
+@pytest.mark.usefixtures("no_pass")
+@pytest.mark.parametrize(("more", "code", "words"), SLIPS + TARGETS)
+def test_a_slip_of_the_hand_is_told_before_a_pass_over_the_plate(
+    shot, tmp_path, monkeypatch, more, code, words
+):
+    monkeypatch.chdir(shot)
+    line = one_line(nlens("in.mp4", "anim.glb", tmp_path / "out.mp4", *more), code)
+    assert words in line
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pass")
+@pytest.mark.parametrize(("more", "code", "words"), SLIPS[:4] + SLIPS[8:12])
+def test_a_run_in_pieces_is_told_before_its_first_piece(
+    shot, tmp_path, monkeypatch, more, code, words
+):
+    """Their codec is needed at the very end, when hours may have gone by."""
+    monkeypatch.chdir(shot)
+    line = one_line(nlens("in.mp4", "anim.glb", tmp_path / "out.mp4", "--resume", *more), code)
+    assert words in line
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pass")
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        ("no/such/out.mp4", "does not exist; make it first"),
+        ("out.xyz", "nothing writes this extension"),
+        ("out.png", "is one picture, the plate is a video; give --frame N, a video or a sequence"),
+        (".", "is a folder"),
+    ],
+)
+def test_a_result_that_nothing_can_become_is_told_first(shot, tmp_path, out, words):
+    run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / out)
+    assert words in one_line(run, 6)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pass")
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (["--at", "400,300", "--size", "0.3"], "--at 400,300 is far off; expected fractions"),
+        (["--at", "0.5,0.8", "--size", "300"], "--size 300 is a share of the frame's height"),
+        (["--at", "0.5,0.8", "--size", "0.3", "--horizon", "-540"], "--horizon -540 is far off"),
+    ],
+)
+def test_a_place_in_pixels_is_no_place_in_fractions(shot, tmp_path, place, words):
+    run = nlens(shot / "in.mp4", shot / "bare.glb", tmp_path / "out.mp4", *place)
+    assert words in one_line(run, 2)
+
+
+class TestOutOfView:
+    @pytest.mark.usefixtures("no_pass")
+    @pytest.mark.parametrize("plate", ["in.mp4", "plate.png"])
+    @pytest.mark.parametrize(
+        ("glb", "more", "words"),
+        [
+            ("behind.glb", [], "behind the camera; check --camera"),
+            ("left.glb", [], "left of the frame; check --camera"),
+            ("left.glb", ["--effects", "none"], "left of the frame"),
+            ("bare.glb", ["--at", "-4,0.9", "--size", "0.3"], "left of the frame; check --at and"),
+        ],
+    )
+    def test_an_object_that_no_frame_shows_is_a_slip(self, shot, tmp_path, plate, glb, more, words):
+        out = (tmp_path / "out.mp4").with_suffix("." + plate.rpartition(".")[2])
+        line = one_line(nlens(shot / plate, shot / glb, out, *more), 4)
+        assert "the object is out of view" in line and words in line
+        assert not list(tmp_path.iterdir())
+
+    def test_an_object_just_beside_the_frame_leaves_no_result(self, shot, tmp_path):
+        """So near that its blur might have reached in: only drawing it tells."""
+        out = tmp_path / "o.png"
+        run = nlens(shot / "plate.png", shot / "near.glb", out, "--effects", "none")
+        assert "is to be seen on none of 1 frames" in one_line(run, 4)
+        assert not list(tmp_path.iterdir())
+
+    def test_an_object_that_leaves_the_frame_is_none(self, shot, tmp_path):
+        run = nlens(
+            shot / "in.mp4", shot / "leaves.glb", tmp_path / "o.mp4", "--fit", shot / "fit.json",
+            "--json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        assert 0 < json.loads(run.stdout)["composited"] < 12
+
+    def test_a_part_of_a_shot_may_go_without_its_object(self, shot, tmp_path):
+        run = nlens(
+            shot / "in.mp4", shot / "leaves.glb", tmp_path / "o.mp4", "--fit", shot / "fit.json",
+            "--range", "8:", "--json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        assert json.loads(run.stdout)["composited"] == 0
+
+    def test_a_live_source_may_wait_for_its_object(self, shot, tmp_path):
+        size = f"{shots.WIDTH}x{shots.HEIGHT}"
+        run = nlens(
+            f"testsrc2=size={size}:rate=25:duration=0.2", shot / "behind.glb", tmp_path / "o.mkv",
+            "--input-format", "lavfi", "--json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        assert json.loads(run.stdout)["composited"] == 0
+
+
+class TestOneFrame:
+    @pytest.mark.parametrize("words", [["--frame", "5"], ["--range", "5:6"]])
+    def test_one_frame_of_a_video_becomes_a_picture(self, shot, tmp_path, words):
+        out = tmp_path / "out.png"
+        run = nlens(
+            shot / "in.mp4", shot / "anim.glb", out, "--fit", shot / "fit.json", *words, "--json"
+        )
+        assert run.returncode == 0, run.stderr
+        assert json.loads(run.stdout)["timing"]["frames"] == 1
+        whole = nlens(
+            shot / "in.mp4", shot / "anim.glb", tmp_path / "all_%04d.png", "--fit",
+            shot / "fit.json",
+        )  # fmt: skip
+        assert whole.returncode == 0, whole.stderr
+        assert np.array_equal(cv2.imread(str(out)), cv2.imread(str(tmp_path / "all_0005.png")))
+
+    @pytest.mark.parametrize("name", ["o.jpg", "o.exr", "o.webp", "o.gif", "o.mp4", "o_%04d.png"])
+    def test_any_kind_of_result_takes_one_frame(self, shot, tmp_path, name):
+        run = nlens(
+            shot / "in.mp4", shot / "anim.glb", tmp_path / name, "--fit", shot / "fit.json",
+            "--frame", "3",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        (made,) = tmp_path.iterdir()
+        assert made.name == name.replace("%04d", "0003")
+
+    @pytest.mark.usefixtures("no_pass")
+    @pytest.mark.parametrize("words", [["--range", "5:7"], ["--range", "5:"], []])
+    def test_several_frames_become_no_picture(self, shot, tmp_path, words):
+        run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "out.png", *words)
+        assert "is one picture" in one_line(run, 6)
+
+    def test_a_sheet_of_places_is_drawn_on_the_frame_that_is_named(self, shot, tmp_path):
+        run = nlens("place", shot / "in.mp4", shot / "bare.glb", tmp_path / "s.png", "--frame", "7")
+        assert run.returncode == 0, run.stderr
+
+    @pytest.mark.parametrize("words", [["--frame", "-1"], ["--frame", "1:2"], ["--frame", "x"]])
+    def test_a_frame_is_a_number(self, shot, tmp_path, words):
+        run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "o.png", *words)
+        assert "is not the number of a frame" in one_line(run, 2)
+
+    def test_a_frame_and_a_range_are_not_asked_for_together(self, shot, tmp_path):
+        words = ["--frame", "1", "--range", "2:3"]
+        run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "o.png", *words)
+        assert "not allowed with" in one_line(run, 2)
+
+
+def test_a_report_folder_that_cannot_be_is_told_before_a_check_begins(shot, monkeypatch):
+    from nlens_video.check import command
+
+    monkeypatch.setattr(command, "compare", lambda *given, **named: pytest.fail("compared first"))
+    plate = shot / "in.mp4"
+    run = nlens("check", plate, "--against", plate, "--report", plate)
+    assert "is no folder" in one_line(run, 6)
