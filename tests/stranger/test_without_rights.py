@@ -1,0 +1,104 @@
+"""Folders and files that a user may not write, or not read: one line, and before any work."""
+
+import os
+
+import pytest
+import shots
+from support.command import one_line
+from support.rights import ordinary
+
+pytestmark = [pytest.mark.needs_gl, pytest.mark.needs_programs("setpriv")]
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_video(folder / "in.mp4", frames=3)
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb")
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+@pytest.fixture
+def closed(tmp_path):
+    """A folder in which nothing can be made."""
+    folder = tmp_path / "closed"
+    folder.mkdir()
+    folder.chmod(0o555)
+    yield folder
+    folder.chmod(0o755)
+    assert not list(folder.iterdir())
+
+
+def commands(shot, closed, free):
+    """Every command that writes, into a folder that is closed to it."""
+    plate, glb = shot / "plate.png", shot / "anim.glb"
+    run = ["render", plate, glb, free / "o.png"]
+    return {
+        "render": ["render", plate, glb, closed / "o.png"],
+        "render --report": [*run, "--report", closed / "r"],
+        "render --aov": [*run, "--aov", closed],
+        "render --timings": [*run, "--timings", closed / "t.json"],
+        "render --save-fit": [*run, "--save-fit", closed / "f.json"],
+        "render --resume": ["render", shot / "in.mp4", glb, closed / "o.mp4", "--resume"],
+        "render --as-chunk": [
+            "render", shot / "in.mp4", glb, closed / "c", "--as-chunk", "--fit", shot / "fit.json",
+        ],
+        "fit": ["fit", plate, glb, closed / "f.json"],
+        "place": ["place", plate, glb, closed / "s.png"],
+        "check": ["check", plate, "--against", plate, "--report", closed / "r"],
+        "bench": ["bench", "--quick", "--out", closed / "b"],
+        "study make": ["study", "make", "--demo", closed / "s.html"],
+    }  # fmt: skip
+
+
+def test_a_folder_that_is_closed_is_told_in_one_line_before_any_work(shot, tmp_path, closed):
+    lines = commands(shot, closed, tmp_path)
+    for command, run in zip(lines, ordinary(*lines.values()), strict=True):
+        line = one_line(run, 6)
+        assert "cannot be written to" in line or "cannot be made" in line, command
+    assert [path.name for path in tmp_path.iterdir()] == ["closed"]
+
+
+def test_a_file_that_may_not_be_read_is_told_in_one_line(shot, tmp_path):
+    lines = []
+    for hidden in ("plate.png", "anim.glb", "fit.json"):
+        folder = tmp_path / hidden
+        folder.mkdir()
+        for name in ("plate.png", "anim.glb", "fit.json"):
+            (folder / name).write_bytes((shot / name).read_bytes())
+        (folder / hidden).chmod(0o000)
+        plate, glb, out = folder / "plate.png", folder / "anim.glb", folder / "o.png"
+        lines.append([plate, glb, out, "--fit", folder / "fit.json"])
+    for run, code in zip(ordinary(*lines), (3, 4, 5), strict=True):
+        assert "Permission denied" in one_line(run, code)
+    assert not list(tmp_path.rglob("o.png"))
+
+
+def test_what_lies_in_a_closed_folder_can_be_worked_with(shot, tmp_path):
+    folder = tmp_path / "footage"
+    folder.mkdir()
+    for name in ("in.mp4", "anim.glb", "fit.json"):
+        (folder / name).write_bytes((shot / name).read_bytes())
+        (folder / name).chmod(0o444)
+    folder.chmod(0o555)
+    (tmp_path / "work").mkdir()
+    words = [folder / "in.mp4", folder / "anim.glb", "o.mp4", "--fit", folder / "fit.json"]
+    (run,) = ordinary(words, cwd=tmp_path / "work")
+    folder.chmod(0o755)
+    assert run.returncode == 0, run.stderr
+    assert os.access(tmp_path / "work" / "o.mp4", os.W_OK)  # the plate's protection is not its own
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="gives a file to another user, as root may")
+def test_a_file_of_another_user_is_left_to_them_unless_told_otherwise(shot, tmp_path):
+    out = tmp_path / "o.png"
+    out.write_text("theirs")
+    os.chown(out, 12345, 23456)
+    out.chmod(0o644)
+    words = [shot / "plate.png", shot / "anim.glb", out, "--fit", shot / "fit.json"]
+    refused, done = ordinary(words, [*words, "-y"])
+    assert "is write-protected; give -y" in one_line(refused, 6)
+    assert done.returncode == 0, done.stderr
+    assert out.read_bytes()[1:4] == b"PNG"
