@@ -6,51 +6,30 @@ import re
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import shots
 from scene.glb_builder import GlbBuilder
+from support.documents import PAGES, ROOT, commands
 
 from nlens_video.cli import main
 
-ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 OTHER_PROGRAMS = ("make ", "pip install ", "pipx install ", "cp samples/", "python docs/")
+IN_A_SHELL = "tests/stranger/test_documents_in_a_shell.py"
 ELSEWHERE = {
-    "/dev/video": "no camera is here; other devices: tests/video",
-    "rtsp://": "no network is here",
-    "ffmpeg -i in.mov": "the pipe's own side: tests/test_live.py and tests/test_real_things.py",
-    "producer |": "tests/test_live.py",
-    "gst-launch": "the pipe's own side: tests/test_live.py",
+    " | ": IN_A_SHELL,
+    "/dev/video": IN_A_SHELL,
     "nlens-video farm": "tests/farm",
-    "chunks --as-chunk --range $first": "tests/farm runs the loop",
-    "nlens-video merge": "tests/farm runs the loop",
+    "nlens-video merge": IN_A_SHELL,
     "nlens-video study make --demo": "tests/study; it renders for a minute",
-    "nlens-video study make PICTURES": "tests/study",
-    "nlens-video study analyse": "tests/study",
+    "nlens-video study make PICTURES": IN_A_SHELL,
+    "nlens-video study analyse": IN_A_SHELL,
 }
-SHELL = re.compile(r"frames=|length=|for |done$")
-
-
-def commands(page):
-    """Lines of the page's blocks that are commands."""
-    for language, block in re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(), re.M | re.S):
-        if language in {"", "bash"}:
-            for line in block.splitlines():
-                yield line.split("  #")[0].strip()
-
-
-def all_commands():
-    found = dict.fromkeys(line for page in PAGES for line in commands(page))
-    return [line for line in found if not SHELL.match(line)]
-
-
 HERE = [
     line
-    for line in all_commands()
+    for line in commands()
     if not line.startswith(OTHER_PROGRAMS) and not any(part in line for part in ELSEWHERE)
 ]
 
@@ -89,7 +68,7 @@ def test_command_runs_as_it_stands(command, folder, monkeypatch):
 
 
 def test_each_reason_not_to_run_a_command_is_still_needed():
-    shown = "\n".join(all_commands())
+    shown = "\n".join(commands())
     assert [part for part in ELSEWHERE if part not in shown] == []
 
 

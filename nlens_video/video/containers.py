@@ -24,6 +24,8 @@ from nlens_video.video.muxers import MP4_FAMILY, is_recent
 
 _PROGRAM_STREAMS = ("mpeg", "vob", "svcd", "vcd", "dvd")
 """These name no codec: readers guess, and only MPEG-1 and MPEG-2 are guessed by all of them."""
+_RTSP = ("libx264", "libx265", "libvpx", "libvpx-vp9", "mpeg4", "mpeg2video", "mpeg1video", "mjpeg")
+"""Encoders of what RTP has a form for; a trial would need a server."""
 _PICTURES_FIRST = ("mxf", "gxf", "dv")
 """These take sound beside pictures only."""
 _SIZE = (352, 288)  # one that H.263 and DNxHR have, too [px]
@@ -50,6 +52,8 @@ def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
         encoder: FFmpeg's name of it.
         pixel_format: FFmpeg's name of the one that the encoder is given.
     """
+    if container == "rtsp":
+        return encoder in _RTSP
     if container in _PROGRAM_STREAMS and encoder not in ("mpeg1video", "mpeg2video"):
         return False
     beside = encoder in _ALPHA_BESIDE and pixel_format == "yuva420p"

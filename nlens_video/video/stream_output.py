@@ -14,10 +14,7 @@ from nlens_video.errors import OutputError
 from nlens_video.video.muxers import Muxer, muxer, nothing_writes
 from nlens_video.video.still_sink import EXTENSIONS
 
-_BY_SCHEME = {
-    "rtmp": "flv", "rtmps": "flv", "rtsp": "rtsp", "rtp": "rtp_mpegts",
-    **dict.fromkeys(("tcp", "udp", "srt", "tls"), "mpegts"),
-}  # fmt: skip
+_BY_SCHEME = {"rtmp": "flv", "rtsp": "rtsp", "tcp": "mpegts", "udp": "mpegts"}
 """Containers of protocols whose addresses have no extension."""
 _CAMERAS = "/dev/video"
 _MP4_FAMILY = (".mp4", ".mov", ".m4v", ".3gp")

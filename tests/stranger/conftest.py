@@ -6,8 +6,9 @@ import pytest
 
 
 @pytest.fixture
-def free_port():
-    """A TCP port of this machine that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+def free_ports():
+    """Two TCP ports of this machine that nobody listens on, as text."""
+    with socket.socket() as first, socket.socket() as second:
+        first.bind(("127.0.0.1", 0))
+        second.bind(("127.0.0.1", 0))
+        return tuple(str(probe.getsockname()[1]) for probe in (first, second))

@@ -127,10 +127,10 @@ def test_pictures_that_ffmpeg_s_filters_make_are_a_live_source(folder):
     ],
 )
 def test_addresses_are_read_and_written_with_the_ffmpeg_program_at_the_other_end(
-    folder, free_port, source, result
+    folder, free_ports, source, result
 ):
     """The listener is started first; the other end tries until it is there."""
-    address = (source or result).format(port=free_port)
+    address = (source or result).format(port=free_ports[0])
     plain = address.removesuffix("?listen")
     if source and "listen" in source:
         other = f"ffmpeg -v error -i in.mkv -c copy -f matroska {plain}"

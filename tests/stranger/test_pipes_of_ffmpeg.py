@@ -1,0 +1,152 @@
+"""The `ffmpeg` program on both sides of a pipe: what it writes is read, what it reads is right."""
+
+import numpy as np
+import pytest
+import shots
+from support.live_shot import (
+    FRAMES,
+    QUICK,
+    picture_times,
+    pictures,
+    shell,
+    streams,
+    succeeded,
+    write_shot,
+)
+
+pytestmark = [pytest.mark.needs_gl, pytest.mark.needs_programs("ffmpeg", "ffprobe")]
+SIZE = f"{shots.WIDTH}x{shots.HEIGHT}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_shot(tmp_path_factory.mktemp("pipes"))
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("-f nut -c:v rawvideo -c:a copy", ""),
+        ("-f matroska -c copy", ""),
+        ("-f mpegts -c copy", ""),
+        ("-f yuv4mpegpipe -an", ""),
+        ("-f mjpeg -an -q:v 3 -pix_fmt yuvj420p", "--input-format mjpeg --input-rate 25"),
+        ("-f image2pipe -an -c:v png", "--input-format image2pipe --input-rate 25"),
+        ("-f mp4 -movflags frag_keyframe+delay_moov -c copy", ""),
+        ("-f flv -c copy", ""),
+    ],
+)
+def test_what_ffmpeg_pipes_comes_out_picture_for_picture(folder, source, words):
+    line = f"ffmpeg -v error -i in.mp4 {source} - | nlens-video - anim.glb - {words} {QUICK}"
+    succeeded(f"{line} | ffmpeg -v error -y -i - -fps_mode passthrough -c:v ffv1 out.mkv", folder)
+    assert pictures(folder / "out.mkv") == ("ffv1", FRAMES)
+    times = [round(moment * 25) for moment in picture_times(folder / "out.mkv")]
+    assert times == list(range(FRAMES))
+
+
+def test_sound_travels_through_nut_as_it_is(folder):
+    line = "ffmpeg -v error -i in.mkv -f nut -c:v rawvideo -c:a copy - | nlens-video - anim.glb -"
+    succeeded(f"{line} {QUICK} | ffmpeg -v error -y -i - -map 0:a -c copy sound.mkv", folder)
+    assert shots.audio_packets(folder / "sound.mkv") == shots.audio_packets(folder / "in.mkv")
+
+
+def test_pcm_leaves_pictures_on_their_times_and_check_finds_nothing(folder):
+    """As AAC it begins before zero: the first ffmpeg then moves the pictures, the last adds one."""
+    line = (
+        "ffmpeg -v error -i in.mp4 -f nut -c:v rawvideo -c:a pcm_s16le - | nlens-video - anim.glb -"
+    )
+    last = "ffmpeg -v error -y -i - -c:v libx264 -crf 14 pcm.mov"
+    words = succeeded(
+        f"{line} {QUICK} | {last} && nlens-video check pcm.mov --against in.mp4", folder
+    )
+    assert pictures(folder / "pcm.mov") == ("h264", FRAMES), words
+
+
+def test_sound_from_the_file_itself_is_kept_to_the_bit(folder):
+    line = "ffmpeg -v error -i in.mp4 -an -f nut -c:v rawvideo - | nlens-video - anim.glb -"
+    last = "ffmpeg -v error -y -i - -i in.mp4 -map 0:v -map 1:a -c:a copy -c:v libx264 own.mov"
+    succeeded(f"{line} {QUICK} | {last}", folder)
+    assert pictures(folder / "own.mov") == ("h264", FRAMES)
+    assert shots.audio_packets(folder / "own.mov") == shots.audio_packets(folder / "in.mp4")
+
+
+@pytest.mark.parametrize(
+    ("name", "out"),
+    [("bgr24", "mkv"), ("rgb24", "mkv"), ("yuv420p", "mov"), ("gray16le", "avi"), ("nv12", "mkv")],
+)
+def test_raw_frames_of_a_producer_become_a_file_that_shows_them(folder, name, out):
+    line = f"ffmpeg -v error -i in.mp4 -frames:v 4 -f rawvideo -pix_fmt {name} - | nlens-video -"
+    words = f"--input-format {name} --input-size {SIZE} --input-rate 30 {QUICK}"
+    succeeded(f"{line} anim.glb raw.{out} {words}", folder)
+    assert pictures(folder / f"raw.{out}")[1] == 4
+    shown, plate = (_first_picture(folder, name) for name in (f"raw.{out}", "in.mp4"))
+    beside = slice(0, shots.WIDTH // 4)  # the object stands in the middle
+    assert np.abs(shown[:, beside] - plate[:, beside]).mean() < 6
+
+
+def _first_picture(folder, name):
+    """Grey values as the ffmpeg program shows them."""
+    line = f"ffmpeg -v error -i {name} -frames:v 1 -f rawvideo -pix_fmt gray -"
+    run = shell(line, folder)
+    assert run.returncode == 0, run.stderr
+    return np.frombuffer(run.stdout, np.uint8).reshape(shots.HEIGHT, shots.WIDTH).astype(int)
+
+
+def test_a_variable_rate_keeps_its_times_on_both_pipes(folder):
+    wanted = [0, 1, 2, 5, 6, 7, 8, 11]
+    choose = "+".join(f"eq(n\\,{number})" for number in wanted)
+    line = f"ffmpeg -v error -i in.mp4 -an -vf \"select='{choose}'\" -fps_mode vfr"
+    last = "ffmpeg -v error -y -i - -fps_mode passthrough -enc_time_base -1 -c:v libx264 vfr.mkv"
+    succeeded(f"{line} -f nut - | nlens-video - anim.glb - {QUICK} | {last}", folder)
+    assert [round(moment * 25) for moment in picture_times(folder / "vfr.mkv")] == wanted
+
+
+def test_a_size_that_changes_midway_is_brought_to_the_first_one_and_told(folder):
+    made = "ffmpeg -v error -y -i in.mp4 -an -frames:v 6"
+    succeeded(
+        f"{made} -f mpegts one.ts && "
+        f"{made} -vf scale=320:180 -output_ts_offset 0.24 -f mpegts two.ts && "
+        "cat one.ts two.ts | nlens-video - anim.glb sizes.mkv --preset draft --fit fit.json "
+        "2> told",
+        folder,
+    )
+    (video,) = (one for one in streams(folder / "sizes.mkv") if one["codec_type"] == "video")
+    assert (video["width"], video["height"]) == (shots.WIDTH, shots.HEIGHT)
+    assert pictures(folder / "sizes.mkv")[1] >= 11  # ffmpeg itself loses one at such a joint
+    assert "320x180" in (folder / "told").read_text()
+
+
+def test_a_producer_that_starts_late_and_stalls_is_waited_for(folder):
+    line = "(sleep 2; head -c 40000 in.ts; sleep 2; tail -c +40001 in.ts)"
+    made = "ffmpeg -v error -y -i in.mp4 -c copy in.ts"
+    succeeded(f"{made} && {line} | nlens-video - anim.glb late.mkv {QUICK}", folder)
+    assert pictures(folder / "late.mkv")[1] == FRAMES
+
+
+def test_what_came_before_a_producer_died_is_kept_and_the_damage_told(folder):
+    raw = "ffmpeg -v error -i in.mp4 -an -f nut -c:v rawvideo -"
+    half = shots.WIDTH * shots.HEIGHT * 3 // 2 * 5 + 1000  # five frames and a bit
+    line = f"({raw} | head -c {half}; true) | nlens-video - anim.glb dead.mkv"
+    words = succeeded(f"set +o pipefail; {line} --preset draft --fit fit.json", folder)
+    codec, count = pictures(folder / "dead.mkv")
+    assert codec == "rawvideo" and 4 <= count <= 6, words
+
+
+def test_a_producer_that_dies_before_its_first_picture_is_told_in_a_line(folder):
+    for producer in ("true", "head -c 300 in.mkv"):
+        run = shell(f"{producer} | nlens-video - anim.glb none.mkv {QUICK}", folder)
+        assert run.returncode == 3 and run.stderr.count(b"\n") == 1, run.stderr
+    assert not (folder / "none.mkv").exists()
+
+
+def test_a_reader_that_has_enough_ends_the_run_without_a_word(folder):
+    run = shell(f"nlens-video in.mkv anim.glb - {QUICK} | head -c 100000 | wc -c", folder)
+    assert (run.returncode, run.stdout.strip(), run.stderr) == (0, b"100000", b"")
+
+
+def test_a_reader_that_fails_leaves_its_own_words_alone(folder):
+    run = shell(
+        f"nlens-video in.mkv anim.glb - {QUICK} | ffmpeg -v error -i - no/such/out.mp4", folder
+    )
+    assert run.returncode != 0
+    assert b"nlens-video" not in run.stderr and b"Traceback" not in run.stderr
