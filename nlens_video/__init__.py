@@ -1,7 +1,6 @@
 """Put a rendered, animated object into real footage as if the same lens had filmed it."""
 
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # as of `typing`, which takes ten milliseconds to load
 if TYPE_CHECKING:
     from nlens_video.compositor import Compositor
     from nlens_video.lens import LensFit

@@ -75,6 +75,9 @@ class Voice:
             task = bar.add_task("starting", total=None, pace="")
 
             def on_progress(done: int, total: int | None) -> None:
+                if not done:  # a farm tells the total first
+                    bar.update(task, total=total)
+                    return
                 elapsed = bar.tasks[0].elapsed or 0.0
                 fps = f", {done / elapsed:.1f} fps" if elapsed > 0 else ""
                 frames = "1 frame" if done == 1 else f"{done} frames"
