@@ -25,7 +25,7 @@ def count(path):
         return sum(1 for _ in source.decode(video=0))
 
 
-@pytest.mark.parametrize("size", ["63x47", "64x47", "65x49"])
+@pytest.mark.parametrize("size", ["63x47", "64x49"])
 @pytest.mark.parametrize(
     ("codec", "pixel_format"),
     [
@@ -50,8 +50,8 @@ def test_encoder_that_wants_even_sizes_gets_full_chroma_for_odd_ones(codec, tmp_
     assert complaints(tmp_path / "out.mp4") == ""
 
 
-@pytest.mark.parametrize("ending", ["mov", "mkv", "avi", "nut"])
-@pytest.mark.parametrize("pixel_format", ["nv12", "uyvy422", "bgr24", "rgb24", "yuv420p", "gray"])
+@pytest.mark.parametrize("ending", ["mov", "mkv", "avi"])
+@pytest.mark.parametrize("pixel_format", ["nv12", "uyvy422", "bgr24"])
 def test_raw_pictures_stay_raw_only_where_readers_know_their_format(pixel_format, ending, tmp_path):
     plate = clip(tmp_path / "in.nut", "rawvideo", pixel_format)
     out = tmp_path / f"out.{ending}"
@@ -66,7 +66,7 @@ def test_raw_pictures_stay_raw_only_where_readers_know_their_format(pixel_format
 
 
 @pytest.mark.parametrize("ending", ["mkv", "mp4"])
-@pytest.mark.parametrize("rate", ["25", "30000/1001", "12"])
+@pytest.mark.parametrize("rate", ["30000/1001", "12"])
 def test_avi_has_the_rate_of_its_source(rate, ending, tmp_path):
     plate = clip(tmp_path / f"in.{ending}", "libx264", "yuv420p", rate=rate)
     copy(plate, tmp_path / "out.avi")

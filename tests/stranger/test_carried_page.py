@@ -1,0 +1,20 @@
+"""docs/carried.md says what happens: one column of its table is tried again."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.needs_programs("ffmpeg", "ffprobe")
+def test_page_says_what_happens_to_streams_on_their_way_into_mp4(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS))
+    make_carried = __import__("make_carried")
+    page = (DOCS / "carried.md").read_text()
+    table = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("|")]
+    column = table[0].index("`.mp4`")
+    tried = [line.strip("| ").split(" | ") for line in make_carried.lines(["mp4"])]
+    assert [(row[0], row[column]) for row in table[2:]] == [tuple(row) for row in tried[2:]]
+    sys.modules.pop("make_carried")
