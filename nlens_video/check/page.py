@@ -91,7 +91,11 @@ def _chart(title: str, frames: Float64, values: Float64, unit: str) -> str:
     axes = Axes(width=_WIDTH, height=_HEIGHT, x=(float(frames[0]), float(frames[-1])), y=(0.0, top))
     body = axes.frame("frame", unit) + path(axes.points(frames[::every], values[::every]), "fit")
     words = f"{float(values.min()):.3g} to {float(values.max()):.3g} {unit}."
-    return figure(axes.drawing(title, words, body), "", title)
+    drawing = (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(title)}">'
+        f"{axes.drawing(title, words, body)}</div>"
+    )
+    return figure(drawing, "", title)
 
 
 def _name(spec: str) -> str:
