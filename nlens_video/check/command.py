@@ -25,7 +25,7 @@ from nlens_video.check.judge import (
 )
 from nlens_video.check.look import Look, look_at
 from nlens_video.check.measure import Measures, Measuring
-from nlens_video.check.offset import first_frame
+from nlens_video.check.offset import find_range as range_of
 from nlens_video.check.regions import Track
 from nlens_video.check.sound import SoundPair
 from nlens_video.errors import InputError, UsageError
@@ -104,9 +104,9 @@ def compare(
         InputError: one of the two cannot be read, or their frames differ in size.
         UsageError: the plate has no frames in the range.
     """
-    first = first_frame(result, plate) if find_range else 0
-    if first:
-        plate = replace(plate, frames=(first, None))
+    assumed = range_of(result, plate) if find_range else None
+    if assumed is not None:
+        plate = replace(plate, frames=assumed)
     with open_source(plate.spec, **plate.hints) as given, open_source(result) as made:
         _check_sizes(given, made)
         sound = _sound(given, made)
@@ -117,7 +117,7 @@ def compare(
         measuring = Measuring(_tick_s(given, made))
         looks = (read[0].looks(), read[1].looks())
         with closing(looks[0]), closing(looks[1]):
-            for met in in_step(*looks, to_the_end=not first):
+            for met in in_step(*looks):
                 interrupts.look()
                 measuring.take(met)
         missing = max(0, _audio_count(given) - _audio_count(made))
@@ -125,11 +125,10 @@ def compare(
         begin, end = plate.frames
         raise UsageError(f"--range {begin}:{end or ''}: {plate.spec} has no such frames")
     tracks = objects_among(measuring.measures, objects)
-    compared = measuring.measures.pairs + len(measuring.measures.dropped)
-    counts = (read[1].count, compared if first else read[0].count)
+    counts = (read[1].count, read[0].count)
     verdict = _verdict(result, plate.spec, counts, measuring.measures, tracks, sound, missing)
     if find_range:
-        told = _range_note(first, counts, measuring.measures)
+        told = _range_note(assumed, counts, measuring.measures)
         verdict = replace(verdict, notes=(*told, *verdict.notes))
     return Checked(
         verdict=verdict,
@@ -240,13 +239,16 @@ def _notes(objects: list[Track], measures: Measures) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _range_note(first: int, counts: tuple[int, int], measures: Measures) -> tuple[str, ...]:
+def _range_note(
+    assumed: tuple[int, int] | None, counts: tuple[int, int], measures: Measures
+) -> tuple[str, ...]:
     """What was assumed of the range that nobody gave."""
     made, given = counts
-    if first:
+    if assumed is not None:
+        first, end = assumed
         return (
-            f"taken for the result of --range {first}:{first + given}, for its first frame shows "
-            f"the plate's frame {first}; --range A:B says otherwise",
+            f"taken for the result of --range {first}:{end}, for its first frame shows the "
+            f"plate's frame {first}; --range A:B says otherwise",
         )
     if made and measures.dropped and measures.dropped[-1] == given - 1:
         return (f"if the result is of a part of its plate, say which: --range 0:{made}",)

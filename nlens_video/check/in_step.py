@@ -40,16 +40,8 @@ class Lone:
     dropped: bool
 
 
-def in_step(
-    plate: Iterator[Look], result: Iterator[Look], *, to_the_end: bool = True
-) -> Iterator[Pair | Lone]:
-    """Pair frames whose times differ by less than half a plate's frame; holds five of them.
-
-    Args:
-        plate: its frames.
-        result: the result's.
-        to_the_end: whether the plate's frames after the result's last one count as dropped.
-    """
+def in_step(plate: Iterator[Look], result: Iterator[Look]) -> Iterator[Pair | Lone]:
+    """Pair frames whose times differ by less than half a plate's frame; holds five of them."""
     before: Look | None = None
     now, after = next(plate, None), next(plate, None)
     shown = next(result, None)
@@ -66,7 +58,7 @@ def in_step(
         else:
             yield Lone(now.index, float(now.time_s), dropped=True)
         before, now, after = now, after, next(plate, None)
-    while now is not None and to_the_end:
+    while now is not None:
         yield Lone(now.index, float(now.time_s), dropped=True)
         now, after = after, next(plate, None)
     while shown is not None:

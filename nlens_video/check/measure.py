@@ -160,7 +160,7 @@ def _moved(now: Look, before: Look) -> Float32:
     return block_mean(np.abs(now.luma - before.luma))
 
 
-def misfit(result: Look, plate: Look) -> float:
+def _misfit(result: Look, plate: Look) -> float:
     """Difference of two frames [level].
 
     Median over the blocks, so that an object on less than half of them does not count.
@@ -168,19 +168,14 @@ def misfit(result: Look, plate: Look) -> float:
     return float(np.median(np.sqrt(block_mean(np.square(result.luma - plate.luma)))))
 
 
-def clearer(off: float, own: float) -> bool:
-    """Whether a frame that is `off` fits so much better than one that is `own` [level]."""
-    return off < min(_CLEARER * own, own - _LEAST_GAIN)
-
-
 def _shift(pair: Pair) -> int:
     """1 where the result shows the plate's next frame, -1 its last one, 0 where its own."""
-    own = misfit(pair.result, pair.plate)
+    own = _misfit(pair.result, pair.plate)
     best, shift = own, 0
     for neighbour, step in ((pair.before, -1), (pair.after, 1)):
         if neighbour is None:
             continue
-        off = misfit(pair.result, neighbour)
-        if off < best and clearer(off, own):
+        off = _misfit(pair.result, neighbour)
+        if off < min(best, _CLEARER * own, own - _LEAST_GAIN):
             best, shift = off, step
     return shift

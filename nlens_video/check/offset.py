@@ -1,39 +1,44 @@
-"""Which frame of the plate a result begins with, where nobody says it."""
+"""Which frames of the plate a result shows, where nobody says it."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from nlens_video import interrupts
-from nlens_video.check.look import Look, look_at
-from nlens_video.check.measure import clearer, misfit
+from nlens_video.check.look import Look, block_mean, look_at
 from nlens_video.settings import SourceSettings
 from nlens_video.video.opening import can_be_read_again
 from nlens_video.video.source import Source, open_source
 
-_ALIKE = 0.5  # a misfit so small ends the search: encoding alone makes as much [level]
+_MOST = 10.0  # what a block counts at most: the object is on the result alone [level]
+_CLEARER = 0.97  # of the misfit of the plate's first frame: a still camera's frames differ little
+_FAR_CLEARER = 0.6  # of that, a frame that no other is taken for
+_BEYOND = 50  # frames after such a one in which none better ends the search
 
 
-def first_frame(result: str, plate: SourceSettings) -> int:
-    """Index of the plate's frame that the result's first frame shows, 0 where none fits better.
-
-    Only a result with fewer frames than its plate is looked at, for `--range` gives such; both are
-    files that can be read again.
+def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
+    """The plate's frames that a shorter result begins in the midst of.
 
     Args:
-        result: what `render` has written.
+        result: what `render` has written, for `--range` gives such.
         plate: what it was made from; its range is not used.
+
+    Returns:
+        First index and the one past the last; None where the result has as many frames as its
+        plate or begins with it, or where one of the two cannot be read twice.
 
     Raises:
         InputError: one of the two cannot be read.
     """
     if not (can_be_read_again(result) and can_be_read_again(plate.spec)):
-        return 0
+        return None
     with open_source(result) as made, open_source(plate.spec, **plate.hints) as given:
         if _as_long(made, given) or _size(made) != _size(given):
-            return 0
-        beginning = _first(made)
-        if beginning is None:
-            return 0
-        return _best(beginning, given)
+            return None
+        frames = iter(made)
+        frame = next(frames, None)
+        first = 0 if frame is None else _best(look_at(frame, frame.pts), given)
+        return (first, first + 1 + sum(1 for _ in frames)) if first else None
 
 
 def _as_long(made: Source, given: Source) -> bool:
@@ -45,20 +50,21 @@ def _size(source: Source) -> tuple[int, int]:
     return source.info.width, source.info.height
 
 
-def _first(made: Source) -> Look | None:
-    frame = next(iter(made), None)
-    return None if frame is None else look_at(frame, frame.pts)
-
-
 def _best(beginning: Look, given: Source) -> int:
     best, least, own = 0, 0.0, 0.0
     for frame in given:
         interrupts.look()
-        off = misfit(beginning, look_at(frame, frame.pts))
+        off = _misfit(beginning, look_at(frame, frame.pts))
         if frame.index == 0:
             own = least = off
-        elif off < least and clearer(off, own):
+        if off < least:
             best, least = frame.index, off
-        if least <= _ALIKE:
+        if least < _FAR_CLEARER * own and frame.index >= best + _BEYOND:
             break
-    return best
+    return best if least < _CLEARER * own else 0
+
+
+def _misfit(result: Look, plate: Look) -> float:
+    """Mean difference of the blocks; a median would not see the little that moves [level]."""
+    off = np.sqrt(block_mean(np.square(result.luma - plate.luma)))
+    return float(np.minimum(off, _MOST).mean())

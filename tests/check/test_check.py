@@ -283,6 +283,19 @@ def test_range_of_a_result_is_found_and_said_where_it_is_not_given(source, tmp_p
     assert "taken for the result of --range 9:17" in verdict.notes[0]
 
 
+def test_range_is_found_before_a_still_camera_by_what_little_moves(tmp_path):
+    def lights(number):
+        picture = takes.plate(0).copy()
+        cv2.circle(picture, (20 + 4 * number, 20), 12, (1, 1, 0.6), -1)
+        noise = np.random.default_rng(number).normal(0, 0.01, picture.shape)
+        return np.clip(picture + noise, 0, 1).astype(np.float32)
+
+    plate = takes.encode(tmp_path / "in.mp4", [lights(n) for n in range(takes.FRAMES)])
+    verdict = found(part_of(plate, tmp_path / "part.mp4", 9, 17), plate, find_range=True)
+    assert "taken for the result of --range 9:17" in verdict.notes[0]
+    assert [one.kind for one in verdict.findings] == ["sound"]
+
+
 def test_result_that_ends_early_is_found_and_the_range_that_would_explain_it_said(source, tmp_path):
     verdict = found(part_of(source, tmp_path / "part.mp4", 0, 17), source, find_range=True)
     assert any("frames 17 to" in text for text in texts(verdict))
