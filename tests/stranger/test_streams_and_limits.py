@@ -52,12 +52,13 @@ def test_plate_from_a_standard_input_that_is_closed_is_refused_in_one_line(files
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
-def test_result_is_the_same_whichever_standard_streams_are_closed(files, tmp_path, closed):
-    for name, line in (("open.png", '"$@"'), ("closed.png", f'"$@" {closed}')):
-        assert shell(line, *quick(files, "plate.png", tmp_path / name)).returncode == 0
-    opened, shut = (tmp_path / name for name in ("open.png", "closed.png"))
-    assert shut.read_bytes() == opened.read_bytes()
+def test_result_is_the_same_whichever_standard_streams_are_closed(files, tmp_path):
+    results = []
+    for name, closed in enumerate(("", "<&-", ">&-", "2>&-", "<&- >&- 2>&-")):
+        out = tmp_path / f"{name}.png"
+        assert shell(f'"$@" {closed}', *quick(files, "plate.png", out)).returncode == 0, closed
+        results.append(out.read_bytes())
+    assert len(set(results)) == 1
 
 
 def test_words_of_libraries_do_not_get_into_a_file_where_standard_error_is_closed(tmp_path):
@@ -79,7 +80,7 @@ def test_words_of_libraries_do_not_get_into_a_file_where_standard_error_is_close
     ],
     ids=["ascii", "latin-1", "C"],
 )
-@pytest.mark.parametrize("words", [("render", "--help"), ("place", "--help"), ("doctor",)])
+@pytest.mark.parametrize("words", [("render", "--help"), ("place", "--help")])
 def test_text_is_written_in_any_encoding(environment, words):
     run = shell('"$@"', *program(*words), environment=environment)
     assert run.returncode == 0, run.stderr.decode()
