@@ -149,7 +149,9 @@ def _chosen(
     pcm = ("pcm_s24le", "pcm_s16le") if deep else ("pcm_s16le",)
     surround = _SURROUND if source.layout.nb_channels > 2 else ()
     lossless = source.codec.name in _LOSSLESS and name in _LOSSLESS_IN
-    kept = ("alac", "flac") if lossless else ()
+    kept: tuple[str, ...] = ("alac", "flac") if lossless else ()
+    if source.codec.name in _LOSSLESS and name == "avi":
+        kept = pcm
     for codec in (*kept, *_PREFERRED, *surround, *pcm, default):
         # what cannot be tried is not taken: a stream that was added cannot be taken back
         if not _is_encoder(codec) or is_recent(name, codec) or not holds_audio(name, codec):

@@ -20,7 +20,7 @@ from av.stream import Disposition, Stream
 from av.video.stream import VideoStream
 
 from nlens_video.video.info import CopiedStream
-from nlens_video.video.muxers import MP4_FAMILY, is_recent
+from nlens_video.video.muxers import MP4_FAMILY, canonical, is_recent
 
 _PROGRAM_STREAMS = ("mpeg", "vob", "svcd", "vcd", "dvd")
 """These name no codec: readers guess, and only MPEG-1 and MPEG-2 are guessed by all of them."""
@@ -39,6 +39,7 @@ _OPTIONS = {
 }
 _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
 """Encoders that put alpha beside the pictures, where Matroska alone has a place for it."""
+_KNOWN_BY_PACKETS = {("mpegts", "dts")}  # empty ones of a trial do not do
 _SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experiments
 _Write = Callable[[av.container.OutputContainer], None]
 
@@ -111,6 +112,8 @@ def holds_stream(container: str, stream: CopiedStream) -> bool:
     if is_recent(container, stream.codec) or not _takes_header(container, stream.stream):
         return False
     if av.ContainerFormat(container, "w").no_file:
+        return True
+    if (container, canonical(stream.codec)) in _KNOWN_BY_PACKETS:
         return True
     if encoder := _encoder_of(stream):
         if stream.type == "audio":

@@ -15,6 +15,7 @@ SOUND_ONLY = ("mp3", "flac")
 _RECENT = {
     "flv": ("hevc", "vp8", "vp9", "av1", "opus", "flac", "ac3", "eac3"),  # since 2023
     "mxf": ("ffv1",),
+    "avi": ("flac",),  # read again, but not decoded
 }
 
 

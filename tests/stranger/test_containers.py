@@ -56,7 +56,7 @@ def copied_by_ffmpeg(name, plates, container, folder):
     words = beside if container == "mxf" and kind == "audio" else ()
     out = folder / f"theirs_{name}.{container}"
     run = ffmpeg("-i", plates[name], *words, "-c", "copy", out)
-    return run.returncode == 0 and codecs(out).get(kind) == name
+    return run.returncode == 0 and codecs(out).get(kind) == name and not complaints(out)
 
 
 def together(video, audio, plates):
@@ -108,3 +108,11 @@ def test_broadcast_containers_hold_what_they_are_made_for(plate, container, kept
     copy(source, tmp_path / f"out.{container}")
     assert codecs(tmp_path / f"out.{container}") == kept
     assert complaints(tmp_path / f"out.{container}") == ""
+
+
+@pytest.mark.parametrize("container", ["ts", "mkv", "mp4"])
+def test_dts_that_nothing_here_encodes_is_kept(container, plates, tmp_path):
+    sound = ("-f", "lavfi", "-i", "sine=r=48000:d=0.5", "-ac", 2, "-c:a", "dca", "-strict", -2)
+    plate = made("-i", plates["h264"], *sound, "-c:v", "copy", tmp_path / "in.mkv")
+    assert not copy(plate, tmp_path / f"out.{container}")
+    assert codecs(tmp_path / f"out.{container}") == {"video": "h264", "audio": "dts"}
