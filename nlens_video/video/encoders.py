@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import av
+from av.codec.codec import Capabilities
 
 from nlens_video.errors import InputError, UsageError
 from nlens_video.video.formats import PixelLayout, layout, working_format
@@ -70,6 +71,19 @@ def encoder_called(codec: str) -> str:
     if kind != "video":
         raise UsageError(f"--codec {codec}: encodes {kind}, not video; {advice}")
     return name
+
+
+def not_held(codec: str, container: str) -> str:
+    """What to say of an encoder that could not be started in a container.
+
+    Args:
+        codec: as the user gave it.
+        container: FFmpeg's name of it.
+    """
+    needs = Capabilities.hardware | Capabilities.hybrid
+    if av.Codec(encoder_called(codec), "w").capabilities & needs:
+        return f"--codec {codec}: needs hardware that is not at hand; give another encoder"
+    return f"--codec {codec}: {container} does not hold it; give another OUT"
 
 
 def check_crf(crf: float, encoder: str) -> None:

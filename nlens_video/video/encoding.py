@@ -16,6 +16,7 @@ from nlens_video.video.encoders import (
     encoder_of,
     encoder_options,
     nearest_format,
+    not_held,
     pixel_formats,
     some_format,
 )  # fmt: skip
@@ -89,7 +90,7 @@ def choose_encoding(
     if codec is not None:
         name = encoder_called(codec)
         if not holds(name, some_format(name)):
-            raise UsageError(f"--codec {codec}: {container} does not hold it; give another OUT")
+            raise UsageError(not_held(codec, container))
         why = ""
     else:
         name, why = _encoder(info, holds, container, default)

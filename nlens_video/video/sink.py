@@ -9,7 +9,13 @@ from typing import Protocol, Self
 from nlens_video.errors import OutputError, UsageError
 from nlens_video.video.atomic import check_folder
 from nlens_video.video.containers import holds_video
-from nlens_video.video.encoders import check_crf, check_pixel_format, encoder_called, some_format
+from nlens_video.video.encoders import (
+    check_crf,
+    check_pixel_format,
+    encoder_called,
+    not_held,
+    some_format,
+)
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.muxers import SOUND_ONLY, Muxer, muxer, no_pictures, nothing_writes
 from nlens_video.video.named_files import NamedFiles, local_path
@@ -136,7 +142,7 @@ def check_output(
     if container.video_codec == "none" or container.name in SOUND_ONLY:
         raise OutputError(no_pictures(spec))
     if encoder is not None and not holds_video(container.name, encoder, some_format(encoder)):
-        raise UsageError(f"--codec {codec}: {container.name} does not hold it; give another OUT")
+        raise UsageError(not_held(str(codec), container.name))
 
 
 def _check_pictures(spec: str, codec: str | None, crf: float | None, pix_fmt: str | None) -> None:

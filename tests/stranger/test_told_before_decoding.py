@@ -1,7 +1,9 @@
 """What can be known of a run before its plate is decoded is told then; frames as previews."""
 
 import json
+from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -43,6 +45,7 @@ def no_pass(monkeypatch):
 
 SLIPS = [
     (["--codec", "x264lib"], 2, "no such encoder"),
+    (["--codec", "vp8"], 2, "--codec vp8: mp4 does not hold it; give another OUT"),
     (["--crf", "999"], 2, "--crf 999: libx264 takes"),
     (["--crf", "20", "--codec", "ffv1"], 2, "--crf 20: ffv1"),
     (["--pix-fmt", "yuv421"], 2, "--pix-fmt yuv421: no such pixel format"),
@@ -105,6 +108,14 @@ def test_a_result_that_nothing_can_become_is_told_first(shot, tmp_path, out, wor
     run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / out)
     assert words in one_line(run, 6)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif("h264_nvenc" not in av.codecs_available, reason="this FFmpeg knows no such")
+@pytest.mark.skipif(Path("/dev/nvidia0").exists(), reason="here it may be at hand")
+@pytest.mark.usefixtures("no_pass")
+def test_an_encoder_without_its_hardware_is_told_first(shot, tmp_path):
+    run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "o.mp4", "--codec", "h264_nvenc")
+    assert "--codec h264_nvenc: needs hardware that is not at hand" in one_line(run, 2)
 
 
 @pytest.mark.usefixtures("no_pass")
