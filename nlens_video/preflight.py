@@ -71,7 +71,6 @@ def check_words(settings: Settings, *, as_chunks: bool = False) -> None:
 
     Raises:
         UsageError: preset, effects, codec, quality or pixel format make no sense.
-        InputError: a file that is to be read is missing.
         LensFitError: the given fit cannot be used.
         OutputError: a file or folder cannot be written.
     """
@@ -88,14 +87,6 @@ def check_words(settings: Settings, *, as_chunks: bool = False) -> None:
     requested_effects(settings.effects)
     if settings.fit is not None and FitTrack.load(settings.fit) is None:
         LensFit.load(settings.fit)
-    scene = settings.scene
-    for option, spec in (
-        ("--layers", scene.layers),
-        ("--holdout", scene.real.holdout),
-        ("--env", scene.light.env),
-    ):
-        if spec is not None and not Numbered.matches(str(spec)) and not Path(spec).is_file():
-            raise InputError(f"{option} {spec}: no such file")
 
 
 def check_shot(settings: Settings, info: SourceInfo) -> None:
@@ -107,6 +98,7 @@ def check_shot(settings: Settings, info: SourceInfo) -> None:
 
     Raises:
         UsageError: the range lies behind the plate's end, or a place makes no sense.
+        InputError: a file that is to be read is missing.
         SceneError: the GLB cannot be used, or its object is in view on no frame of the plate.
     """
     first, _ = settings.source.frames
@@ -116,10 +108,21 @@ def check_shot(settings: Settings, info: SourceInfo) -> None:
     objects = settings.scene
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, _ = stand(objects, scene, view_of(settings, info))
+    _check_files(objects)
     if objects.footprint is not None:
         scene.triangles(0.0, objects.footprint)
     if _is_whole(settings, info) and objects.layers is None:
         _check_in_view(objects, scene, view, info)
+
+
+def _check_files(objects: ObjectSettings) -> None:
+    for option, spec in (
+        ("--layers", objects.layers),
+        ("--holdout", objects.real.holdout),
+        ("--env", objects.light.env),
+    ):
+        if spec is not None and not Numbered.matches(str(spec)) and not Path(spec).is_file():
+            raise InputError(f"{option} {spec}: no such file")
 
 
 def check_written(settings: Settings, info: SourceInfo, frames: int, *, changed: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,8 +113,6 @@ def run_resumable(words: argparse.Namespace, settings: Settings, voice: Voice) -
         with voice.progress_bar() as on_progress:
             merged = run_job(settings, folder, PIECE_S, render_here, on_progress)
     except BaseException as error:
-        with suppress(OSError):
-            folder.rmdir()  # nothing is done yet
         if folder.is_dir():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")
         raise

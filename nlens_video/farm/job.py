@@ -66,6 +66,8 @@ def run_job(
     if settings.output is None:
         raise UsageError("no output was named")
     check(settings)
+    with opened(settings.source) as plate:
+        preflight(settings, plate.info)
     store = Folder(folder)
     with store.held():
         prepared = prepare(settings, store, chunk_s)
@@ -98,8 +100,7 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
         NlensError: as `run.find_fit`.
     """
     counted: list[int] = []
-    with opened(settings.source) as plate:
-        preflight(settings, plate.info)
+    with opened(settings.source) as plate:  # first: it is there
         seconds = frame_s(plate.info) or 1 / 25
     fit = _found_fit(settings, store, counted.append)
     frames = counted[0] if counted else _counted(settings.source)

@@ -15,6 +15,8 @@ from nlens_video.farm.job import Prepared, prepare, with_stored
 from nlens_video.farm.merge import Merged, merge_arriving
 from nlens_video.farm.open_run import OpenRun
 from nlens_video.farm.store import Store
+from nlens_video.intake import opened
+from nlens_video.preflight import preflight
 from nlens_video.run import render
 from nlens_video.settings import OutputSettings, Settings, SourceSettings
 
@@ -37,6 +39,8 @@ class Workbench:
     def prepare(self, settings: Settings, store: Store, chunk_s: float) -> Prepared:
         """Find the lens and cut the plate into chunks, as `job.prepare`."""
         self.close()
+        with opened(settings.source) as plate:
+            preflight(settings, plate.info)
         return prepare(settings, store, chunk_s)
 
     def chunk(

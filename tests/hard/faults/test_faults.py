@@ -19,7 +19,7 @@ import shots
 from hard.faults import kills
 
 from nlens_video import model_store
-from nlens_video import run as run_module
+from nlens_video import preflight as preflight_module
 from nlens_video.cli import main
 from nlens_video.command_paths import chunks_beside
 from nlens_video.errors import NlensError, OutputError
@@ -159,7 +159,7 @@ def test_a_run_whose_encoder_fails_midway_is_one_line_and_leaves_no_result(
         sink._stream = Failing(sink._stream)
         return sink
 
-    monkeypatch.setattr(run_module, "open_sink", opened)
+    monkeypatch.setattr(preflight_module, "open_sink", opened)
     assert main(words(shot, tmp_path / "out.mkv", *more)) == 6
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "out.mkv: cannot be written" in said
