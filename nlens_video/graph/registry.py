@@ -113,7 +113,8 @@ def _fit(tools: Tools, *, whole_plane: bool = True, anchor_weight: float = 0.1) 
         except LensFitError as error:
             if not tools.fallback_constant:
                 raise
-            tools.record.note = f"constant CoC instead of a fit: {error}"
+            reason = str(error).partition("; give ")[0]  # what it advises is done already
+            tools.record.note = f"constant CoC instead of a fit: {reason}"
             return constant_fit(coc, ground, frame.index)
         tools.record.note = _doubt(tools.record.regression.fit, ground)
         return tools.record.regression.fit

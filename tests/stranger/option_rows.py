@@ -78,7 +78,10 @@ PLATE = {
 }  # fmt: skip
 RANGE = {
     "range": option(
-        "--range", "0:1", nonsense=("", "5", "3:1", "-1:2", "a:b", "1:1", "nan:2", "9:"), codes=(2,)
+        "--range",
+        "0:1",
+        nonsense=("", "5-7", "3:1", "-1:2", "a:b", "1:1", "nan:2", "9:"),
+        codes=(2,),
     )
 }
 PLAYBACK = {
