@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import BinaryIO
@@ -65,7 +66,7 @@ class StreamOutput:
         if spec == "-":
             if sys.stdout is None:
                 raise OutputError("standard output: is closed; give OUT a name, or pipe it on")
-            return av.open(sys.stdout.buffer, "w", format="nut")
+            return av.open(_Pipe(sys.stdout.buffer), "w", format="nut")
         if "://" in spec:
             return av.open(spec, "w", format=_BY_SCHEME.get(urlsplit(spec).scheme))
         if spec.startswith(_CAMERAS):
@@ -79,5 +80,25 @@ class StreamOutput:
         if found is None:
             raise OutputError(nothing_writes(spec))
         # opened here: waiting for the reader of a named pipe must not keep Ctrl-C from being heard
-        self._file = Path(spec).open("wb", buffering=0)
-        return av.open(self._file, "w", format=found.name, container_options=options)
+        self._file = Path(spec).open("wb")
+        return av.open(_Pipe(self._file), "w", format=found.name, container_options=options)
+
+
+class _Pipe:
+    """What FFmpeg writes to: an interrupt ends a write that a stalled reader blocks.
+
+    PyAV loses what is raised here, so the interrupt is left for `interrupts.look` to raise.
+    """
+
+    def __init__(self, pipe: BinaryIO) -> None:
+        self._pipe = pipe
+
+    def write(self, data: bytes) -> int:
+        """Write all of it, nowhere once the run is interrupted."""
+        try:
+            self._pipe.write(data)
+        except KeyboardInterrupt:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._pipe.fileno())
+            os.close(nowhere)
+        return len(data)

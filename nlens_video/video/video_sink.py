@@ -16,6 +16,7 @@ import av.container
 from av.codec.context import Flags
 from av.video.stream import VideoStream
 
+from nlens_video import interrupts
 from nlens_video.color import FULL_RANGE
 from nlens_video.errors import InputError, OutputError, ReaderGone
 from nlens_video.video.atomic import kept_name, left_over, partial_name, publish, sweep
@@ -183,6 +184,7 @@ class VideoSink:
     def _writing(self) -> Iterator[None]:
         try:
             yield
+            interrupts.look()  # one that came while FFmpeg wrote
         except BrokenPipeError as error:
             raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
         except (av.FFmpegError, OSError, ValueError) as error:

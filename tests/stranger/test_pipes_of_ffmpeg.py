@@ -6,6 +6,7 @@ import shots
 from support.live_shot import (
     FRAMES,
     QUICK,
+    RUN,
     picture_times,
     pictures,
     shell,
@@ -150,3 +151,14 @@ def test_a_reader_that_fails_leaves_its_own_words_alone(folder):
     )
     assert run.returncode != 0
     assert b"nlens-video" not in run.stderr and b"Traceback" not in run.stderr
+
+
+def test_an_interrupt_is_heard_while_a_reader_stalls(folder):
+    """A signal to the program alone, as a service manager sends it: the reader lives on."""
+    line = f"{RUN} in.mkv anim.glb - {QUICK} 2> told & echo $! >&9; wait $!; echo $? > code"
+    stall = "until [ -s code ] || [ $SECONDS -gt 60 ]; do sleep 0.2; done"
+    reader = f"head -c 1000 > got; sleep 1; kill -INT $(cat number); {stall}"
+    script = f"exec 9> number; ({line}) | ({reader})"
+    shell(script, folder, timeout=90)
+    assert (folder / "told").read_text() == "nlens-video: interrupted, no output written\n"
+    assert (folder / "code").read_text() == "130\n"
