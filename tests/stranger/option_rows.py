@@ -80,9 +80,10 @@ RANGE = {
     "range": option(
         "--range",
         "0:1",
-        nonsense=("", "5-7", "3:1", "-1:2", "a:b", "1:1", "nan:2", "9:"),
+        nonsense=("", "5", "5-7", "3:1", "-1:2", "a:b", "1:1", "nan:2", "9:"),
         codes=(2,),
-    )
+    ),
+    "frame": option("--frame", "0", nonsense=("", "-1", "1.5", "abc", "0:1", "9" * 400)),
 }
 PLAYBACK = {
     "animation": option("--animation", "0", nonsense=("", "nosuch", "99", "-1"), codes=(2, 4)),

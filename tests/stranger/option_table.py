@@ -64,6 +64,7 @@ COMMANDS = {
             **TALK, "input": INPUT, **OBJECT, "output": Row(sense=("{tmp}/out.mkv",)),
             **LENS, **OF_A_VIDEO, **EFFECTS, **PLANNED, "no_progress": SHOWN["no_progress"],
             "overwrite": SHOWN["overwrite"],
+            **RANGE,
             "range": replace(RANGE["range"], nonsense=RANGE["range"].nonsense[:-1]),
             "layers": replace(OBJECT["layers"], nonsense=("",)),
             "workers": option("--workers", "2", nonsense=(*NOT_NUMBERS, "0", "-1", "1.5")),

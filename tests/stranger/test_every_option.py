@@ -20,12 +20,16 @@ pytestmark = pytest.mark.needs_gl
 
 
 def actions(name):
-    """The words of a command by the name that argparse keeps them under."""
+    """The words of a command by the name that argparse keeps them under, a second by its own."""
     command, _, kind = name.partition(" ")
     parser = arguments.parser_of(command)
     if kind:
         parser = parser._subparsers._group_actions[0].choices[kind]
-    return {action.dest: action for action in parser._actions}
+    found = {}
+    for action in parser._actions:
+        taken = action.dest in found
+        found[action.option_strings[-1].lstrip("-") if taken else action.dest] = action
+    return found
 
 
 @pytest.fixture(scope="module")
