@@ -163,7 +163,7 @@ def test_an_object_out_of_view_is_one_line(tmp_path):
 def test_an_out_that_is_a_file_is_one_line(folder, tmp_path):
     (tmp_path / "taken").write_text("")
     run = nlens("evaluate", "coc", folder, "--out", tmp_path / "taken")
-    assert "cannot be made" in one_line(run, 6)
+    assert "is no folder" in one_line(run, 6)
 
 
 @pytest.mark.parametrize("words", [(), ("coc",), ("everything", "there")])
