@@ -5,6 +5,7 @@
 # make gallery  the pictures of docs/gallery
 # make hard    docs/hard.md and its pictures: every case of tests/hard
 # make docs    the documentation as a site: site/index.html
+# make golden  are the results the bits they were: twenty runs against their recorded hashes
 # make bench   time of each node of the demo, and its ratio to plain decode + encode
 
 PYTHON ?= python3
@@ -45,7 +46,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: demo test lint fuzz gallery docs bench install system programs clean
+.PHONY: demo test lint fuzz gallery docs golden bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -98,6 +99,9 @@ hard: system $(VENV)/.installed-test
 bench: install
 	$(BIN)/python benchmarks/bench_demo.py
 	$(BIN)/python benchmarks/bench_scatter.py
+
+golden: install
+	$(BIN)/python benchmarks/golden.py
 
 clean:
 	rm -rf $(VENV) build dist site samples/out.mp4 samples/report
