@@ -12,7 +12,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check -q
-SOURCES := $(wildcard pyproject.toml constraints.txt nlens_video/__init__.py)
+SOURCES := $(wildcard pyproject.toml constraints.txt nlens_video/core/version.py)
 
 # Debian and Ubuntu packages: headless OpenGL, and venv where Python comes without it.
 define SYSTEM

@@ -13,11 +13,16 @@ import tempfile
 import time
 from pathlib import Path
 
+from nlens_video.core.settings import (
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
 from nlens_video.graph.profiler import Summary
-from nlens_video.run import OnProgress, render
-from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.run.render import OnProgress, render
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 SAMPLES = Path(__file__).parents[1] / "samples"
 

@@ -26,15 +26,15 @@ import cv2
 import numpy as np
 from bench_demo import SAMPLES, transcode
 
-from nlens_video.playback import Playback
-from nlens_video.run import OnProgress, render
-from nlens_video.settings import (
+from nlens_video.core.playback import Playback
+from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
     Settings,
     SourceSettings,
 )
+from nlens_video.run.render import OnProgress, render
 
 Spent = tuple[float, float]
 FIRST, FRAMES, RATE = 64, 144, 24

@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.frames import Float32
+from nlens_video.core.layers import Float32
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 
 WIDTH, HEIGHT = 960, 512

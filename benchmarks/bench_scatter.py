@@ -12,7 +12,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from nlens_video.kernels.scatter import DRAFT, scatter
+from nlens_video.kernels.scatter.scatter import DRAFT, scatter
 
 
 def least_ms(work: Callable[[], object], repeats: int = 10) -> float:

@@ -2,7 +2,7 @@
 
     python benchmarks/farm_scaling.py     # draws docs/farm/scaling.png, prints the table
 
-The tasks and their order are those of `nlens_video.farm.shots`; how long each takes is a model
+The tasks and their order are those of `nlens_video.farm.shot_tasks`; how long each takes is a model
 whose costs were measured (`docs/farm.md`). Beside it stands the closed form of the same costs.
 """
 
@@ -21,13 +21,24 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from nlens_video.chunk_mark import ChunkMark
+from nlens_video.core.settings import (
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
 from nlens_video.farm.job import PIECE_S, Prepared, length_of, ranges
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.shots import Plan, Progress, Shot, Task, plan
+from nlens_video.farm.shot_tasks import (
+    Plan,
+    Progress,
+    Shot,
+    Task,
+    plan,
+)
 from nlens_video.farm.store import Folder
-from nlens_video.farm.workbench import Workbench
-from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
+from nlens_video.farm.worker import Workbench
+from nlens_video.video.chunks.chunk_id import ChunkMark
 
 PICTURE = Path(__file__).parents[1] / "docs" / "farm" / "scaling.png"
 WORKERS = (1, 2, 4, 8, 16, 32, 64, 125, 250, 500, 1000)

@@ -17,7 +17,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[1]
 PAGES = {
     "README.md": "index.md",
-    "nlens_video/DESIGN.md": "design.md",
+    "docs/design-notes.md": "design.md",
     "models/coc/README.md": "models/coc.md",
     "models/reblur/README.md": "models/reblur.md",
     "models/paper/README.md": "models/paper.md",

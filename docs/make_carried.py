@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from nlens_video.errors import NlensError
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.core.errors import NlensError
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 PAGE = Path(__file__).with_name("carried.md")
 CONTAINERS = ("mp4", "mov", "mkv", "webm", "ts", "mxf", "avi", "nut")

@@ -18,15 +18,9 @@ from make_picture import frame_of
 from PIL import Image, ImageDraw, ImageFont
 
 from nlens_video import Compositor
-from nlens_video.color import ColorTags
-from nlens_video.graph.asked_lens import Lens
-from nlens_video.graph.assemble import assemble
-from nlens_video.graph.objects import View
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.stream import FrameSteps
-from nlens_video.lens import LensFit
-from nlens_video.run import render
-from nlens_video.settings import (
+from nlens_video.core.color import ColorTags
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
@@ -34,8 +28,14 @@ from nlens_video.settings import (
     Settings,
     SourceSettings,
 )
+from nlens_video.graph.executor import FrameSteps
+from nlens_video.graph.lens_request import Lens
+from nlens_video.graph.nodes.object_source import View
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.session import assemble
+from nlens_video.run.render import render
 from nlens_video.video.exr import read_exr, write_layers
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "gallery"

@@ -16,18 +16,18 @@ import numpy as np
 from make_picture import frame_of
 from matplotlib.axes import Axes
 
-from nlens_video.frames import BlurredLayer, DefocusedLayer
-from nlens_video.graph.asked_lens import Lens
-from nlens_video.graph.assemble import assemble
-from nlens_video.graph.call_for import Plate
-from nlens_video.graph.objects import View
+from nlens_video.core.layers import BlurredLayer, DefocusedLayer
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.graph.effect_decisions import Plate
+from nlens_video.graph.lens_request import Lens
+from nlens_video.graph.nodes.context import ShotRecord
+from nlens_video.graph.nodes.object_source import View
+from nlens_video.graph.nodes.stream_frame import LoopFrame
 from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.stream import LoopFrame
-from nlens_video.graph.tools import ShotRecord
-from nlens_video.settings import ObjectSettings
+from nlens_video.graph.session import assemble
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import Regression
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "lens"

@@ -11,8 +11,13 @@ from pathlib import Path
 import av
 from PIL import Image, ImageDraw, ImageFont
 
-from nlens_video.run import render
-from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
+from nlens_video.core.settings import (
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
+from nlens_video.run.render import render
 
 ROOT = Path(__file__).parents[1]
 SHOTS = (

@@ -1,11 +1,13 @@
 """Put a rendered, animated object into real footage as if the same lens had filmed it."""
 
+from nlens_video.core.version import VERSION
+
 TYPE_CHECKING = False  # as of `typing`, which takes ten milliseconds to load
 if TYPE_CHECKING:
-    from nlens_video.compositor import Compositor
-    from nlens_video.lens import LensFit
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.run.compositor import Compositor
 
-__version__ = "0.1.0"
+__version__ = VERSION
 __all__ = ["Compositor", "LensFit", "__version__"]
 
 
@@ -17,11 +19,11 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> object:
     """Load the compositor, and with it the heavy libraries, when it is first asked for."""
     if name == "Compositor":
-        from nlens_video.compositor import Compositor
+        from nlens_video.run.compositor import Compositor
 
         return Compositor
     if name == "LensFit":
-        from nlens_video.lens import LensFit
+        from nlens_video.core.lens_fit import LensFit
 
         return LensFit
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

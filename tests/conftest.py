@@ -17,7 +17,7 @@ SHARED = Path(__file__).parents[2] / "shared"
 
 @functools.cache
 def _why_no_gl() -> str:
-    from nlens_video.backends.gl_platform import open_platform
+    from nlens_video.render.opengl.egl_platform import open_platform
 
     try:
         open_platform().delete_context()

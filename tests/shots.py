@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.kernels.scatter import scatter
+from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
 
 WIDTH, HEIGHT = 480, 270

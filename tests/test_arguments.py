@@ -3,7 +3,7 @@
 import pytest
 from support.command import nlens, one_line
 
-from nlens_video import arguments
+from nlens_video.options import options
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def test_slips_of_the_hand_are_told_with_what_was_meant(words, said):
 
 
 def test_value_that_begins_with_a_minus_needs_no_equals_sign():
-    words = arguments.parse(
+    words = options.parse(
         ["in.mp4", "a.glb", "-", "--distortion", "-0.1,0.02", "--at", "-0.1,0.5", "--yaw", "-30",
          "--effects", "-grain,+shadow", "-q"]
     )  # fmt: skip

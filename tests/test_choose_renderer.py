@@ -9,9 +9,9 @@ import pytest
 from scene.glb_builder import GlbBuilder
 from test_render import camera_at, quad, unlit
 
-from nlens_video.backends import choose_renderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.errors import UsageError
+from nlens_video.core.errors import UsageError
+from nlens_video.render import select
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
 
 
@@ -24,11 +24,11 @@ def scene(tmp_path):
 
 def test_the_variable_names_a_renderer_and_the_description_says_so(scene, monkeypatch):
     monkeypatch.setenv("NLENS_RENDERER", "software")
-    with choose_renderer.choose_renderer(scene) as renderer:
+    with select.choose_renderer(scene) as renderer:
         assert isinstance(renderer, SoftwareObjectRenderer)
         assert "software rasteriser (NLENS_RENDERER=software)" in renderer.description
     monkeypatch.setenv("NLENS_RENDERER", "opengl")
-    with choose_renderer.choose_renderer(scene) as renderer:
+    with select.choose_renderer(scene) as renderer:
         assert "OpenGL (NLENS_RENDERER=opengl)" in renderer.description
 
 
@@ -37,13 +37,13 @@ def test_an_unknown_name_is_one_line_that_lists_what_there_is(scene, monkeypatch
     with pytest.raises(
         UsageError, match="NLENS_RENDERER=vulkan: expected auto, opengl or software"
     ):
-        choose_renderer.choose_renderer(scene)
+        select.choose_renderer(scene)
 
 
 def test_without_a_graphics_device_the_rasteriser_draws_and_no_opengl_is_loaded(scene, tmp_path):
     program = f"""
 import pathlib, sys
-import nlens_video.backends.choose_renderer as choose
+import nlens_video.render.select as choose
 choose._DEVICES = ()
 from nlens_video.scene import Camera, Scene
 import numpy as np
@@ -66,29 +66,29 @@ print(sorted({{"OpenGL", "pyrender", "trimesh"}} & set(sys.modules)))
 def test_an_opengl_that_cannot_start_is_said_and_the_rasteriser_draws(scene, monkeypatch):
     monkeypatch.setenv("EGL_DEVICE_ID", "99")
     monkeypatch.delenv("NLENS_RENDERER", raising=False)
-    monkeypatch.setattr(choose_renderer, "_DEVICES", ("null",))  # /dev/null is there always
-    choose_renderer._why_no_graphics.cache_clear()
+    monkeypatch.setattr(select, "_DEVICES", ("null",))  # /dev/null is there always
+    select._why_no_graphics.cache_clear()
     try:
-        with choose_renderer.choose_renderer(scene) as renderer:
+        with select.choose_renderer(scene) as renderer:
             assert isinstance(renderer, SoftwareObjectRenderer)
             assert "OpenGL cannot start" in renderer.description
             assert np.isfinite(renderer.render(0.0, camera_at(4.0)).depth).any()
     finally:
-        choose_renderer._why_no_graphics.cache_clear()
+        select._why_no_graphics.cache_clear()
 
 
 @pytest.mark.needs_gl
 def test_an_opengl_that_runs_on_the_processor_gives_way_to_the_rasteriser(scene, monkeypatch):
-    from nlens_video.backends.gl_platform import describe, open_platform
+    from nlens_video.render.opengl.egl_platform import describe, open_platform
 
     platform = open_platform()
     on_processor = "llvmpipe" in describe()
     platform.delete_context()
     monkeypatch.delenv("NLENS_RENDERER", raising=False)
-    monkeypatch.setattr(choose_renderer, "_DEVICES", ("null",))
-    choose_renderer._why_no_graphics.cache_clear()
+    monkeypatch.setattr(select, "_DEVICES", ("null",))
+    select._why_no_graphics.cache_clear()
     try:
-        with choose_renderer.choose_renderer(scene) as renderer:
+        with select.choose_renderer(scene) as renderer:
             assert isinstance(renderer, SoftwareObjectRenderer) == on_processor
     finally:
-        choose_renderer._why_no_graphics.cache_clear()
+        select._why_no_graphics.cache_clear()

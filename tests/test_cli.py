@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 pytestmark = pytest.mark.needs_gl
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.color import (
+from nlens_video.core.color import (
     PRIMARIES,
     TRANSFERS,
     ColorTags,

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from nlens_video import arguments
-from nlens_video.argument_parser import path, word
-from nlens_video.command_paths import PATH_WORDS
-from nlens_video.farm_arguments import jobs_parser
+from nlens_video.cli.command_paths import PATH_WORDS
+from nlens_video.options import options as arguments
+from nlens_video.options.farm_options import jobs_parser
+from nlens_video.options.parser import path, word
 
 NO_PATHS = {
     "camera", "scene", "footprint", "animation", "input_format", "input_rate", "codec", "pix_fmt",

@@ -13,9 +13,14 @@ import pytest
 import shots
 
 from nlens_video import Compositor
-from nlens_video.aperture import Aperture
-from nlens_video.errors import InputError, LensFitError, SceneError, UsageError
-from nlens_video.lens import LensFit
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.errors import (
+    InputError,
+    LensFitError,
+    SceneError,
+    UsageError,
+)
+from nlens_video.core.lens_fit import LensFit
 
 pytestmark = pytest.mark.needs_gl
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nlens_video.arguments import COMMANDS, parser_of
+from nlens_video.options.options import COMMANDS, parser_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = [

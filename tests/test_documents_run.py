@@ -14,7 +14,7 @@ import shots
 from scene.glb_builder import GlbBuilder
 from support.documents import PAGES, ROOT, commands
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 OTHER_PROGRAMS = ("make ", "pip install ", "pipx install ", "cp samples/", "python docs/")
 IN_A_SHELL = "tests/stranger/test_documents_in_a_shell.py"

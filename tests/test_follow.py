@@ -10,15 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlens_video import Compositor
-from nlens_video.arguments import parse, settings
-from nlens_video.cli import main
-from nlens_video.errors import LensFitError
-from nlens_video.fit_track import FitTrack, Key, with_holds
-from nlens_video.follow import follow
-from nlens_video.graph.live_lens import LiveLens
-from nlens_video.lens import LensFit
-from nlens_video.stages.lens_watch import CHANGED, changed, is_cut, look
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.cli.main import main
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.options.options import parse, settings
+from nlens_video.run.lens_track_pass import follow
+from nlens_video.stages.r_change_detector import (
+    CHANGED,
+    changed,
+    is_cut,
+    look,
+)
+from nlens_video.stages.r_lens_track import FitTrack, Key, with_holds
+from nlens_video.stages.r_live_lens import LiveLens
+from nlens_video.video.pixels.picture import ArrayPicture
 
 
 def fit(intercept, frame=0, error=0.2):

@@ -7,9 +7,9 @@ import pytest
 import shots
 
 from nlens_video.check.command import compare
-from nlens_video.cli import main
+from nlens_video.cli.main import main
+from nlens_video.core.settings import SourceSettings
 from nlens_video.graph import held as held_module
-from nlens_video.settings import SourceSettings
 
 pytestmark = pytest.mark.needs_gl
 

@@ -136,7 +136,7 @@ def test_pyrender_is_imported_in_backends_only():
 def test_the_command_lines_help_loads_no_heavy_library():
     code = (
         "import sys; sys.argv = ['nlens-video', '--help']\n"
-        "from nlens_video.cli import main\n"
+        "from nlens_video.cli.main import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'av', 'cv2', 'torch', 'onnxruntime', 'numba', 'pyrender', 'rich'}\n"

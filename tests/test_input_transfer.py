@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 BT709, SRGB = 1, 13  # FFmpeg's numbers
 

@@ -10,7 +10,7 @@ import av
 import pytest
 import shots
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 pytestmark = pytest.mark.needs_gl
 FRAMES, RATE = 50, 25

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.needs_gl
 
 MEASURE = """
 import resource, sys
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 code = main(sys.argv[1:])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 sys.exit(code)

@@ -8,7 +8,7 @@ from scene.glb_builder import QUAD_FACES, GlbBuilder
 from scipy.spatial.transform import Rotation, Slerp
 
 from nlens_video import Compositor
-from nlens_video.lens import LensFit
+from nlens_video.core.lens_fit import LensFit
 
 pytestmark = pytest.mark.needs_gl
 WIDTH, HEIGHT, YFOV = 320, 180, 0.8

@@ -13,12 +13,13 @@ import pytest
 import shots
 from scene.glb_builder import GlbBuilder
 
-from nlens_video import Compositor, arguments
-from nlens_video.cli import main
-from nlens_video.errors import UsageError
-from nlens_video.place_choices import Choice, choices
-from nlens_video.placing import Placing, focal_of_fov, fov_of_focal
-from nlens_video.settings import ObjectSettings
+from nlens_video import Compositor
+from nlens_video.cli.main import main
+from nlens_video.cli.placement_choices import Choice, choices
+from nlens_video.core.errors import UsageError
+from nlens_video.core.placement import Placing, focal_of_fov, fov_of_focal
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.options import options as arguments
 
 pytestmark = pytest.mark.needs_gl
 WORDS = ["--at", "0.3,0.8", "--size", "0.4", "--horizon", "0.2"]

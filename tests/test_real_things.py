@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.cli import main
-from nlens_video.scene.gltf import Scene
+from nlens_video.cli.main import main
+from nlens_video.scene.scene import Scene
 from nlens_video.video.exr import write_layers
 
 pytestmark = pytest.mark.needs_gl

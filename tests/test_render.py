@@ -8,10 +8,10 @@ import PIL.Image
 import pytest
 from scene.glb_builder import QUAD, QUAD_FACES, QUAD_UV, GlbBuilder
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.errors import NlensError
-from nlens_video.frames import Box
+from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import Box
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 from nlens_video.scene.illumination import Illumination, hemispheres
 from nlens_video.scene.scene_light import SceneLight

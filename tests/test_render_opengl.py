@@ -7,8 +7,8 @@ import pytest
 from scene.glb_builder import QUAD_UV, GlbBuilder
 from test_render import camera_at, draw, quad, unlit
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.errors import NlensError
+from nlens_video.core.errors import NlensError
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 
 pytestmark = pytest.mark.needs_gl
@@ -49,7 +49,7 @@ def test_a_machine_without_the_device_is_told_what_to_install(tmp_path, monkeypa
 def test_a_texture_too_large_for_the_driver_is_one_line_and_leaves_no_context(
     tmp_path, monkeypatch
 ):
-    from nlens_video.backends.gl_platform import HeadlessPlatform
+    from nlens_video.render.opengl.egl_platform import HeadlessPlatform
 
     deleted = []
     delete_context = HeadlessPlatform.delete_context

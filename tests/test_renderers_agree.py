@@ -8,8 +8,8 @@ import pytest
 from scene.glb_builder import QUAD, QUAD_UV, GlbBuilder
 from test_render import material, quad
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 
 SAMPLE = Path(__file__).parents[1] / "samples" / "anim.glb"

@@ -16,7 +16,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from nlens_video.lens import LensFit
+from nlens_video.core.lens_fit import LensFit
 
 SAMPLES = Path(__file__).parents[1] / "samples"
 PAIRS = [("in.mp4", "anim.glb", "terrace"), ("in2.mp4", "anim2.glb", "park")]

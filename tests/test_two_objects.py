@@ -13,15 +13,15 @@ import pytest
 import shots
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.backends.choose_renderer import choose_renderer
-from nlens_video.cli import main
-from nlens_video.frames import Box
-from nlens_video.lens import LensFit
+from nlens_video.cli.main import main
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.composite import composite
-from nlens_video.stages.l_lens import Shot, lens_views
-from nlens_video.stages.lens_points import bare_points
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.stages.reblur.aperture_samples import bare_points
+from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.video.pixels.picture import ArrayPicture
 
 pytestmark = pytest.mark.needs_gl
 SIZE = (shots.WIDTH, shots.HEIGHT)

@@ -21,7 +21,7 @@ def test_wheel_carries_pipelines_models_shaders_and_types(wheel):
     assert "nlens_video/data/models/manifest.toml" in names
     assert "nlens_video/data/models/coc/coc.onnx" in names
     assert "nlens_video/py.typed" in names
-    assert any(name.startswith("nlens_video/backends/shaders/") for name in names)
+    assert any(name.startswith("nlens_video/render/opengl/shaders/") for name in names)
     assert not any(
         name.startswith(("tests/", "samples/", "pipelines/", "models/")) for name in names
     )

@@ -6,9 +6,9 @@ import pytest
 import shots
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.cli import main
-from nlens_video.stages.zoom_watch import WatchZoom
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.cli.main import main
+from nlens_video.run.zoom_watch import WatchZoom
+from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAMES = 30
 

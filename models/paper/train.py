@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from models.paper.data import PARTS
 from models.paper.network import ARNet, IUNet
 from models.reblur.data import Reservoir, split_maps
-from nlens_video.stages.l_paper import GAMMA, NEURAL_RADIUS_PX
+from nlens_video.stages.reblur.l_paper import GAMMA, NEURAL_RADIUS_PX
 
 WARM_UP_STEPS = 60
 RIM_PX = 16  # not counted: discs from beyond the crop arrive there
@@ -31,7 +31,7 @@ CHECK_EVERY_S = 300.0
 
 
 class PaperNets(nn.Module):
-    """Both networks, wired as `nlens_video.stages.l_paper` wires them."""
+    """Both networks, wired as `nlens_video.stages.reblur.l_paper` wires them."""
 
     def __init__(self) -> None:
         super().__init__()

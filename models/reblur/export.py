@@ -19,8 +19,8 @@ from torch import Tensor, nn
 from models.coc.export import with_half_weights
 from models.manifest import sha256_of, write_entry
 from models.reblur.network import RepairNet
-from nlens_video.stages.l_repair import CELL
-from nlens_video.stages.ordered import CHANNELS
+from nlens_video.stages.reblur.depth_order import CHANNELS
+from nlens_video.stages.reblur.depth_order_repair import CELL
 
 HERE = Path(__file__).parent
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video import interrupts
 from nlens_video.check.findings import KINDS, Finding, Verdict
-from nlens_video.check.in_step import in_step
+from nlens_video.check.frame_features import Look, look_at
+from nlens_video.check.frame_pairing import in_step
 from nlens_video.check.judge import (
     judge_frames,
     judge_object,
@@ -23,18 +23,18 @@ from nlens_video.check.judge import (
     restless,
     shadows_among,
 )
-from nlens_video.check.look import Look, look_at
 from nlens_video.check.measure import Measures, Measuring
 from nlens_video.check.offset import find_range as range_of
 from nlens_video.check.regions import Track
 from nlens_video.check.sound import SoundPair
-from nlens_video.errors import InputError, UsageError
-from nlens_video.settings import SourceSettings
-from nlens_video.standard_output import print_out
-from nlens_video.trim import Trim
-from nlens_video.video.atomic import check_target_folder
+from nlens_video.core import signals
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.settings import SourceSettings
+from nlens_video.core.stdio import print_out
+from nlens_video.run.frame_range import Trim
+from nlens_video.video.atomic_files import check_target_folder
 from nlens_video.video.info import Packet, SourceFrame
-from nlens_video.video.source import Source, open_source
+from nlens_video.video.input.source import Source, open_source
 
 FINDINGS = 1
 """Exit code of a comparison that went well and found something wrong."""
@@ -118,7 +118,7 @@ def compare(
         looks = (read[0].looks(), read[1].looks())
         with closing(looks[0]), closing(looks[1]):
             for met in in_step(*looks):
-                interrupts.look()
+                signals.look()
                 measuring.take(met)
         missing = max(0, _audio_count(given) - _audio_count(made))
     if not read[0].count:

@@ -10,7 +10,7 @@ from nlens_video.check.measure import LEAST_TOLERANCE, NOISE_FACTOR, Measures
 from nlens_video.check.regions import SECTORS, Track
 from nlens_video.check.series import bend, flicker, freezes, pops, standard_error, steps
 from nlens_video.check.sound import LIMIT_S, SoundPair
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 
 Frames = npt.NDArray[np.int64]
 STEP = 0.08  # change of level from one frame to the next, as a share [1]

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlens_video.check.in_step import Lone, Pair
-from nlens_video.check.look import Look, block_mean
+from nlens_video.check.frame_features import Look, block_mean
+from nlens_video.check.frame_pairing import Lone, Pair
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
-from nlens_video.frames import Float32, Float64
+from nlens_video.core.layers import Float32, Float64
 
 LEAST_TOLERANCE = 1.5  # what converting and rounding does to a block's mean [level]
 NOISE_FACTOR = 6.0  # blocks of much texture are encoded that much worse than the middle one

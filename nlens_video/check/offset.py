@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlens_video import interrupts
-from nlens_video.check.look import Look, block_mean, look_at
-from nlens_video.settings import SourceSettings
-from nlens_video.video.opening import can_be_read_again
-from nlens_video.video.source import Source, open_source
+from nlens_video.check.frame_features import Look, block_mean, look_at
+from nlens_video.core import signals
+from nlens_video.core.settings import SourceSettings
+from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.source import Source, open_source
 
 _MOST = 10.0  # what a block counts at most: the object is on the result alone [level]
 _CLEARER = 0.97  # of the misfit of the plate's first frame: a still camera's frames differ little
@@ -53,7 +53,7 @@ def _size(source: Source) -> tuple[int, int]:
 def _best(beginning: Look, given: Source) -> int:
     best, least, own = 0, 0.0, 0.0
     for frame in given:
-        interrupts.look()
+        signals.look()
         off = _misfit(beginning, look_at(frame, frame.pts))
         if frame.index == 0:
             own = least = off

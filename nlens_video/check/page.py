@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video import __version__
 from nlens_video.check.findings import KINDS, Verdict
 from nlens_video.check.regions import Track
-from nlens_video.errors import OutputError
-from nlens_video.frames import Float64
+from nlens_video.core.errors import OutputError
+from nlens_video.core.layers import Float64
+from nlens_video.core.version import VERSION
 from nlens_video.report.markup import count, figure, missing, section, table
 from nlens_video.report.svg import Axes, path
-from nlens_video.video.atomic import replacing
+from nlens_video.video.atomic_files import replacing
 
 _WIDTH, _HEIGHT = 900.0, 220.0
 _MOST_POINTS = 1500  # a line of more is no clearer
@@ -61,7 +61,7 @@ def page(verdict: Verdict, objects: list[Track]) -> str:
             "found", "What was looked for", table("Findings", ("what", "found"), rows, stacked=True)
         )
         + (section("series", "Over the clip", charts) if charts else "")
-        + f"{notes}</main><footer><p>Made by nlens-video {escape(__version__)}.</p></footer>"
+        + f"{notes}</main><footer><p>Made by nlens-video {escape(VERSION)}.</p></footer>"
         "</body></html>\n"
     )
 

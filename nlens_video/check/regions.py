@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.check.look import BLOCK_PX
-from nlens_video.frames import Float32
+from nlens_video.check.frame_features import BLOCK_PX
+from nlens_video.core.layers import Float32
 
 Mask = npt.NDArray[np.bool_]
 LEAST_BLOCKS = 3  # connected ones; a single block may be one bad spell of the encoder

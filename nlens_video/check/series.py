@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 
 _WINDOW = 4  # frames to either side that say how restless a series is
 

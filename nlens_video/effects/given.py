@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from nlens_video.core.lens_models import Distortion, Optics, Vignetting
 from nlens_video.effects.measurement import Measurement
-from nlens_video.optics import Distortion, Optics, Vignetting
 
 
 def given(optics: Optics) -> dict[str, Measurement]:

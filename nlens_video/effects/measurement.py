@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import cast
 
-from nlens_video.frames import Picture
+from nlens_video.core.layers import Picture
 
 PLATE_EFFECTS: Mapping[str, str] = {
-    "aberration": "nlens_video.effects.aberration",
-    "bloom": "nlens_video.effects.bloom",
-    "distortion": "nlens_video.effects.distortion",
-    "vignetting": "nlens_video.effects.vignetting",
-    "softness": "nlens_video.effects.softness",
-    "grain": "nlens_video.effects.grain",
+    "aberration": "nlens_video.effects.camera.chromatic_aberration",
+    "bloom": "nlens_video.effects.camera.bloom",
+    "distortion": "nlens_video.effects.camera.distortion",
+    "vignetting": "nlens_video.effects.camera.vignetting",
+    "softness": "nlens_video.effects.camera.softness",
+    "grain": "nlens_video.effects.camera.grain",
 }
 """Effect to the module whose `measure(pictures)` looks for it."""
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from nlens_video.core.errors import UsageError
+from nlens_video.core.shutter import Shutter
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
 from nlens_video.effects.request import EffectRequest
-from nlens_video.errors import UsageError
-from nlens_video.shutter import Shutter
 
 DEFOCUS = "defocus"
 SHADOW = "shadow"

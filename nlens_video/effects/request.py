@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Literal, cast, get_args
 
-from nlens_video.errors import UsageError
+from nlens_video.core.errors import UsageError
 
 Base = Literal["auto", "all", "none"]
 

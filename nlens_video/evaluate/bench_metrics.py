@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 
 UInt8 = npt.NDArray[np.uint8]
 

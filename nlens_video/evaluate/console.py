@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from nlens_video.errors import OutputError
-from nlens_video.standard_output import print_out
-from nlens_video.video.atomic import check_target_folder, replacing
+from nlens_video.core.errors import OutputError, UsageError
+from nlens_video.core.stdio import print_out
+from nlens_video.video.atomic_files import check_target_folder, replacing
 
 T = TypeVar("T")
 
@@ -61,6 +63,18 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> None:
     for name, text in texts.items():
         with replacing(folder / name) as partial:
             partial.write_text(text, encoding="utf-8")
+
+
+def check_matplotlib() -> None:
+    """See that plots can be made, and keep matplotlib's advice off the screen.
+
+    Raises:
+        UsageError: matplotlib is not installed.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise UsageError("--out needs matplotlib, which is not installed; pip install matplotlib")
+    # without a home to write to it keeps its fonts in a temporary folder, and warns at length
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def make_folder(out: Path) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.frames import Bool, Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64
 
 BLURRED_PX = 2.0  # relative errors are counted where the true CoC exceeds this
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nlens_video.errors import InputError
-from nlens_video.frames import Bool, Float32, Float64
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.gltf import Scene
+from nlens_video.scene.scene import Scene
 
 MARK = "object_coc.npy"
 _PARTS = (

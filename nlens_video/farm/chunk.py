@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nlens_video.chunk_feed import ChunkFeed
-from nlens_video.chunk_mark import ChunkMark
-from nlens_video.errors import UsageError
+from nlens_video.core.errors import UsageError
+from nlens_video.core.settings import OutputSettings, Settings
 from nlens_video.farm.folder import make
 from nlens_video.farm.key import job_key, plate_key
 from nlens_video.farm.store import Folder
-from nlens_video.outcome import Outcome
-from nlens_video.run import OnProgress, render
-from nlens_video.settings import OutputSettings, Settings
-from nlens_video.video.opening import can_be_read_again
+from nlens_video.run.render import OnProgress, render
+from nlens_video.run.result import Outcome
+from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.input.open import can_be_read_again
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from nlens_video.errors import OutputError
+from nlens_video.core.errors import OutputError
 
 OURS = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
 """Names of chunks and fits, and of their temporaries."""

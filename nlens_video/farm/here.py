@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from nlens_video.chunk_feed import ChunkFeed
-from nlens_video.chunk_mark import ChunkMark
+from nlens_video.core.settings import Settings
 from nlens_video.farm.chunk import write_chunks
-from nlens_video.settings import Settings
+from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
 
 
 def render_here(

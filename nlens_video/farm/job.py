@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nlens_video import interrupts
-from nlens_video.chunk_mark import ChunkMark
+from nlens_video.core import signals
+from nlens_video.core.errors import OutOfViewError, UsageError
+from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.errors import OutOfViewError, UsageError
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
-from nlens_video.intake import frame_s, opened
-from nlens_video.preflight import preflight
-from nlens_video.run import OnProgress, find_fit
-from nlens_video.settings import Settings, SourceSettings
-from nlens_video.video.stream_output import is_stream
+from nlens_video.run.open_run import frame_s, opened
+from nlens_video.run.preflight import preflight
+from nlens_video.run.render import OnProgress, find_fit
+from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.output.stream_output import is_stream
 
 RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]
 """Renders chunks of a run into a folder, and calls back with each that is done."""
@@ -172,7 +172,7 @@ def _counted(source: SourceSettings) -> int:
     count = 0
     with opened(source) as plate:
         for frame in plate:
-            interrupts.look()
+            signals.look()
             count = frame.index + 1
     return count
 

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
-from nlens_video import __version__
-from nlens_video.backends.choose_renderer import renderer_name
-from nlens_video.errors import InputError
+from nlens_video.core.errors import InputError
+from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.core.version import VERSION
 from nlens_video.graph.pipeline_file import pipelines_folder
-from nlens_video.model_store import MANIFEST, models_folder
-from nlens_video.settings import Settings, SourceSettings
+from nlens_video.networks.model_store import MANIFEST, models_folder
+from nlens_video.render.select import renderer_name
 from nlens_video.video.numbered import Numbered
 
 _LENGTH = 16  # hexadecimal digits of a key: 64 bits
@@ -42,7 +42,7 @@ def job_key(settings: Settings) -> str:
     shipped = pipelines_folder() / f"{settings.preset}.toml"
     pipeline = shipped if shipped.is_file() else Path(settings.preset)
     parts = {
-        "version": __version__,
+        "version": VERSION,
         "renderer": renderer_name(),
         "models": _of_file(models_folder() / MANIFEST),
         "pipeline": _of_file(pipeline),

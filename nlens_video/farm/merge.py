@@ -10,19 +10,19 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlens_video import interrupts
-from nlens_video.chunk_mark import ChunkMark
-from nlens_video.errors import InputError, UsageError
+from nlens_video.core import signals
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.settings import OutputSettings, SourceSettings
 from nlens_video.farm.key import plate_key
 from nlens_video.farm.store import Store
-from nlens_video.intake import opened
-from nlens_video.run import OnProgress, telling_what_is_kept
-from nlens_video.settings import OutputSettings, SourceSettings
-from nlens_video.trim import Trim
-from nlens_video.video.chunk import ChunkFile, fill
+from nlens_video.run.frame_range import Trim
+from nlens_video.run.open_run import opened
+from nlens_video.run.render import OnProgress, telling_what_is_kept
+from nlens_video.video.chunks.chunk_file import ChunkFile, fill
+from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.info import SourceFrame
-from nlens_video.video.picture import AvPicture
-from nlens_video.video.sink import open_sink
+from nlens_video.video.output.sink import open_sink
+from nlens_video.video.pixels.picture import AvPicture
 
 if TYPE_CHECKING:
     import av
@@ -118,7 +118,7 @@ def _join(
         with telling_what_is_kept(sink), sink:
             rendered = _Rendered(files)
             for item in Trim(plate, (0, None)).items():
-                interrupts.look()
+                signals.look()
                 if not isinstance(item, SourceFrame):
                     sink.write_packet(item)
                     continue

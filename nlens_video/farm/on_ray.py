@@ -21,14 +21,14 @@ from typing import Any
 import ray
 from ray.exceptions import RayError
 
-from nlens_video import interrupts
-from nlens_video.backends.choose_renderer import VARIABLE, renderer_name
-from nlens_video.errors import NlensError, UsageError
+from nlens_video.core import signals
+from nlens_video.core.errors import NlensError, UsageError
+from nlens_video.farm.local_worker import OwnHand
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.own_hand import OwnHand
-from nlens_video.farm.shots import Plan
+from nlens_video.farm.shot_tasks import Plan
 from nlens_video.farm.task_queue import TaskQueue, Waiting
-from nlens_video.farm.workbench import Workbench
+from nlens_video.farm.worker import Workbench
+from nlens_video.render.select import VARIABLE, renderer_name
 
 _CPUS = 2  # of a worker: a run keeps about two busy
 _LOOK_S = 0.5  # from one look for an interruption to the next
@@ -122,7 +122,7 @@ class _Crew:
         self._queue.begin(len(self._queue))
         while self._needed():
             self._start()
-            interrupts.look()
+            signals.look()
             for reference in self._ready():
                 self._take(reference)
             self._look_at_hand()
@@ -130,7 +130,7 @@ class _Crew:
     def finish(self) -> list[Merged | NlensError]:
         """Do here what is left, without Ray: the end of the merge that follows the last worker."""
         while self._hand is not None and self._at_hand is not None:
-            interrupts.look()
+            signals.look()
             self._look_at_hand(_SHORT_S)
         return self._queue.results()
 
@@ -211,7 +211,7 @@ def _hear_as(handlers: dict[signal.Signals, Any]) -> None:
 def _connected(cluster: Cluster) -> Iterator[int]:
     """How many workers there are to be."""
     here = threading.current_thread() is threading.main_thread()  # others hear no signals
-    handlers = {number: signal.getsignal(number) for number in interrupts.ENDING if here}
+    handlers = {number: signal.getsignal(number) for number in signals.ENDING if here}
     workers = cluster.workers or max(1, (os.cpu_count() or 1) // _CPUS)
     local = cluster.address is None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray may report to its makers

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from nlens_video.settings import Settings
+from nlens_video.core.settings import Settings
 
 
 def absolute(settings: Settings) -> Settings:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 
-from nlens_video.errors import NlensError
+from nlens_video.core.errors import NlensError
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.shots import Plan, Task
-from nlens_video.video.atomic import sweep
+from nlens_video.farm.shot_tasks import Plan, Task
+from nlens_video.video.atomic_files import sweep
 
 _MOST_TRIES = 3  # of one task, before it counts as what kills its workers
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from nlens_video.graph.budget import BudgetControl
-from nlens_video.graph.build import Graph
+from nlens_video.graph.builder import Graph
+from nlens_video.graph.executor import FrameState, FrameSteps
 from nlens_video.graph.node import LaneName
 from nlens_video.graph.profiler import FrameTiming
-from nlens_video.graph.stream import FrameState, FrameSteps
+from nlens_video.graph.quality_control import BudgetControl
 
 FADE_FRAMES = 8
 """Frames over which one rung's pictures become the next one's."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import Decision
-from nlens_video.errors import UsageError
-from nlens_video.graph.budget import LADDER, BudgetControl
-from nlens_video.graph.build import build
+from nlens_video.graph.builder import build
+from nlens_video.graph.executor import FrameSteps
 from nlens_video.graph.held import HeldBudget
 from nlens_video.graph.node import Node
+from nlens_video.graph.nodes.context import Tools
 from nlens_video.graph.pipeline_file import NodeSpec, load_pipeline
-from nlens_video.graph.stream import FrameSteps
-from nlens_video.graph.tools import Tools
+from nlens_video.graph.quality_control import LADDER, BudgetControl
 
 
 def check_rung(preset: str) -> None:

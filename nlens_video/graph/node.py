@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from nlens_video.frames import Box, DefocusedLayer
-from nlens_video.graph.objects import Placement
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box, DefocusedLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.graph.nodes.object_source import Placement
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 
 Cadence = Literal["shot", "frame"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
+from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import EFFECTS
-from nlens_video.errors import UsageError
 from nlens_video.graph.node import CADENCES, CONDITIONS, GIVEN, LANES, PORTS, Cadence, LaneName
 
 _KEYS = {

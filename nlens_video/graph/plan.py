@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from nlens_video.graph.assemble import Assembly
 from nlens_video.graph.node import CONDITIONS, Node
+from nlens_video.graph.session import Assembly
 
 
 def describe(assembly: Assembly, *, all_reasons: bool = True) -> Iterator[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nlens_video.frames import Bool, Float32
+from nlens_video.core.layers import Bool, Float32
 
 
 def carried_on(values: Float32, known: Bool, corner: tuple[int, int]) -> Float32:

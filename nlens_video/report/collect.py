@@ -8,17 +8,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from nlens_video.errors import OutputError
-from nlens_video.frames import BlurredLayer, DefocusedLayer
+from nlens_video.core.errors import OutputError
+from nlens_video.core.layers import BlurredLayer, DefocusedLayer
+from nlens_video.graph.executor import FrameState
 from nlens_video.graph.profiler import FrameTiming, Summary
-from nlens_video.graph.stream import FrameState
 from nlens_video.report.findings import Findings, Shown, StripFrame
 from nlens_video.report.pictures import Image, copied, shown, thumbnail
 from nlens_video.report.thinning import EvenPick, TimingBins
-from nlens_video.video.atomic import replacing, sweep
+from nlens_video.video.atomic_files import replacing, sweep
 
 if TYPE_CHECKING:
-    from nlens_video.observers import Started
+    from nlens_video.graph.session import Assembly
+    from nlens_video.video.info import SourceInfo
 
 PAGE = "index.html"
 STRIP_FRAMES = 12
@@ -33,14 +34,15 @@ class Report:
 
     Args:
         folder: of the page; made where it is missing.
-        started: the run.
+        info: the source.
+        assembly: what the run is made of.
         output: what the run writes, as the user gave it.
 
     Raises:
         OutputError: the folder cannot be made.
     """
 
-    def __init__(self, folder: Path, started: Started, output: str) -> None:
+    def __init__(self, folder: Path, info: SourceInfo, assembly: Assembly, output: str) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -50,11 +52,11 @@ class Report:
         self.what = f"--report {folder}"
         self._path = folder / PAGE
         sweep(self._path)
-        self._info = started.info
-        self._assembly = started.assembly
+        self._info = info
+        self._assembly = assembly
         self._output = output
-        finds_lens = any(node.cadence == "shot" for node in started.assembly.graph.nodes)
-        self._awaits_fit = finds_lens and started.assembly.steps.fit is None
+        finds_lens = any(node.cadence == "shot" for node in assembly.graph.nodes)
+        self._awaits_fit = finds_lens and assembly.steps.fit is None
         self._lock = threading.Lock()
         self._plates: dict[int, Callable[[], Image]] = {}
         self._shown: Shown | None = None

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlens_video.frames import DefocusedLayer
-from nlens_video.graph.assemble import Assembly
+from nlens_video.core.layers import DefocusedLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.graph.nodes.context import ShotRecord
 from nlens_video.graph.profiler import FrameTiming, Summary
-from nlens_video.graph.tools import ShotRecord
-from nlens_video.lens import LensFit
+from nlens_video.graph.session import Assembly
 from nlens_video.report.pictures import Image
 from nlens_video.report.thinning import TimingBin
 from nlens_video.video.info import SourceInfo

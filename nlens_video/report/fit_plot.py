@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.frames import Float64
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Float64
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Shown
 from nlens_video.report.svg import Axes, dots, line, nice_step, path, text
 from nlens_video.stages.r_regression import FitSamples

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.frames import Bool, Box, DefocusedLayer, Float32
+from nlens_video.core.layers import (
+    Bool,
+    Box,
+    DefocusedLayer,
+    Float32,
+)
 from nlens_video.report.findings import Findings, Shown
 from nlens_video.report.pictures import Image
 

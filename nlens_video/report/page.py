@@ -9,7 +9,7 @@ from string import Template
 
 import numpy as np
 
-from nlens_video import __version__
+from nlens_video.core.version import VERSION
 from nlens_video.report.findings import Findings, StripFrame
 from nlens_video.report.lens_part import fit_part, maps_part
 from nlens_video.report.markup import count, figure, image, jpeg_image, missing, prose, section
@@ -28,7 +28,7 @@ def page(findings: Findings) -> str:
         style=folder.joinpath("page.css").read_text(encoding="utf-8"),
         header=_header(findings),
         sections="\n".join(part(findings) for part in parts),
-        footer=f"Made by nlens-video {escape(__version__)}. Lengths are in the unit of the GLB, "
+        footer=f"Made by nlens-video {escape(VERSION)}. Lengths are in the unit of the GLB, "
         "which glTF takes for metres (m). Blur is the diameter of the circle of confusion (CoC) "
         "in pixels of the frame.",
     )

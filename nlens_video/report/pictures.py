@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.frames import Box, Float32, Picture
-from nlens_video.kernels import blend
-from nlens_video.kernels.blend_samples import Axis, Samples
-from nlens_video.video.picture import AvPicture
-from nlens_video.video.samples import frame_samples
+from nlens_video.core.layers import Box, Float32, Picture
+from nlens_video.video.pixels import blend
+from nlens_video.video.pixels.picture import AvPicture
+from nlens_video.video.pixels.sample_tables import Axis, Samples
+from nlens_video.video.pixels.sample_views import frame_samples
 
 Image = npt.NDArray[np.uint8]
 """Display-coded sRGB (H, W, 3)."""

@@ -13,7 +13,7 @@ from html import escape
 
 import numpy as np
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 
 _CLEAR_PX = 46.0  # between neighbouring labels
 

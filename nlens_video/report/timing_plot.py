@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 from nlens_video.report.findings import Findings
 from nlens_video.report.svg import Axes, line, path, text
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from nlens_video.lens import LensFit
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Findings, Shown
 from nlens_video.report.fit_plot import FitCurve, object_disparity
 

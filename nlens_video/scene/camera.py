@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlens_video.errors import SceneError
-from nlens_video.frames import Float32, Float64
-from nlens_video.scene.accessors import AccessorReader
-from nlens_video.scene.document import Document
-from nlens_video.scene.fields import check_range
-from nlens_video.scene.mesh import Geometry, face_normals, unit
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.scene.gltf.accessors import AccessorReader
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.fields import check_range
+from nlens_video.scene.gltf.meshes import Geometry, face_normals, unit
 from nlens_video.scene.posed import PosedMesh
 
 if TYPE_CHECKING:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlens_video.frames import Box, Float64
+from nlens_video.core.layers import Box, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.posed import PosedScene
 
 if TYPE_CHECKING:
-    from nlens_video.kernels.screen import Lens
+    from nlens_video.scene.screen_projection import Lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,7 @@ class Extent:
 
 def extent(posed: PosedScene, camera: Camera) -> Extent:
     """Bounds of all vertices; numbers that are not finite come through."""
-    from nlens_video.kernels.screen import bounds  # here: numba takes long to load
+    from nlens_video.scene.screen_projection import bounds  # here: numba takes long to load
 
     numbers = _numbers(camera)
     found = np.array([bounds(mesh.positions, numbers) for mesh in posed.meshes])
@@ -53,7 +53,7 @@ def lens_of(camera: Camera, box: Box, near: float) -> Lens:
         box: what becomes the picture.
         near: least depth that is drawn [scene unit].
     """
-    from nlens_video.kernels.screen import Lens
+    from nlens_video.scene.screen_projection import Lens
 
     return Lens(
         axes=camera.camera_from_world[:3, :3],
@@ -76,10 +76,10 @@ def _numbers(camera: Camera) -> Float64:
 
 def misses(points: Float64, camera: Camera, box: Box) -> bool:
     """Whether all that lies in the hull of points (N, 3) is certain to miss a box of the frame."""
-    from nlens_video.kernels import screen
+    from nlens_video.scene import screen_projection
 
     corners = (float(end) for end in (box.x0, box.y0, box.x1, box.y1))
-    return bool(screen.misses(points, _numbers(camera), *corners))
+    return bool(screen_projection.misses(points, _numbers(camera), *corners))
 
 
 def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
@@ -93,7 +93,7 @@ def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> flo
     Returns:
         The bound; infinite where a point is not before the camera.
     """
-    from nlens_video.kernels.screen import travel
+    from nlens_video.scene.screen_projection import travel
 
     lenses = np.array([_numbers(camera) for camera in cameras])
     return float(travel(np.array(points), lenses))

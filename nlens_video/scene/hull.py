@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 from nlens_video.scene.deform import Instance
-from nlens_video.scene.fields import check_range
+from nlens_video.scene.gltf.fields import check_range
 
 
 @dataclass(frozen=True, slots=True, eq=False)

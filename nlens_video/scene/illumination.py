@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.frames import Float32, Float64
-from nlens_video.scene.lights import Light, PosedLight
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.scene.gltf.lights import Light, PosedLight
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear BT.709."""

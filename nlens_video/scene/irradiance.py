@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from nlens_video.frames import Float64
+from nlens_video.core.layers import Float64
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp
 
 _AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.frames import Float32
-from nlens_video.scene.lights import PosedLight
-from nlens_video.scene.mesh import Geometry, Int32
+from nlens_video.core.layers import Float32
+from nlens_video.scene.gltf.lights import PosedLight
+from nlens_video.scene.gltf.meshes import Geometry, Int32
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from nlens_video.frames import Float32
+from nlens_video.core.layers import Float32
+from nlens_video.scene.gltf.lights import PosedLight
 from nlens_video.scene.illumination import Illumination, Lamp
-from nlens_video.scene.lights import PosedLight
 
 MAX_LAMPS = 32
 """As many lights the object is drawn with."""

@@ -2,8 +2,83 @@
 
 from __future__ import annotations
 
-from nlens_video.frames import BlurredLayer, Picture
-from nlens_video.stages.occlusion import Foreground, lay
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cover:
+    """Something real before a layer, on a box of the frame; nothing is known beyond.
+
+    Attributes:
+        box: where the arrays lie; inside the frame.
+        coverage: share of each pixel (h, w) that it covers, 0 to 1 [1].
+        light: its scene-linear light, premultiplied by that (h, w, 3).
+    """
+
+    box: Box
+    coverage: Float32
+    light: Float32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Foreground:
+    """What hides the layers of one frame; None: nothing does.
+
+    Attributes:
+        before_object: what stands nearer than the object.
+        before_ground: what stands nearer than the ground that the plate would show.
+    """
+
+    before_object: Cover | None
+    before_ground: Cover | None
+
+
+def lay(picture: Picture, box: Box, rgba: Float32, cover: Cover | None) -> None:
+    """Composite a layer on the plate, behind what covers it.
+
+    Where nothing covers it this is `Picture.over`; what is covered wholly keeps its samples.
+
+    Args:
+        picture: the plate; changed.
+        box: where the layer lies; inside the frame.
+        rgba: premultiplied scene-linear layer (h, w, 4).
+        cover: what stands before it.
+    """
+    if cover is not None:
+        common = box.intersection(cover.box)
+        if not common.empty:
+            rgba = rgba.copy()
+            inside, at = common.slices_in(box), common.slices_in(cover.box)
+            rgba[inside] = behind(
+                rgba[inside], picture.linear(common), cover.coverage[at], cover.light[at]
+            )
+    picture.over(box, rgba)
+
+
+def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> Float32:
+    """The layer whose *over* on a plate puts another layer behind a foreground.
+
+    Args:
+        rgba: premultiplied layer (h, w, 4).
+        plate: scene-linear light (h, w, 3), with all that was laid behind the same cover before.
+        coverage: of the foreground (h, w) [1].
+        light: of the foreground, premultiplied (h, w, 3).
+
+    Returns:
+        (h, w, 4), all 0 where the coverage is 1; its light may be negative where the foreground is
+        darker than the background.
+    """
+    m, alpha = coverage[..., None], rgba[..., 3:]
+    free = np.float32(1.0) - m
+    rgb = free * rgba[..., :3] + alpha * (light - m * plate)
+    hidden = np.concatenate([rgb, free * alpha], axis=2)
+    hidden[coverage <= 0.0] = rgba[coverage <= 0.0]
+    hidden[coverage >= 1.0] = 0.0
+    return np.asarray(hidden, dtype=np.float32)
 
 
 def composite(

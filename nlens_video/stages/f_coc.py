@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from nlens_video.frames import CocMap, Float32, Picture
-from nlens_video.stages.f_pool import pooled
+from nlens_video.core.layers import CocMap, Float32, Picture
+from nlens_video.stages.f_temporal_mean import pooled
 from nlens_video.stages.protocols import CocNetwork
 
 WORKING_SIDE_PX = 960

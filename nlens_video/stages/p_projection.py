@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.frames import Bool, Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.scene.camera import Camera
 
 _SUBPIXEL_BITS = 4  # cv2 draws with 1/16 px

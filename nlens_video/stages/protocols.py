@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from nlens_video.frames import (
+from nlens_video.core.layers import (
     BehindLayer,
     BlurredLayer,
     Box,

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.errors import LensFitError
-from nlens_video.frames import Bool, CocMap, Float64
-from nlens_video.lens import LensFit, Sign
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import Bool, CocMap, Float64
+from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.stages.p_projection import GroundProjection
-from nlens_video.stages.r_evidence import evidence
-from nlens_video.stages.r_ground import ground_seen
-from nlens_video.v_fit import Lens, VFit
+from nlens_video.stages.r_debias import evidence
+from nlens_video.stages.r_ground_visibility import ground_seen
+from nlens_video.stages.r_robust_v import Lens, VFit
 
 GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
 MIN_SAMPLES = 48

@@ -10,8 +10,8 @@ import av
 import av.container
 from av.stream import Disposition, Stream
 
-from nlens_video.color import ColorTags
-from nlens_video.frames import Picture
+from nlens_video.core.color import ColorTags
+from nlens_video.core.layers import Picture
 
 Packet: TypeAlias = "av.Packet[av.stream.Stream]"
 Kind = Literal["video", "still", "sequence", "stream"]

@@ -6,7 +6,7 @@ import re
 from itertools import pairwise
 from pathlib import Path
 
-from nlens_video.errors import InputError
+from nlens_video.core.errors import InputError
 
 _NUMBER = re.compile(r"%(?:0?(\d+))?d")
 

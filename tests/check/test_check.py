@@ -13,8 +13,8 @@ from nlens_video.check.command import compare
 from nlens_video.check.judge import judge_plate, objects_among, tolerance
 from nlens_video.check.measure import Measures
 from nlens_video.check.regions import Track
-from nlens_video.cli import main
-from nlens_video.settings import SourceSettings
+from nlens_video.cli.main import main
+from nlens_video.core.settings import SourceSettings
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 import pytest
 
 from models.coc.evaluate import evaluate_plates, onnx_estimate
-from nlens_video.model_store import find_model
+from nlens_video.networks.model_store import find_model
 
 
 @pytest.mark.needs_truth

@@ -4,10 +4,10 @@ import sys
 import numpy as np
 import pytest
 
-from nlens_video.backends.coc_onnx import OnnxCocNetwork
-from nlens_video.errors import NlensError
-from nlens_video.frames import CocMap
-from nlens_video.model_store import find_model
+from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import CocMap
+from nlens_video.networks.coc_onnx import OnnxCocNetwork
+from nlens_video.networks.model_store import find_model
 from nlens_video.stages.f_coc import EstimateCoc, estimate_coc
 
 
@@ -173,7 +173,7 @@ def test_a_file_that_is_no_network_gives_one_clear_line(tmp_path):
 
 def test_importing_the_stage_loads_no_heavy_library():
     code = (
-        "import sys, nlens_video.stages.f_coc, nlens_video.model_store;"
+        "import sys, nlens_video.stages.f_coc, nlens_video.networks.model_store;"
         "print([m for m in ('onnxruntime', 'torch', 'av') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -2,8 +2,8 @@ import hashlib
 
 import pytest
 
-from nlens_video.errors import NlensError
-from nlens_video.model_store import find_model, models_folder
+from nlens_video.core.errors import NlensError
+from nlens_video.networks.model_store import find_model, models_folder
 
 ENTRY = """
 [model.coc]

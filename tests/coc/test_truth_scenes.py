@@ -109,7 +109,7 @@ def test_the_written_object_is_read_by_the_tool_with_its_camera(tmp_path):
     from truth.develop import write_glb
     from truth.plan import HEIGHT, WIDTH, draw_view
 
-    from nlens_video.scene.gltf import Scene
+    from nlens_video.scene.scene import Scene
 
     view = draw_view(5)
     body = subject.mesh(view)

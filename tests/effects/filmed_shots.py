@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import scipy.fft
 
-from nlens_video.video.picture import AvPicture
+from nlens_video.video.pixels.picture import AvPicture
 
 WIDTH, HEIGHT = 800, 450
 CORNER_PX = float(np.hypot(WIDTH / 2, HEIGHT / 2))

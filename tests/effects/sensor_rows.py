@@ -10,9 +10,9 @@ from effects import filmed_shots as film
 from effects.shot_table import LOOKS, UNITS, Row
 from effects.shots_of_effects import panned, scene
 
-from nlens_video.effects.shutter_angle import shutter_angle
-from nlens_video.kernels.regrain import to_code
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.effects.camera.grain_kernels import to_code
+from nlens_video.effects.camera.shutter_angle import shutter_angle
+from nlens_video.video.pixels.picture import ArrayPicture
 
 SENSOR = ("softness", "grain")
 UNITS |= {"softness": "px (sigma)", "grain": "levels", "shutter": "degrees"}

@@ -13,9 +13,9 @@ from functools import partial
 from effects import filmed_shots as film
 from effects.filmed_shots import Camera, filmed
 
+from nlens_video.core.layers import Picture
+from nlens_video.effects.exposure import NEGLIGIBLE_LEVELS, MeasureExposure
 from nlens_video.effects.measurement import measure_plate
-from nlens_video.frames import Picture
-from nlens_video.stages.exposure import NEGLIGIBLE_LEVELS, MeasureExposure
 
 OPTICS = ("aberration", "vignetting", "distortion", "bloom", "exposure")
 UNITS = {

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from nlens_video.kernels.regrain import to_code, to_linear
-from nlens_video.stages.motion_blur import way_kernel
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.effects.camera.grain_kernels import to_code, to_linear
+from nlens_video.effects.motion_blur import way_kernel
+from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 480, 270
 _MARGIN = 100  # of a scene, for a camera that pans

@@ -8,12 +8,12 @@ import pytest
 import shots
 from effects.shots_of_effects import HEIGHT, WIDTH, noise, pictures, scene
 
-from nlens_video.cli import main
-from nlens_video.effects.grain import measure
-from nlens_video.frames import BlurredLayer, Box
-from nlens_video.kernels import regrain, white_noise
-from nlens_video.stages.grain import AddGrain, past_shares
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.cli.main import main
+from nlens_video.core.layers import BlurredLayer, Box
+from nlens_video.effects.camera import grain_kernels, white_noise
+from nlens_video.effects.camera.grain import measure
+from nlens_video.effects.camera.grain_apply import AddGrain, past_shares
+from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 INSIDE = (slice(150, 165), slice(232, 248))  # of the cube, which stands still
@@ -48,8 +48,8 @@ def test_regrain_is_its_reference():
     plate = rng.uniform(0, 1, (30, 40, 3)).astype(np.float32)
     unit = rng.standard_normal((30, 40, 3)).astype(np.float32)
     curve = np.linspace([0.01, 0.02, 0.03], [0.03, 0.02, 0.01], 256).astype(np.float32)
-    fast = regrain.regrain(rgba, plate, unit, curve)
-    assert fast == pytest.approx(regrain.reference(rgba, plate, unit, curve), abs=2e-4)
+    fast = grain_kernels.regrain(rgba, plate, unit, curve)
+    assert fast == pytest.approx(grain_kernels.reference(rgba, plate, unit, curve), abs=2e-4)
     assert np.array_equal(fast[alpha[..., 0] == 0], rgba[alpha[..., 0] == 0])
 
 
@@ -99,18 +99,20 @@ def spectrum(values):
 @pytest.mark.parametrize("kind", [{}, {"spread_px": 0.8, "tint": 0.6}], ids=str)
 def test_grained_object_has_the_plates_spectrum_and_level_curve(kind):
     base = scene(4, slope=2.0)
-    code = regrain.to_code(base)
+    code = grain_kernels.to_code(base)
     frames = 6
     signal = (0.5 + 1.2 * code)[None]  # more noise where it is bright
     grain = noise(5, frames, 3.0 / 255, **kind) * signal
     shot = pictures(base, frames, grain)
     stage = AddGrain(measure(shot).model)
     for level in (0.25, 0.6):
-        light = float(regrain.to_linear(np.float32(level)))
+        light = float(grain_kernels.to_linear(np.float32(level)))
         layer = BlurredLayer(
             box=FRAME, rgba=np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([light] * 3 + [1])
         )
-        shown = [regrain.to_code(stage(shot[0], layer, at).rgba[..., :3]) for at in range(frames)]
+        shown = [
+            grain_kernels.to_code(stage(shot[0], layer, at).rgba[..., :3]) for at in range(frames)
+        ]
         made = np.stack(shown) - level
         wanted = (3.0 / 255) * (0.5 + 1.2 * level)
         assert made.std() == pytest.approx(wanted, rel=0.1)
@@ -138,7 +140,7 @@ def test_part_of_the_plate_that_shows_through_brings_its_own_noise():
     layer = BlurredLayer(box=FRAME, rgba=np.ones((HEIGHT, WIDTH, 4), np.float32) * half)
     grained = stage(shot[0], layer, 0).rgba
     composite = grained[..., :3] + 0.5 * shot[0].linear(FRAME)
-    assert regrain.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
+    assert grain_kernels.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
 
 
 def test_same_frame_gets_the_same_grain_whatever_the_box():
@@ -180,7 +182,7 @@ def test_large_picture_is_looked_at_in_its_middle():
     rng = np.random.default_rng(0)
     shot = []
     for _ in range(3):
-        code = regrain.to_code(base) + 3.0 / 255 * rng.standard_normal(base.shape)
+        code = grain_kernels.to_code(base) + 3.0 / 255 * rng.standard_normal(base.shape)
         shot.append(ArrayPicture(np.uint8(np.clip(np.round(255 * code), 0, 255)), "rgb"))
     found = measure(shot)
     assert found.called_for

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 
 def run(folder, name, *words, plan=False):

@@ -2,8 +2,8 @@
 
 import pytest
 
+from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import EFFECTS, Circumstances, decide, requested_effects, within
-from nlens_video.errors import UsageError
 
 
 def decisions(requested, **scene):

@@ -6,10 +6,10 @@ import pytest
 import shots
 from effects.shots_of_effects import panned, pictures, scene
 
-from nlens_video.effects.shutter_angle import shutter_angle
-from nlens_video.kernels.regrain import to_code, to_linear
-from nlens_video.lens import LensFit
-from nlens_video.stages.motion_blur import way_kernel
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.camera.grain_kernels import to_code, to_linear
+from nlens_video.effects.camera.shutter_angle import shutter_angle
+from nlens_video.effects.motion_blur import way_kernel
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
@@ -34,8 +34,8 @@ def test_single_picture_tells_nothing():
 
 
 def test_panning_camera_is_not_read_as_defocus():
-    from nlens_video.backends.coc_onnx import OnnxCocNetwork
-    from nlens_video.model_store import find_model
+    from nlens_video.networks.coc_onnx import OnnxCocNetwork
+    from nlens_video.networks.model_store import find_model
     from nlens_video.stages.f_coc import estimate_coc
 
     network = OnnxCocNetwork(find_model("coc").path)

@@ -5,9 +5,19 @@ import numpy as np
 import pytest
 from effects.shots_of_effects import HEIGHT, WIDTH, noise, pictures, scene
 
-from nlens_video.effects.softness import measure
-from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
-from nlens_video.stages.softness import DRAWN_PX, Floor, missing_sigma, softened
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    ObjectLayer,
+)
+from nlens_video.effects.camera.softness import measure
+from nlens_video.effects.camera.softness_apply import (
+    DRAWN_PX,
+    Floor,
+    missing_sigma,
+    softened,
+)
 
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from evaluate.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, write_rendered
 
-from nlens_video.cli import main
-from nlens_video.evaluate import bench
-from nlens_video.evaluate.bench_case import built_case, plate_case
-from nlens_video.evaluate.bench_measure import Effort, OneCase, RungRun
-from nlens_video.evaluate.bench_plot import Point, pareto
-from nlens_video.evaluate.bench_rungs import all_rungs
-from nlens_video.evaluate.bench_scenes import write_scenes
-from nlens_video.frames import Box
+from nlens_video.cli.main import main
+from nlens_video.core.layers import Box
+from nlens_video.evaluate.bench import bench
+from nlens_video.evaluate.bench.bench_case import built_case, plate_case
+from nlens_video.evaluate.bench.bench_measure import Effort, OneCase, RungRun
+from nlens_video.evaluate.bench.bench_plot import Point, pareto
+from nlens_video.evaluate.bench.bench_rungs import all_rungs
+from nlens_video.evaluate.bench.bench_scenes import write_scenes
 
 TINY = Effort(size=(240, 128), views=64, frames=3, seconds=0.1)
 RUN = ("naive", "realtime", "lens, 8 views")

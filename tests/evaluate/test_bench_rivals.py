@@ -2,8 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from nlens_video.evaluate.bench_rivals import layered_gaussian, naive, one_gaussian
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.evaluate.bench.bench_rivals import layered_gaussian, naive, one_gaussian
 
 FRAME = Box(0, 0, 90, 70)
 PLACE = Box(30, 20, 60, 50)

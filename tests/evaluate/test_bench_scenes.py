@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.evaluate.bench_scenes import plate, write_scenes
-from nlens_video.evaluate.bench_shapes import Optics, Place
+from nlens_video.evaluate.bench.bench_scenes import plate, write_scenes
+from nlens_video.evaluate.bench.bench_shapes import Optics, Place
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import object_coc
 

@@ -12,9 +12,9 @@ from evaluate.truth_folder import write_rendered
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.cli import main
-from nlens_video.evaluate import composite
-from nlens_video.evaluate.composite_methods import (
+from nlens_video.cli.main import main
+from nlens_video.evaluate.composite import composite
+from nlens_video.evaluate.composite.composite_methods import (
     BLIND,
     DEFAULT,
     GAUSSIAN,
@@ -23,7 +23,7 @@ from nlens_video.evaluate.composite_methods import (
     TRUE_FIT,
     all_methods,
 )
-from nlens_video.evaluate.composite_subject import load_subject
+from nlens_video.evaluate.composite.composite_subject import load_subject
 from nlens_video.evaluate.intervals import over_scenes
 
 ROWS = [NAIVE, BLIND, GAUSSIAN, "draft", DEFAULT, TRUE_FIT, TRUE_COC]

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.errors import LensFitError
-from nlens_video.evaluate.constant import best_constant
-from nlens_video.evaluate.paper_line import fit_line
-from nlens_video.evaluate.quadratic import best_factor, nearest_blur, quadratic_coc
-from nlens_video.evaluate.reblur_ratio import edge_blur, reblur_ratio_coc
-from nlens_video.frames import CocMap
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import CocMap
+from nlens_video.evaluate.coc.constant import best_constant
+from nlens_video.evaluate.coc.paper_line import fit_line
+from nlens_video.evaluate.coc.quadratic import best_factor, nearest_blur, quadratic_coc
+from nlens_video.evaluate.coc.reblur_ratio import edge_blur, reblur_ratio_coc
 from nlens_video.stages.p_projection import GroundProjection
 
 

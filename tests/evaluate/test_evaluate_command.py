@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from evaluate.truth_folder import write_plate
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 SHARP = "Blind Augmentation on the sharp picture"
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from evaluate.truth_folder import camera, cube_depth, texture
 
-from nlens_video.errors import SceneError
-from nlens_video.evaluate.conditions import scaled, through_h264, with_noise
-from nlens_video.evaluate.guessed_camera import guess_camera, moved_depth
+from nlens_video.core.errors import SceneError
+from nlens_video.evaluate.coc.conditions import scaled, through_h264, with_noise
+from nlens_video.evaluate.coc.guessed_camera import guess_camera, moved_depth
 
 CORNERS = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (0, 0.3) for z in (-1.8, -1.4)])
 TRIANGLES = CORNERS[[[0, 1, 2], [1, 2, 3], [4, 5, 6], [5, 6, 7]]].astype(np.float64)

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from evaluate.truth_folder import camera, cube_depth, write_rendered
 
-from nlens_video.cli import main
-from nlens_video.evaluate.bench_case import case_of
+from nlens_video.cli.main import main
+from nlens_video.core.layers import Box
+from nlens_video.effects.shadow.apply import Darken
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.shadow import CastShadow
+from nlens_video.evaluate.bench.bench_case import case_of
 from nlens_video.evaluate.plates import load_plate
-from nlens_video.frames import Box
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.scene.casters import Casters
-from nlens_video.scene.gltf import Scene
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
-from nlens_video.stages.darken import Darken
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.shadow import CastShadow
-from nlens_video.stages.shadow_cast import Moment
 from nlens_video.video.exr import write_layers
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 
 @pytest.fixture

@@ -12,15 +12,15 @@ import pytest
 from evaluate.truth_folder import INTERCEPT, SLOPE, camera, cube_depth, write_rendered
 from shots import write_video
 
-from nlens_video.cli import main
-from nlens_video.evaluate.sequence_figures import (
+from nlens_video.cli.main import main
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.evaluate.composite.sequence_figures import (  # fmt: skip
     BLOCK_PX,
     FrameFigures,
     coc_rms,
     frame_figures,
     over_sequence,
-)  # fmt: skip
-from nlens_video.lens import LensFit
+)
 
 FRAMES = 4
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from shots import camera_pose, cube_glb
 
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.exr import write_layers
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT, YFOV = 320, 180, 0.7
 SLOPE, INTERCEPT = 30.0, -6.0  # in focus at 5 m, far behind the object

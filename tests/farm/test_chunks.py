@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.chunk_mark import ChunkMark
-from nlens_video.cli import main
-from nlens_video.errors import InputError, UsageError
-from nlens_video.video.carrier import carrier
-from nlens_video.video.chunk import ChunkFile, ChunkSink, fill
-from nlens_video.video.formats import layout
+from nlens_video.cli.main import main
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.video.chunks.chunk_codec import carrier
+from nlens_video.video.chunks.chunk_file import ChunkFile, ChunkSink, fill
+from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.info import SourceFrame, SourceInfo
-from nlens_video.video.picture import AvPicture
-from nlens_video.video.samples import frame_tags
+from nlens_video.video.pixels.picture import AvPicture
+from nlens_video.video.pixels.pixel_formats import layout
+from nlens_video.video.pixels.sample_views import frame_tags
 
 FRAMES = 12
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.arguments import parse, settings
-from nlens_video.backends.device import choose
-from nlens_video.cli import main
-from nlens_video.errors import UsageError
+from nlens_video.cli.main import main
+from nlens_video.core.errors import UsageError
 from nlens_video.farm.chunk import write_chunk
 from nlens_video.farm.job import prepare, ranges, run_job
 from nlens_video.farm.store import Folder
+from nlens_video.networks.device import choose
+from nlens_video.options.options import parse, settings
 
 FRAMES = 12
 

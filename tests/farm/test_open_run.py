@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.arguments import parse, settings
-from nlens_video.cli import main
-from nlens_video.errors import InputError, OutputError, UsageError
+from nlens_video.cli.main import main
+from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
-from nlens_video.farm.open_run import OpenRun
+from nlens_video.farm.persistent_run import OpenRun
 from nlens_video.farm.store import Bucket, Folder
-from nlens_video.farm.workbench import Workbench
+from nlens_video.farm.worker import Workbench
+from nlens_video.options.options import parse, settings
 
 FRAMES = 14
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.arguments import parse, settings
-from nlens_video.cli import main
-from nlens_video.errors import InputError, OutputError, UsageError
+from nlens_video.cli.main import main
+from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.farm.folder import make
 from nlens_video.farm.paths import absolute
-from nlens_video.farm.shots import Progress, Shot, plan
+from nlens_video.farm.shot_tasks import Progress, Shot, plan
 from nlens_video.farm.store import Bucket, Folder, store_of
-from nlens_video.farm.workbench import Workbench
+from nlens_video.farm.worker import Workbench
+from nlens_video.options.options import parse, settings
 
 FRAMES = 12
 

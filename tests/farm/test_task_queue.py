@@ -8,16 +8,26 @@ from pathlib import Path
 
 import pytest
 
-from nlens_video.chunk_mark import ChunkMark
-from nlens_video.errors import InputError, NlensError
+from nlens_video.core.errors import InputError, NlensError
+from nlens_video.core.settings import (
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
 from nlens_video.farm.job import Prepared, ranges
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.shots import Progress, Shot, Task, plan
+from nlens_video.farm.shot_tasks import (
+    Progress,
+    Shot,
+    Task,
+    plan,
+)
 from nlens_video.farm.store import Folder
 from nlens_video.farm.task_queue import TaskQueue
-from nlens_video.farm.workbench import Workbench
-from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.video.atomic import partial_name
+from nlens_video.farm.worker import Workbench
+from nlens_video.video.atomic_files import partial_name
+from nlens_video.video.chunks.chunk_id import ChunkMark
 
 MERGED = Merged(output="out.mkv", frames=1, chunks=1, notes=())
 

@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import pytest
 
-from nlens_video.graph.ahead import Ahead
-from nlens_video.graph.build import Graph
+from nlens_video.graph.builder import Graph
 from nlens_video.graph.node import Node
-from nlens_video.kernels import deferred, raster, triangles
+from nlens_video.graph.warmup import Ahead
+from nlens_video.render.software import deferred, raster, triangles
 
 PROBE = """
 import sys
 sys.path.insert(0, {tests!r})
 from graph.test_ahead import graph, node
-from nlens_video.aperture import ROUND
-from nlens_video.graph.ahead import Ahead
+from nlens_video.core.aperture import ROUND
+from nlens_video.graph.warmup import Ahead
 from nlens_video.kernels import blend, scatter, scatter_rows
 with Ahead(graph(node("reblur", "scatter"), node("composite", "composite"))) as ahead:
     ahead._thread.join()

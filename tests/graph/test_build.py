@@ -4,17 +4,22 @@ import numpy as np
 import pytest
 import shots
 
+from nlens_video.core.errors import LensFitError, UsageError
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    CocMap,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import decide
-from nlens_video.errors import LensFitError, UsageError
-from nlens_video.frames import BlurredLayer, Box, CocMap, ObjectLayer
-from nlens_video.graph.build import build
-from nlens_video.graph.objects import Placement
+from nlens_video.graph.builder import build
+from nlens_video.graph.executor import FrameSteps
+from nlens_video.graph.nodes.context import ShotRecord, Tools
+from nlens_video.graph.nodes.object_source import Placement
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.stream import FrameSteps
-from nlens_video.graph.tools import ShotRecord, Tools
-from nlens_video.lens import LensFit
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 BOX = Box(200, 120, 260, 180)
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)

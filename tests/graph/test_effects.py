@@ -2,8 +2,8 @@
 
 import pytest
 
+from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import Circumstances, decide, within
-from nlens_video.errors import UsageError
 
 SUNLIT = Circumstances(lamps=1)
 

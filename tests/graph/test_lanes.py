@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from nlens_video.graph.lanes import Lane, run_lanes
+from nlens_video.graph.scheduler import Lane, run_lanes
 
 
 def step(function):

@@ -1,8 +1,8 @@
 import pytest
 
-from nlens_video.errors import UsageError
+from nlens_video.core.errors import UsageError
+from nlens_video.graph.nodes.registry import STAGES
 from nlens_video.graph.pipeline_file import load_pipeline, shipped_pipelines
-from nlens_video.graph.registry import STAGES
 
 NODE = """
 [[node]]

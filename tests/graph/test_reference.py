@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.cli import main
-from nlens_video.errors import UsageError
+from nlens_video.cli.main import main
+from nlens_video.core.errors import UsageError
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.video.exr import write_layers
 

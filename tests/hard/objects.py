@@ -11,7 +11,7 @@ import shots
 from scene.glb_builder import GlbBuilder
 
 from nlens_video import Compositor
-from nlens_video.lens import LensFit
+from nlens_video.core.lens_fit import LensFit
 
 SIZE = (shots.WIDTH, shots.HEIGHT)
 LENS = LensFit(slope=60.0, intercept=-30.0, width=SIZE[0], height=SIZE[1])  # in focus at 2

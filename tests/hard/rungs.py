@@ -11,18 +11,23 @@ from pathlib import Path
 import numpy as np
 from scene.glb_builder import QUAD_FACES, QUAD_UV, GlbBuilder
 
-from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.frames import BlurredLayer, Box
-from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
-from nlens_video.lens import LensFit
-from nlens_video.model_store import find_model
+from nlens_video.core.layers import BlurredLayer, Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.scatter.scatter import (
+    DRAFT,
+    FINE,
+    blur_reach,
+    scatter,
+)
+from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
+from nlens_video.networks.model_store import find_model
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
-from nlens_video.stages.few_views import SampleSmallDiscs
-from nlens_video.stages.l_lens import BlurCell, SampleLens, Shot
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.l_repair import RepairLayer
-from nlens_video.stages.look_behind import look_behind
+from nlens_video.stages.reblur.depth_order_repair import RepairLayer
+from nlens_video.stages.reblur.depth_peel import look_behind
+from nlens_video.stages.reblur.lens_sampling import BlurCell, SampleLens, Shot
+from nlens_video.stages.reblur.view_blend import SampleSmallDiscs
 
 WIDTH, HEIGHT, FOCAL = 112, 88, 100.0
 FRAME = Box(0, 0, WIDTH, HEIGHT)

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.frames import Box
-from nlens_video.kernels.cell import LARGEST_RADIUS_PX, blur_cell, cell_reach
-from nlens_video.kernels.cell_ref import blur_cell_ref
-from nlens_video.kernels.scatter import scatter
+from nlens_video.core.layers import Box
+from nlens_video.kernels.reblur.cell_gather import LARGEST_RADIUS_PX, blur_cell, cell_reach
+from nlens_video.kernels.reblur.cell_gather_ref import blur_cell_ref
+from nlens_video.kernels.scatter.scatter import scatter
 
 
 def card(height=40, width=50, *, coc=4.0):

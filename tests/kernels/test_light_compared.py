@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.kernels import exposure, exposure_ref
+from nlens_video.effects import exposure_kernels, exposure_ref
 
 
 @settings(max_examples=200, deadline=None)
@@ -21,7 +21,7 @@ def test_the_median_is_the_value_in_the_middle_of_the_sorted_ones(seed, count, a
         "signs": lambda: rng.choice([0.0, -0.0, 1e-45, -1e-45], count),
         "huge": lambda: rng.choice([-3e38, 3e38, 1.0], count),
     }[among]().astype(np.float32)
-    assert exposure.median_of(values) == np.sort(values)[count // 2]
+    assert exposure_kernels.median_of(values) == np.sort(values)[count // 2]
 
 
 def pictures(seed, noise, lost):
@@ -36,7 +36,7 @@ def pictures(seed, noise, lost):
 
 def stops_of(light):
     out = np.empty_like(light)
-    exposure.take_stops(light, out)
+    exposure_kernels.take_stops(light, out)
     return out
 
 
@@ -48,7 +48,7 @@ def stops_of(light):
 def test_the_change_of_light_is_the_median_of_what_both_pictures_know(seed, noise, lost):
     before, now = (stops_of(light) for light in pictures(seed, noise, lost))
     found = np.empty(3)
-    told = exposure.take_change(before, now, 0.25, 0.2, found)
+    told = exposure_kernels.take_change(before, now, 0.25, 0.2, found)
     expected = exposure_ref.change(before, now, 0.25, 0.2)
     assert told == (expected is not None)
     if expected is not None:

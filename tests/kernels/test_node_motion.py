@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.kernels import node_motion, node_motion_ref
-from nlens_video.kernels.node_motion import CUBIC, LINEAR, STEP
+from nlens_video.scene.animation import kernels, kernels_ref
+from nlens_video.scene.animation.kernels import CUBIC, LINEAR, STEP
 
 KEYS = st.integers(1, 6)
 
@@ -37,10 +37,10 @@ def test_a_track_says_at_any_time_what_its_definition_says(
     before = out.copy()
     column = 3 if turns else 7
     tracks = np.array([[1, column, values.shape[2], kind, turns, 2, 2, count]])
-    node_motion.sample(
+    kernels.sample(
         time_s, tracks, np.concatenate([[0.0, 9.0], times]), np.concatenate([earlier, values]), out
     )
-    expected = node_motion_ref.sampled(time_s, times, values, kind, turns=turns)
+    expected = kernels_ref.sampled(time_s, times, values, kind, turns=turns)
     written = slice(column, column + values.shape[2])
     np.testing.assert_allclose(out[1, written], expected, atol=1e-12)
     out[1, written] = before[1, written]
@@ -50,7 +50,7 @@ def test_a_track_says_at_any_time_what_its_definition_says(
 def test_a_rotation_without_length_is_none():
     out = np.zeros((1, 10))
     tracks = np.array([[0, 3, 4, LINEAR, 1, 0, 0, 1]])
-    node_motion.sample(0.0, tracks, np.zeros(1), np.zeros((1, 3, 4)), out)
+    kernels.sample(0.0, tracks, np.zeros(1), np.zeros((1, 3, 4)), out)
     np.testing.assert_array_equal(out[0, 3:7], [0, 0, 0, 1])
 
 
@@ -71,13 +71,13 @@ def test_world_matrices_are_products_from_the_root_down(seed, count):
     matrices[:, 3] = [0, 0, 0, 1]
     world = np.full((count, 4, 4), np.nan)
     order = np.stack([names, above[names]], axis=1)
-    node_motion.multiply(local, order, matrices, has_matrix, world)
+    kernels.multiply(local, order, matrices, has_matrix, world)
     own = [
-        matrices[node] if has_matrix[node] else node_motion_ref.composed(local[node])
+        matrices[node] if has_matrix[node] else kernels_ref.composed(local[node])
         for node in range(count)
     ]
     for node in range(count):
-        expected = node_motion_ref.world(node, own, above)
+        expected = kernels_ref.world(node, own, above)
         np.testing.assert_allclose(world[node], expected, rtol=1e-9, atol=1e-9)
 
 
@@ -88,5 +88,5 @@ def test_numbers_beyond_all_bounds_come_through(factor):
     local[:, 7:] = factor
     world = np.empty((2, 4, 4))
     none = np.zeros(2, bool)
-    node_motion.multiply(local, np.array([[0, -1], [1, 0]]), np.empty((2, 4, 4)), none, world)
+    kernels.multiply(local, np.array([[0, -1], [1, 0]]), np.empty((2, 4, 4)), none, world)
     assert not np.isfinite(world).all()

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from nlens_video.kernels.pool import processors, share
+from nlens_video.kernels.thread_pool import processors, share
 
 needs_affinity = pytest.mark.skipif(
     not hasattr(os, "sched_setaffinity"), reason="this system binds no process to processors"
@@ -62,7 +62,7 @@ def test_processors_that_are_forbidden_do_not_count():
 def test_a_forked_child_shares_work_and_both_end():
     code = (
         "import os, sys\n"
-        "from nlens_video.kernels.pool import share\n"
+        "from nlens_video.kernels.thread_pool import share\n"
         "done = []\n"
         "share(done.append, range(50), 3)\n"
         "child = os.fork()\n"

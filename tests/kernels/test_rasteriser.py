@@ -7,12 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.kernels import fragment as at
-from nlens_video.kernels import light_ref, raster, raster_ref, screen, texture_ref, triangles
-from nlens_video.kernels.filtering import sample
-from nlens_video.kernels.light import light
-from nlens_video.kernels.nearest import resolve_depth
-from nlens_video.kernels.texture import Atlas, Texture
+from nlens_video.render.software import fragment as at
+from nlens_video.render.software import raster, triangles
+from nlens_video.render.software.filtering import sample
+from nlens_video.render.software.light import light
+from nlens_video.render.software.nearest import resolve_depth
+from nlens_video.render.software.reference import light_ref, raster_ref, texture_ref
+from nlens_video.render.software.texture import Atlas, Texture
+from nlens_video.scene import screen_projection
 
 SIZE = (24, 32)
 
@@ -20,12 +22,12 @@ SIZE = (24, 32)
 def drawn(positions, faces, *, near=0.5, sides=1, rows=None):
     """Triangles and disparities of the samples, by `raster`, seen from the origin along -Z."""
     height, width = SIZE
-    lens = screen.Lens(
+    lens = screen_projection.Lens(
         axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0,
         near=near, width=width, height=height,
     ).numbers()  # fmt: skip
     points = np.empty((len(positions), 3))
-    screen.project(positions, lens, points)
+    screen_projection.project(positions, lens, points)
     shape = (points, positions, faces, lens)
     spans = np.empty((len(faces), 2), np.int32)
     planes = np.empty((len(faces), triangles.PLANES), np.float32)

@@ -11,10 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_truth import Slab, lens, pinhole, psnr_over_plate
 
-from nlens_video.frames import Box
-from nlens_video.kernels import barrel, extend, levels, reached, scatter_rows
-from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
-from nlens_video.kernels.scatter_ref import scatter_ref
+from nlens_video.core.layers import Box
+from nlens_video.kernels.scatter import (
+    barrel,
+    extend,
+    levels,
+    reached,
+    scatter_rows,
+)
+from nlens_video.kernels.scatter.scatter import (
+    DRAFT,
+    FINE,
+    blur_reach,
+    scatter,
+)
+from nlens_video.kernels.scatter.scatter_ref import scatter_ref
 
 
 def blob(height=40, width=44, *, margin=12, seed=0):

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from nlens_video.aperture import Aperture
-from nlens_video.errors import InputError
-from nlens_video.frames import Box
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.kernels.scatter_ref import scatter_ref
-from nlens_video.kernels.shape import contains, outer_radius
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import Box
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.kernels.scatter.scatter_ref import scatter_ref
+from nlens_video.kernels.scatter.shape import contains, outer_radius
 
 SHAPES = {
     "3 blades": Aperture(blades=3, rotation_deg=20.0),

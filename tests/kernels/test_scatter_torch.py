@@ -5,12 +5,12 @@ import importlib.util
 import numpy as np
 import pytest
 
-from nlens_video.aperture import Aperture
-from nlens_video.backends import device
-from nlens_video.errors import UsageError
-from nlens_video.frames import Box
-from nlens_video.kernels.scatter import DRAFT, FINE, scatter
-from nlens_video.kernels.scatter_ref import scatter_ref
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.errors import UsageError
+from nlens_video.core.layers import Box
+from nlens_video.kernels.scatter.scatter import DRAFT, FINE, scatter
+from nlens_video.kernels.scatter.scatter_ref import scatter_ref
+from nlens_video.networks import device
 
 APERTURES = {
     "round": Aperture(),
@@ -28,7 +28,7 @@ def layer(least, largest, margin):
 
 
 def spread(name="cpu"):
-    from nlens_video.backends.scatter_torch import TorchSpread
+    from nlens_video.kernels.scatter.scatter_torch import TorchSpread
 
     return TorchSpread(name)
 
@@ -90,7 +90,7 @@ def test_a_gpu_out_of_memory_leaves_its_pictures_to_the_cpu_with_a_word(monkeypa
     """torch's own error is raised at the seam: no GPU is full here."""
     import torch
 
-    from nlens_video.backends.scatter_torch import TorchSpread
+    from nlens_video.kernels.scatter.scatter_torch import TorchSpread
 
     def full(*given, **named):
         raise torch.OutOfMemoryError("CUDA out of memory")

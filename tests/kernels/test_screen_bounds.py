@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.frames import Box
-from nlens_video.kernels import screen, screen_ref
+from nlens_video.core.layers import Box
+from nlens_video.scene import screen_projection, screen_projection_ref
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.extent import lens_of
 
@@ -34,7 +34,9 @@ def test_what_misses_the_picture_is_told_as_by_whole_arrays(seed, count, far):
     seen = lens(rng)
     points = points_before(rng, seen, count, far)
     numbers, box = seen.numbers(), (-20.0, -20.0, 340.0, 220.0)
-    assert screen.misses(points, numbers, *box) == screen_ref.misses(points, numbers, *box)
+    assert screen_projection.misses(points, numbers, *box) == screen_projection_ref.misses(
+        points, numbers, *box
+    )
 
 
 def test_points_that_are_no_numbers_may_be_seen():
@@ -43,8 +45,11 @@ def test_points_that_are_no_numbers_may_be_seen():
     for wrong in (np.nan, np.inf, -np.inf):
         points = np.full((2, 3), wrong)
         with np.errstate(invalid="ignore"):
-            assert not screen.misses(points, numbers, *box)
-            assert screen.travel(np.stack([points, points]), np.stack([numbers] * 2)) == np.inf
+            assert not screen_projection.misses(points, numbers, *box)
+            assert (
+                screen_projection.travel(np.stack([points, points]), np.stack([numbers] * 2))
+                == np.inf
+            )
 
 
 @settings(max_examples=200, deadline=None)
@@ -59,5 +64,7 @@ def test_the_bound_of_a_way_is_that_of_whole_arrays(seed, moments, count, step):
     points = first + step * rng.normal(size=(moments, count, 3)).cumsum(axis=0)
     lenses = np.stack([seen.numbers()] * moments)
     lenses[:, 9:12] += step * rng.normal(size=(moments, 3))
-    expected = screen_ref.travel(points, lenses)
-    np.testing.assert_allclose(screen.travel(points, lenses), expected, rtol=1e-9, atol=1e-12)
+    expected = screen_projection_ref.travel(points, lenses)
+    np.testing.assert_allclose(
+        screen_projection.travel(points, lenses), expected, rtol=1e-9, atol=1e-12
+    )

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from nlens_video.kernels.compiled import kernel
-from nlens_video.kernels.lanes import (
+from nlens_video.kernels.numba_config import kernel
+from nlens_video.kernels.simd_types import (
     all_of,
     all_sixteen,
     chosen,

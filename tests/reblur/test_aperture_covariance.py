@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from nlens_video.kernels.aperture_covariance import aperture_covariance
-from nlens_video.stages.lens_points import even_points
+from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
+from nlens_video.stages.reblur.aperture_samples import even_points
 
 EVERYWHERE = np.ones((24, 32), np.bool_)
 

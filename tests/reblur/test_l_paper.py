@@ -4,13 +4,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.backends import reblur_paper
-from nlens_video.backends.reblur_paper import OnnxPaperNetworks
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.paper_scatter import paper_scatter
-from nlens_video.model_store import find_model
-from nlens_video.stages.l_paper import GAMMA, PaperReblur, level_sizes, paper_reblur
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.kernels.reblur.paper_scatter import paper_scatter
+from nlens_video.networks import paper_onnx
+from nlens_video.networks.model_store import find_model
+from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+from nlens_video.stages.reblur.l_paper import (
+    GAMMA,
+    PaperReblur,
+    level_sizes,
+    paper_reblur,
+)
+from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, 128, 96)
 BOX = Box(40, 30, 90, 70)
@@ -155,7 +160,7 @@ def test_strips_leave_no_seam_and_odd_sizes_pass(networks, monkeypatch):
     defocus = rng.uniform(-1, 1, (95, 61)).astype(np.float32)
     coarse = rng.random((48, 31, 3), dtype=np.float32)
     whole = (*networks.render(code, defocus), networks.refine(code, defocus, coarse))
-    monkeypatch.setattr(reblur_paper, "STRIP_ROWS", 32)
+    monkeypatch.setattr(paper_onnx, "STRIP_ROWS", 32)
     strips = (*networks.render(code, defocus), networks.refine(code, defocus, coarse))
     for one, other in zip(whole, strips, strict=True):
         assert other == pytest.approx(one, abs=2e-5)

@@ -2,14 +2,19 @@ import lens_truth
 import numpy as np
 import pytest
 
-from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
-from nlens_video.errors import NlensError
-from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.model_store import find_model
+from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    ObjectLayer,
+)
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
+from nlens_video.networks.model_store import find_model
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.l_repair import CELL, RepairLayer
-from nlens_video.stages.ordered import CHANNELS
+from nlens_video.stages.reblur.depth_order import CHANNELS
+from nlens_video.stages.reblur.depth_order_repair import CELL, RepairLayer
 
 FRAME = Box(0, 0, 400, 320)
 BOX = Box(100, 60, 240, 200)

@@ -3,21 +3,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.errors import NlensError
-from nlens_video.evaluate.bench_glb import Surface, write_glb
-from nlens_video.evaluate.bench_shapes import YFOV, Optics, Place, card, rectangle, tube
-from nlens_video.frames import Box
+from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.evaluate.bench.bench_glb import Surface, write_glb
+from nlens_video.evaluate.bench.bench_shapes import (
+    YFOV,
+    Optics,
+    Place,
+    card,
+    rectangle,
+    tube,
+)
 from nlens_video.graph.node import CONDITIONS
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_lens import Shot, lens_views
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.l_repair import RepairLayer
-from nlens_video.stages.lens_points import bare_points
-from nlens_video.stages.look_behind import look_behind
+from nlens_video.stages.reblur.aperture_samples import bare_points
+from nlens_video.stages.reblur.depth_order_repair import RepairLayer
+from nlens_video.stages.reblur.depth_peel import look_behind
+from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 

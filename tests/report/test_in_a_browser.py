@@ -9,7 +9,7 @@ from html import unescape
 import pytest
 import shots
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 pytestmark = pytest.mark.needs_chromium
 

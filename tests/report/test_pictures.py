@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from nlens_video.frames import Box
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.fit_plot import FitCurve
 from nlens_video.report.maps import COC_MAP, Scale
 from nlens_video.report.pictures import copied, data_uri, jpeg, shown, thumbnail
 from nlens_video.report.svg import Axes, nice_step, ticks
 from nlens_video.stages.r_regression import FitSamples
-from nlens_video.video.picture import ArrayPicture, AvPicture
+from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
 
 RAMP = np.linspace(30, 220, 960)[None, :, None] * np.ones((512, 1, 3))
 

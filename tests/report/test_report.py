@@ -19,24 +19,34 @@ from shots import (
     write_video,
 )
 
+from nlens_video.core.errors import OutputError
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    CocMap,
+    DefocusedLayer,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import (
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
 from nlens_video.effects.planner import Decision
-from nlens_video.errors import OutputError
-from nlens_video.frames import BlurredLayer, Box, CocMap, DefocusedLayer, ObjectLayer
-from nlens_video.graph.asked_lens import Lens
-from nlens_video.graph.assemble import assemble
-from nlens_video.graph.call_for import Plate
-from nlens_video.graph.objects import View
+from nlens_video.graph.effect_decisions import Plate
+from nlens_video.graph.lens_request import Lens
+from nlens_video.graph.nodes.object_source import View
 from nlens_video.graph.profiler import FrameTiming, Profiler
-from nlens_video.lens import LensFit
-from nlens_video.observers import Started
+from nlens_video.graph.session import assemble
 from nlens_video.report.collect import PAGE, Report
-from nlens_video.run import render
-from nlens_video.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
+from nlens_video.run.render import render
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens, constant_fit
 from nlens_video.video.info import SourceFrame
-from nlens_video.video.picture import ArrayPicture
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.pixels.picture import ArrayPicture
 
 BOX = Box(200, 120, 280, 200)
 TRUE_FIT = LensFit(slope=SLOPE, intercept=INTERCEPT, width=WIDTH, height=HEIGHT)
@@ -62,8 +72,7 @@ class Bench:
         self.record = self.assembly.record
 
     def report(self, output="out.mp4", name="report"):
-        started = Started(self.info, self.assembly, self.profiler)
-        return Report(self.folder / name, started, output)
+        return Report(self.folder / name, self.info, self.assembly, output)
 
     def enter(self, report, index=0, rgb=None):
         picture = ArrayPicture((self.rgb if rgb is None else rgb).copy(), "rgb")

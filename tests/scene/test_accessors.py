@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.errors import SceneError
-from nlens_video.scene import document
-from nlens_video.scene.accessors import AccessorReader
-from nlens_video.scene.document import Document
-from nlens_video.scene.fields import Fields
+from nlens_video.core.errors import SceneError
+from nlens_video.scene.gltf import document
+from nlens_video.scene.gltf.accessors import AccessorReader
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.fields import Fields
 
 LIMITS = {"i1": 127, "u1": 255, "i2": 32767, "u2": 65535}
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scene.glb_builder import QUAD, GlbBuilder
 
-from nlens_video.errors import SceneError
+from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene
 
 NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))

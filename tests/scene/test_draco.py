@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.errors import SceneError
-from nlens_video.scene import Scene, draco
+from nlens_video.core.errors import SceneError
+from nlens_video.scene import Scene
+from nlens_video.scene.gltf import draco
 
 POSITIONS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 2]], np.float32)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)

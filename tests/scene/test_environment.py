@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from nlens_video.core.errors import InputError
 from nlens_video.effects.planner import SHADOW, Circumstances, decide
-from nlens_video.errors import InputError
 from nlens_video.scene.environment import load_environment, reduce_environment
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.scene_light import SceneLight

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene.glb_builder import QUAD, GlbBuilder
 
-from nlens_video.errors import SceneError
+from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene
 
 

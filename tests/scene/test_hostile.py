@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene.glb_builder import QUAD, QUAD_UV, GlbBuilder
 
-from nlens_video.errors import SceneError
-from nlens_video.playback import Playback
-from nlens_video.scene import Scene, document
+from nlens_video.core.errors import SceneError
+from nlens_video.core.playback import Playback
+from nlens_video.scene import Scene
+from nlens_video.scene.gltf import document
 
 NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
 
@@ -187,7 +188,7 @@ def test_primitives_targets_and_channels_that_share_accessors_are_counted_each(t
 
 
 def test_a_mesh_cannot_be_placed_without_bound(tmp_path, monkeypatch):
-    from nlens_video.scene import gltf
+    from nlens_video.scene import scene as gltf
 
     monkeypatch.setattr(gltf, "MAX_VERTICES", 4000)
     builder = GlbBuilder()

@@ -10,9 +10,9 @@ from scene.glb_builder import GlbBuilder
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from nlens_video.errors import SceneError
-from nlens_video.graph.objects import RenderedObject, View
-from nlens_video.scene.gltf import Scene
+from nlens_video.core.errors import SceneError
+from nlens_video.graph.nodes.object_source import RenderedObject, View
+from nlens_video.scene.scene import Scene
 
 TRIANGLES = 12
 FACES = np.arange(3 * TRIANGLES, dtype=np.uint16).reshape(-1, 3)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scene.glb_builder import QUAD, QUAD_FACES, GlbBuilder
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.errors import SceneError
-from nlens_video.graph.objects import RenderedObject, View
+from nlens_video.core.errors import SceneError
+from nlens_video.graph.nodes.object_source import RenderedObject, View
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 
 NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.errors import SceneError, UsageError
-from nlens_video.playback import Playback
+from nlens_video.core.errors import SceneError, UsageError
+from nlens_video.core.playback import Playback
 from nlens_video.scene import Scene
 
 

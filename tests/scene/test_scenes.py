@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.errors import SceneError
+from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene
 
 BACK = np.array([[0.0, 1.0, 5.0], [0.0, 1.0, 9.0]])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from nlens_video.frames import BlurredLayer, Box
-from nlens_video.optics import Aberration
-from nlens_video.stages.aberration import fringed
-from nlens_video.video.picture import SRGB, ArrayPicture
+from nlens_video.core.layers import BlurredLayer, Box
+from nlens_video.core.lens_models import Aberration
+from nlens_video.effects.camera.chromatic_aberration_apply import fringed
+from nlens_video.video.pixels.picture import SRGB, ArrayPicture
 
 FRAME = Box(0, 0, 240, 160)
 LENS = Aberration(red=(1.2, 0.8), blue=(-0.7, -0.3))

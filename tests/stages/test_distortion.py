@@ -9,11 +9,21 @@ import shots
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
-from nlens_video.optics import Distortion
-from nlens_video.radius import undistorted_radius
-from nlens_video.stages.darken import Shadow
-from nlens_video.stages.distortion import Bend, bent, bent_defocused, bent_shadow
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    ObjectLayer,
+)
+from nlens_video.core.lens_models import Distortion
+from nlens_video.core.radial import undistorted_radius
+from nlens_video.effects.camera.distortion_apply import (
+    Bend,
+    bent,
+    bent_defocused,
+    bent_shadow,
+)
+from nlens_video.effects.shadow.apply import Shadow
 
 CAMERA = shots.camera()
 FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nlens_video.core.layers import BlurredLayer, Box
+from nlens_video.core.shutter import Shutter
+from nlens_video.effects.exposure import Exposure, MeasureExposure, follow
 from nlens_video.effects.planner import EXPOSURE, Circumstances, decide
-from nlens_video.frames import BlurredLayer, Box
-from nlens_video.shutter import Shutter
-from nlens_video.stages.exposure import Exposure, MeasureExposure, follow
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE = (360, 640)
 

@@ -6,16 +6,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.aperture import Aperture
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.evaluate.bench_glb import write_glb
-from nlens_video.evaluate.bench_shapes import YFOV, Optics, Place, card, rectangle, tube
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.evaluate.bench.bench_glb import write_glb
+from nlens_video.evaluate.bench.bench_shapes import (
+    YFOV,
+    Optics,
+    Place,
+    card,
+    rectangle,
+    tube,
+)
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.few_views import (
+from nlens_video.stages.l_reblur import ReblurLayer, object_coc
+from nlens_video.stages.reblur.aperture_samples import bare_points, points_around
+from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.stages.reblur.view_blend import (
     FADE_PX,
     LARGE_COC_PX,
     SMALL_COC_PX,
@@ -24,9 +34,6 @@ from nlens_video.stages.few_views import (
     SampleSmallDiscs,
     share_of_views,
 )
-from nlens_video.stages.l_lens import Shot, lens_views
-from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.lens_points import bare_points, points_around
 
 OPTICS = Optics(slope=112.0, intercept=-56.0)
 SIZE = (320, 160)

@@ -11,16 +11,18 @@ from hypothesis import strategies as st
 from kernels.lens_truth import psnr_over_plate
 from scene.glb_builder import QUAD, QUAD_FACES, QUAD_UV, GlbBuilder
 
-from nlens_video.aperture import Aperture
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.frames import Box
-from nlens_video.kernels.disc import coverage
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.kernels.shape import contains
-from nlens_video.lens import LensFit
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.scatter.disc import coverage
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.kernels.scatter.shape import contains
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
-from nlens_video.stages.l_lens import (
+from nlens_video.stages.l_reblur import ReblurLayer, object_coc
+from nlens_video.stages.reblur.aperture_samples import bare_points, lens_points
+from nlens_video.stages.reblur.lens_sampling import (
     BlurCell,
     SampleLens,
     Shot,
@@ -29,8 +31,6 @@ from nlens_video.stages.l_lens import (
     parallax_px,
     view_count,
 )
-from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.lens_points import bare_points, lens_points
 
 WIDTH, HEIGHT, FOCAL = 160, 120, 150.0
 FRAME = Box(0, 0, WIDTH, HEIGHT)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 
 FRAME = Box(0, 0, 96, 64)

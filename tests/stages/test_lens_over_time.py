@@ -7,14 +7,19 @@ import pytest
 from scene.glb_builder import GlbBuilder
 from stages.test_l_lens import BLUR, FRAME, NEAR_OVER_FAR, camera, card
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.frames import Box
-from nlens_video.kernels.cell import LARGEST_RADIUS_PX
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.reblur.cell_gather import LARGEST_RADIUS_PX
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_lens import BlurCell, SampleLens, Shot, lens_views
 from nlens_video.stages.l_reblur import object_coc
-from nlens_video.stages.lens_points import bare_points, lens_points
+from nlens_video.stages.reblur.aperture_samples import bare_points, lens_points
+from nlens_video.stages.reblur.lens_sampling import (
+    BlurCell,
+    SampleLens,
+    Shot,
+    lens_views,
+)
 
 VIEWS = 8
 pytestmark = pytest.mark.needs_gl

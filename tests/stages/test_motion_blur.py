@@ -11,14 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.cli import main
-from nlens_video.effects.planner import MOTION_BLUR, Circumstances, decide
-from nlens_video.frames import BlurredLayer, Box, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
-from nlens_video.shutter import Shutter
-from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
-from nlens_video.stages.motion_blur import (
+from nlens_video.cli.main import main
+from nlens_video.core.layers import BlurredLayer, Box, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.shutter import Shutter
+from nlens_video.effects.motion_blur import (
     MOST_MOMENTS,
     averaged,
     mean_of_blurred,
@@ -27,6 +24,9 @@ from nlens_video.stages.motion_blur import (
     smeared,
     way_kernel,
 )
+from nlens_video.effects.planner import MOTION_BLUR, Circumstances, decide
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 
 FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)
 
@@ -177,8 +177,8 @@ def psnr(a, b, where):
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("coc_px", [0.0, 12.0])
 def test_turning_and_sliding_card_is_what_hundreds_of_moments_show(tmp_path, coc_px):
-    from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-    from nlens_video.scene.gltf import Scene
+    from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+    from nlens_video.scene.scene import Scene
 
     scene = Scene.load(spinning_glb(tmp_path / "card.glb"))
     camera = shots.camera()

@@ -8,16 +8,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from nlens_video.frames import BlurredLayer, Box, CocMap, DepthMap, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
-from nlens_video.stages.composite import composite
-from nlens_video.stages.darken import Darken, Shadow
-from nlens_video.stages.in_front import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    CocMap,
+    DepthMap,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.occlusion import cover_of, foreground_light
+from nlens_video.effects.occlusion_estimate import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.effects.shadow.apply import Darken, Shadow
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.stages.composite import Foreground, behind, composite, lay
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.occlusion import Foreground, behind, cover_of, foreground_light, lay
-from nlens_video.video.exr_source import LINEAR
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 96, 64
 FRAME = Box(0, 0, WIDTH, HEIGHT)

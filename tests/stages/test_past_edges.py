@@ -8,16 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.errors import LensFitError
-from nlens_video.frames import BlurredLayer, Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.half_hidden import free_table, half_hidden
-from nlens_video.kernels.scatter import scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.reblur.edge_parallax import free_table, half_hidden
+from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.lens_points import bare_points
-from nlens_video.stages.past_edges import past_edges
-from nlens_video.stages.r_ground import ground_seen
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.stages.r_ground_visibility import ground_seen
+from nlens_video.stages.reblur.aperture_samples import bare_points
+from nlens_video.stages.reblur.edge_parallax import past_edges
+from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE = 120, 90
 FRAME = Box(0, 0, *SIZE)

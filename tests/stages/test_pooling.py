@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from nlens_video.look_ahead import FRAMES, LookAhead
-from nlens_video.stages.f_pool import pooled
+from nlens_video.run.lookahead import FRAMES, LookAhead
+from nlens_video.stages.f_temporal_mean import pooled
 
 HEIGHT, WIDTH = 120, 160
 
@@ -89,7 +89,7 @@ def frame(index):
     from fractions import Fraction
 
     from nlens_video.video.info import SourceFrame
-    from nlens_video.video.picture import ArrayPicture
+    from nlens_video.video.pixels.picture import ArrayPicture
 
     picture = ArrayPicture(np.zeros((2, 2, 3), np.uint8))
     return SourceFrame(

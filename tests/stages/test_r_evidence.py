@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from stages.test_r_regression import ground
 
-from nlens_video.frames import CocMap, CocPrior
-from nlens_video.stages.r_evidence import evidence
+from nlens_video.core.layers import CocMap, CocPrior
+from nlens_video.stages.r_debias import evidence
 from nlens_video.stages.r_regression import FitLens
 
 PRIOR = CocPrior(mean=2.3, deviation=1.0)

@@ -3,11 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.errors import LensFitError
-from nlens_video.frames import CocMap
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import CocMap
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import FitLens, constant_fit
-from nlens_video.v_fit import VFit
+from nlens_video.stages.r_robust_v import VFit
 
 HEIGHT, WIDTH = 128, 240
 

@@ -4,15 +4,20 @@ import numpy as np
 import pytest
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.reflection import (
+    LayReflection,
+    MirrorObject,
+    mirrored_camera,
+    schlick,
+)
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.reflection import LayReflection, MirrorObject, mirrored_camera, schlick
-from nlens_video.video.exr_source import LINEAR
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120
 FRAME = Box(0, 0, WIDTH, HEIGHT)

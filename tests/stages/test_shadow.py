@@ -8,22 +8,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.frames import Box
-from nlens_video.kernels.cast import PER_PIXEL, edges_of, mark_covered
-from nlens_video.kernels.cast_ref import covered
-from nlens_video.kernels.scatter import blur_reach, scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.shadow.apply import Darken, Shadow
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.clipped_mesh import Solid
+from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of, mark_covered
+from nlens_video.effects.shadow.coverage_ref import covered
+from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.shadow import CastShadow
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.casters import Casters
+from nlens_video.scene.gltf.lights import Light, PosedLight
 from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.irradiance import from_around, from_lamp
-from nlens_video.scene.lights import Light, PosedLight
-from nlens_video.scene.solid import Solid
-from nlens_video.stages.darken import Darken, Shadow
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.shadow import CastShadow
-from nlens_video.stages.shadow_cast import Moment
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120
 CARD = np.array([[-0.5, 1.0, -0.5], [0.5, 1.0, -0.5], [0.5, 1.0, 0.5], [-0.5, 1.0, 0.5]])
@@ -290,7 +290,7 @@ def test_meshes_with_inner_edges_folds_and_borders_leave_neither_gap_nor_spill()
 @pytest.mark.needs_truth
 @pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
 def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
-    from nlens_video.scene.gltf import Scene
+    from nlens_video.scene.scene import Scene
     from nlens_video.scene.scene_light import SceneLight
 
     folder = shared / "data" / "cycles" / "dev" / scene

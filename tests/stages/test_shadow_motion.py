@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from nlens_video.frames import Box
-from nlens_video.kernels.cast import edges_of
+from nlens_video.core.layers import Box
+from nlens_video.effects.motion_blur import sampled_count
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.coverage import edges_of
+from nlens_video.effects.shadow.projection import Moment, shadow_places
+from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.casters import Casters
 from nlens_video.scene.illumination import Illumination, Lamp, sun
-from nlens_video.stages.motion_blur import sampled_count
-from nlens_video.stages.shadow import CastShadow
-from nlens_video.stages.shadow_cast import Moment, shadow_places
 
 WIDTH, HEIGHT = 160, 120
 FRAME = Box(0, 0, WIDTH, HEIGHT)

@@ -6,26 +6,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene.glb_builder import QUAD_FACES, GlbBuilder
 
-from nlens_video.frames import Box
-from nlens_video.graph.objects import Placement, RenderedObject, View
-from nlens_video.graph.shadow_stages import alike, make_darken, make_shadow
-from nlens_video.graph.tools import LitGround, ShotRecord, Tools
-from nlens_video.kernels.cast import edges_of, mark_covered
-from nlens_video.kernels.cast_ref import covered, stopped
-from nlens_video.kernels.cast_veils import count_veiled, new_veiled
-from nlens_video.lens import LensFit
-from nlens_video.playback import Playback
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.playback import Playback
+from nlens_video.core.shutter import Shutter
+from nlens_video.effects.motion_blur import Motion
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.coverage import edges_of, mark_covered
+from nlens_video.effects.shadow.coverage_ref import covered, stopped
+from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.shadow import CastShadow
+from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
+from nlens_video.graph.nodes.context import LitGround, ShotRecord, Tools
+from nlens_video.graph.nodes.object_source import Placement, RenderedObject, View
+from nlens_video.graph.nodes.shadow import alike, make_darken, make_shadow
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.casters import Casters
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 from nlens_video.scene.scene_light import SceneLight
-from nlens_video.shutter import Shutter
-from nlens_video.stages.motion_blur import Motion
-from nlens_video.stages.shadow import CastShadow
-from nlens_video.stages.shadow_cast import Moment
-from nlens_video.video.exr_source import LINEAR
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120
 FRAME = Box(0, 0, WIDTH, HEIGHT)

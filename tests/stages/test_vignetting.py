@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from nlens_video.frames import BlurredLayer, Box
-from nlens_video.optics import Vignetting
-from nlens_video.radius import square_radius
-from nlens_video.stages.vignetting import vignetted
+from nlens_video.core.layers import BlurredLayer, Box
+from nlens_video.core.lens_models import Vignetting
+from nlens_video.core.radial import square_radius
+from nlens_video.effects.camera.vignetting_apply import vignetted
 
 FRAME = Box(0, 0, 400, 300)
 

@@ -6,7 +6,7 @@ import pytest
 from support.programs import made
 from video.clips import copy
 
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
 
 pytestmark = pytest.mark.needs_programs("ffmpeg")
 RAMP = "testsrc2=s=64x48:r=25:d=0.2,format=rgba,geq=r='r(X,Y)':g='g(X,Y)':b='b(X,Y)':a='X*4'"

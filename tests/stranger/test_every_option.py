@@ -13,7 +13,7 @@ from stranger.option_rows import PLACED, Row
 from stranger.option_table import COMMANDS
 from support.command import nlens, one_line
 
-from nlens_video import arguments
+from nlens_video.options import options
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.needs_gl
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.needs_gl
 def actions(name):
     """The words of a command by the name that argparse keeps them under, a second by its own."""
     command, _, kind = name.partition(" ")
-    parser = arguments.parser_of(command)
+    parser = options.parser_of(command)
     if kind:
         parser = parser._subparsers._group_actions[0].choices[kind]
     found = {}
@@ -99,7 +99,7 @@ def state(*folders):
     }
 
 
-@pytest.mark.parametrize("command", arguments.COMMANDS)
+@pytest.mark.parametrize("command", options.COMMANDS)
 def test_every_word_of_the_help_has_a_row(command):
     names = [name for name in COMMANDS if name.split()[0] == command]
     assert names, f"{command} has no rows"

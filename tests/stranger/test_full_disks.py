@@ -9,7 +9,7 @@ import shots
 from support.command import nlens, one_line
 from support.disks import fill, small_disk
 
-from nlens_video.video.atomic import partial_name
+from nlens_video.video.atomic_files import partial_name
 
 pytestmark = pytest.mark.needs_gl
 BESIDE = {"--report": "report", "--timings": "t.json", "--save-fit": "fit.json", "--aov": "aov"}

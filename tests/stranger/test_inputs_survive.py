@@ -3,7 +3,7 @@
 import pytest
 from support.command import nlens, one_line
 
-from nlens_video.command_paths import CHUNKS, PATH_WORDS
+from nlens_video.cli.command_paths import CHUNKS, PATH_WORDS
 
 RUN = (
     "{input} {glb} {output} --layers {layers} --holdout {holdout} --env {env} --aperture "

@@ -6,8 +6,8 @@ from shots import cube_glb, fit_json, write_video
 from support.command import nlens, one_line
 from video.clips import copy, noise_frame, write_clip
 
-from nlens_video.errors import OutputError, UsageError
-from nlens_video.video.sink import check_output
+from nlens_video.core.errors import OutputError, UsageError
+from nlens_video.video.output.sink import check_output
 
 
 @pytest.mark.parametrize("ending", ["mp3", "wav", "aac", "srt", "mka", "flac", "vtt"])

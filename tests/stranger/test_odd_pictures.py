@@ -7,7 +7,7 @@ import pytest
 from support.programs import codecs, complaints, made, streams
 from video.clips import copy
 
-from nlens_video.errors import OutputError
+from nlens_video.core.errors import OutputError
 
 pytestmark = pytest.mark.needs_programs("ffmpeg", "ffprobe")
 

@@ -139,7 +139,8 @@ def test_kernels_are_compiled_for_each_run_where_nothing_at_all_can_be_written(p
         "mount -t tmpfs -o ro none /var/tmp && mount -t tmpfs -o ro none /dev/shm && "
         "mount --bind /tmp /tmp && mount -o remount,bind,ro /tmp && cd / && "
         f"exec setpriv --reuid={NOBODY} --regid={NOBODY} --clear-groups "
-        f"{program.with_name('python')} -c '{SHOW_NOTES}; from nlens_video.kernels.disc import *'"
+        f"{program.with_name('python')} -c "
+        f"'{SHOW_NOTES}; from nlens_video.kernels.scatter.disc import *'"
     )
     run = run_as_other(
         "unshare", "-m", "sh", "-c", mounts, cwd=Path("/"), environment=NO_HOME, uid=0

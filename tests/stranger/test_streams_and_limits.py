@@ -13,7 +13,7 @@ import shots
 from support.command import nlens
 from support.terminal import program
 
-from nlens_video.memory import address_space
+from nlens_video.cli.memory import address_space
 
 pytestmark = pytest.mark.needs_gl
 
@@ -153,7 +153,7 @@ def test_help_needs_no_memory_to_speak_of():
     assert run.returncode == 0, run.stderr
 
 
-@pytest.mark.parametrize("loaded", ["nlens_video.errors", "nlens_video.arguments"])
+@pytest.mark.parametrize("loaded", ["nlens_video.core.errors", "nlens_video.options.options"])
 def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(loaded):
     command = [sys.executable, "-X", "importtime", *program("in.mp4", "a.glb", "out.mp4")[1:]]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run:

@@ -10,8 +10,8 @@ import pytest
 import shots
 from support.command import nlens, one_line
 
-from nlens_video import run as run_module
 from nlens_video.farm import job as job_module
+from nlens_video.run import render as run_module
 
 pytestmark = pytest.mark.needs_gl
 

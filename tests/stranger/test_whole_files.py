@@ -3,7 +3,7 @@
 import pytest
 from support.programs import made
 
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
 
 pytestmark = pytest.mark.needs_programs("ffmpeg")
 PICTURES = ("-f", "lavfi", "-i", "testsrc2=s=64x48:r=25:d=2")

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from nlens_video.study.stimuli import Stimulus, write_stimuli
+from nlens_video.evaluate.study.stimuli import Stimulus, write_stimuli
 
 METHODS = ("naive", "blind", "ours")
 COLOURS = ("red", "green", "yellow")

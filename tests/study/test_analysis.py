@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 from study.answers import answer
 
-from nlens_video.cli import main
-from nlens_video.study.analysis import two_proportion_test
+from nlens_video.cli.main import main
+from nlens_video.evaluate.study.analysis import two_proportion_test
 
 
 def saved(path, participant, counts):

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from nlens_video.cli import main
-from nlens_video.study import demo
-from nlens_video.study.stimuli import load_stimuli
+from nlens_video.cli.main import main
+from nlens_video.evaluate.study import demo
+from nlens_video.evaluate.study.stimuli import load_stimuli
 
 SIZE = (320, 176)
 

@@ -11,7 +11,7 @@ import pytest
 from report.page_reader import read
 from study.answers import write_folder
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 PERSON = """
 <script>

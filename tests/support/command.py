@@ -8,7 +8,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 
 
 def nlens(*words: object) -> SimpleNamespace:

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 _POWERS = "-dac_override,-dac_read_search,-fowner,-chown"
 _PROGRAM = """
 import contextlib, io, json, sys
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 for words in json.loads(sys.argv[1]):
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):

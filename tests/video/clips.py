@@ -5,8 +5,8 @@ from fractions import Fraction
 import av
 import numpy as np
 
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 VFR = (0, 1000, 1467, 4000, 4001, 9013, 9500)
 

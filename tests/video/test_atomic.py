@@ -2,8 +2,8 @@
 
 import pytest
 
-from nlens_video.errors import OutputError
-from nlens_video.video.atomic import partial_name, replacing
+from nlens_video.core.errors import OutputError
+from nlens_video.video.atomic_files import partial_name, replacing
 
 
 def test_a_full_disk_while_writing_text_is_one_clear_line(tmp_path):

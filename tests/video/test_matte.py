@@ -5,10 +5,10 @@ import cv2
 import numpy as np
 import pytest
 
-from nlens_video.errors import InputError
-from nlens_video.frames import DepthMap
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import DepthMap
 from nlens_video.video.exr import write_layers
-from nlens_video.video.matte import open_holdout
+from nlens_video.video.input.holdout import open_holdout
 
 SIZE = (64, 48)
 

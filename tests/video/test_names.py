@@ -3,8 +3,8 @@
 import pytest
 import shots
 
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 
 @pytest.mark.parametrize(

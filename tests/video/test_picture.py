@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from clips import noise_frame, planes, write_clip
 
-from nlens_video.color import ColorTags
-from nlens_video.errors import InputError
-from nlens_video.frames import Box
-from nlens_video.kernels import blend, blend_ref
-from nlens_video.video.exr_source import LINEAR
-from nlens_video.video.formats import working_format
-from nlens_video.video.picture import ArrayPicture, AvPicture
-from nlens_video.video.samples import array_samples, frame_samples, frame_tags
-from nlens_video.video.source import open_source
+from nlens_video.core.color import ColorTags
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import Box
+from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.input.source import open_source
+from nlens_video.video.pixels import blend, blend_ref
+from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
+from nlens_video.video.pixels.pixel_formats import working_format
+from nlens_video.video.pixels.sample_views import array_samples, frame_samples, frame_tags
 
 FORMATS = (
     "yuv420p", "yuvj420p", "yuv422p", "yuv444p", "yuv411p", "yuv440p", "yuv410p", "yuv420p10le",

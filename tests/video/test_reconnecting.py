@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.cli import main
-from nlens_video.errors import InputError
-from nlens_video.intake import opened
-from nlens_video.settings import SourceSettings
-from nlens_video.video.reconnecting import Reconnecting
-from nlens_video.video.source import open_source
+from nlens_video.cli.main import main
+from nlens_video.core.errors import InputError
+from nlens_video.core.settings import SourceSettings
+from nlens_video.run.open_run import opened
+from nlens_video.video.input.reconnect import Reconnecting
+from nlens_video.video.input.source import open_source
 
 
 @pytest.fixture(scope="module")

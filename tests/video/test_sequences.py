@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from clips import copy, noise_frame, write_plates
 
-from nlens_video.errors import InputError, OutputError
+from nlens_video.core.errors import InputError, OutputError
 from nlens_video.video.exr import write_layers
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 
 def grey(path):

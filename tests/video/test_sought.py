@@ -10,11 +10,11 @@ from clips import planes
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from nlens_video.cli import main
-from nlens_video.trim import Trim
+from nlens_video.cli.main import main
+from nlens_video.run.frame_range import Trim
 from nlens_video.video.info import SourceFrame
-from nlens_video.video.sought import Sought, open_sought
-from nlens_video.video.source import open_source
+from nlens_video.video.input.seek import Sought, open_sought
+from nlens_video.video.input.source import open_source
 
 FRAMES = 180
 X264 = {"preset": "ultrafast", "crf": "20", "g": "24"}

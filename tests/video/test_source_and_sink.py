@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from clips import VFR, copy, noise_frame, planes, read_packets, read_times, write_clip, write_plates
 
-from nlens_video.errors import InputError, OutputError, UsageError
-from nlens_video.frames import Box
-from nlens_video.video.atomic import partial_name
-from nlens_video.video.encoder_clock import EncoderClock
+from nlens_video.core.errors import InputError, OutputError, UsageError
+from nlens_video.core.layers import Box
+from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.exr import write_layers
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.encoder_clock import EncoderClock
+from nlens_video.video.output.sink import open_sink
 
 
 def frames(path):
@@ -192,7 +192,7 @@ def test_a_sequence_starts_at_its_first_number_and_keeps_it(tmp_path):
 
 def run_piped(arguments, data):
     code = (
-        "import sys; from nlens_video.video.source import open_source\n"
+        "import sys; from nlens_video.video.input.source import open_source\n"
         f"with open_source('-', **{arguments!r}) as s:\n"
         "    print(s.info.width, s.info.height, [round(f.time_s, 3) for f in s])"
     )

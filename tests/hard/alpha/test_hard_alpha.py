@@ -4,13 +4,18 @@ import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import over_grey, panels, srgb8
 
-from nlens_video.frames import Box, DefocusedLayer, ObjectLayer
-from nlens_video.graph.layered import covered_part
-from nlens_video.kernels.scatter import DRAFT, FINE, blur_reach, scatter
-from nlens_video.kernels.scatter_ref import scatter_ref
-from nlens_video.lens import LensFit
+from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.graph.nodes.prerendered import covered_part
+from nlens_video.kernels.scatter.scatter import (
+    DRAFT,
+    FINE,
+    blur_reach,
+    scatter,
+)
+from nlens_video.kernels.scatter.scatter_ref import scatter_ref
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 SIDE = 64
 FRAME = Box(0, 0, SIDE, SIDE)

@@ -6,9 +6,9 @@ from hard.drawing import INK, OTHER, OURS, PALE, haze, over_grey, panels, plot
 from hard.rungs import RUNGS, Card, cards, lens_at, lens_of_coc, sharp, spread_px, through
 from kernels.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
-from nlens_video.errors import LensFitError
-from nlens_video.kernels.scatter import scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.scatter.scatter import scatter
 
 COLOURS = dict(zip(RUNGS, (PALE, OURS, OTHER, INK), strict=True))
 

@@ -12,8 +12,8 @@ from video.clips import write_clip
 
 ENCODE = """
 import sys
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.video.output.sink import open_sink
+from nlens_video.video.input.source import open_source
 
 with open_source(sys.argv[1]) as source, open_sink(
     sys.argv[2], source.info, codec=sys.argv[3]

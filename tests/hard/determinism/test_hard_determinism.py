@@ -15,10 +15,12 @@ from hard.objects import LENS, PRESETS, composited, cube, folder, plate_bgr
 from hard.rungs import RUNGS, Card, cards, lens_at, through
 
 from nlens_video import Compositor
-from nlens_video.backends import reblur_paper, render_software
-from nlens_video.backends.reblur_paper import OnnxPaperNetworks
-from nlens_video.kernels import aperture_covariance, extend, levels, scatter
-from nlens_video.model_store import find_model
+from nlens_video.kernels.reblur import aperture_covariance
+from nlens_video.kernels.scatter import extend, levels, scatter
+from nlens_video.networks import paper_onnx
+from nlens_video.networks.model_store import find_model
+from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+from nlens_video.render.software import renderer
 
 NEAR_AND_FAR = (Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
 FIT = lens_at(2.18, 30.0)
@@ -47,7 +49,7 @@ def test_any_height_of_bands():
         with pytest.MonkeyPatch.context() as changed:
             for module in (scatter, extend, levels, aperture_covariance):
                 changed.setattr(module, "BAND_ROWS", rows)
-            changed.setattr(render_software, "_BANDS", rows)
+            changed.setattr(renderer, "_BANDS", rows)
             for rung in RUNGS:
                 seen[rung].append(through(rung, scene, FIT))
     return Outcome(
@@ -69,7 +71,7 @@ def test_any_strip_for_the_papers_networks():
     made = []
     for rows in (128, 64, 32):
         with pytest.MonkeyPatch.context() as changed:
-            changed.setattr(reblur_paper, "STRIP_ROWS", rows)
+            changed.setattr(paper_onnx, "STRIP_ROWS", rows)
             made.append(networks.render(code, defocus)[0])
     away = max(float(np.abs(one - made[0]).max()) for one in made)
     return Outcome(

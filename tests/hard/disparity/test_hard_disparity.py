@@ -8,11 +8,11 @@ from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder, plate_bg
 from hard.rungs import RUNGS, Card, camera, cards, lens_at, sharp, through
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.errors import LensFitError
-from nlens_video.frames import Box, CocMap, ObjectLayer
-from nlens_video.lens import LensFit
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import Box, CocMap, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 from nlens_video.stages.l_reblur import object_coc
 from nlens_video.stages.p_projection import GroundProjection

@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import shots
 
 from nlens_video import Compositor
-from nlens_video.playback import Playback
-from nlens_video.settings import ObjectSettings
+from nlens_video.core.playback import Playback
+from nlens_video.core.settings import ObjectSettings
 
 SIZE = (160, 90)
 FPS, PERIOD_S = 32, 2.0  # moments that floats hold exactly: the object is back every 64 frames

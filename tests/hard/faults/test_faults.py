@@ -18,15 +18,15 @@ import pytest
 import shots
 from hard.faults import kills
 
-from nlens_video import model_store
-from nlens_video import preflight as preflight_module
-from nlens_video.cli import main
-from nlens_video.command_paths import chunks_beside
-from nlens_video.errors import NlensError, OutputError
+from nlens_video.cli.command_paths import chunks_beside
+from nlens_video.cli.main import main
+from nlens_video.core.errors import NlensError, OutputError
 from nlens_video.farm.folder import alone_in, remove
-from nlens_video.video.atomic import left_over, partial_name, sweep
-from nlens_video.video.sink import open_sink
-from nlens_video.video.source import open_source
+from nlens_video.networks import model_store
+from nlens_video.run import preflight as preflight_module
+from nlens_video.video.atomic_files import left_over, partial_name, sweep
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 pytestmark = pytest.mark.needs_gl
 FULL = "File too large"

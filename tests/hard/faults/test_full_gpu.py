@@ -10,13 +10,13 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from nlens_video.backends import onnx_session
-from nlens_video.backends.coc_onnx import OnnxCocNetwork
-from nlens_video.backends.device import Chosen
-from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
-from nlens_video.errors import NlensError
-from nlens_video.model_store import find_model
-from nlens_video.stages.ordered import CHANNELS
+from nlens_video.core.errors import NlensError
+from nlens_video.networks import onnx_session
+from nlens_video.networks.coc_onnx import OnnxCocNetwork
+from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
+from nlens_video.networks.device import Chosen
+from nlens_video.networks.model_store import find_model
+from nlens_video.stages.reblur.depth_order import CHANNELS
 
 PICTURE = np.random.default_rng(0).random((512, 960, 3), np.float32)
 Real = onnxruntime.InferenceSession

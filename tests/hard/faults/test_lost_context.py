@@ -15,9 +15,9 @@ import shots
 from scene.glb_builder import GlbBuilder
 from test_render import camera_at, quad, unlit
 
-from nlens_video.backends.drawer import DrawerLostError
-from nlens_video.backends.render_pyrender import PyrenderObjectRenderer
-from nlens_video.backends.render_software import SoftwareObjectRenderer
+from nlens_video.render.base.drawer import DrawerLostError
+from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
 
 pytestmark = pytest.mark.needs_gl
@@ -96,7 +96,7 @@ def test_a_context_lost_twice_gives_way_to_the_rasteriser_picture_by_picture(sce
 
 
 def test_what_is_read_after_a_loss_in_the_middle_of_a_picture_is_not_used(scene, monkeypatch):
-    from nlens_video.backends.gl_target import FloatTarget
+    from nlens_video.render.opengl.framebuffer import FloatTarget
 
     with PyrenderObjectRenderer(scene) as renderer:
         undisturbed = pictures(renderer)
@@ -140,7 +140,7 @@ def test_a_gpu_without_memory_leaves_the_picture_to_the_rasteriser(scene, monkey
     from OpenGL import GL
     from OpenGL.error import GLError
 
-    from nlens_video.backends.gl_renderer import LinearRenderer
+    from nlens_video.render.opengl.renderer import LinearRenderer
 
     def refuse(*given, **named):
         raise GLError(err=GL.GL_OUT_OF_MEMORY)
@@ -158,7 +158,7 @@ def test_a_reset_of_the_device_counts_as_a_loss_whatever_was_read(scene, monkeyp
     """The status is the seam: no driver here can be reset."""
     from OpenGL import GL
 
-    from nlens_video.backends.gl_platform import open_platform
+    from nlens_video.render.opengl.egl_platform import open_platform
 
     platform = open_platform()
     try:
@@ -178,8 +178,8 @@ def test_a_reset_of_the_device_counts_as_a_loss_whatever_was_read(scene, monkeyp
 LOSING = """
 import sys
 from OpenGL import EGL
-from nlens_video.backends.gl_drawer import GlDrawer
-from nlens_video.cli import main
+from nlens_video.render.opengl.drawer import GlDrawer
+from nlens_video.cli.main import main
 
 losses, calls, draw = set(map(int, sys.argv[1].split(","))), [], GlDrawer.draw
 

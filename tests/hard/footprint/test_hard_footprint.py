@@ -4,8 +4,8 @@ import numpy as np
 from hard.catalogue import Outcome, at_most, case, exactly
 from hard.drawing import OTHER, OURS, heat, panels, plot
 
-from nlens_video.errors import LensFitError
-from nlens_video.frames import CocMap
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import CocMap
 from nlens_video.scene import Camera
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens, constant_fit

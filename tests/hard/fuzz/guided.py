@@ -20,7 +20,7 @@ with atheris.instrument_imports(include=["nlens_video.scene"]):
 
 from hard.fuzz import seeds
 
-from nlens_video.errors import NlensError
+from nlens_video.core.errors import NlensError
 
 _PATH = Path(tempfile.mkdtemp(prefix="nlens-fuzz-")) / "scene.glb"
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from hard.fuzz import seeds
 from hard.fuzz.mutate import changed_json, changed_text, damaged, json_bytes
 
-from nlens_video.errors import OutputError
+from nlens_video.core.errors import OutputError
 from nlens_video.video.info import Packet
-from nlens_video.video.sink import Sink
-from nlens_video.video.source import Source
+from nlens_video.video.input.source import Source
+from nlens_video.video.output.sink import Sink
 
 Mutate = Callable[[bytes, random.Random, bytes], bytes]
 
@@ -68,8 +68,8 @@ def _use_scene(path: Path) -> None:
 
 
 def _use_fit(path: Path) -> None:
-    from nlens_video.fit_track import FitTrack
-    from nlens_video.lens import LensFit
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.stages.r_lens_track import FitTrack
 
     LensFit.load(path).for_width(960, 540)
     track = FitTrack.load(path)
@@ -93,7 +93,7 @@ def _use_environment(path: Path) -> None:
 
 
 def _use_layer(path: Path) -> None:
-    from nlens_video.errors import InputError
+    from nlens_video.core.errors import InputError
     from nlens_video.video.exr import LayerReader
 
     LayerReader(str(path), (24, 16)).read(0)
@@ -103,7 +103,7 @@ def _use_layer(path: Path) -> None:
 
 
 def _use_matte(path: Path) -> None:
-    from nlens_video.video.matte import open_holdout
+    from nlens_video.video.input.holdout import open_holdout
 
     holdout = open_holdout(str(path), (24, 16))
     try:
@@ -113,8 +113,8 @@ def _use_matte(path: Path) -> None:
 
 
 def _use_still(path: Path) -> None:
-    from nlens_video.errors import NlensError
-    from nlens_video.kernels.shape import read_picture
+    from nlens_video.core.errors import NlensError
+    from nlens_video.kernels.scatter.shape import read_picture
 
     for use in (_use_matte, read_picture):
         with contextlib.suppress(NlensError):
@@ -124,8 +124,8 @@ def _use_still(path: Path) -> None:
 
 def _use_video(path: Path, target: str = "copy.mkv") -> None:
     """Through a whole copy: what a damaged file says of itself reaches the muxer too."""
-    from nlens_video.video.sink import open_sink
-    from nlens_video.video.source import open_source
+    from nlens_video.video.input.source import open_source
+    from nlens_video.video.output.sink import open_sink
 
     codec = "ffv1" if target.endswith(".mkv") else None
     out = str(path.with_name(target))
@@ -164,7 +164,7 @@ def _copy(source: Source, sink: Sink) -> None:
 
 
 def _use_chunk(path: Path) -> None:
-    from nlens_video.video.chunk import ChunkFile
+    from nlens_video.video.chunks.chunk_file import ChunkFile
 
     for _ in ChunkFile(path).frames():
         pass

@@ -14,16 +14,16 @@ from scene.glb_builder import GlbBuilder
 from scene.test_hostile import rich
 from video.clips import noise_frame, write_clip
 
-from nlens_video.chunk_feed import ChunkFeed
-from nlens_video.chunk_mark import ChunkMark
-from nlens_video.fit_track import FitTrack, Key
-from nlens_video.frames import Box
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.pipeline_file import shipped_pipelines
-from nlens_video.lens import LensFit
-from nlens_video.trim import ChunkTrim
-from nlens_video.video.chunk_row import ChunkRow
+from nlens_video.run.frame_range import ChunkTrim
+from nlens_video.stages.r_lens_track import FitTrack, Key
+from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunks.chunk_writer import ChunkRow
 from nlens_video.video.exr import write_layers
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
 
 Make = Callable[[Path], list[Path]]
 WIDTH, HEIGHT = 24, 16

@@ -37,7 +37,7 @@ def judged(kind: str, path: Path) -> str:
     """`read`, `refused`, or what went wrong."""
     from hard.fuzz.kinds import KINDS
 
-    from nlens_video.errors import NlensError
+    from nlens_video.core.errors import NlensError
 
     try:
         KINDS[kind].use(path)

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from video.clips import copy, noise_frame, read_times, write_clip, write_plates
 
-from nlens_video.cli import main
-from nlens_video.errors import InputError
-from nlens_video.video import exr_source, source
+from nlens_video.cli.main import main
+from nlens_video.core.errors import InputError
 from nlens_video.video.exr import write_layers
-from nlens_video.video.source import open_source
-from nlens_video.video.source_clock import SourceClock
+from nlens_video.video.input import exr_source, source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.input.source_clock import SourceClock
 
 FRAMES = 60
 EACH_SEVENTH = r"if(mod(n\,7)\,-1\,40)"  # packet, and of it about each fortieth byte
@@ -171,7 +171,7 @@ def test_a_run_over_a_damaged_plate_writes_the_rest_and_says_so(tmp_path, capsys
 def clock(length_s=None):
     frames = noise_frame(16, 16, "gray")
     from nlens_video.video.info import SourceInfo
-    from nlens_video.video.samples import frame_tags
+    from nlens_video.video.pixels.sample_views import frame_tags
 
     return SourceClock(
         SourceInfo(

@@ -14,10 +14,10 @@ import pytest
 import shots
 from video.clips import write_clip
 
-from nlens_video.errors import InputError
-from nlens_video.frames import MOST_PIXELS
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import MOST_PIXELS
 from nlens_video.scene.environment import load_environment
-from nlens_video.video.source import open_source
+from nlens_video.video.input.source import open_source
 
 FAR_BEYOND, BEYOND = 65535, 16000  # a side: FFmpeg itself stops before the one, we the other
 assert BEYOND**2 > MOST_PIXELS
@@ -82,8 +82,8 @@ def files(tmp_path_factory):
 
 MEASURE = """
 import json, resource, sys
-from nlens_video.errors import InputError
-from nlens_video.video.source import open_source
+from nlens_video.core.errors import InputError
+from nlens_video.video.input.source import open_source
 
 def most_mb():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10

@@ -11,7 +11,7 @@ import pytest
 import shots
 from video.clips import write_clip
 
-from nlens_video.cli import main
+from nlens_video.cli.main import main
 from nlens_video.video.exr import write_layers
 
 pytestmark = pytest.mark.needs_gl

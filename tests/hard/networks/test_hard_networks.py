@@ -8,12 +8,12 @@ from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import heat, panels, srgb8
 from hard.objects import folder
 
-from nlens_video.backends.coc_onnx import OnnxCocNetwork
-from nlens_video.backends.reblur_onnx import OnnxRepairNetwork
-from nlens_video.backends.reblur_paper import OnnxPaperNetworks
-from nlens_video.model_store import find_model
+from nlens_video.networks.coc_onnx import OnnxCocNetwork
+from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
+from nlens_video.networks.model_store import find_model
+from nlens_video.networks.paper_onnx import OnnxPaperNetworks
 from nlens_video.stages.f_coc import LARGEST_COC_PX
-from nlens_video.stages.ordered import CHANNELS
+from nlens_video.stages.reblur.depth_order import CHANNELS
 
 SHAPE = (64, 96)
 

@@ -8,13 +8,13 @@ from hard.drawing import heat, panels, srgb8
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder
 from hard.rungs import Card, cards, lens_of_coc, sharp, through
 
-from nlens_video.backends.coc_onnx import OnnxCocNetwork
-from nlens_video.color import ColorTags
-from nlens_video.errors import LensFitError
-from nlens_video.frames import Box
-from nlens_video.model_store import find_model
+from nlens_video.core.color import ColorTags
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import Box
+from nlens_video.networks.coc_onnx import OnnxCocNetwork
+from nlens_video.networks.model_store import find_model
 from nlens_video.stages.f_coc import estimate_coc
-from nlens_video.video.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture
 
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 

@@ -18,45 +18,38 @@ from stages.test_past_edges import reference as half_hidden_reference
 from stages.test_shadow import marked
 
 import nlens_video.kernels
-from nlens_video.aperture import Aperture
-from nlens_video.backends.render_software import SoftwareObjectRenderer
-from nlens_video.color import ColorTags
-from nlens_video.frames import Box
-from nlens_video.kernels import (
-    blend,
-    blend_ref,
-    exposure,
-    exposure_ref,
-    fragment,
-    light_ref,
-    node_motion,
-    node_motion_ref,
-    raster,
-    screen,
-    texture_ref,
-)
-from nlens_video.kernels.aperture_covariance import aperture_covariance
-from nlens_video.kernels.cast_ref import covered, stopped
-from nlens_video.kernels.cast_veils import count_veiled, new_veiled
-from nlens_video.kernels.cell import blur_cell
-from nlens_video.kernels.cell_ref import blur_cell_ref
-from nlens_video.kernels.filtering import sample
-from nlens_video.kernels.half_hidden import half_hidden
-from nlens_video.kernels.light import light
-from nlens_video.kernels.nearest import resolve_depth
-from nlens_video.kernels.paper_scatter import paper_scatter
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.color import ColorTags
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects import exposure_kernels, exposure_ref
+from nlens_video.effects.camera.grain_kernels import reference as regrain_reference
+from nlens_video.effects.camera.grain_kernels import regrain
+from nlens_video.effects.camera.white_noise import reference as noise_reference
+from nlens_video.effects.camera.white_noise import white_noise
+from nlens_video.effects.shadow.coverage_ref import covered, stopped
+from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
 from nlens_video.kernels.pull_push import carried_on
-from nlens_video.kernels.regrain import reference as regrain_reference
-from nlens_video.kernels.regrain import regrain
-from nlens_video.kernels.scatter import scatter
-from nlens_video.kernels.scatter_ref import scatter_ref
-from nlens_video.kernels.texture import Atlas, Texture
-from nlens_video.kernels.white_noise import reference as noise_reference
-from nlens_video.kernels.white_noise import white_noise
-from nlens_video.lens import LensFit
-from nlens_video.scene import Camera, Scene
-from nlens_video.stages.lens_points import even_points
-from nlens_video.video.samples import array_samples
+from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
+from nlens_video.kernels.reblur.cell_gather import blur_cell
+from nlens_video.kernels.reblur.cell_gather_ref import blur_cell_ref
+from nlens_video.kernels.reblur.edge_parallax import half_hidden
+from nlens_video.kernels.reblur.paper_scatter import paper_scatter
+from nlens_video.kernels.scatter.scatter import scatter
+from nlens_video.kernels.scatter.scatter_ref import scatter_ref
+from nlens_video.render.software import fragment, raster
+from nlens_video.render.software.filtering import sample
+from nlens_video.render.software.light import light
+from nlens_video.render.software.nearest import resolve_depth
+from nlens_video.render.software.reference import light_ref, texture_ref
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
+from nlens_video.render.software.texture import Atlas, Texture
+from nlens_video.scene import Camera, Scene, screen_projection
+from nlens_video.scene.animation import kernels as animation_kernels
+from nlens_video.scene.animation import kernels_ref
+from nlens_video.stages.reblur.aperture_samples import even_points
+from nlens_video.video.pixels import blend, blend_ref
+from nlens_video.video.pixels.sample_views import array_samples
 
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
@@ -149,21 +142,21 @@ def _nodes(rng):
     count, times = 10, np.array([0.0, 1.0])
     values = rng.normal(size=(2 * count, 3, 4))
     values /= np.linalg.norm(values, axis=2, keepdims=True)
-    tracks = [[node, 3, 4, node_motion.LINEAR, 1, 0, 2 * node, 2] for node in range(count)]
+    tracks = [[node, 3, 4, animation_kernels.LINEAR, 1, 0, 2 * node, 2] for node in range(count)]
     local = np.concatenate([rng.normal(size=(count, 7)), np.ones((count, 3))], axis=1)
     expected = local.copy()
     for node in range(count):
         keys = values[2 * node : 2 * node + 2]
-        expected[node, 3:7] = node_motion_ref.sampled(
-            0.3, times, keys, node_motion.LINEAR, turns=True
+        expected[node, 3:7] = kernels_ref.sampled(
+            0.3, times, keys, animation_kernels.LINEAR, turns=True
         )
-    node_motion.sample(0.3, np.array(tracks), times, values, local)
+    animation_kernels.sample(0.3, np.array(tracks), times, values, local)
     world = np.empty((count, 4, 4))
     parents = np.arange(count) - 1
     order = np.stack([np.arange(count), parents], axis=1)
-    node_motion.multiply(local, order, world.copy(), np.zeros(count, bool), world)
-    own = [node_motion_ref.composed(row) for row in expected]
-    return np.abs(world[-1] - node_motion_ref.world(count - 1, own, parents)).max()
+    animation_kernels.multiply(local, order, world.copy(), np.zeros(count, bool), world)
+    own = [kernels_ref.composed(row) for row in expected]
+    return np.abs(world[-1] - kernels_ref.world(count - 1, own, parents)).max()
 
 
 @cache
@@ -175,12 +168,12 @@ def _geometry() -> dict[str, tuple[float, float]]:
     view = Camera(
         world_from_camera=np.eye(4), fx=20.0, fy=20.0, cx=16.0, cy=12.0, width=32, height=24
     )
-    numbers = screen.Lens(
+    numbers = screen_projection.Lens(
         axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0, near=0.5, width=32,
         height=24,
     ).numbers()  # fmt: skip
     points = np.empty((60, 3))
-    screen.project(positions, numbers, points)
+    screen_projection.project(positions, numbers, points)
     before = positions[:, 2] < -0.5
     exact = view.pixels(positions[before].astype(np.float64))
     # places are kept to 1 / 256 px, on purpose
@@ -297,9 +290,9 @@ def _exposure(rng):
     light[1] = light[0] * rng.uniform(1.1, 1.3, (24, 40, 3)).astype(np.float32)
     stops = np.empty_like(light)
     for picture, out in zip(light, stops, strict=True):
-        exposure.take_stops(picture, out)
+        exposure_kernels.take_stops(picture, out)
     found = np.empty(3)
-    exposure.take_change(stops[0], stops[1], 0.25, 0.2, found)
+    exposure_kernels.take_change(stops[0], stops[1], 0.25, 0.2, found)
     before, now = (exposure_ref.stops(picture.astype(np.float64)) for picture in light)
     return np.abs(found - exposure_ref.change(before, now, 0.25, 0.2)).max()
 

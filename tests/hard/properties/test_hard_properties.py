@@ -18,8 +18,8 @@ from hard.rungs import (
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from nlens_video.kernels.scatter import scatter
-from nlens_video.lens import LensFit
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.scatter.scatter import scatter
 
 COLOURS = dict(zip(RUNGS, (PALE, OURS, OTHER, INK), strict=True))
 FEW = settings(max_examples=12, deadline=None)

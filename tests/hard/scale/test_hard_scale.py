@@ -8,8 +8,8 @@ from hard.drawing import OTHER, OURS, heat, panels, plot
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder
 from scene.glb_builder import GlbBuilder
 
-from nlens_video.backends.closed import closed_bodies
-from nlens_video.lens import LensFit
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.render.base.closed_meshes import closed_bodies
 from nlens_video.scene import Scene
 
 TWOS = (2.0**-20, 2.0**-10, 2.0**10, 2.0**20)  # what a float is multiplied by without rounding

@@ -10,9 +10,9 @@ from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import panels
 from hard.objects import LENS, composited, cube, folder, plate_bgr
 
-from nlens_video.backends.coc_onnx import OnnxCocNetwork
-from nlens_video.errors import LensFitError, NlensError
-from nlens_video.model_store import find_model
+from nlens_video.core.errors import LensFitError, NlensError
+from nlens_video.networks.coc_onnx import OnnxCocNetwork
+from nlens_video.networks.model_store import find_model
 from nlens_video.stages.f_coc import estimate_coc
 
 TINY = ((1, 1), (2, 2), (17, 31))

@@ -1,1 +1,0 @@
-"""Heavy libraries, one file each."""

@@ -1,0 +1,222 @@
+"""What a person sees: progress, plan, fit and summary; or the same as JSON for a script."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from nlens_video.core.errors import NlensError
+from nlens_video.core.stdio import print_out, standard_error
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.effects.planner import Decision
+    from nlens_video.farm.chunk import Chunk
+    from nlens_video.farm.merge import Merged
+    from nlens_video.run.result import FitOutcome, Outcome
+
+OnProgress = Callable[[int, int | None], None]
+
+
+class Voice:
+    """Speaks on standard error, and on standard output where that is not taken by the video.
+
+    Args:
+        quiet: errors only.
+        verbose: every reason and figure.
+        as_json: results as JSON on standard output.
+        progress: whether a progress bar may be shown.
+        stdout_taken: whether the video goes to standard output.
+    """
+
+    def __init__(
+        self, *, quiet: bool, verbose: bool, as_json: bool, progress: bool, stdout_taken: bool
+    ) -> None:
+        self._quiet = quiet
+        self._verbose = verbose
+        self._json = as_json
+        self._console = Console(file=standard_error(), highlight=False)
+        self._progress = progress and not quiet and self._console.is_terminal
+        self._results = sys.stderr if stdout_taken else sys.stdout
+
+    @contextmanager
+    def progress_bar(self, what: str = "compositing") -> Iterator[OnProgress]:
+        """A function to call with (frames done, frames in all or None).
+
+        Args:
+            what: what is done to the frames, from the first one on.
+        """
+        if not self._progress:
+            yield lambda done, total: None
+            return
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[pace]}"),
+            TimeRemainingColumn(compact=True),
+        )
+        with Progress(
+            *columns,
+            console=self._console,
+            transient=True,
+            redirect_stdout=False,  # what libraries print is led to standard error as it is
+            redirect_stderr=False,
+        ) as bar:
+            task = bar.add_task("starting", total=None, pace="")
+
+            def on_progress(done: int, total: int | None) -> None:
+                if not done:  # a farm tells the total first
+                    bar.update(task, total=total)
+                    return
+                elapsed = bar.tasks[0].elapsed or 0.0
+                fps = f", {done / elapsed:.1f} fps" if elapsed > 0 else ""
+                frames = "1 frame" if done == 1 else f"{done} frames"
+                bar.update(
+                    task, completed=done, total=total, description=what, pace=f"{frames}{fps}"
+                )
+
+            yield on_progress
+
+    def plan(self, lines: Sequence[str]) -> None:
+        """Show the resolved graph."""
+        if self._json:
+            self._emit({"plan": list(lines)})
+        else:
+            print_out("".join(f"{line}\n" for line in lines), self._results)
+
+    def fit(self, outcome: FitOutcome) -> None:
+        """Show a fit that was saved."""
+        if self._json:
+            self._emit({"fit": asdict(outcome.fit), "saved": str(outcome.path)})
+        elif not self._quiet:
+            self._say("lens", fit_line(outcome.fit))
+            self._notes(outcome.notes)
+            self._say("saved", str(outcome.path))
+
+    def saved(self, path: Path) -> None:
+        """Show that a file was written."""
+        if self._json:
+            self._emit({"saved": str(path)})
+        elif not self._quiet:
+            self._say("saved", str(path))
+
+    def choices(self, path: Path, options: tuple[str, ...]) -> None:
+        """Show that a contact sheet was written, and the options of each of its pictures."""
+        if self._json:
+            self._emit({"saved": str(path), "choices": options})
+        elif not self._quiet:
+            self._say("saved", str(path))
+            for number, line in enumerate(options, start=1):
+                self._say(str(number), line)
+
+    def chunk(self, chunk: Chunk) -> None:
+        """Show a chunk that was rendered, or was there."""
+        if self._json:
+            rendered = None if chunk.outcome is None else chunk.outcome.as_json()
+            self._emit({"chunk": str(chunk.path), "outcome": rendered})
+        elif chunk.outcome is not None:
+            self.outcome(chunk.outcome)
+        elif not self._quiet:
+            self._say("chunk", f"{chunk.path} is there already")
+
+    def merged(self, merged: Merged) -> None:
+        """Show how a merge went."""
+        if self._json:
+            self._emit(asdict(merged))
+        elif not self._quiet:
+            where = "standard output" if merged.output == "-" else merged.output
+            chunks = "1 chunk" if merged.chunks == 1 else f"{merged.chunks} chunks"
+            self._say("merged", f"{where}, {merged.frames} frames of {chunks}")
+            self._notes(merged.notes)
+
+    def shots(self, results: Sequence[tuple[str, Merged | NlensError]]) -> None:
+        """Show how each shot of a list went, by the name of its plate; what failed in any case."""
+        if self._json:
+            self._emit(
+                [
+                    {"shot": name, "error": str(one)}
+                    if isinstance(one, NlensError)
+                    else {"shot": name, **asdict(one)}
+                    for name, one in results
+                ]
+            )
+        for name, one in results:
+            if isinstance(one, NlensError):
+                self._console.print(
+                    f"nlens-video: {name}: {one}", markup=False, soft_wrap=True, highlight=False
+                )
+            elif not self._json and not self._quiet:
+                self.merged(one)
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Show how a run went."""
+        if self._json:
+            self._emit(outcome.as_json())
+        elif not self._quiet:
+            self._summary(outcome)
+
+    def _summary(self, outcome: Outcome) -> None:
+        timing = outcome.timing
+        where = "standard output" if outcome.output == "-" else outcome.output
+        self._say("wrote", f"{where}, {timing.frames} frames, {outcome.composited} of them changed")
+        self._say("lens", fit_line(outcome.fit) if outcome.fit else "none: no object in view")
+        self._effects(outcome.decisions)
+        if self._verbose:
+            nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
+            self._say("ms", f"median of each node: {nodes}")
+        first = f", with the fit {timing.first_frame_ms:.0f} ms" if timing.first_frame_ms else ""
+        self._say(
+            "frame",
+            f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms{first}; "
+            f"{timing.within_budget:.0%} within {timing.budget_ms:g} ms; {timing.fps:.1f} fps",
+        )
+        if timing.latency_median_ms:
+            self._say(
+                "live",
+                f"from capture to output {timing.latency_median_ms:.0f} ms in the median, "
+                f"p95 {timing.latency_p95_ms:.0f} ms; {timing.dropped} late frames left out",
+            )
+        if outcome.damaged:
+            self._say("note", f"{outcome.damaged} damaged packets or frames in the source")
+        self._notes(outcome.notes)
+
+    def _effects(self, decisions: Sequence[Decision]) -> None:
+        for decision in decisions:
+            if decision.wanted or self._verbose:
+                state = "on" if decision.wanted else "off"
+                self._say("effect", f"{decision.effect} {state}: {decision.reason}")
+        off = [decision.effect for decision in decisions if not decision.wanted]
+        if off and not self._verbose:
+            self._say("effect", f"off: {', '.join(off)} (-v says why)")
+
+    def _notes(self, notes: Sequence[str]) -> None:
+        for note in notes:
+            self._say("note", note)
+
+    def _say(self, label: str, text: str) -> None:
+        self._console.print(f"{label:7}{text}", markup=False, soft_wrap=True)
+
+    def _emit(self, value: object) -> None:
+        print_out(json.dumps(value, indent=2) + "\n", self._results)
+
+
+def fit_line(fit: LensFit) -> str:
+    """The lens in one line."""
+    if fit.slope == 0:
+        return f"constant CoC of {abs(fit.intercept):.1f} px ({fit.sign}); {fit.method}"
+    return (
+        f"coc_px = {fit.slope:.4g} ± {fit.slope_stderr:.2g} · disparity "
+        f"{fit.intercept:+.4g} ± {fit.intercept_stderr:.2g}, in focus at depth "
+        f"{1 / fit.focus_disparity if fit.focus_disparity > 0 else float('inf'):.4g}; "
+        f"residual {fit.rmse_px:.2f} px, sign {fit.sign} (margin {fit.sign_margin:.2f})"
+    )

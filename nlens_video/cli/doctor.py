@@ -1,0 +1,148 @@
+"""`nlens-video doctor`: what works on this machine, and what to install for the rest."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import io
+import json
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from nlens_video.core.errors import NlensError
+from nlens_video.core.stdio import print_out
+from nlens_video.core.version import VERSION
+
+_LIBRARIES = (
+    "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "numba", "pyrender2",
+    "PyOpenGL", "trimesh", "OpenEXR", "torch",
+)  # fmt: skip
+_OPTIONAL = {"torch", "OpenGL"}
+_ENCODERS = ("libx264", "libx265", "libvpx-vp9", "libsvtav1", "ffv1", "prores_ks", "png", "aac")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One thing that was tried.
+
+    Attributes:
+        what: the part.
+        works: whether it does; None where it is optional and absent.
+        detail: version or route; what to do where it does not work.
+    """
+
+    what: str
+    works: bool | None
+    detail: str
+
+
+def examine(*, as_json: bool) -> int:
+    """Try everything, print the findings; exit code 0 when the main job can run, else 1."""
+    findings = [_program(), *map(_library, _LIBRARIES)]
+    for what, attempt in (
+        ("renderer", _renderer),
+        ("OpenGL", _opengl),
+        ("encoders", _encoders),
+        ("CoC network", _coc_network),
+        ("scatter kernel", _kernel),
+        ("pipelines", _pipelines),
+    ):
+        findings.append(_tried(what, attempt))
+    if as_json:
+        print_out(json.dumps([asdict(finding) for finding in findings], indent=2) + "\n")
+    else:
+        _show(findings)
+    return 1 if any(finding.works is False for finding in findings) else 0
+
+
+def _tried(what: str, attempt: Callable[[], str]) -> Finding:
+    try:
+        return Finding(what=what, works=True, detail=attempt())
+    except (NlensError, OSError, ImportError, RuntimeError) as error:
+        works = None if what in _OPTIONAL else False
+        return Finding(what=what, works=works, detail=" ".join(str(error).split()))
+
+
+def _program() -> Finding:
+    where = f"Python {sys.version.split()[0]} on {platform.system()} {platform.machine()}"
+    return Finding(what="nlens-video", works=True, detail=f"{VERSION}, {where}")
+
+
+def _library(name: str) -> Finding:
+    try:
+        return Finding(what=name, works=True, detail=importlib.metadata.version(name))
+    except importlib.metadata.PackageNotFoundError:
+        if name in _OPTIONAL:
+            return Finding(what=name, works=None, detail="not installed; needed for training only")
+        return Finding(what=name, works=False, detail=f"not installed; pip install {name}")
+
+
+def _renderer() -> str:
+    from nlens_video.render.select import renderer_choice
+
+    return renderer_choice()
+
+
+def _opengl() -> str:
+    try:
+        from nlens_video.render.opengl.egl_platform import describe, open_platform
+
+        platform = open_platform()
+    except (ImportError, AttributeError, RuntimeError) as error:
+        # PyOpenGL reports a missing library as an attribute of None
+        raise RuntimeError(
+            f"no headless OpenGL ({error}); apt-get install libegl1 libgl1"
+        ) from error
+    try:
+        return describe()
+    finally:
+        platform.delete_context()
+
+
+def _encoders() -> str:
+    import av
+
+    there = [name for name in _ENCODERS if name in av.codecs_available]
+    if "libx264" not in there:
+        raise RuntimeError("FFmpeg has no libx264: install PyAV's wheel (pip install av)")
+    return ", ".join(there)
+
+
+def _coc_network() -> str:
+    from nlens_video.networks.model_store import find_model
+
+    model = find_model("coc")
+    return f"{model.path.name}, sha256 {model.sha256[:12]} verified"
+
+
+def _kernel() -> str:
+    import numpy as np
+
+    from nlens_video.kernels import cache_folder
+    from nlens_video.kernels.scatter.scatter import scatter
+
+    out = scatter(np.ones((9, 9, 4), np.float32), np.full((9, 9), 3.0, np.float32))
+    if not np.allclose(out, 1.0):
+        raise RuntimeError("the compiled kernel gives wrong numbers; clear numba's cache")
+    return "; ".join(["compiled", *cache_folder.notes()])
+
+
+def _pipelines() -> str:
+    from nlens_video.graph.pipeline_file import load_pipeline, shipped_pipelines
+
+    return ", ".join(load_pipeline(name).name for name in shipped_pipelines())
+
+
+def _show(findings: list[Finding]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    marks = {True: "[green]ok[/]", False: "[red]missing[/]", None: "[yellow]optional[/]"}
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for finding in findings:
+        table.add_row(finding.what, marks[finding.works], finding.detail)
+    drawn = io.StringIO()
+    coloured = sys.stdout is not None and sys.stdout.isatty()
+    Console(file=drawn, force_terminal=coloured).print(table)
+    print_out(drawn.getvalue())

@@ -1,0 +1,131 @@
+"""The commands of a farm, as the command line calls them."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from nlens_video.cli.command_paths import chunks_beside
+from nlens_video.cli.console import Voice
+from nlens_video.cli.farm_jobs import read_shot_list
+from nlens_video.core.errors import NlensError, UsageError
+from nlens_video.core.settings import Settings
+from nlens_video.farm.chunk import render_chunk
+from nlens_video.farm.folder import remove
+from nlens_video.farm.here import render_here
+from nlens_video.farm.job import PIECE_S, run_job
+from nlens_video.farm.merge import Merged, merge
+from nlens_video.farm.paths import absolute
+from nlens_video.farm.shot_tasks import Progress, Shot, plan
+from nlens_video.farm.store import Folder, store_of
+from nlens_video.networks.device import choose
+from nlens_video.options.options import output_settings, source_settings
+from nlens_video.run.sidecar_outputs import tell_missing
+
+
+def run_merge(words: argparse.Namespace, voice: Voice) -> int:
+    """`merge`; returns the exit code."""
+    with voice.progress_bar("merging") as on_progress:
+        merged = merge(source_settings(words), words.chunks, output_settings(words), on_progress)
+    voice.merged(merged)
+    return 0
+
+
+def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:
+    """`farm` of one shot; returns the exit code.
+
+    Raises:
+        UsageError: Ray is not installed.
+        NlensError: as `run.render` and `merge`.
+    """
+    store = store_of(words.chunks or str(chunks_beside(Path(words.output))))
+    run = _on_one_device(absolute(settings), words)
+    shot = Shot(settings=run, store=store, chunk_s=words.chunk)
+    (result,) = _made([shot], words, voice)
+    if isinstance(result, NlensError):
+        raise result
+    if words.chunks is None:
+        store.clear()
+    voice.merged(result)
+    return 0
+
+
+def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
+    """`farm --jobs`; returns the exit code, of the first shot that failed where one did.
+
+    Raises:
+        UsageError: Ray is not installed, or the list makes no sense.
+    """
+    shots = [
+        Shot(
+            settings=_on_one_device(absolute(run), words),
+            store=Folder(chunks_beside(output)),
+            chunk_s=words.chunk,
+        )
+        for run in read_shot_list(words.jobs, overwrite=words.overwrite)
+        for output in [Path("" if run.output is None else run.output.spec).absolute()]
+    ]
+    results = _made(shots, words, voice)
+    for shot, result in zip(shots, results, strict=True):
+        if not isinstance(result, NlensError):
+            shot.store.clear()
+    voice.shots(
+        [(shot.settings.source.spec, one) for shot, one in zip(shots, results, strict=True)]
+    )
+    return next((one.exit_code for one in results if isinstance(one, NlensError)), 0)
+
+
+def _on_one_device(settings: Settings, words: argparse.Namespace) -> Settings:
+    """A run whose chunks all come from one kind of device, since their last bits differ."""
+    if settings.device != "auto":
+        return settings
+    here = choose("auto").name == "cuda" and words.address is None
+    return replace(settings, device="cuda" if here else "cpu")
+
+
+def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Merged | NlensError]:
+    try:
+        from nlens_video.farm.on_ray import Cluster
+    except ImportError as error:
+        raise UsageError(
+            f"farm needs Ray ({error}); pip install nlens-video[farm], or render chunks yourself "
+            "with --as-chunk and join them with merge"
+        ) from error
+    gpus = any(shot.settings.device == "cuda" for shot in shots)
+    cluster = Cluster(address=words.address, workers=words.workers, gpus=gpus)
+    with ExitStack() as stack:
+        for shot in shots:
+            stack.enter_context(shot.store.held())
+        progress = Progress(len(shots), stack.enter_context(voice.progress_bar()))
+        return cluster.run([plan(shot, progress) for shot in shots])
+
+
+def run_resumable(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:
+    """`render --resume`; returns the exit code.
+
+    Raises:
+        NlensError: as `job.run_job`.
+    """
+    folder = chunks_beside(Path(words.output))
+    try:
+        with voice.progress_bar() as on_progress:
+            merged = run_job(settings, folder, PIECE_S, render_here, on_progress)
+    except BaseException as error:
+        if folder.is_dir():
+            error.add_note(f"{folder} holds what is done; the same command goes on from there")
+        raise
+    remove(folder)
+    voice.merged(merged)
+    return 0
+
+
+def run_chunk(settings: Settings, folder: Path, voice: Voice) -> int:
+    """`render --as-chunk`; returns the exit code."""
+    with voice.progress_bar() as on_progress:
+        chunk = render_chunk(settings, folder, on_progress)
+    voice.chunk(chunk)
+    if chunk.outcome is not None:
+        tell_missing(str(chunk.path), chunk.outcome.missing)
+    return 0

@@ -1,0 +1,187 @@
+"""The command `place`: a contact sheet of places where an object without a camera could stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.cli.placement_choices import Choice, choices
+from nlens_video.core.errors import OutputError, SceneError, UsageError
+from nlens_video.core.layers import Box, Float32, Float64
+from nlens_video.core.placement import (
+    ASSUMED_FOCAL_MM,
+    Placing,
+    focal_35mm,
+    focal_of_fov,
+    fov_of_focal,
+)
+from nlens_video.core.settings import PlaceSettings, SourceSettings
+from nlens_video.run.frame_range import Trim
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.placement_camera import contact_point, place_camera
+from nlens_video.scene.scene import Scene
+from nlens_video.video.atomic_files import check_folder, replacing
+from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.input.source import open_source
+from nlens_video.video.pixels.picture import ArrayPicture
+
+if TYPE_CHECKING:
+    from nlens_video.render.base.box_renderer import BoxRenderer
+
+_LONG_SIDE = 480  # of a choice [px]
+_ACROSS = 3  # choices side by side
+_FONT, _LINE_HEIGHT, _LEFT = 0.42, 19, 6  # of the words under a choice: OpenCV's scale, [px], [px]
+_GRID = np.arange(-4, 5)  # lines of the ground grid, in heights of the object
+_LINE, _PAPER, _INK = (255, 200, 60), 24, (235, 235, 235)  # BGR
+
+Bgr = npt.NDArray[np.uint8]
+
+
+def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
+    """Draw the sharp object on the plate's first frame at each choice, with the words for it.
+
+    Returns:
+        The options that repeat each choice, in the order of their numbers.
+
+    Raises:
+        UsageError: the sheet is no PNG, or the range holds no frame.
+        InputError: the plate cannot be read.
+        SceneError: the GLB cannot be used.
+        OutputError: the sheet cannot be written.
+    """
+    if settings.output.suffix.lower() != ".png":
+        raise UsageError(f"{settings.output}: the contact sheet is a PNG; name it OUT.png")
+    check_folder(settings.output)
+    scene = Scene.load(settings.scene.glb, settings.scene.playback, settings.scene.scene)
+    plate, focal = _first_frame(settings.source)
+    size = (plate.shape[1], plate.shape[0])
+    focal = focal or ASSUMED_FOCAL_MM
+    shown = choices(settings.start, settings.scene.fov_deg, fov_of_focal(focal, size))
+    words = [choice.words(settings.scene) for choice in shown]
+    with replacing(settings.output) as partial:
+        if not cv2.imwrite(str(partial), _drawn(scene, plate, focal, shown, words, settings)):
+            raise OutputError(f"{settings.output}: cannot be written; is the disk full?")
+    return tuple(" ".join(one) for one in words)
+
+
+def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None]:
+    """The plate as small as a choice (H, W, 3), and its 35 mm equivalent focal length."""
+    with open_source(source.spec, **source.hints) as opened:
+        for item in Trim(opened, source.frames).items():
+            if isinstance(item, SourceFrame):
+                return _shrunk(item.picture.srgb(), opened.info), focal_35mm(opened.info.metadata)
+    raise UsageError(f"--range {source.frames[0]}:{source.frames[1] or ''}: no such frames")
+
+
+def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:
+    """The picture with square pixels, no side longer than a choice's."""
+    wide, high = info.width * info.pixel_aspect, float(info.height)
+    scale = min(1.0, _LONG_SIDE / max(wide, high))
+    size = (max(1, round(wide * scale)), max(1, round(high * scale)))
+    small = cv2.resize(srgb, size, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(np.round(255.0 * small[..., ::-1]).clip(0, 255).astype(np.uint8))
+
+
+def _drawn(
+    scene: Scene, plate: Bgr, focal: float, shown: Sequence[Choice],
+    words: Sequence[tuple[str, ...]], settings: PlaceSettings,
+) -> Bgr:  # fmt: skip
+    from nlens_video.render.select import choose_renderer
+
+    vertices = scene.pose(0.0).vertices()
+    ground = contact_point(vertices, settings.scene.ground_y)
+    width = plate.shape[1]
+    with choose_renderer(scene) as renderer:
+        stand = _Stand(vertices, ground, plate, focal, renderer)
+        drawn = [stand.choice(choice) for choice in shown]
+    texts = [
+        _lines(number, one, width) if seen else [f"{number}  reaches behind the camera"]
+        for number, (one, (_, seen)) in enumerate(zip(words, drawn, strict=True), start=1)
+    ]
+    height = max(map(len, texts))
+    cells = [
+        np.vstack([picture, _caption(width, text, height)])
+        for (picture, _), text in zip(drawn, texts, strict=True)
+    ]
+    return np.vstack([np.hstack(cells[at : at + _ACROSS]) for at in range(0, len(cells), _ACROSS)])
+
+
+@dataclass(frozen=True, slots=True)
+class _Stand:
+    """What all choices share."""
+
+    vertices: Float32
+    contact: Float64
+    plate: Bgr
+    focal: float
+    renderer: BoxRenderer
+
+    def choice(self, choice: Choice) -> tuple[Bgr, bool]:
+        """One place: plate, ground grid, horizon and object, and whether it can be seen so."""
+        picture = self.plate.copy()
+        size = (picture.shape[1], picture.shape[0])
+        focal = self.focal if choice.fov_deg is None else focal_of_fov(choice.fov_deg, size)
+        try:
+            camera = place_camera(self.vertices, self.contact, choice.placing, focal, size)
+        except SceneError:
+            return picture, False
+        self._draw_ground(picture, camera, choice.placing)
+        self._draw_object(picture, camera)
+        return picture, True
+
+    def _draw_ground(self, picture: Bgr, camera: Camera, placing: Placing) -> None:
+        height, width = picture.shape[:2]
+        row = round(placing.horizon * height)
+        cv2.line(picture, (0, row), (width, row), _LINE, 1)
+        for line in _grid_lines(self.contact, float(np.ptp(self.vertices[:, 1])) or 1.0):
+            seen = camera.to_camera(line)
+            before = seen[:, 2] < -1e-3 * float(-seen[:, 2].min())
+            spots = camera.pixels(np.where(before[:, None], seen, [0.0, 0.0, -1.0]))
+            whole = np.round(spots.clip(-1e4, 1e4)).astype(int)
+            for here in np.flatnonzero(before[:-1] & before[1:]):
+                ends = tuple(whole[here].tolist()), tuple(whole[here + 1].tolist())
+                cv2.line(picture, *ends, _LINE, 1, cv2.LINE_AA)
+
+    def _draw_object(self, picture: Bgr, camera: Camera) -> None:
+        layer = self.renderer.render(0.0, camera)
+        if layer is None:
+            return
+        inside = layer.box.intersection(Box(0, 0, camera.width, camera.height))
+        rows, columns = inside.slices_in(layer.box)
+        ArrayPicture(picture).over(inside, np.ascontiguousarray(layer.rgba[rows, columns]))
+
+
+def _grid_lines(contact: Float64, spacing: float) -> Iterator[Float64]:
+    """Lines (N, 3) of a square grid on the ground round a point."""
+    along = np.linspace(_GRID[0], _GRID[-1], 33)
+    for offset in _GRID:
+        across = np.full_like(along, offset)
+        for x, z in ((along, across), (across, along)):
+            yield contact + spacing * np.stack([x, np.zeros_like(x), z], axis=1)
+
+
+def _lines(number: int, words: tuple[str, ...], width: int) -> list[str]:
+    """The words of a choice in lines that fit under it; no option is parted from its value."""
+    lines = [f"{number} "]
+    for word in words:
+        if len(lines[-1]) > 2 and _wide(f"{lines[-1]} {word}") > width - 2 * _LEFT:
+            lines.append("  ")
+        lines[-1] += f" {word}"
+    return lines
+
+
+def _wide(line: str) -> int:
+    return int(cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, _FONT, 1)[0][0])
+
+
+def _caption(width: int, lines: list[str], height: int) -> Bgr:
+    caption = np.full((8 + _LINE_HEIGHT * height, width, 3), _PAPER, np.uint8)
+    for number, line in enumerate(lines):
+        spot = (_LEFT, 17 + _LINE_HEIGHT * number)
+        cv2.putText(caption, line, spot, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _INK, 1, cv2.LINE_AA)
+    return caption

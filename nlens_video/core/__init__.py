@@ -1,0 +1,1 @@
+"""Data and conventions that every folder shares: layers, lens fit, colour, settings, errors."""

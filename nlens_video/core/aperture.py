@@ -1,0 +1,107 @@
+"""The shape of the lens' aperture, as a user states it. Imports nothing heavy.
+
+Conventions: the shape is the one that a highlight *behind* the focus shows in the picture (x to
+the right, y down); before the focus it appears turned by half a turn about the pixel it belongs
+to. `coc_px` is the diameter of the disc of the same *area* as the aperture, so that blades change
+the shape of a blur and not its amount. A cat's eye is cut out of that shape without scaling it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from nlens_video.core.errors import UsageError
+
+FEWEST_BLADES, MOST_BLADES = 3, 32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aperture:
+    """An aperture: round, made of blades, or a picture.
+
+    Attributes:
+        blades: how many blades, 0 for a round aperture [1].
+        rotation_deg: clockwise turn of the blades in the picture; at 0 a corner points right [deg].
+        roundness: how far the blades bulge, from 0, straight, to 1, a full circle [1].
+        cat_eye: how far, in radii, the rim of the barrel lies across the aperture as seen from a
+            corner of the frame: 0 for not at all, 1 at most [radius].
+        image: picture whose brightness is the aperture's transmission, None for blades or round.
+            Its CoC is that of the disc of area sum / maximum of the picture.
+    """
+
+    blades: int = 0
+    rotation_deg: float = 0.0
+    roundness: float = 0.0
+    cat_eye: float = 0.0
+    image: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.blades != 0 and not FEWEST_BLADES <= self.blades <= MOST_BLADES:
+            raise UsageError(
+                f"an aperture of {self.blades} blades: there may be {FEWEST_BLADES} to "
+                f"{MOST_BLADES}; write round for none"
+            )
+        if not math.isfinite(self.rotation_deg):
+            raise UsageError(f"aperture rotation {self.rotation_deg}: must be a number of degrees")
+        for name, value in (("roundness", self.roundness), ("cat-eye", self.cat_eye)):
+            if not 0.0 <= value <= 1.0:
+                raise UsageError(f"aperture {name} {value}: must lie between 0 and 1")
+        if self.image is not None and (self.blades or self.cat_eye):
+            raise UsageError(
+                f"aperture {self.image}: a picture has neither blades nor a cat's eye; leave "
+                "them out"
+            )
+
+    @property
+    def round(self) -> bool:
+        """Whether it is a disc all over the frame."""
+        circle = self.blades == 0 or self.roundness == 1.0
+        return circle and self.cat_eye == 0.0 and self.image is None
+
+
+ROUND = Aperture()
+
+
+def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture:
+    """Read `round`, `BLADES[:ROTATION[:ROUNDNESS]]`, or the path of a picture.
+
+    Args:
+        text: the words of `--aperture`.
+        cat_eye: strength of the cat's eye towards the corners, 0 to 1 [radius].
+
+    Raises:
+        UsageError: none of these, or values out of range.
+    """
+    if text == "round":
+        return Aperture(cat_eye=cat_eye)
+    if Path(text).suffix.lower() in (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr"):
+        return Aperture(image=Path(text), cat_eye=cat_eye)
+    blades, *numbers = text.split(":")
+    try:
+        if len(numbers) > 2:
+            raise ValueError
+        rotation, roundness = (*map(float, numbers), *(0.0, 0.0)[len(numbers) :])
+        count = int(blades)
+    except ValueError:
+        raise UsageError(
+            f"aperture {text!r} is not round, BLADES[:ROTATION[:ROUNDNESS]] such as 7:15:0.3, "
+            "nor a picture such as heart.png"
+        ) from None
+    if count == 0:
+        raise UsageError("an aperture of 0 blades: write round")
+    return Aperture(blades=count, rotation_deg=rotation, roundness=roundness, cat_eye=cat_eye)
+
+
+def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture:
+    """An aperture as it is, or from words.
+
+    Raises:
+        UsageError: words that make no sense, or a cat's eye given twice.
+    """
+    if isinstance(given, str):
+        return parse_aperture(given, cat_eye=cat_eye)
+    if cat_eye:
+        raise UsageError("the cat's eye stands in the Aperture; leave cat_eye out")
+    return given

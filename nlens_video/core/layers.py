@@ -1,0 +1,258 @@
+"""The data between stages: boxes, pictures, CoC maps and object layers.
+
+Conventions (`DESIGN.md`): pixel centres at +0.5, row 0 on top, light scene-linear and
+premultiplied, `coc_px` a signed diameter in pixels of the plate's frame, positive nearer than the
+focal plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.box import Box as Box
+
+Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
+Bool = npt.NDArray[np.bool_]
+MOST_PIXELS = 200_000_000
+"""Of a plate, a layer or a map: a larger one is refused before memory is taken for it."""
+
+
+def too_large(name: str, width: int, height: int) -> str:
+    """What to say of a picture of more than `MOST_PIXELS`."""
+    most = MOST_PIXELS // 10**6
+    return f"{name}: {width}x{height} pixels, at most {most} megapixels are read; make it smaller"
+
+
+class Picture(Protocol):
+    """One picture of the plate in its own samples, seen upright (display orientation)."""
+
+    @property
+    def width(self) -> int:
+        """Columns as displayed [px]."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Rows as displayed [px]."""
+        ...
+
+    def srgb(self) -> Float32:
+        """The whole picture, display-coded sRGB in [0, 1], (H, W, 3), for estimators."""
+        ...
+
+    def linear(self, box: Box) -> Float32:
+        """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
+        ...
+
+    def reduced(self, width: int, height: int) -> Float32:
+        """Scene-linear RGB (height, width, 3) of means of the codes, for measurements."""
+        ...
+
+    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame.
+
+        With `of_plate` its colours are shares of the plate's own light. Samples on which the layer
+        has neither alpha nor colour keep their exact values.
+        """
+        ...
+
+    def copy(self) -> Picture:
+        """The same picture with samples of its own."""
+        ...
+
+    def mix(self, other: Picture, share: float) -> None:
+        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1.
+
+        Samples that are the same in both keep their exact values.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CocPrior:
+    """The blur of the pictures that an estimator was trained on, roughly log-normal.
+
+    Attributes:
+        mean: of log(1 + CoC diameter [px that the estimator sees]) [1].
+        deviation: of it, > 0 [1].
+        scale: pixels of the frame by those that the estimator sees, > 0 [1].
+    """
+
+    mean: float
+    deviation: float
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CocMap:
+    """Unsigned CoC of the plate and how far it may be off.
+
+    Attributes:
+        coc_px: CoC diameter (H, W), >= 0, without sign [px of the frame].
+        sigma_px: expected absolute error of it (H, W), > 0 [px of the frame].
+        frames: pictures of the plate that were averaged for it [1].
+        prior: what an unsure estimate is drawn to, None where it is drawn to nothing.
+    """
+
+    coc_px: Float32
+    sigma_px: Float32
+    frames: int = 1
+    prior: CocPrior | None = None
+
+    def __post_init__(self) -> None:
+        if self.coc_px.ndim != 2 or self.coc_px.shape != self.sigma_px.shape:
+            raise ValueError(f"{self.coc_px.shape = } and {self.sigma_px.shape = } must be (H, W)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectLayer:
+    """The sharp rendered object on a box of the frame.
+
+    Attributes:
+        box: where the arrays lie in the frame; may reach beyond it.
+        rgba: premultiplied scene-linear colour and alpha (h, w, 4), float32; colour may exceed 1.
+        depth: camera-space depth along the optical axis (h, w), +inf where nothing is [scene unit].
+    """
+
+    box: Box
+    rgba: Float32
+    depth: Float32
+
+    def __post_init__(self) -> None:
+        hw = (self.box.height, self.box.width)
+        if self.rgba.shape != (*hw, 4) or self.depth.shape != hw:
+            raise ValueError(f"{self.rgba.shape = }, {self.depth.shape = }, box {hw}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BehindLayer:
+    """What the object's nearest surfaces hide, on a part of its picture.
+
+    Attributes:
+        hidden: the nearest surface behind them.
+        front_rgba: what they alone give to each pixel (h, w, 4), without what lies behind them
+            in an antialiased pixel.
+    """
+
+    hidden: ObjectLayer
+    front_rgba: Float32
+
+    def __post_init__(self) -> None:
+        if self.front_rgba.shape != self.hidden.rgba.shape:
+            raise ValueError(f"{self.front_rgba.shape = } is not {self.hidden.rgba.shape = }")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Behind:
+    """What the object's nearest surfaces hide, as the lens blurs it.
+
+    Attributes:
+        box: where the arrays lie in the frame; empty where nothing is hidden.
+        rgba: the nearest surface behind them, premultiplied scene-linear (h, w, 4).
+        coc_px: its signed CoC diameter (h, w), 0 where it is not [px of the frame].
+        front_rgba: what they alone give to each pixel (h, w, 4).
+    """
+
+    box: Box
+    rgba: Float32
+    coc_px: Float32
+    front_rgba: Float32
+
+    def __post_init__(self) -> None:
+        hw = (self.box.height, self.box.width)
+        shapes = (self.rgba.shape, self.front_rgba.shape, self.coc_px.shape)
+        if shapes != ((*hw, 4), (*hw, 4), hw):
+            raise ValueError(f"arrays of {shapes} do not fit {self.box}")
+
+    @classmethod
+    def nothing(cls) -> Behind:
+        """It is known that nothing is hidden."""
+        none = np.zeros((0, 0, 4), np.float32)
+        return cls(box=Box(0, 0, 0, 0), rgba=none, coc_px=none[..., 0], front_rgba=none)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DefocusedLayer:
+    """A sharp layer and the CoC that the lens gives each of its pixels.
+
+    Attributes:
+        layer: the sharp object.
+        coc_px: signed CoC diameter (h, w), finite wherever the layer has alpha [px of the frame].
+        behind: what its nearest surfaces hide, None where nobody knows.
+    """
+
+    layer: ObjectLayer
+    coc_px: Float32
+    behind: Behind | None = None
+
+    def __post_init__(self) -> None:
+        if self.coc_px.shape != self.layer.depth.shape:
+            raise ValueError(f"{self.coc_px.shape = } does not fit {self.layer.depth.shape = }")
+
+    @property
+    def largest_coc_px(self) -> float:
+        """Largest CoC diameter of a pixel that has alpha, 0 for an empty layer [px]."""
+        covered = self.layer.rgba[..., 3] > 0
+        return float(np.abs(self.coc_px[covered]).max()) if covered.any() else 0.0
+
+    @property
+    def largest_step_px(self) -> float:
+        """Largest difference of the CoC between neighbours that both have alpha [px]."""
+        covered = self.layer.rgba[..., 3] > 0
+        steps = [
+            np.abs(np.diff(self.coc_px, axis=axis))[both]
+            for axis, both in (
+                (0, covered[1:] & covered[:-1]),
+                (1, covered[:, 1:] & covered[:, :-1]),
+            )
+        ]
+        return max((float(step.max()) for step in steps if step.size), default=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlurredLayer:
+    """The object as the lens sees it.
+
+    Attributes:
+        box: where the array lies in the frame; inside it.
+        rgba: premultiplied scene-linear colour and alpha (h, w, 4), float32.
+    """
+
+    box: Box
+    rgba: Float32
+
+    def __post_init__(self) -> None:
+        if self.rgba.shape != (self.box.height, self.box.width, 4):
+            raise ValueError(f"{self.rgba.shape = } does not fit {self.box}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matte:
+    """What really stands in front, as a matte has it.
+
+    Attributes:
+        coverage: share of each pixel (H, W) that it covers, 0 to 1 [1].
+    """
+
+    coverage: Float32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthMap:
+    """Where the real things of the plate are, as the sharp picture would show them.
+
+    Attributes:
+        depth: camera-space depth along the optical axis (H, W), > 0, +inf where none is known
+            [scene unit].
+    """
+
+    depth: Float32
+
+
+Front = Matte | DepthMap | CocMap
+"""What tells where real things hide the object."""

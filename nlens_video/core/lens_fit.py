@@ -1,0 +1,183 @@
+"""The linear lens model: two numbers that stand for focal length, aperture, focus and scale."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import Float32
+
+Sign = Literal["resolved", "assumed", "ambiguous"]
+_LARGEST = 1e18  # of a number in a file: its square is still a float32
+MODEL = "coc_px = slope * disparity + intercept"
+LARGEST_COC_PX = 1e9
+"""Where a CoC stops growing: larger than any frame, and its square is still a float32 [px]."""
+_LARGEST = float(np.finfo(np.float32).max)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensFit:
+    """Linear lens model, coc_px = slope * disparity + intercept (paper, section 4.1, eq. 1 and 2).
+
+    Attributes:
+        slope: change of the signed CoC diameter per disparity [px * scene unit], >= 0.
+        intercept: signed CoC diameter at infinity [px]; negative: infinity lies behind the focus.
+        slope_stderr: standard error of the slope [px * scene unit].
+        intercept_stderr: standard error of the intercept [px].
+        rmse_px: weighted root mean square residual of the inliers [px].
+        n: pixels that entered the fit [1].
+        inlier_fraction: share of them that the robust loss kept, 0 to 1 [1].
+        width: width of the frame whose pixels the diameters count [px].
+        height: height of that frame [px].
+        frame: index of the frame the fit was made on [1].
+        sign: `resolved` by the data, `assumed` by the paper's rule, or `ambiguous`.
+        sign_margin: relative cost by which the other sign fits worse, 0 = not at all [1].
+        method: how it was found, in words.
+        ground_seen: pairs of disparity, rising, and the share of the plate there that shows the
+            ground plane and nothing before it, 0 to 1; none where nobody looked [1 / scene unit].
+    """
+
+    slope: float
+    intercept: float
+    slope_stderr: float = 0.0
+    intercept_stderr: float = 0.0
+    rmse_px: float = 0.0
+    n: int = 0
+    inlier_fraction: float = 1.0
+    width: int
+    height: int
+    frame: int = 0
+    sign: Sign = "resolved"
+    sign_margin: float = 0.0
+    method: str = "given"
+    ground_seen: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not max(abs(self.slope), abs(self.intercept)) <= _LARGEST:  # nor where one is NaN
+            raise LensFitError(
+                f"lens fit is not finite (slope {self.slope}, intercept {self.intercept}); "
+                "give --fit FILE.json or --fallback constant"
+            )
+        if self.slope < 0:
+            raise LensFitError(
+                f"lens fit has a slope of {self.slope:g}; it must not be negative (coc_px is "
+                "positive nearer than the focal plane)"
+            )
+        if self.width < 1 or self.height < 1:
+            raise LensFitError(f"lens fit names a frame of {self.width}x{self.height} pixels")
+
+    @property
+    def focus_disparity(self) -> float:
+        """Disparity at which the CoC is zero [1 / scene unit]; infinite for a constant CoC."""
+        return -self.intercept / self.slope if self.slope else math.inf
+
+    def coc_px(self, disparity: Float32) -> Float32:
+        """Signed CoC diameter [px], positive nearer than focus, of disparity [1 / scene unit].
+
+        A finite number for any finite disparity: beyond `LARGEST_COC_PX` it stays there.
+        """
+        with np.errstate(over="ignore"):
+            coc = np.float32(self.slope) * disparity + np.float32(self.intercept)
+        return np.asarray(np.clip(coc, -LARGEST_COC_PX, LARGEST_COC_PX), dtype=np.float32)
+
+    def ground_share(self, disparity: Float32) -> Float32:
+        """How much of the plate shows the ground plane where that has a disparity >= 0 (h, w) [1].
+
+        It fades out from the farthest ground that was looked at to the horizon.
+        """
+        if not self.ground_seen:
+            return np.zeros_like(disparity)
+        knots, shares = np.array([(0.0, 0.0), *self.ground_seen]).T
+        return np.asarray(np.interp(disparity, knots, shares), dtype=np.float32)
+
+    def for_width(self, width: int, height: int) -> LensFit:
+        """The same lens on a frame of another size: diameters scale with the width."""
+        scale = width / self.width
+        values = asdict(self)
+        for name in ("slope", "intercept", "slope_stderr", "intercept_stderr", "rmse_px"):
+            values[name] *= scale
+        return LensFit(**{**values, "width": width, "height": height})
+
+    def to_json(self) -> str:
+        """The text of `fit.json`."""
+        return json.dumps({"model": MODEL, **asdict(self)}, indent=2) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str, source: str = "fit.json") -> LensFit:
+        """Read the text of `fit.json`.
+
+        Raises:
+            LensFitError: not JSON, a number missing or of the wrong kind, another model.
+        """
+        try:
+            raw = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise LensFitError(
+                f"{source}: not JSON ({error}); expected a saved lens fit"
+            ) from error
+        if not isinstance(raw, dict) or raw.get("model", MODEL) != MODEL:
+            raise LensFitError(f'{source}: expected an object with "model": "{MODEL}"')
+        known: dict[str, object] = {}
+        for name, kind in (
+            ("slope", float),
+            ("intercept", float),
+            ("slope_stderr", float),
+            ("intercept_stderr", float),
+            ("rmse_px", float),
+            ("inlier_fraction", float),
+            ("sign_margin", float),
+            ("n", int),
+            ("width", int),
+            ("height", int),
+            ("frame", int),
+        ):
+            if name not in raw:
+                if name in ("slope", "intercept", "width", "height"):
+                    raise LensFitError(f'{source}: "{name}" is missing; it must be a number')
+                continue
+            value = raw[name]
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            size = name.endswith("_stderr") or name == "rmse_px"
+            if not number or not abs(value) <= _LARGEST or (size and value < 0):
+                said = f"{value!r}"[:40]
+                raise LensFitError(f'{source}: "{name}" is {said}, expected a number')
+            known[name] = kind(value)
+        if "ground_seen" in raw:
+            known["ground_seen"] = _pairs(raw["ground_seen"], source)
+        sign = raw.get("sign", "resolved")
+        if sign not in get_args(Sign):
+            raise LensFitError(f'{source}: "sign" is {sign!r}, expected one of {get_args(Sign)}')
+        return cls(**known, sign=sign, method=str(raw.get("method", "given")))  # type: ignore[arg-type]
+
+    @classmethod
+    def load(cls, path: Path) -> LensFit:
+        """Read a `fit.json` file.
+
+        Raises:
+            LensFitError: the file cannot be read or is no fit.
+        """
+        try:
+            return cls.from_json(path.read_text(encoding="utf-8"), str(path))
+        except (OSError, UnicodeDecodeError) as error:
+            raise LensFitError(f"{path}: cannot be read ({error}); expected a saved fit") from error
+
+
+def _pairs(raw: object, source: str) -> tuple[tuple[float, float], ...]:
+    """Pairs of disparity and share, as a file gives them."""
+    try:
+        values = np.array(raw, dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError, OverflowError):
+        values = np.full((1, 2), np.nan)
+    disparity, share = values.T
+    rising = bool((np.diff(disparity, prepend=0.0) > 0.0).all())
+    if not (rising and np.isfinite(values).all() and (abs(share - 0.5) <= 0.5).all()):
+        raise LensFitError(
+            f'{source}: "ground_seen" must be pairs of a rising disparity > 0 and a share in [0, 1]'
+        )
+    return tuple((float(at), float(part)) for at, part in values)

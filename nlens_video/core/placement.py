@@ -1,0 +1,100 @@
+"""Where an object without a camera is to stand in the frame. Imports nothing heavy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from nlens_video.core.errors import UsageError
+
+ASSUMED_FOCAL_MM = 35.0
+"""35 mm equivalent focal length of plates that do not tell theirs [mm]."""
+FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
+LEVEL = 0.5
+"""Row of the horizon of a camera that is not pitched [frame height]."""
+_FARTHEST = 5.0  # from the frame's middle: farther off it is a number of pixels [frame]
+_TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
+_FOCAL_KEYS = ("focal_length.35mm_equivalent", "focallengthin35mmfilm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placing:
+    """A place in the frame, in fractions of it, from its upper left corner.
+
+    Attributes:
+        at: column and row where the object touches the ground [frame width, frame height].
+        size: rows from there up to the object's highest point, > 0 [frame height].
+        yaw_deg: turn of the object about the vertical, counter-clockwise seen from above; at 0 its
+            front (glTF's +Z) faces the viewer [deg].
+        horizon: row of the horizon, above `at`; 0.5 is that of a level camera [frame height].
+    """
+
+    at: tuple[float, float]
+    size: float
+    yaw_deg: float = 0.0
+    horizon: float = LEVEL
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon))):
+            raise UsageError(f"--at, --size, --yaw, --horizon must be numbers: {self.words()}")
+        x, y = self.at
+        if max(abs(x - 0.5), abs(y - 0.5)) > _FARTHEST:
+            raise UsageError(
+                f"--at {x:g},{y:g} is far off; expected fractions of the frame, 0 to 1, such as "
+                "0.5,0.8, and no pixels"
+            )
+        if not 0.0 < self.size <= _TALLEST:
+            raise UsageError(
+                f"--size {self.size:g} is a share of the frame's height, above 0, such as 0.3"
+            )
+        if abs(self.horizon - 0.5) > _FARTHEST:
+            raise UsageError(
+                f"--horizon {self.horizon:g} is far off; expected a fraction of the frame's "
+                "height, 0 to 1, such as 0.4"
+            )
+        if self.at[1] <= self.horizon:
+            raise UsageError(
+                f"--at {self.at[0]:g},{self.at[1]:g} lies above the horizon (--horizon "
+                f"{self.horizon:g}), where no ground is; "
+                "give a greater Y or a smaller --horizon"
+            )
+
+    def words(self) -> str:
+        """The same as words of the command line."""
+        x, y = self.at
+        return f"--at {x:.4g},{y:.4g} --size {self.size:.4g} --yaw {self.yaw_deg:.4g} " + (
+            f"--horizon {self.horizon:.4g}"
+        )
+
+
+def focal_of_fov(fov_deg: float, size: tuple[int, int], pixel_aspect: float = 1.0) -> float:
+    """35 mm equivalent focal length, by the frame's diagonal, of a field of view [mm].
+
+    Args:
+        fov_deg: across the frame's width, above 0 and below 180 [deg].
+        size: columns and rows of the frame [px].
+        pixel_aspect: width of a pixel by its height [1].
+    """
+    width = size[0] * pixel_aspect
+    distance = 0.5 * width / math.tan(0.5 * math.radians(fov_deg))  # in rows
+    return distance * FULL_FRAME_DIAGONAL_MM / math.hypot(width, size[1])
+
+
+def fov_of_focal(focal_mm: float, size: tuple[int, int]) -> float:
+    """Field of view across a frame of square pixels, the inverse of `focal_of_fov` [deg]."""
+    distance = focal_mm * math.hypot(*size) / FULL_FRAME_DIAGONAL_MM
+    return 2.0 * math.degrees(math.atan(0.5 * size[0] / distance))
+
+
+def focal_35mm(metadata: Mapping[str, str]) -> float | None:
+    """35 mm equivalent focal length that a recording's metadata tell [mm], None if they do not."""
+    for key, value in metadata.items():
+        if key.lower().endswith(_FOCAL_KEYS):
+            try:
+                focal = float(value)
+            except ValueError:
+                continue
+            if 1.0 <= focal <= 10_000.0:
+                return focal
+    return None

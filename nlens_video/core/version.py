@@ -1,0 +1,3 @@
+"""The package's version, where it is defined."""
+
+VERSION = "0.1.0"

@@ -1,0 +1,215 @@
+"""Bloom of the plate: a halo round what clips.
+
+How bright a clipped lamp is nobody knows, so its halo is counted against white: the share of the
+clipped light that would make it. The border of a defocused lamp is no halo: it falls to nothing
+within twice the way on which it fell to a half, where a halo is low beside the lamp and then goes
+on far out. A lamp that lights the wall round it cannot be told from a halo.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.layers import (
+    Bool,
+    Box,
+    Float32,
+    Float64,
+    Picture,
+)
+from nlens_video.core.lens_models import Bloom
+from nlens_video.effects.camera.bloom_apply import halo_of
+from nlens_video.effects.measurement import Measurement
+
+EFFECT = "bloom"
+THRESHOLD_LEVELS = 4.0
+LENGTHS_PX = tuple(float(length) for length in np.geomspace(3.0, 48.0, 13))
+_WORK_WIDTH = 480
+_CLIPPED = 0.92  # light from which on a picture counts as clipped [1]
+_LEAST_AREA, _LARGEST_SHARE = 6, 0.1  # of a lamp: pixels of the work size; share of the picture
+_REACH = 40  # how far from a lamp is looked [px of the work size]
+_SOFT_BORDER = 3.0  # borders end at so many times the way to a half
+_LEAST_CERTAINTY = 6.0
+_LEAST_SECTORS = 8
+_LEAST_CONTRAST = 1.0  # of the halo's deviation to that of all else round it
+_BESIDE = (0.005, 0.01)  # the strip on which the halo's height is told [width of the picture]
+_MS_PER_MEGAPIXEL = 20.0
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+def measure(pictures: Sequence[Picture]) -> Measurement:
+    """Look for halos on a shot's first picture.
+
+    Args:
+        pictures: the shot's first ones; the first one is looked at.
+    """
+    picture = pictures[0]
+    step = max(1, math.ceil(picture.width / _WORK_WIDTH))
+    light = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
+    height, width = (side // step * step for side in light.shape)
+    size = (width // step, height // step)
+    small = cv2.resize(light[:height, :width], size, interpolation=cv2.INTER_AREA)
+    found = _halo(np.asarray(small, np.float32))
+    model = None
+    if found.certain:
+        model = Bloom(share=found.share, length_px=found.length_px * step)
+    return Measurement(
+        effect=EFFECT,
+        value=0.0 if model is None else found.levels,
+        threshold=THRESHOLD_LEVELS,
+        unit="8-bit levels beside highlights",
+        evidence=found.words,
+        model=model,
+        cost_ms=_MS_PER_MEGAPIXEL * 0.2 * picture.width * picture.height / 1e6,
+    )
+
+
+Whole = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Halo:
+    words: str
+    share: float = 0.0
+    length_px: float = 0.0
+    levels: float = 0.0
+    certain: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Surroundings:
+    """Pixels round lamps.
+
+    Attributes:
+        light: (N,) [1].
+        sector: number of the sector of a lamp that each lies in (N,).
+        at: flat indices (N,).
+    """
+
+    light: Float64
+    sector: Whole
+    at: Whole
+
+
+def _halo(light: Float32) -> _Halo:
+    clipped = light >= _CLIPPED
+    lamps = _lamps(clipped)
+    if not lamps.any():
+        return _Halo(words="nothing in the plate clips")
+    around = _surroundings(light, clipped, lamps)
+    count = len(np.unique(around.sector)) if around is not None else 0
+    if around is None or count < _LEAST_SECTORS:
+        return _Halo(words="what clips in the plate has nothing around that would show a halo")
+    best: tuple[float, float, float, float, Float64] | None = None
+    for length in LENGTHS_PX:
+        halo = halo_of(clipped.astype(np.float32), length)
+        spread = halo.ravel()[around.at].astype(np.float64)
+        share, error, misfit, contrast = _fitted(around, spread)
+        if best is None or misfit < best[0]:
+            best = (misfit, share, error, contrast, spread)
+            found_length = length
+    assert best is not None
+    _, share, error, contrast, spread = best
+    certainty = share / error if error > 0 else 0.0
+    levels = _levels_beside(light, lamps, share * halo_of(clipped.astype(np.float32), found_length))
+    words = (
+        f"light round what clips: {levels:.1f} levels of a halo that reaches "
+        f"{found_length:.0f} px of {light.shape[1]} ({certainty:.0f} standard errors, "
+        f"{count} sectors, {contrast:.1f} times as strong as what else is there)"
+    )
+    return _Halo(
+        words=words, share=share, length_px=found_length, levels=levels,
+        certain=certainty >= _LEAST_CERTAINTY
+        and contrast >= _LEAST_CONTRAST
+        and found_length < LENGTHS_PX[-1],
+    )  # fmt: skip
+
+
+def _lamps(clipped: Bool) -> Bool:
+    """What clips, without specks and without skies."""
+    _, labels, figures, _ = cv2.connectedComponentsWithStats(clipped.astype(np.uint8))
+    area = figures[:, cv2.CC_STAT_AREA]
+    good = (area >= _LEAST_AREA) & (area <= _LARGEST_SHARE * clipped.size)
+    good[0] = False
+    return np.asarray(good[np.asarray(labels)])
+
+
+def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings | None:
+    """Pixels round lamps that lie beyond the soft border of each."""
+    away, labels = cv2.distanceTransformWithLabels(
+        (~lamps).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_CCOMP
+    )
+    others = cv2.dilate((clipped & ~lamps).astype(np.uint8), np.ones((25, 25), np.uint8)) > 0
+    rows, columns = np.mgrid[: light.shape[0], : light.shape[1]]
+    parts = []
+    for number in range(1, int(np.max(labels)) + 1):
+        own = (labels == number) & (away > 0) & (away <= _REACH) & ~others
+        inside = (labels == number) & (away == 0)
+        if own.sum() < 50 or not inside.any():
+            continue
+        start = _border(light[own], away[own])
+        far = own & (away >= start)
+        if start > 0.5 * _REACH or far.sum() < 50:
+            continue
+        turn = np.arctan2(rows[far] - rows[inside].mean(), columns[far] - columns[inside].mean())
+        sector = number * 8 + np.floor((turn / np.pi + 1.0) * 4.0).astype(np.int64) % 8
+        at = np.flatnonzero(far)
+        parts.append((light[far], sector, at))
+    if not parts:
+        return None
+    light_of, sector, at = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _Surroundings(light_of.astype(np.float64), sector, at)
+
+
+def _border(light: Float32, away: Float32) -> float:
+    """Where the border of a lamp has ended for certain [px of the work size]."""
+    ground = float(np.median(light[away > 0.6 * _REACH])) if (away > 0.6 * _REACH).any() else 0.0
+    steps = np.arange(1, _REACH)
+    for distance in steps:
+        ring = light[(away >= distance - 0.5) & (away < distance + 0.5)]
+        if ring.size and float(np.quantile(ring, 0.7)) < ground + 0.5 * (1.0 - ground):
+            return 2.0 + _SOFT_BORDER * (float(distance) - 0.5)
+    return float(_REACH)
+
+
+def _fitted(around: _Surroundings, spread: Float64) -> tuple[float, float, float, float]:
+    """Share, standard error, misfit, contrast; each sector has a ground of its own."""
+    _, numbers = np.unique(around.sector, return_inverse=True)
+    weights = np.ones(len(spread))
+    share = 0.0
+    for _ in range(8):
+        light, halo = (_without_mean(part, numbers, weights) for part in (around.light, spread))
+        told = float((weights * halo * halo).sum())
+        share = float((weights * halo * light).sum()) / max(told, 1e-12)
+        off = light - share * halo
+        scale = 1.4826 * float(np.median(np.abs(off))) + 1e-6
+        weights = 1.0 / (1.0 + (off / (2.0 * scale)) ** 2) ** 2
+    sums = np.bincount(numbers, weights * halo * off)
+    error = float(np.sqrt((sums**2).sum())) / max(told, 1e-12)
+    misfit = float(np.log1p((off / scale) ** 2).mean() + 2.0 * math.log(scale))
+    return share, error, misfit, share * float(halo.std()) / scale
+
+
+def _levels_beside(light: Float32, lamps: Bool, halo: Float32) -> float:
+    """What a halo adds to the codes in a strip round the lamps [8-bit levels]."""
+    away = cv2.distanceTransform((~lamps).astype(np.uint8), cv2.DIST_L2, 5)
+    near, far = (share * light.shape[1] for share in _BESIDE)
+    strip = (away >= near) & (away < far)
+    seen = light[strip].astype(np.float64)
+    without = np.maximum(seen - halo[strip], 0.0)
+    return 255.0 * float((_code(seen) - _code(without)).mean()) if strip.any() else 0.0
+
+
+def _without_mean(values: Float64, numbers: Whole, weights: Float64) -> Float64:
+    mean = np.bincount(numbers, weights * values) / np.bincount(numbers, weights)
+    return np.asarray(values - mean[numbers])
+
+
+def _code(light: Float64) -> Float64:
+    return np.asarray(np.clip(light, 0.0, 1.0) ** (1.0 / 2.2))

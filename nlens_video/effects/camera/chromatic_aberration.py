@@ -1,0 +1,160 @@
+"""Lateral chromatic aberration of the plate: how far red and blue lie from green, by radius.
+
+In each small window the channels of a natural picture are nearly affine in each other; what is
+left of red (or blue) after its best affine fit of green and its gradient is a displacement. A lens
+displaces along the radius, nothing across it, and alike in all quadrants: only what passes these
+tests is called an aberration. What green and the others differ by for other reasons (coloured
+edges, chroma samples that lie elsewhere) does not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Float32, Float64, Picture
+from nlens_video.core.lens_models import Aberration
+from nlens_video.effects.camera.radial_fit import RadialFit, Windows, fit_radial
+from nlens_video.effects.measurement import Measurement
+
+EFFECT = "aberration"
+THRESHOLD_PX = 0.4
+_WORK_WIDTH = 800  # at least twice coarser than the plate, where chroma has its own samples
+_WINDOW = 12  # side of a window [px of the work size]
+_ROUNDS = 4
+_SMOOTHING_PX = 1.0
+_LEAST_CONTRAST = 0.02  # deviation of green in a window that tells a displacement
+_TRUSTED = 0.75  # quantile of what windows leave unexplained that is the least for each
+_MS_PER_MEGAPIXEL = 30.0
+
+
+def measure(pictures: Sequence[Picture]) -> Measurement:
+    """Look for lateral chromatic aberration on a shot's first picture.
+
+    Args:
+        pictures: the shot's first ones; the first one is looked at.
+    """
+    picture = pictures[0]
+    step = max(2, math.ceil(picture.width / _WORK_WIDTH))
+    rgb = _reduced(picture.srgb(), step)
+    channels, words = {}, []
+    for name, at in (("red", 0), ("blue", 2)):
+        fit = _displacement(rgb[..., 1], rgb[..., at])
+        channels[name] = fit
+        words.append(f"{name} {fit.at_corner * step:+.2f} px at the corner ({fit.words})")
+    cost_ms = _MS_PER_MEGAPIXEL * 0.2 * picture.width * picture.height / 1e6
+    model = None
+    if any(fit.consistent for fit in channels.values()):
+        found = [fit if fit.consistent else None for fit in channels.values()]
+        red, blue = (
+            (0.0, 0.0) if fit is None else (fit.linear * step, fit.cubic * step) for fit in found
+        )
+        model = Aberration(red=red, blue=blue)
+    return Measurement(
+        effect=EFFECT,
+        value=0.0 if model is None else model.at_corner_px,
+        threshold=THRESHOLD_PX,
+        unit="px at the corner",
+        evidence="edges of red and blue against green: " + ", ".join(words),
+        model=model,
+        cost_ms=cost_ms,
+    )
+
+
+def _reduced(rgb: Float32, step: int) -> Float32:
+    height, width = (max(1, side // step) * min(step, side) for side in rgb.shape[:2])
+    size = (max(1, width // step), max(1, height // step))
+    small = cv2.resize(rgb[:height, :width], size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), _SMOOTHING_PX))
+
+
+def _displacement(green: Float32, other: Float32) -> RadialFit:
+    """How a channel is displaced against green, in px of the pictures (H, W).
+
+    A codec that drops a window's faint chroma leaves a picture that green explains without any
+    displacement, and so seemingly well. Windows that count by what they leave unexplained pull
+    the strength to zero then; windows that count nearly alike let coloured edges in. So the former
+    decide, the latter must agree, and give the strength.
+    """
+    strict = _fitted(green, other, alike_trusted=False)
+    return _fitted(green, other, alike_trusted=True) if strict.consistent else strict
+
+
+def _fitted(green: Float32, other: Float32, *, alike_trusted: bool) -> RadialFit:
+    fit = RadialFit()
+    for _ in range(_ROUNDS):
+        moved = _moved_back(other, fit)
+        windows = _windows(green, moved, alike_trusted=alike_trusted)
+        more = fit_radial(windows)
+        fit = more.after(fit)
+    return fit
+
+
+def _moved_back(plane: Float32, fit: RadialFit) -> Float32:
+    """The channel, with what is known of its displacement taken back."""
+    if not (fit.linear or fit.cubic):
+        return plane
+    x, y, r, half = _places(plane.shape)
+    scale = (fit.linear + fit.cubic * r**2) / half
+    columns = (x * half * (1.0 + scale) + 0.5 * plane.shape[1] - 0.5).astype(np.float32)
+    rows = (y * half * (1.0 + scale) + 0.5 * plane.shape[0] - 0.5).astype(np.float32)
+    return np.asarray(
+        cv2.remap(plane, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    )
+
+
+def _places(shape: tuple[int, ...]) -> tuple[Float64, Float64, Float64, float]:
+    """Columns and rows from the middle and radius, in half diagonals (H, W); half diagonal [px]."""
+    height, width = shape[:2]
+    half = 0.5 * math.hypot(width, height)
+    x, y = np.meshgrid(
+        (np.arange(width) + 0.5 - 0.5 * width) / half,
+        (np.arange(height) + 0.5 - 0.5 * height) / half,
+    )
+    return x, y, np.hypot(x, y), half
+
+
+def _windows(green: Float32, other: Float32, *, alike_trusted: bool) -> Windows:
+    """Displacement of a channel in each window that tells one.
+
+    With `alike_trusted` none counts for more than those that leave more unexplained than most.
+    """
+    x, y, _, _ = _places(green.shape)
+    gradient_x = cv2.Sobel(green, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    gradient_y = cv2.Sobel(green, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    parts = np.stack([green, np.ones_like(green), gradient_x, gradient_y, other])
+    height, width = (side // _WINDOW for side in green.shape)
+    cut = parts[:, : height * _WINDOW, : width * _WINDOW]
+    tiles = cut.reshape(5, height, _WINDOW, width, _WINDOW).transpose(1, 3, 0, 2, 4)
+    tiles = tiles.reshape(height * width, 5, _WINDOW**2).astype(np.float64)
+    deviation = tiles[:, 0].std(axis=1)
+    unclipped = (tiles[:, (0, 4)].max(axis=(1, 2)) < 0.98) & (tiles[:, 4].min(axis=1) > 0.01)
+    seen = (deviation > _LEAST_CONTRAST) & unclipped
+    tiles = tiles[seen]
+    design, target = tiles[:, :4], tiles[:, 4]
+    normal = design @ design.transpose(0, 2, 1) + 1e-9 * np.eye(4)
+    solution = np.linalg.solve(normal, (design @ target[..., None]))[..., 0]
+    residual = target - np.einsum("nk,nkp->np", solution, design)
+    slope = solution[:, 0]
+    alike = slope * deviation[seen] > 2.0 * residual.std(axis=1)
+    safe = np.where(slope > 0.1, slope, 1.0)
+    left = residual.var(axis=1)
+    if alike_trusted and len(left):
+        left = np.maximum(left, np.quantile(left, _TRUSTED))
+    # neighbours share their noise through the smoothing: a window tells a fifth as much
+    variance = 5.0 * left + 1e-7
+    spread = variance[:, None, None] * np.linalg.inv(normal)[:, 2:, 2:] / safe[:, None, None] ** 2
+    good = alike & (slope > 0.1)
+    middle_x = x[0, _WINDOW // 2 :: _WINDOW][:width]
+    middle_y = y[_WINDOW // 2 :: _WINDOW, 0][:height]
+    columns, rows = (part.ravel()[seen][good] for part in np.meshgrid(middle_x, middle_y))
+    return Windows(
+        x=columns,
+        y=rows,
+        moved=-solution[good, 2:] / safe[good, None],
+        covariance=spread[good],
+        trust=np.ones(int(good.sum())),
+    )

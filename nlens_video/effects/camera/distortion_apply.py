@@ -1,0 +1,191 @@
+"""Lens distortion of what is put into the plate; the plate itself has it already.
+
+The GLB's camera is an ideal one. What it draws is moved to where the lens would have put it, after
+the blur: a circle of confusion keeps its shape but for the lens' local magnification, a few
+hundredths. Where the ground lies in the plate is worked out on the ideal camera.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    Float32,
+    Float64,
+    ObjectLayer,
+)
+from nlens_video.core.lens_models import Distortion
+from nlens_video.core.radial import half_diagonal, undistorted_radius
+from nlens_video.effects.shadow.apply import Shadow
+from nlens_video.scene.camera import Camera
+
+MARGIN_LIMIT_PX = 512
+_NOWHERE = -1e4  # a place that no layer covers [px]
+
+
+@dataclass(frozen=True, slots=True)
+class Bend:
+    """A distortion in the pixels of one camera.
+
+    Attributes:
+        model: the distortion.
+        centre: column and row that it leaves where they are [px].
+        unit: pixels across and down that count as radius 1 [px].
+        frame: the frame's own box.
+    """
+
+    model: Distortion
+    centre: tuple[float, float]
+    unit: tuple[float, float]
+    frame: Box
+
+    @classmethod
+    def of(cls, model: Distortion, camera: Camera) -> Bend:
+        """The distortion as a camera's frame shows it."""
+        frame = Box(0, 0, camera.width, camera.height)
+        if model.of_focal:
+            return cls(model, (camera.cx, camera.cy), (camera.fx, camera.fy), frame)
+        half = half_diagonal(frame)
+        return cls(model, (0.5 * frame.width, 0.5 * frame.height), (half, half), frame)
+
+    def undistorted(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Where an ideal camera has what the lens puts at columns `x` and rows `y` [px].
+
+        NaN where the lens puts nothing.
+        """
+        across, down = (x - self.centre[0]) / self.unit[0], (y - self.centre[1]) / self.unit[1]
+        far = np.hypot(across, down)
+        scale = undistorted_radius(self.model.k1, self.model.k2, far) / np.maximum(far, 1e-12)
+        scale = np.where(np.isfinite(scale), scale, np.nan)
+        scale[far < 1e-9] = 1.0
+        return (
+            across * scale * self.unit[0] + self.centre[0],
+            down * scale * self.unit[1] + self.centre[1],
+        )
+
+    def distorted(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Where the lens puts what an ideal camera has at columns `x` and rows `y` [px]."""
+        across, down = (x - self.centre[0]) / self.unit[0], (y - self.centre[1]) / self.unit[1]
+        square = across**2 + down**2
+        scale = 1.0 + self.model.k1 * square + self.model.k2 * square**2
+        return (
+            across * scale * self.unit[0] + self.centre[0],
+            down * scale * self.unit[1] + self.centre[1],
+        )
+
+    @property
+    def folds(self) -> bool:
+        """Whether the model maps nothing to some place of the frame."""
+        return bool(np.isnan(self.undistorted(*_outline(self.frame))[0]).any())
+
+    @property
+    def margin(self) -> int:
+        """How far beyond the frame the ideal camera must see for the lens to fill it [px]."""
+        x, y = _outline(self.frame)
+        there = self.undistorted(x, y)
+        beyond = [
+            float(np.max(np.where(np.isfinite(part), np.maximum(-part, part - size), 0.0)))
+            for part, size in zip(there, (self.frame.width, self.frame.height), strict=True)
+        ]
+        return math.ceil(min(max(0.0, *beyond), MARGIN_LIMIT_PX)) + (max(beyond) > 0.0)
+
+    def reached(self, box: Box, beyond: int = 0) -> Box:
+        """The box that what lies in another one is moved to, as far as it is near the frame.
+
+        Args:
+            box: in the ideal camera's frame.
+            beyond: how far from the frame it still matters [px].
+        """
+        seen = box.intersection(self.frame.grown(self.margin + beyond))
+        if seen.empty:
+            return Box(0, 0, 0, 0)
+        x, y = _outline(seen)
+        across, down = self.distorted(x, y)
+        return Box(
+            math.floor(across.min()) - 1,
+            math.floor(down.min()) - 1,
+            math.ceil(across.max()) + 1,
+            math.ceil(down.max()) + 1,
+        )
+
+    def taken_from(self, box: Box, held: Box) -> tuple[Float32, Float32]:
+        """Columns and rows in the array over `held` (h, w) that fill the pixels of `box` [px]."""
+        x, y = np.meshgrid(np.arange(box.x0, box.x1) + 0.5, np.arange(box.y0, box.y1) + 0.5)
+        across, down = self.undistorted(x, y)
+        known = np.isfinite(across) & np.isfinite(down)
+        columns = np.where(known, across - held.x0 - 0.5, _NOWHERE)
+        rows = np.where(known, down - held.y0 - 0.5, _NOWHERE)
+        return columns.astype(np.float32), rows.astype(np.float32)
+
+
+def bent(layer: BlurredLayer, bend: Bend) -> BlurredLayer:
+    """A blurred layer where the lens puts it.
+
+    Args:
+        layer: premultiplied; may reach beyond the frame.
+        bend: the distortion.
+
+    Returns:
+        The layer, inside the frame.
+    """
+    box = bend.reached(layer.box).intersection(bend.frame)
+    if box.empty:
+        return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+    rgba = np.maximum(_moved(layer.rgba, bend.taken_from(box, layer.box), cv2.INTER_CUBIC), 0.0)
+    np.minimum(rgba[..., 3], 1.0, out=rgba[..., 3])
+    return BlurredLayer(box=box, rgba=rgba)
+
+
+def bent_shadow(shadow: Shadow, bend: Bend) -> Shadow:
+    """A shadow where the lens puts it."""
+    shadow = shadow.fine
+    box = bend.reached(shadow.box, _reach(shadow.coc_px))
+    places = bend.taken_from(box, shadow.box)
+    return Shadow(
+        box=box,
+        loss=np.clip(_moved(shadow.loss, places, cv2.INTER_LINEAR), 0.0, 1.0),
+        coc_px=_moved(shadow.coc_px, places, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE),
+    )
+
+
+def bent_defocused(defocused: DefocusedLayer, bend: Bend) -> DefocusedLayer:
+    """A layer that is still to be blurred, where the lens puts it."""
+    held = defocused.layer.box
+    box = bend.reached(held, _reach(defocused.coc_px))
+    places = bend.taken_from(box, held)
+    rgba = np.maximum(_moved(defocused.layer.rgba, places, cv2.INTER_LINEAR), 0.0)
+    depth = _moved(defocused.layer.depth, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
+    coc = _moved(defocused.coc_px, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
+    return DefocusedLayer(layer=ObjectLayer(box=box, rgba=rgba, depth=depth), coc_px=coc)
+
+
+def _reach(coc_px: Float32) -> int:
+    return math.ceil(0.5 * float(np.abs(coc_px).max(initial=0.0))) + 1
+
+
+def _moved(
+    values: Float32,
+    places: tuple[Float32, Float32],
+    how: int,
+    border: int = cv2.BORDER_CONSTANT,
+) -> Float32:
+    return np.asarray(cv2.remap(values, *places, how, borderMode=border))
+
+
+def _outline(box: Box) -> tuple[Float64, Float64]:
+    """Columns and rows of points all along the border of a box [px]."""
+    along = np.linspace(0.0, 1.0, 65)
+    x = box.x0 + (box.x1 - box.x0) * along
+    y = box.y0 + (box.y1 - box.y0) * along
+    level, upright = np.ones_like(along), np.ones_like(along)
+    return (
+        np.concatenate([x, x, box.x0 * upright, box.x1 * upright]),
+        np.concatenate([box.y0 * level, box.y1 * level, y, y]),
+    )

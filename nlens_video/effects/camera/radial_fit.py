@@ -1,0 +1,204 @@
+"""A displacement along the radius, fitted to many small measurements, and whether to believe it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlens_video.core.layers import Bool, Float64
+
+LEAST_CERTAINTY = 12.0  # standard errors
+_LEAST_WINDOWS = 40
+_QUADRANT_WINDOWS = 6
+_LEAST_IN_QUADRANT = 0.25  # of the whole
+_ROUNDS = 12
+_OUTLIER = 2.5  # deviations; Tukey's loss lets go at twice that
+_FIRST_EXTRA_PX = 1.0
+_MEDIAN_OF_CHI_SQUARED = 1.386  # of two degrees of freedom
+_LEAST_CERTAINTY_OF_BEND = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadialFit:
+    """Displacement `linear * r + cubic * r**3` outwards, r = 1 at the corner.
+
+    Attributes:
+        linear: [px].
+        cubic: [px].
+        at_corner: figure there [px].
+        certainty: of the figure at the corner, in standard errors [1].
+        quadrants: displacement that each quadrant alone would give [px].
+        count: measurements behind it [1].
+        others: amplitude of each of the shapes that were fitted beside it.
+    """
+
+    linear: float = 0.0
+    cubic: float = 0.0
+    at_corner: float = 0.0
+    certainty: float = 0.0
+    quadrants: tuple[float, ...] = ()
+    count: int = 0
+    others: tuple[float, ...] = ()
+
+    @property
+    def consistent(self) -> bool:
+        """Whether it is certain, and every quadrant says so."""
+        sign = math.copysign(1.0, self.at_corner)
+        least = min((sign * part for part in self.quadrants), default=0.0)
+        alike = least > _LEAST_IN_QUADRANT * abs(self.at_corner)
+        return alike and self.certainty >= LEAST_CERTAINTY
+
+    @property
+    def words(self) -> str:
+        """How sure it is."""
+        alike = "alike in all quadrants" if self.consistent else "not alike in all quadrants"
+        return f"{self.certainty:.0f} standard errors in {self.count} windows, {alike}"
+
+    def after(self, before: RadialFit) -> RadialFit:
+        """This one on top of one that was taken back first."""
+        error = abs(self.at_corner) / self.certainty if self.certainty else math.inf
+        total = self.at_corner + before.at_corner
+        return replace(
+            self,
+            linear=self.linear + before.linear,
+            cubic=self.cubic + before.cubic,
+            at_corner=total,
+            certainty=abs(total) / error,
+            quadrants=tuple(part + before.at_corner for part in self.quadrants),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Windows:
+    """What small parts of a picture say.
+
+    Attributes:
+        x: columns of their middles from that of the picture (N,) [half diagonal].
+        y: rows (N,) [half diagonal].
+        moved: displacements across and down (N, 2) [px].
+        covariance: of them (N, 2, 2) [px^2].
+        trust: what each counts beside that (N,) [1].
+        others: displacements of shapes that no lens makes, to be fitted beside it (N, 2, M).
+    """
+
+    x: Float64
+    y: Float64
+    moved: Float64
+    covariance: Float64
+    trust: Float64
+    others: Float64 | None = None
+
+
+def fit_radial(windows: Windows, corner: tuple[float, float] = (1.0, 1.0)) -> RadialFit:
+    """Fit a displacement along the radius beside one that all places share.
+
+    Args:
+        windows: what is fitted.
+        corner: how much of the linear and of the cubic part makes the figure at the corner [1].
+    """
+    x, y = windows.x, windows.y
+    if len(x) < _LEAST_WINDOWS:
+        return RadialFit(count=len(x))
+    place = np.stack([x, y], axis=1)
+    square = (place**2).sum(axis=1)
+    plain = _Lines.on(windows, cubic=False)
+    curved = _Lines.on(windows, cubic=True)
+    # without need the cubic part would only carry errors to the corner, where few windows lie
+    shapes = 0 if windows.others is None else windows.others.shape[2]
+    bent = abs(curved.answer[3]) > _LEAST_CERTAINTY_OF_BEND * curved.error(
+        _picked(0.0, 0.0, 0.0, 1.0, zeros=shapes)
+    )
+    lines = curved if bent else plain
+    linear, cubic = lines.answer[2], lines.answer[3] if bent else 0.0
+    at_corner = float(corner[0] * linear + corner[1] * cubic)
+    error = lines.error(_picked(0.0, 0.0, *corner[: 1 + bent], zeros=shapes))
+    shape = linear + cubic * square
+    parts = []
+    for right in (False, True):
+        for low in (False, True):
+            here = ((x > 0) == right) & ((y > 0) == low)
+            parts.append(lines.share(here, place * shape[:, None]) * at_corner)
+    return RadialFit(
+        linear=float(linear),
+        cubic=float(cubic),
+        at_corner=at_corner,
+        certainty=abs(at_corner) / error if error else 0.0,
+        quadrants=tuple(parts),
+        count=len(x),
+        others=tuple(lines.answer[len(lines.answer) - shapes :].tolist()),
+    )
+
+
+def _picked(*weights: float, zeros: int) -> Float64:
+    return np.array([*weights, *([0.0] * zeros)])
+
+
+@dataclass(frozen=True, slots=True)
+class _Lines:
+    """A robust weighted least-squares fit of displacements, two equations a window.
+
+    Attributes:
+        answer: shift across, shift down, linear, cubic where it is there, other shapes (K,) [px].
+        inverse: of the normal matrix.
+        scores: what each window adds to the gradient (N, K).
+        weights: information of each window (N, 2, 2), what the loss makes of it [1 / px^2].
+        moved: displacements without the shift and the other shapes (N, 2) [px].
+        clusters: number of the cluster of each window (N,).
+    """
+
+    answer: Float64
+    inverse: Float64
+    scores: Float64
+    weights: Float64
+    moved: Float64
+    clusters: Float64
+
+    @classmethod
+    def on(cls, windows: Windows, *, cubic: bool) -> _Lines:
+        place = np.stack([windows.x, windows.y], axis=1)
+        square, moved = (place**2).sum(axis=1), windows.moved
+        unit = np.broadcast_to(np.eye(2), (len(place), 2, 2))
+        columns = [unit, place[..., None]]
+        if cubic:
+            columns.append((place * square[:, None])[..., None])
+        if windows.others is not None:
+            columns.append(windows.others)
+        design = np.concatenate(columns, axis=2)
+        answer = np.zeros(design.shape[2])
+        extra = _FIRST_EXTRA_PX**2
+        for _ in range(_ROUNDS):
+            information = np.linalg.inv(windows.covariance + extra * np.eye(2))
+            off = moved - design @ answer
+            distance = np.einsum("ni,nij,nj->n", off, information, off)
+            loss = np.clip(1.0 - distance / (4.0 * _OUTLIER**2), 0.0, 1.0) ** 2
+            weights = (loss * windows.trust)[:, None, None] * information
+            inverse = np.linalg.inv(
+                np.einsum("nik,nij,njl->kl", design, weights, design)
+                + 1e-9 * np.eye(design.shape[2])
+            )
+            answer = inverse @ np.einsum("nik,nij,nj->k", design, weights, moved)
+            # windows differ by more than their noise: by what coloured edges add
+            extra = max(1e-6, extra * float(np.median(distance)) / _MEDIAN_OF_CHI_SQUARED)
+        off = moved - design @ answer
+        turn = np.floor((np.arctan2(place[:, 1], place[:, 0]) / np.pi + 1.0) * 8.0)
+        ring = np.floor(np.minimum(np.sqrt(square), 0.99) * 4.0)
+        return cls(
+            answer, inverse, np.einsum("nik,nij,nj->nk", design, weights, off), weights,
+            off + design[:, :, 2 : 3 + cubic] @ answer[2 : 3 + cubic], turn * 4 + ring,
+        )  # fmt: skip
+
+    def error(self, of: Float64) -> float:
+        """Standard error of a combination of the answer; neighbours may err alike [px]."""
+        _, numbers = np.unique(self.clusters, return_inverse=True)
+        sums = np.zeros((numbers.max() + 1, len(of)))
+        np.add.at(sums, numbers, self.scores)
+        middle = sums.T @ sums
+        return float(np.sqrt(of @ self.inverse @ middle @ self.inverse @ of))
+
+    def share(self, here: Bool, model: Float64) -> float:
+        """By how much the windows `here` show the displacement `model` (N, 2) [1]."""
+        told = np.einsum("ni,nij,nj->", model[here], self.weights[here], model[here])
+        seen = np.einsum("ni,nij,nj->", model[here], self.weights[here], self.moved[here])
+        return float(seen / told) if here.sum() >= _QUADRANT_WINDOWS and told > 0 else 0.0

@@ -1,0 +1,104 @@
+"""Floor softness: how sharp the sharpest things of the plate are.
+
+Sensor, codec and resampling soften everything, in focus or not. The object, drawn through none of
+them, must not be sharper than the sharpest thing in the plate. A step edge blurred by a Gaussian
+has a gradient that two further blurs weaken in a ratio that tells its sigma (Zhuo and Sim 2011);
+two such ratios of three blurs agree at a step and disagree in texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Bool, Float32, Picture
+from nlens_video.effects.camera.softness_apply import Floor
+from nlens_video.effects.camera.still_frames import middle_codes, still_run
+from nlens_video.effects.measurement import Measurement
+
+EFFECT = "softness"
+THRESHOLD_PX = 1.0  # sigma: twice that of the renderer's own antialiasing
+_BLURS_PX = (0.8, 1.4, 2.2)
+_DIFFERENCE_VARIANCE = 1 / 3  # a central difference averages the slope over two pixels [px^2]
+_LEAST_SLOPE = 0.02  # of an edge, code values by pixel
+_AGREEMENT = 0.25  # of two variances of one step
+_SHARPEST = 0.2  # share of the steps; fewer are mistaken for sharper than they are
+_BIAS_PX = 0.15  # by which that share lies below the truth, measured on uniformly soft scenes
+_LEAST_STEPS = 100
+_ANYTHING_SHARP = (0.97, 0.02, 0.2)  # of the steepest places, a few this sharp [px] are enough
+_LENS_PX = 1.8  # softer than that, nothing in the plate is in focus, and the lens is to blame
+_COST_MS_PER_MEGAPIXEL = 12.0  # measured, of the object's box
+_BOX_SHARE = 0.15  # of the frame, that an object's box is taken to cover
+
+
+def measure(pictures: Sequence[Picture]) -> Measurement:
+    """Look for the plate's least softness.
+
+    Args:
+        pictures: a shot's first ones, at least one.
+    """
+    still, _ = still_run([middle_codes(picture) for picture in pictures[:4]])
+    grey = cv2.cvtColor(np.asarray(np.mean(still, axis=0), np.float32), cv2.COLOR_RGB2GRAY)
+    sigma_px, evidence = _floor(np.asarray(grey, np.float32))
+    height, width = pictures[0].height, pictures[0].width
+    return Measurement(
+        effect=EFFECT, value=sigma_px, threshold=THRESHOLD_PX, unit="px (sigma)",
+        evidence=evidence, model=Floor(sigma_px=sigma_px) if sigma_px > 0.0 else None,
+        cost_ms=_COST_MS_PER_MEGAPIXEL * _BOX_SHARE * width * height / 1e6,
+    )  # fmt: skip
+
+
+def _floor(grey: Float32) -> tuple[float, str]:
+    """Sigma of the sharpest steps [px], 0 where they are sharp or not to be told; in words."""
+    slopes = [_slope(grey, blur) for blur in _BLURS_PX]
+    crest, steepness = _crest(*slopes[0][:2]), slopes[0][2]
+    first, second = (
+        _variance(fine[2], coarse[2], blurs)
+        for (fine, coarse), blurs in zip(pairwise(slopes), pairwise(_BLURS_PX), strict=True)
+    )
+    share, few, sharp_px = _ANYTHING_SHARP
+    steep = crest & (steepness > max(_LEAST_SLOPE, float(np.quantile(steepness, share))))
+    if not steep.any() or np.quantile(first[steep], few) < sharp_px**2:
+        return 0.0, "the sharpest edges of the plate are sharp"
+    step = crest & (steepness > _LEAST_SLOPE)
+    step &= np.abs(first - second) < _AGREEMENT * (np.maximum(first, 0.0) + 0.3)
+    if step.sum() < _LEAST_STEPS:
+        return 0.0, "too few clear edges in the plate"
+    variance = np.maximum(0.5 * (first + second)[step], 0.0)
+    sigma_px = float(np.sqrt(np.quantile(variance, _SHARPEST))) + _BIAS_PX
+    if sigma_px > _LENS_PX:
+        return 0.0, "nothing in the plate is in focus, so its floor is not to be seen"
+    return sigma_px, f"sharpest of {int(step.sum())} edge pixels"
+
+
+def _slope(grey: Float32, blur_px: float) -> tuple[Float32, Float32, Float32]:
+    """Slope along columns and rows, and its size, of a re-blurred picture."""
+    blurred = cv2.GaussianBlur(grey, (0, 0), blur_px, borderType=cv2.BORDER_REFLECT)
+    across, down = (
+        np.asarray(0.5 * cv2.Sobel(blurred, cv2.CV_32F, dx, 1 - dx, ksize=1), np.float32)
+        for dx in (1, 0)
+    )
+    return across, down, np.hypot(across, down)
+
+
+def _crest(across: Float32, down: Float32) -> Bool:
+    """Pixels at which the slope is greatest across its edge (H, W)."""
+    size = np.hypot(across, down)
+    padded = np.pad(size, 1, mode="edge")
+    flat = np.abs(across) >= np.abs(down)
+    before = np.where(flat, padded[1:-1, :-2], padded[:-2, 1:-1])
+    after = np.where(flat, padded[1:-1, 2:], padded[2:, 1:-1])
+    return np.asarray((size >= before) & (size > after))
+
+
+def _variance(fine: Float32, coarse: Float32, blurs_px: tuple[float, float]) -> Float32:
+    """Variance of an edge's own blur from its slope under two further ones (H, W) [px^2]."""
+    squared = np.square(fine / np.maximum(coarse, 1e-6))
+    first, second = blurs_px
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = (second**2 - squared * first**2) / (squared - 1.0) - _DIFFERENCE_VARIANCE
+    far = np.float32(1e3)  # a lesser ratio is no single edge
+    return np.asarray(np.where(squared > 1.0, np.minimum(variance, far), far), np.float32)

@@ -1,0 +1,102 @@
+"""Vignetting of the plate: light that is lost towards the corners.
+
+A single picture hardly tells a dark corner of the scene from one of the lens. What a lens does is
+symmetric: the slope of the (logarithmic) light along the radius is off zero by the same curve in
+every direction, where the scene's own slopes are as often up as down (Zheng et al. 2008,
+Single-Image Vignetting Correction Using Radial Gradient Symmetry). It is called for only where all
+quadrants agree beside what a slope across the whole picture explains; a scene that is lit in the
+middle and dark around looks the same and cannot be told apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import (
+    Box,
+    Float32,
+    Float64,
+    Picture,
+)
+from nlens_video.core.lens_models import Vignetting
+from nlens_video.effects.camera.radial_fit import Windows, fit_radial
+from nlens_video.effects.measurement import Measurement
+
+EFFECT = "vignetting"
+THRESHOLD_STOPS = 0.2
+LEAST_RATIO = 8.0  # of the lens' shape to those that only scenes have
+_CELLS = 48  # across the picture
+_DARKEST = 0.004  # light below which noise decides [1]
+_BRIGHTEST = 0.95
+_MS_PER_MEGAPIXEL = 12.0
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+def measure(pictures: Sequence[Picture]) -> Measurement:
+    """Look for vignetting on a shot's first picture.
+
+    Args:
+        pictures: the shot's first ones; the first one is looked at.
+    """
+    picture = pictures[0]
+    light = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
+    fit = fit_radial(_slopes(light), corner=(0.5, 0.25))
+    scene = float(np.sqrt(np.mean(np.square(fit.others)))) if fit.others else math.inf
+    model = None
+    if fit.consistent and fit.at_corner > LEAST_RATIO * scene:
+        model = Vignetting(square=0.5 * fit.linear, fourth=0.25 * fit.cubic)
+    evidence = (
+        f"loss of light by radius: {fit.at_corner:.2f} stops at the corner ({fit.words}), "
+        f"other shapes of the scene {scene:.2f} stops"
+    )
+    return Measurement(
+        effect=EFFECT,
+        value=0.0 if model is None else model.at_corner_stops,
+        threshold=THRESHOLD_STOPS,
+        unit="stops at the corner",
+        evidence=evidence,
+        model=model,
+        cost_ms=_MS_PER_MEGAPIXEL * 0.2 * picture.width * picture.height / 1e6,
+    )
+
+
+def _slopes(light: Float32) -> Windows:
+    """How steeply the light falls in each cell of a coarse grid, in stops by half diagonal."""
+    side = max(1, light.shape[1] // _CELLS)
+    height, width = (length // side for length in light.shape)
+
+    def averaged(values: Float32) -> Float64:
+        whole = values[: height * side, : width * side]
+        small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(small, np.float64)
+
+    cells = averaged(np.log2(np.maximum(light, _DARKEST)))
+    clipped = averaged(((light < _DARKEST) | (light > _BRIGHTEST)).astype(np.float32))
+    half = 0.5 * math.hypot(width, height)
+    across = 0.5 * (cells[1:-1, 2:] - cells[1:-1, :-2]) * half
+    down = 0.5 * (cells[2:, 1:-1] - cells[:-2, 1:-1]) * half
+    x, y = np.meshgrid(
+        (np.arange(1, width - 1) + 0.5 - 0.5 * width) / half,
+        (np.arange(1, height - 1) + 0.5 - 0.5 * height) / half,
+    )
+    told = cv2.dilate(clipped, np.ones((3, 3), np.uint8))[1:-1, 1:-1] < 0.2
+    count = int(told.sum())
+    return Windows(
+        x=x[told],
+        y=y[told],
+        moved=-np.stack([across[told], down[told]], axis=1),
+        covariance=np.zeros((count, 2, 2)),
+        trust=np.ones(count),
+        others=_shapes(x[told], y[told]),
+    )
+
+
+def _shapes(x: Float64, y: Float64) -> Float64:
+    """Gradients (N, 2, 6) of smooth shapes without radial symmetry; only a scene has them."""
+    across = [2 * x, 2 * y, 3 * x**2 - 3 * y**2, 6 * x * y, 3 * x**2 + y**2, 2 * x * y]
+    down = [-2 * y, 2 * x, -6 * x * y, 3 * x**2 - 3 * y**2, 2 * x * y, x**2 + 3 * y**2]
+    return np.stack([np.stack(across, axis=1), np.stack(down, axis=1)], axis=1)

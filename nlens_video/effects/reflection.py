@@ -1,0 +1,144 @@
+"""The object mirrored by a glossy ground plane, as the lens shows its virtual image.
+
+The mirror image is what a camera mirrored at the plane sees of the object itself. Such a camera is
+left-handed; with its x axis turned round it is a common one, which any renderer draws, faces and
+light as they are, and whose picture is turned left to right. The virtual image lies as far behind
+the ground as the object stands above it, so its CoC follows from its own depth: it is not the
+ground's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nlens_video.core.layers import (
+    Box,
+    DefocusedLayer,
+    Float32,
+    Float64,
+    ObjectLayer,
+    Picture,
+)
+from nlens_video.scene.camera import Camera
+from nlens_video.stages.composite import Cover, lay
+from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.stages.protocols import ViewRenderer
+
+_BEHIND = 1e-3  # share of its distance by which a virtual point may seem to lie above the ground
+
+
+def mirrored_camera(camera: Camera, ground_y: float) -> Camera:
+    """The camera that sees the object as the ground mirrors it, turned left to right.
+
+    Args:
+        camera: above the ground.
+        ground_y: height of the plane [scene unit].
+
+    Returns:
+        A proper camera below the ground; its column x is the column width - x of the mirror image.
+    """
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    mirror[1, 3] = 2.0 * ground_y
+    turned = np.diag([-1.0, 1.0, 1.0, 1.0])
+    pose = mirror @ camera.world_from_camera @ turned
+    return replace(camera, world_from_camera=pose, cx=camera.width - camera.cx)
+
+
+def schlick(cosine: Float64, reflectance: float) -> Float64:
+    """Share of the light that a dielectric mirrors (Schlick 1994) [1].
+
+    Args:
+        cosine: of the angle between ray and normal, 0 to 1.
+        reflectance: at normal incidence, 0 to 1 [1].
+    """
+    return np.asarray(reflectance + (1.0 - reflectance) * (1.0 - cosine) ** 5)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MirrorObject:
+    """Draws the mirror image, sharp.
+
+    Attributes:
+        renderer: draws the object from anywhere.
+        reflectance: of the ground at normal incidence, 0 to 1 [1].
+        margin_limit_px: how far beyond the frame it is drawn at most [px].
+    """
+
+    renderer: ViewRenderer
+    reflectance: float
+    margin_limit_px: int = 256
+
+    def __call__(
+        self, time_s: float, camera: Camera, ground_y: float, reach_px: float
+    ) -> ObjectLayer | None:
+        """Draw one moment's mirror image.
+
+        Args:
+            time_s: moment of the animation [s].
+            camera: that moment's.
+            ground_y: height of the plane [scene unit].
+            reach_px: how far its blur may spread [px].
+
+        Returns:
+            The layer, as much of it as the ground mirrors, at the depth of the virtual image; None
+            where nothing of it is in view.
+        """
+        if camera.world_from_camera[1, 3] <= ground_y:
+            return None
+        margin = math.ceil(min(reach_px, self.margin_limit_px)) + 1
+        seen = self.renderer.render(time_s, mirrored_camera(camera, ground_y), margin)
+        if seen is None:
+            return None
+        box = Box(camera.width - seen.box.x1, seen.box.y0, camera.width - seen.box.x0, seen.box.y1)
+        depth = np.ascontiguousarray(seen.depth[:, ::-1])
+        share = self._mirrored(camera, box, ground_y, depth)
+        rgba = np.ascontiguousarray(seen.rgba[:, ::-1]) * share[..., None]
+        return ObjectLayer(box=box, rgba=rgba, depth=depth) if rgba[..., 3].any() else None
+
+    def _mirrored(self, camera: Camera, box: Box, ground_y: float, depth: Float32) -> Float32:
+        """Share (h, w) that the ground mirrors, 0 where the image does not lie behind it."""
+        cut = replace(
+            camera, cx=camera.cx - box.x0, cy=camera.cy - box.y0, width=box.width, height=box.height
+        )
+        disparity = cut.plane_disparity(ground_y)
+        height = camera.world_from_camera[1, 3] - ground_y
+        x = (np.arange(box.width) + 0.5 - cut.cx) / cut.fx
+        y = (np.arange(box.height) + 0.5 - cut.cy) / cut.fy
+        ray = np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)  # longer than the depth by so much
+        cosine = np.clip(height * disparity / ray, 0.0, 1.0)
+        # Where depth is missing, at an antialiased edge, the pixel beside it decides as much.
+        below = disparity > 0.0
+        behind = below & (depth >= (1.0 - _BEHIND) / np.where(below, disparity, 1.0))
+        return np.asarray(schlick(cosine, self.reflectance) * behind, dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class LayReflection:
+    """Lays the mirror image on the plate, under the object.
+
+    Attributes:
+        blur: the lens.
+    """
+
+    blur: ReblurLayer
+
+    def __call__(
+        self, picture: Picture, reflection: DefocusedLayer, frame: Box, cover: Cover | None = None
+    ) -> Picture:
+        """Lay it on in place; the picture itself comes back.
+
+        What it hides, the mirrored surroundings, is taken for as bright as the plate is there.
+
+        Args:
+            picture: the plate; changed.
+            reflection: the mirror image.
+            frame: the frame's own box.
+            cover: what really stands before the ground.
+        """
+        blurred = self.blur(reflection, frame)
+        if not blurred.box.empty:
+            lay(picture, blurred.box, blurred.rgba, cover)
+        return picture

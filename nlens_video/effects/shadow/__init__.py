@@ -1,0 +1,1 @@
+"""The object's shadow on the ground: cast, blurred and composited."""

@@ -1,0 +1,143 @@
+"""A shadow laid on the plate, blurred as the lens blurs the ground: the paper leaves that open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import (  # fmt: skip
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    Float32,
+    ObjectLayer,
+    Picture,
+)
+from nlens_video.stages.composite import Cover
+from nlens_video.stages.l_reblur import ReblurLayer
+
+_MEAN_WITHOUT = np.hstack([np.diag([-1, -1, -1, 0]), np.ones((4, 1))])[:, [0, 1, 2, 4]].astype(
+    np.float32
+)
+_WITH_MEAN = np.vstack([np.eye(3), np.full((1, 3), 1.0 / 3.0)]).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shadow:
+    """The light that the object takes from the ground.
+
+    Attributes:
+        box: where the arrays lie in the frame; may reach beyond it.
+        loss: share of the light that is gone (h, w, 3), 0 outside the shadow [1].
+        coc_px: signed CoC diameter of the ground (h, w), 0 where the lens is not known [px of the
+            frame].
+        step: pixels of the frame that each pixel of the arrays stands for, each way [px].
+    """
+
+    box: Box
+    loss: Float32
+    coc_px: Float32
+    step: int = 1
+
+    def __post_init__(self) -> None:
+        size = self.box.height // self.step, self.box.width // self.step
+        if self.loss.shape != (*size, 3) or self.coc_px.shape != size:
+            raise ValueError(f"{self.loss.shape = }, {self.coc_px.shape = }, {size} in {self.box}")
+
+    @property
+    def fine(self) -> Shadow:
+        """The same on the frame's own pixels."""
+        if self.step == 1:
+            return self
+        size = self.box.width, self.box.height
+        coc: Float32 = np.asarray(cv2.resize(self.coc_px, size), dtype=np.float32)
+        return Shadow(box=self.box, loss=enlarged(self.loss, self.step), coc_px=coc)
+
+
+def pixels_of(box: Box, step: int) -> Box:
+    """A box of the frame in pixels of a coarser grid, whose border it lies on."""
+    return Box(box.x0 // step, box.y0 // step, box.x1 // step, box.y1 // step)
+
+
+def enlarged(values: Float32, step: int) -> Float32:
+    """Shares (h, w) or (h, w, c) on pixels so many times smaller, between 0 and 1."""
+    height, width = values.shape[:2]
+    size = (width * step, height * step)
+    fine = np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_CUBIC), dtype=np.float32)
+    return np.clip(fine, np.float32(0.0), np.float32(1.0), out=fine)
+
+
+@dataclass(frozen=True, slots=True)
+class Darken:
+    """Lays a shadow on the plate, blurred as the lens blurs the ground.
+
+    Attributes:
+        blur: the lens.
+    """
+
+    blur: ReblurLayer
+
+    def __call__(
+        self, picture: Picture, shadow: Shadow, frame: Box, cover: Cover | None = None
+    ) -> Picture:
+        """Multiply the plate in place by what the shadow leaves; the picture itself comes back.
+
+        Args:
+            picture: the plate; changed where the blurred shadow reaches, and only there.
+            shadow: the light that is gone.
+            frame: the frame's own box.
+            cover: what really stands before the ground.
+        """
+        return self.taken(picture, self.blurred(shadow, frame), cover)
+
+    def taken(self, picture: Picture, blurred: BlurredLayer, cover: Cover | None) -> Picture:
+        """Take a blurred shadow's light from the plate, in place; the picture itself comes back.
+
+        Args:
+            picture: the plate; changed where the shadow reaches, and only there.
+            blurred: from `blurred`.
+            cover: what really stands before the ground.
+        """
+        box, loss = blurred.box, blurred.rgba
+        if not box.empty and loss.any():
+            if cover is not None:
+                loss = _behind(loss, picture.linear(box), box, cover)
+            # Over has one alpha for all channels: what is coloured about the loss is added back.
+            layer: Float32 = np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
+            picture.over(box, layer, of_plate=True)
+        return picture
+
+    def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
+        """Loss in each channel and its mean, as the lens shows them, on a box inside the frame."""
+        step = shadow.step
+        rgba: Float32 = np.asarray(cv2.transform(shadow.loss, _WITH_MEAN), dtype=np.float32)
+        layer = ObjectLayer(
+            box=pixels_of(shadow.box, step), rgba=rgba, depth=np.ones(rgba.shape[:2], np.float32)
+        )
+        if step == 1:
+            return self.blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
+        coarse = DefocusedLayer(layer=layer, coc_px=shadow.coc_px / np.float32(step))
+        around_frame = Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step))
+        blurred = self.blur(coarse, around_frame)
+        held = blurred.box
+        wide = Box(held.x0 * step, held.y0 * step, held.x1 * step, held.y1 * step)
+        box = wide.intersection(frame)
+        rgba = enlarged(blurred.rgba, step)[box.slices_in(wide)]
+        return BlurredLayer(box=box, rgba=np.ascontiguousarray(rgba))
+
+
+def _behind(loss: Float32, plate: Float32, box: Box, cover: Cover) -> Float32:
+    """Loss and its mean (h, w, 4) on a box, where only what lies behind the cover loses light."""
+    common = box.intersection(cover.box)
+    if common.empty:
+        return loss
+    light = np.zeros_like(plate)
+    light[common.slices_in(box)] = cover.light[common.slices_in(cover.box)]
+    share = np.ones_like(plate)
+    np.divide(plate - light, plate, out=share, where=plate > 0.0)
+    hidden = cover.coverage[common.slices_in(cover.box)] >= 1.0
+    share[common.slices_in(box)][hidden] = 0.0
+    behind = loss[..., :3] * np.clip(share, 0.0, 1.0)
+    return np.concatenate([behind, behind.mean(axis=2, keepdims=True)], axis=2)

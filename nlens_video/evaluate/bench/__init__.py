@@ -1,0 +1,1 @@
+"""Accuracy against time: each preset against the sampled lens."""

@@ -1,0 +1,116 @@
+"""What `bench` has measured as tables, files and a picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from nlens_video.evaluate.bench.bench_measure import Effort
+from nlens_video.evaluate.bench.bench_plot import Point, plot
+from nlens_video.evaluate.bench.bench_rungs import Rung
+from nlens_video.evaluate.tables import Column, Table
+from nlens_video.video.atomic_files import replacing
+
+_COLUMNS = (
+    Column("psnr_db", "PSNR [dB]"),
+    Column("ssim", "SSIM", 4),
+    Column("median_ms", "median [ms]", 1),
+    Column("p95_ms", "p95, worst [ms]", 1, over="worst"),
+    Column("peak_mib", "peak memory [MiB]", 0, over="worst"),
+    Column("startup_s", "start-up [s]", 1),
+)
+
+
+def scenes_table(abouts: Mapping[str, str], effort: Effort) -> Table:
+    """An empty table of the scenes that `bench` makes itself.
+
+    Args:
+        abouts: what each scene is, by name.
+        effort: how much is measured.
+    """
+    listed = "; ".join(f"{name}: {about}" for name, about in abouts.items())
+    return Table(
+        name="bench",
+        title=f"Against the lens, {effort.views} views of it",
+        columns=_COLUMNS,
+        detail="psnr_db",
+        notes=(
+            f"Scenes of {effort.size[0]}x{effort.size[1]} pixels: {listed}. The true CoC is given.",
+            _notes(),
+        ),
+    )
+
+
+def plates_table() -> Table:
+    """An empty table of plates that were rendered with and without their object."""
+    return Table(
+        name="bench_plates",
+        title="Against plates rendered with their object",
+        columns=_COLUMNS,
+        detail="psnr_db",
+        notes=("The object's layers and its true CoC are given.", _notes()),
+    )
+
+
+def _notes() -> str:
+    return (
+        "PSNR and SSIM of 8-bit code values in the tightest box around the sharp object. Times are "
+        "those of the reblur alone, after warm-up: the mean of the medians on each scene, and the "
+        "95th percentile on the slowest. Memory and start-up are those of a process that runs this "
+        "rung and nothing else; start-up ends with its first frame. naive: no blur; one Gaussian: "
+        "sigma a quarter of the object's mean CoC; layered Gaussian: of each pixel's own CoC, "
+        "gathered, as Blind Augmentation (Prakash et al. 2025) does."
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """Everything that is told.
+
+    Attributes:
+        machine: what it ran on, in words.
+        tables: scenes, and plates where there were any.
+        rungs: what the tables' rows are.
+    """
+
+    machine: Mapping[str, str]
+    tables: Sequence[Table]
+    rungs: Sequence[Rung]
+
+    def markdown(self) -> str:
+        """Machine and tables, readable in a terminal too."""
+        lines = [f"- {name}: {value}" for name, value in self.machine.items()]
+        heading = "# What accuracy costs in time\n\n" + "\n".join(lines) + "\n"
+        return "\n".join([heading, *(table.markdown() for table in self.tables)])
+
+    def json(self) -> str:
+        """The same figures for scripts."""
+        figures = {"machine": dict(self.machine)} | {t.name: t.json() for t in self.tables}
+        return json.dumps(figures, indent=2) + "\n"
+
+    def write(self, out: Path) -> None:
+        """Write `bench.md`, a CSV for each table and `bench.png` into a folder that exists.
+
+        Raises:
+            OutputError: one of them cannot be written.
+        """
+        machine = "".join(f"# {name}: {value}\n" for name, value in self.machine.items())
+        texts = {f"{table.name}.csv": machine + table.csv() for table in self.tables}
+        texts["bench.md"] = self.markdown() + "\n![accuracy over time](bench.png)\n"
+        for name, text in texts.items():
+            with replacing(out / name) as partial_path:
+                partial_path.write_text(text, encoding="utf-8")
+        panels = [(table.title, self._points(table)) for table in self.tables]
+        with replacing(out / "bench.png") as partial_path:
+            plot(panels, partial_path)
+
+    def _points(self, table: Table) -> list[Point]:
+        ours = {rung.name: rung.rival is None for rung in self.rungs}
+        points = []
+        for row in table.summary():
+            name, ms, psnr_db = str(row["name"]), row["median_ms"], row["psnr_db"]
+            if isinstance(ms, float) and isinstance(psnr_db, float):  # an exact result has no dB
+                points.append(Point(name, ms, psnr_db, ours[name]))
+        return points

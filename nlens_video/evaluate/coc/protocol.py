@@ -1,0 +1,281 @@
+"""What is measured: estimates of the plate's CoC, ways to fit, and how both stand rough plates."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+
+import cv2
+import numpy as np
+
+from nlens_video.core.errors import LensFitError, SceneError
+from nlens_video.core.layers import CocMap, Float32, Float64
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.evaluate.coc.baselines import BASELINES, SCALED, what_they_are_told
+from nlens_video.evaluate.coc.conditions import picture_conditions
+from nlens_video.evaluate.coc.guessed_camera import guess_camera, moved_depth
+from nlens_video.evaluate.coc.paper_line import fit_line
+from nlens_video.evaluate.coc.quadratic import best_factor
+from nlens_video.evaluate.metrics import coc_figures, rms_within
+from nlens_video.evaluate.plates import Plate
+from nlens_video.evaluate.tables import Column, Entry, Table
+from nlens_video.scene.camera import Camera
+from nlens_video.stages.f_coc import estimate_coc
+from nlens_video.stages.p_projection import GroundProjection, project_to_ground
+from nlens_video.stages.protocols import CocNetwork
+from nlens_video.stages.r_regression import FitLens
+
+OURS = "ours (network)"
+YFOV_RATIOS = (0.85, 1.15)
+_SAMPLE_STEP = 4  # the network's own grid: finer samples would tell the plots nothing more
+
+Fit = Callable[[CocMap, GroundProjection], LensFit]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlateErrors:
+    """Errors of our estimate on a grid of one plate, for plots; all arrays (N,) [px].
+
+    Attributes:
+        plate: its name.
+        error_px: estimate - truth.
+        sigma_px: expected error.
+        true_coc_px: true diameter.
+    """
+
+    plate: str
+    error_px: Float32
+    sigma_px: Float32
+    true_coc_px: Float32
+
+
+class CocProtocol:
+    """Measures stages F and R plate by plate; keeps figures and a thin grid of errors only.
+
+    Args:
+        network: reads the blur off a picture.
+
+    Attributes:
+        methods: estimates of the whole plate's CoC, each against the truth.
+        ablations: ways to fit the lens, each by the object's CoC.
+        conditions: the shipped estimate and fit on rough plates and with a wrong camera.
+        errors: of our estimate, one for each plate.
+    """
+
+    def __init__(self, network: CocNetwork) -> None:
+        self._network = network
+        self.methods = _methods_table()
+        self.ablations = _object_table("ablations", "Ways to fit the lens (stage R)")
+        self.conditions = _conditions_table()
+        self.errors: list[PlateErrors] = []
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """All tables, in the order in which they are shown."""
+        return self.methods, self.ablations, self.conditions
+
+    def measure(self, plate: Plate) -> None:
+        """Add a plate to all tables."""
+        start = time.perf_counter()
+        coc = estimate_coc(self._network, plate.rgb)
+        self._add_method(plate, OURS, coc.coc_px, start, coc.sigma_px)
+        self._measure_baselines(plate)
+        self._measure_fits(plate, coc)
+        self._measure_pictures(plate)
+        self._measure_cameras(plate, coc)
+        grid = np.s_[_SAMPLE_STEP // 2 :: _SAMPLE_STEP, _SAMPLE_STEP // 2 :: _SAMPLE_STEP]
+        truth = plate.true_coc_px[grid].ravel()
+        self.errors.append(
+            PlateErrors(
+                plate=plate.name,
+                error_px=coc.coc_px[grid].ravel() - truth,
+                sigma_px=coc.sigma_px[grid].ravel(),
+                true_coc_px=truth,
+            )
+        )
+
+    def _measure_baselines(self, plate: Plate) -> None:
+        for baseline in BASELINES:
+            start = time.perf_counter()
+            coc = baseline.estimate(plate)
+            self._add_method(plate, baseline.name, coc, start)
+            if baseline.also_scaled:
+                name = baseline.name + SCALED
+                scaled = None if coc is None else best_factor(coc, plate.true_coc_px) * coc
+                self._add_method(plate, name, scaled, start)
+
+    def _add_method(
+        self,
+        plate: Plate,
+        name: str,
+        coc: Float32 | None,
+        start: float,
+        sigma: Float32 | None = None,
+    ) -> None:
+        taken = time.perf_counter() - start
+        if coc is None:
+            self.methods.entries.append(Entry(name, plate.name, {}))
+            return
+        figures = asdict(coc_figures(coc, plate.true_coc_px, sigma))
+        figures["relative_percent"] = 100 * figures.pop("relative")
+        self.methods.entries.append(Entry(name, plate.name, {**figures, "time_ms": 1e3 * taken}))
+
+    def _measure_fits(self, plate: Plate, coc: CocMap) -> None:
+        ground = project_to_ground(plate.triangles, plate.camera, plate.ground_y)
+        even = CocMap(
+            coc_px=coc.coc_px, sigma_px=np.full_like(coc.sigma_px, np.median(coc.sigma_px))
+        )
+        footprint_only = FitLens(whole_plane=False)
+        ways: dict[str, tuple[CocMap, Fit]] = {
+            "shipped": (coc, _shipped),
+            "no confidence": (even, _shipped),
+            "no V-fit (the paper's line)": (coc, fit_line),
+            "footprint only": (coc, lambda c, g: footprint_only(c, g).fit),
+        }
+        for name, (estimate, fit) in ways.items():
+            start = time.perf_counter()
+            found = _attempt(fit, estimate, ground)
+            taken = time.perf_counter() - start
+            figures = {"object_rms_px": object_rms(plate, found), "time_ms": 1e3 * taken}
+            self.ablations.entries.append(Entry(name, plate.name, figures))
+
+    def _measure_pictures(self, plate: Plate) -> None:
+        height, width = plate.coc_px.shape
+        footprint = project_to_ground(plate.triangles, plate.camera, plate.ground_y).mask
+        for condition in picture_conditions():
+            coc = estimate_coc(self._network, condition.degrade(plate.rgb))
+            camera = _at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
+            ground = project_to_ground(plate.triangles, camera, plate.ground_y)
+            fit = _attempt(_shipped, coc, ground)
+            judged = _map_at_size(coc, width, height)
+            truth = plate.true_coc_px
+            whole = coc_figures(judged.coc_px, truth, judged.sigma_px)
+            figures = {
+                "rmse_px": whole.rmse_px,
+                "confident_rmse_px": whole.confident_rmse_px,
+                "footprint_rmse_px": rms_within(judged.coc_px, truth, footprint),
+                "object_rms_px": object_rms(plate, fit and fit.for_width(width, height)),
+            }
+            self.conditions.entries.append(Entry(condition.name, plate.name, figures))
+
+    def _measure_cameras(self, plate: Plate, coc: CocMap) -> None:
+        for ratio in YFOV_RATIOS:
+            try:
+                guess = guess_camera(plate.camera, plate.triangles, plate.ground_y, ratio)
+            except SceneError:
+                rms = math.nan
+            else:
+                ground = project_to_ground(
+                    guess.moved(plate.triangles), guess.camera, plate.ground_y
+                )
+                depth = moved_depth(guess, plate.camera, plate.object_depth.astype(np.float64))
+                rms = object_rms(plate, _attempt(_shipped, coc, ground), depth)
+            name = f"field of view {100 * (ratio - 1):+.0f} %"
+            self.conditions.entries.append(Entry(name, plate.name, {"object_rms_px": rms}))
+
+
+def _shipped(coc: CocMap, ground: GroundProjection) -> LensFit:
+    return FitLens()(coc, ground).fit
+
+
+def _attempt(fit: Fit, coc: CocMap, ground: GroundProjection) -> LensFit | None:
+    try:
+        return fit(coc, ground)
+    except LensFitError:
+        return None
+
+
+def object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None) -> float:
+    """Error of the CoC that a fit gives the object, nan where there is no fit [px]."""
+    if fit is None:
+        return math.nan
+    known = np.where(plate.solid, plate.object_depth if depth is None else depth, 1.0)
+    coc = fit.coc_px(np.asarray(1.0 / known, dtype=np.float32))
+    return rms_within(coc, plate.object_coc_px, plate.solid)
+
+
+def _at_size(camera: Camera, width: int, height: int) -> Camera:
+    """The same camera on a frame of another size."""
+    across, down = width / camera.width, height / camera.height
+    return replace(
+        camera,
+        fx=camera.fx * across,
+        fy=camera.fy * down,
+        cx=camera.cx * across,
+        cy=camera.cy * down,
+        width=width,
+        height=height,
+    )
+
+
+def _map_at_size(coc: CocMap, width: int, height: int) -> CocMap:
+    """The map of a picture of another size, in the plate's pixels."""
+    scale = np.float32(width / coc.coc_px.shape[1])
+    if coc.coc_px.shape == (height, width):
+        return coc
+    prior = coc.prior
+    if prior is not None:
+        prior = replace(prior, scale=prior.scale * float(scale))
+    return replace(
+        coc,
+        coc_px=scale * cv2.resize(coc.coc_px, (width, height), interpolation=cv2.INTER_LINEAR),
+        sigma_px=scale * cv2.resize(coc.sigma_px, (width, height), interpolation=cv2.INTER_LINEAR),
+        prior=prior,
+    )
+
+
+def _methods_table() -> Table:
+    return Table(
+        name="methods",
+        title="CoC of the whole plate (stage F)",
+        columns=(
+            Column("rmse_px", "RMSE, px of diameter"),
+            Column("confident_rmse_px", "RMSE of the confident half, px"),
+            Column("bias_px", "bias, px"),
+            Column("relative_percent", "median relative error, %", 1),
+            Column("time_ms", "time, ms", 0, "median"),
+        ),
+        detail="rmse_px",
+        notes=(
+            "Means over the plates; the median for time. The confident half is the half of the "
+            "pixels with the smallest sigma. The relative error counts where the true CoC exceeds "
+            "2 px.",
+            what_they_are_told(),
+        ),
+    )
+
+
+def _object_table(name: str, title: str, *more: Column) -> Table:
+    return Table(
+        name=name,
+        title=title,
+        columns=(
+            Column("object_rms_px", "object's CoC, rms px"),
+            Column("object_rms_px", "worst plate, px", 2, "worst"),
+            Column("object_rms_px", "fits found", 0, "count"),
+            *(more or (Column("time_ms", "time, ms", 0, "median"),)),
+        ),
+        detail="object_rms_px",
+        notes=(
+            "Root mean square error of the signed CoC over the pixels that the object covers "
+            "wholly. Mean and worst are over the plates on which a fit was found.",
+        ),
+    )
+
+
+def _conditions_table() -> Table:
+    table = _object_table(
+        "conditions",
+        "Rough plates and a wrong camera (stages F and R as shipped)",
+        Column("rmse_px", "whole plate, RMSE px"),
+        Column("confident_rmse_px", "confident half, px"),
+        Column("footprint_rmse_px", "footprint, px"),
+    )
+    table.notes = (
+        *table.notes,
+        "All in px of the plate as rendered. With a wrong field of view the object is moved and "
+        "scaled until it covers the same pixels; the plate's CoC map is the one of the first row.",
+    )
+    return table

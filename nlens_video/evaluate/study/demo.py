@@ -1,0 +1,165 @@
+"""Pictures of a study that the project makes itself: balls on a table, some of them virtual.
+
+The paper's design, 3 positions x 3 apertures x 3 focus distances x 3 methods, on rendered plates
+instead of photographs: it shows how a study runs and stands in for no photograph. Real balls are
+drawn from many points of the lens together with the table; the virtual one comes by each method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Box, Float32, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.evaluate.bench.bench_case import Case
+from nlens_video.evaluate.bench.bench_glb import UInt8, write_glb
+from nlens_video.evaluate.bench.bench_measure import one_frame
+from nlens_video.evaluate.bench.bench_rungs import (
+    ObjectCoc,
+    opened,
+    preset_rungs,
+    rival_rung,
+)
+from nlens_video.evaluate.coc.quadratic import fit_quadratic, nearest_blur
+from nlens_video.evaluate.composite.composite_methods import DEFAULT, ByDisparity
+from nlens_video.evaluate.plates import relative_disparity
+from nlens_video.evaluate.study.demo_shapes import YFOV, ball, room
+from nlens_video.evaluate.study.stimuli import Stimulus, write_stimuli
+from nlens_video.graph.profiler import Profiler
+from nlens_video.render.select import choose_renderer
+from nlens_video.scene import Scene
+from nlens_video.stages.l_reblur import object_coc
+from nlens_video.stages.reblur.aperture_samples import bare_points
+from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.video.pixels.picture import ArrayPicture
+
+SIZE, VIEWS = (640, 352), 256
+CHOICES = "red,green,yellow,blue,orange,purple"
+_REAL = {"blue": (-0.25, 1.0), "orange": (0.55, 1.35), "purple": (0.05, 2.1)}  # x, depth
+_VIRTUAL = {"red": (0.15, 0.75), "green": (-0.02, 1.15), "yellow": (-0.15, 1.8)}
+_APERTURES = {"f/2": 24.0, "f/4": 12.0, "f/8": 6.0}  # CoC by disparity [px of 640]
+_FOCUSES = {"front": 0.75, "middle": 1.15, "back": 1.8}  # depth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plate:
+    """A plate and what Blind Augmentation is told of it."""
+
+    aperture: str
+    focus: str
+    fit: LensFit
+    codes: UInt8
+    sharp: UInt8
+    coc_px: Float32
+
+
+def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -> list[Stimulus]:
+    """Make the 81 pictures and their list.
+
+    Args:
+        folder: gets them; it exists.
+        size: columns and rows [px].
+        views: points of the lens that a plate is the mean of [1].
+
+    Raises:
+        NlensError: the renderer cannot run, or a plate does not tell its lens.
+    """
+    balls = {colour: folder / f"{colour}.glb" for colour in _VIRTUAL}
+    for colour, path in balls.items():
+        write_glb(path, [ball(_VIRTUAL[colour], colour)], YFOV)
+    stimuli = []
+    for plate in _plates(folder, size, views):
+        for colour, glb in balls.items():
+            for method, picture in _composites(plate, glb):
+                parts = (plate.aperture.replace("/", ""), plate.focus, colour, method)
+                name = f"{'_'.join(parts)}.jpg"
+                _write(folder / name, picture)
+                stimuli.append(
+                    Stimulus(
+                        file=name, position=colour, aperture=plate.aperture, focus=plate.focus,
+                        method=method, virtual=colour,
+                    )
+                )  # fmt: skip
+    write_stimuli(folder, stimuli)
+    return stimuli
+
+
+def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]:
+    path = folder / "table.glb"
+    write_glb(path, [*room(), *(ball(at, colour) for colour, at in _REAL.items())], YFOV)
+    scene, frame = Scene.load(path), Box(0, 0, *size)
+    camera = scene.camera(0.0, *size)
+    with choose_renderer(scene) as renderer:
+        seen = renderer.render(0.0, camera)
+        if seen is None:
+            raise RuntimeError("the table lies out of view")
+        depth = _on_frame(seen, frame)
+        sharp = _coded(seen.box, seen.rgba, frame)
+        for aperture, strength in _APERTURES.items():
+            for focus, at in _FOCUSES.items():
+                slope = strength * size[0] / SIZE[0]
+                fit = LensFit(
+                    slope=slope, intercept=-slope / at, width=frame.width, height=frame.height
+                )
+                shot = Shot(time_s=0.0, camera=camera, fit=fit, frame=frame)
+                lens = lens_views(renderer, shot, bare_points(views))
+                yield _Plate(
+                    aperture=aperture, focus=focus, fit=fit, sharp=sharp,
+                    codes=_coded(lens.box, lens.rgba, frame), coc_px=fit.coc_px(1.0 / depth),
+                )  # fmt: skip
+
+
+def _composites(plate: _Plate, glb: Path) -> Iterator[tuple[str, UInt8]]:
+    """The virtual ball on a plate by each method."""
+    height, width = plate.codes.shape[:2]
+    case = Case(
+        name=glb.stem, glb=glb, fit=plate.fit, plate=plate.codes, truth=plate.codes,
+        region=Box(0, 0, width, height),
+    )  # fmt: skip
+    ours = next(rung for rung in preset_rungs() if rung.name == DEFAULT)
+    blind = _blind(plate)
+    for method, rung, fit, defocus in (
+        ("naive", rival_rung("naive"), plate.fit, None),
+        ("blind augmentation", rival_rung("layered Gaussian"), plate.fit, blind),
+        ("ours", ours, None, None),
+    ):
+        with opened(rung, case, Profiler(), fit, defocus) as steps:
+            yield method, one_frame(steps, case, 0)[0]
+
+
+def _blind(plate: _Plate) -> ObjectCoc:
+    """Their model of the plate, told true depth and true sharp picture."""
+    rgb, sharp = (np.float32(1 / 255) * codes for codes in (plate.codes, plate.sharp))
+    relative = relative_disparity(plate.coc_px, plate.coc_px)
+    model = fit_quadratic(nearest_blur(rgb, sharp), relative)
+    law = ByDisparity(
+        model, lambda disparity: relative_disparity(plate.fit.coc_px(disparity), plate.coc_px)
+    )
+    return lambda layer: object_coc(layer, law)
+
+
+def _on_frame(seen: ObjectLayer, frame: Box) -> Float32:
+    """Depth (H, W); the room fills the frame."""
+    depth = np.full((frame.height, frame.width), np.inf, np.float32)
+    held = seen.box.intersection(frame)
+    depth[held.slices_in(frame)] = seen.depth[held.slices_in(seen.box)]
+    return depth
+
+
+def _coded(box: Box, rgba: Float32, frame: Box) -> UInt8:
+    held = box.intersection(frame)
+    codes = np.zeros((frame.height, frame.width, 3), np.uint8)
+    ArrayPicture(codes, "rgb").over(held, np.ascontiguousarray(rgba[held.slices_in(box)]))
+    return codes
+
+
+def _write(path: Path, picture: UInt8) -> None:
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 95, cv2.IMWRITE_JPEG_SAMPLING_FACTOR]
+    full = [*quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    if not cv2.imwrite(str(path), picture[..., ::-1], full):
+        raise RuntimeError("OpenCV does not write JPEG")

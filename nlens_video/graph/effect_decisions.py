@@ -1,0 +1,134 @@
+"""What a scene calls for: the effects that this run simulates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from nlens_video.core.layers import Picture
+from nlens_video.core.lens_models import Optics
+from nlens_video.core.settings import RealSettings
+from nlens_video.core.shutter import Shutter
+from nlens_video.effects.given import given
+from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate
+from nlens_video.effects.planner import (
+    MOTION_BLUR,
+    Circumstances,
+    Decision,
+    decide,
+    requested_effects,
+    within,
+)
+from nlens_video.graph.nodes.context import LitGround
+from nlens_video.graph.pipeline_file import PipelineFile
+from nlens_video.graph.profiler import Profiler
+from nlens_video.scene.irradiance import reaches
+from nlens_video.scene.scene import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class CalledFor:
+    """Effects, what the plate showed of them, and its shutter."""
+
+    decisions: tuple[Decision, ...]
+    measured: Mapping[str, Measurement]
+    shutter: Shutter
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """What can be seen of a shot before its first frame is composited.
+
+    Attributes:
+        pictures: reads the first ones, perhaps only one; called where an effect asks for them.
+        first: number of the frame that the look at them is counted to [1].
+    """
+
+    pictures: Callable[[], Sequence[Picture]]
+    first: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shot:
+    """What can be known of a shot before its first frame is composited.
+
+    Attributes:
+        scene: the object.
+        ground: what it stands on and what lights it.
+        ground_y: height of the ground, None for the object's lowest point [scene unit].
+        shutter: of the plate, as far as it is given.
+        plate: its first pictures.
+        real: what the user says of the plate's own things.
+        front: what tells which of them stand in front, in words.
+        optics: what a person says about the lens.
+    """
+
+    scene: Scene
+    ground: LitGround
+    ground_y: float | None
+    shutter: Shutter
+    plate: Plate
+    real: RealSettings
+    front: str
+    optics: Optics = Optics()
+
+
+def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profiler) -> CalledFor:
+    """Decide on every effect.
+
+    Args:
+        requested: as `EffectRequest.parse` reads it.
+        pipeline: what can be simulated.
+        shot: what is looked at.
+        profiler: times the look at the plate.
+
+    Raises:
+        UsageError: an effect that does not exist, or that the pipeline has no node for.
+    """
+    there = frozenset(node.effect for node in pipeline.nodes if node.effect)
+    looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
+    measured: dict[str, Measurement] = given(shot.optics)
+    looked_for = looked_for.difference(measured)
+    shutter, smears = shot.shutter, MOTION_BLUR in there.intersection(requested_effects(requested))
+    reads_shutter = smears and shot.scene.moves and not shutter.given and shutter.frame_s > 0.0
+    if looked_for or reads_shutter:
+        with profiler.timed(shot.plate.first, "measure"):
+            pictures = shot.plate.pictures()
+            measured.update(measure_plate(looked_for, pictures))
+            if reads_shutter:
+                shutter = _read_shutter(shutter, pictures)
+    wanted = decide(requested, _circumstances(shot, shutter, measured))
+    return CalledFor(within(wanted, there, pipeline.name, requested), measured, shutter)
+
+
+def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
+    """The shutter as the plate's own smear tells it, if it does."""
+    from nlens_video.effects.camera.shutter_angle import shutter_angle
+
+    angle = shutter_angle(pictures)
+    if angle is None:
+        return assumed
+    return replace(assumed, angle_deg=angle, source="read off the plate's own smear")
+
+
+def _circumstances(
+    shot: Shot, shutter: Shutter, measured: Mapping[str, Measurement]
+) -> Circumstances:
+    """What the scene, as it is at first, calls for."""
+    ground = shot.ground
+    posed = ground.pose(0.0)
+    height = float(posed.bounds()[0, 1]) if shot.ground_y is None else shot.ground_y
+    light = ground.light.on_ground(posed.lights)
+    return Circumstances(
+        lamps=sum(reaches(lamp, height) for lamp in light.lamps),
+        surroundings=ground.light.known and light.ambient is not None,
+        pre_rendered=ground.pre_rendered,
+        strength=ground.strength,
+        strength_given=ground.strength_given,
+        moves=shot.scene.moves,
+        shutter=shutter,
+        measured=measured,
+        reflectance=shot.real.reflectance or 0.0,
+        holdout="" if shot.real.holdout is None else shot.front,
+        occlusion_by_coc=shot.real.occlusion == "auto",
+    )

@@ -1,0 +1,1 @@
+"""The nodes that a pipeline file can name, one module a family."""

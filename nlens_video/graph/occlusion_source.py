@@ -1,0 +1,82 @@
+"""Where it is known from what really stands before the object: a file, or the plate's own blur."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from nlens_video.core.layers import CocMap, Front, Picture
+from nlens_video.core.settings import RealSettings
+from nlens_video.graph.nodes.context import FrontSource
+
+if TYPE_CHECKING:
+    from nlens_video.video.input.holdout import HoldoutReader
+
+Estimator = Callable[[Picture, Sequence[Picture]], CocMap]
+
+
+@dataclass(frozen=True, slots=True)
+class FileFront:
+    """A matte or a depth map, read from files."""
+
+    reader: HoldoutReader
+
+    @property
+    def description(self) -> str:
+        """What tells it, in words."""
+        return self.reader.description
+
+    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
+        """The matte or the depth of a frame."""
+        return self.reader.read(index)
+
+
+@dataclass(frozen=True, slots=True)
+class CocFront:
+    """The plate's CoC, estimated on each frame anew: what stands in front may move."""
+
+    load: Callable[[], Estimator]
+
+    @property
+    def description(self) -> str:
+        """What tells it, in words."""
+        return "F: CoC network on each frame, onnxruntime on the CPU"
+
+    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
+        """The CoC of a frame, of that one alone: the fit's may be the mean of several."""
+        if plate_coc is not None and plate_coc.frames == 1:
+            return plate_coc
+        return self.load()(picture, ())
+
+
+def open_front(
+    real: RealSettings, size: tuple[int, int], load: Callable[[], Estimator], *, asked_for: bool
+) -> FrontSource | None:
+    """What tells of things in front.
+
+    Args:
+        real: what the user says of them.
+        size: width and height of the plate [px].
+        load: gives F.
+        asked_for: whether the effect is asked for by name: then the plate tells, if nothing else.
+
+    Raises:
+        InputError: the holdout cannot be read.
+    """
+    if real.holdout is not None:
+        from nlens_video.video.input.holdout import open_holdout
+
+        return FileFront(open_holdout(real.holdout, size))
+    return CocFront(load) if real.occlusion == "auto" or asked_for else None
+
+
+@contextmanager
+def closing(front: FrontSource | None) -> Iterator[None]:
+    """Close a front's file in the end."""
+    try:
+        yield
+    finally:
+        if isinstance(front, FileFront):
+            front.reader.close()

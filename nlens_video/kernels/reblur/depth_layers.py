@@ -1,0 +1,123 @@
+"""The object cut in two where its CoC steps: what is in front there, and what lies behind it.
+
+Scatter knows no order inside the object. Near a step there are two surfaces; the nearer one is
+taken out as a layer of its own, and the one behind is carried on under it, as smoothly as what is
+seen of it allows, because a lens looks around the edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from nlens_video.core.layers import Bool, Float32
+from nlens_video.kernels.pull_push import carried_on
+from nlens_video.kernels.reblur.coc_discontinuities import Steps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthLayers:
+    """An object in two layers, each with CoCs of its own.
+
+    Attributes:
+        near_rgba: premultiplied colour and alpha of what is in front (h, w, 4), 0 elsewhere.
+        near_coc_px: its signed CoC diameter (h, w), 0 where it is not [px].
+        back_rgba: the rest, carried on under what is in front (h, w, 4).
+        back_coc_px: its signed CoC diameter (h, w), 0 where it is not [px].
+    """
+
+    near_rgba: Float32
+    near_coc_px: Float32
+    back_rgba: Float32
+    back_coc_px: Float32
+
+
+@njit(cache=True, nogil=True)
+def _beside(mask: Bool, y: int, x: int) -> bool:
+    """Whether one of the eight neighbours is in the mask."""
+    for j in range(max(0, y - 1), min(mask.shape[0], y + 2)):
+        for i in range(max(0, x - 1), min(mask.shape[1], x + 2)):
+            if mask[j, i] and (j != y or i != x):
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _inner_mean(rgba: Float32, inner: Bool, y: int, x: int, mean: Float32) -> bool:
+    """Mean colour of what is wholly near within two pixels; whether there is any."""
+    count = 0
+    mean[:] = 0.0
+    for j in range(max(0, y - 2), min(inner.shape[0], y + 3)):
+        for i in range(max(0, x - 2), min(inner.shape[1], x + 3)):
+            if inner[j, i]:
+                count += 1
+                for c in range(4):
+                    mean[c] += rgba[j, i, c]
+    if count:
+        mean /= count
+    return count > 0
+
+
+@njit(cache=True, nogil=True)
+def _take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32) -> None:
+    """Part the near layer's edge pixels from what lies behind, with which they are antialiased.
+
+    Their coverage is what mixes the near colour beside them and the back carried on into theirs.
+    Laid over the back again they give what they were.
+    """
+    height, width = near.shape
+    edge, inner = np.zeros((2, height, width), dtype=np.bool_)
+    for y in range(height):
+        for x in range(width):
+            if near[y, x]:
+                edge[y, x] = _beside(back, y, x)
+                inner[y, x] = not edge[y, x]
+    mean = np.zeros(4, dtype=np.float32)
+    for y in range(height):
+        for x in range(width):
+            if not edge[y, x] or not _inner_mean(near_rgba, inner, y, x, mean):
+                continue
+            along, square = 0.0, 0.0
+            for c in range(3):
+                apart = mean[c] - filled[y, x, c]
+                along += (near_rgba[y, x, c] - filled[y, x, c]) * apart
+                square += apart * apart
+            if square <= 0.0:
+                continue
+            free = np.float32(1.0 - min(max(along / square, 0.0), 1.0))
+            for c in range(4):
+                near_rgba[y, x, c] = max(near_rgba[y, x, c] - free * filled[y, x, c], 0.0)
+
+
+def split_at_steps(
+    rgba: Float32, coc_px: Float32, steps: Steps, corner: tuple[int, int] = (0, 0)
+) -> DepthLayers:
+    """Cut the object in two: nearer than the nearest step's middle, and the rest carried on.
+
+    Args:
+        rgba: premultiplied scene-linear colour and alpha (h, w, 4).
+        coc_px: signed CoC diameter (h, w), positive nearer than focus, read only where alpha > 0.
+        steps: where it steps.
+        corner: row and column of the arrays' first pixel in the frame, to which the means that
+            carry on the back are anchored: what is hidden does not change with the cut [px].
+    """
+    covered = rgba[..., 3] > 0.0
+    near = covered & (coc_px > steps.split_px)
+    known = ~near
+    values = np.zeros((*coc_px.shape, 5), dtype=np.float32)
+    values[..., :4] = np.where(known[..., None], rgba, np.float32(0.0))
+    values[..., 4] = np.where(known & covered, coc_px * rgba[..., 3], np.float32(0.0))
+    filled = carried_on(values, known, corner)
+    near_rgba = np.where(near[..., None], rgba, np.float32(0.0))
+    _take_back_out(near_rgba, near, covered & known, filled)
+    alpha = filled[..., 3]
+    coc = np.divide(filled[..., 4], alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
+    back_coc = np.where(known, np.where(covered, coc_px, np.float32(0.0)), coc)
+    return DepthLayers(
+        near_rgba=near_rgba,
+        near_coc_px=np.where(near, coc_px, np.float32(0.0)),
+        back_rgba=np.ascontiguousarray(filled[..., :4]),
+        back_coc_px=back_coc,
+    )

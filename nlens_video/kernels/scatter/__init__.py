@@ -1,0 +1,1 @@
+"""The layered scatter: premultiplied pixels spread over the discs of their CoC."""

@@ -1,0 +1,231 @@
+"""The compiled loops of `scatter`: one level of the source, spread into rows of the result.
+
+Nothing but functions from another file is compiled in: the cache on disk follows changes of this
+file only, so numbers of other files come as arguments.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.kernels.numba_config import kernel
+from nlens_video.kernels.scatter.extend import Band
+from nlens_video.kernels.scatter.levels import Light, RowNumbers
+from nlens_video.kernels.scatter.stamps import (
+    Discs,
+    add_stamps,
+    lay_in,
+    look_up,
+)
+from nlens_video.kernels.simd import add_end
+from nlens_video.kernels.simd_types import (
+    all_of,
+    eight_at,
+    four_at,
+    lane,
+    lower,
+    narrowed,
+    put_four,
+    widened,
+)
+
+# `levels` has the same: a number from there would go stale in the cache.
+RADIUS, AXIS, SPAN, _, ALONG, DOWN, _, BARREL_X, BARREL_Y = range(9)
+
+
+@kernel
+def place_spans(
+    ends: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int], dy: int,
+    skew: np.float32, rim: float,
+) -> None:  # fmt: skip
+    """Find start, stop and weight (3, w) of a row's spans; the ends count from their pixel.
+
+    Args:
+        ends: to fill in.
+        numbers: the row's (9, w).
+        discs: tables.
+        columns: first and last column to fill in.
+        dy: rows from the pixels' own [px].
+        skew: 1 to follow the discs' skew, 0 to leave it out [1].
+        rim: radius of the barrel's rim that cuts the discs, 0 where none does [radius].
+    """
+    _, spans, steps, turned, aspect, outer = discs
+    table = spans[dy + spans.shape[0] // 2]
+    start, stop = columns[0], columns[1] + 1
+    radii, axes = numbers[RADIUS, start:stop], numbers[AXIS, start:stop]
+    along, down = numbers[ALONG, start:stop], numbers[DOWN, start:stop]
+    starts, stops, weights = ends[0, start:stop], ends[1, start:stop], ends[2, start:stop]
+    scale, rows = np.float32(steps[1]), np.float32(dy)
+    zero, one, third = np.float32(0.0), np.float32(1.0), np.float32(1.0 / 3.0)
+    look_up(radii, table[1], scale, turned[1], stops)
+    if outer == 1.0:  # round: all spans lie in the middle
+        for x in range(radii.shape[0]):
+            starts[x] = zero
+    else:
+        look_up(radii, table[0], scale, turned[1], starts)
+    if rim > 0.0:
+        _cut_spans(ends, numbers, columns, dy, (rim, aspect))
+    size = numbers[SPAN, start:stop]
+    for x in range(radii.shape[0]):
+        middle, half = axes[x] * starts[x], axes[x] * stops[x]
+        even = one + rows * down[x] + along[x] * middle
+        # the light of a span grows along it: an even one of the same light lies off a little
+        first = np.float32(0.5) + middle + skew * along[x] * half * half * third - half
+        starts[x] = first
+        stops[x] = first + half + half
+        weights[x] = size[x] * even if half > zero else zero
+
+
+@kernel
+def _cut_spans(
+    ends: Float32, numbers: Float32, columns: tuple[int, int], dy: int, shape: tuple[float, float]
+) -> None:
+    """Cut middles and halves (2, w) of a row's spans [half axis] to what the barrel leaves."""
+    edge, aspect = np.float32(shape[0]), np.float32(shape[1])
+    zero, half = np.float32(0.0), np.float32(0.5)
+    for x in range(columns[0], columns[1] + 1):
+        axis = max(numbers[AXIS, x], np.float32(1e-6))
+        off = (np.float32(dy) - numbers[BARREL_Y, x]) / (axis * aspect)
+        rim = np.sqrt(max(edge * edge - off * off, zero))
+        across = numbers[BARREL_X, x] / axis
+        low = max(ends[0, x] - ends[1, x], across - rim)
+        high = min(ends[0, x] + ends[1, x], across + rim)
+        ends[0, x] = half * (low + high)
+        ends[1, x] = max(half * (high - low), zero)
+
+
+@kernel
+def _add_spans(
+    sums: Float32, ends: Float32, rgba: Float32, columns: tuple[int, int], edge: int
+) -> None:
+    """Add both ends of the spans of a row: a running sum makes light of them."""
+    for x in range(columns[0], columns[1] + 1):
+        weight = ends[2, x]
+        if weight != np.float32(0.0):
+            start, stop = ends[0, x], ends[1, x]
+            first, last = np.floor(start), np.floor(stop)
+            further = weight * (start - first)
+            add_end(sums, x + edge + np.int32(first), rgba, x, weight - further, further)  # type: ignore[call-arg]
+            further = weight * (stop - last)
+            add_end(sums, x + edge + np.int32(last), rgba, x, further - weight, -further)
+
+
+@kernel
+def _clear(numbers: Float32) -> None:
+    for i in range(numbers.shape[0]):
+        numbers[i] = 0.0
+
+
+@kernel
+def _finish(spans: Float32, start: int, sums: Float32) -> None:
+    """Run the sums of a row into `sums` (w, 5), `start` > 0 in the buffer; 0: there are none."""
+    if start == 0:
+        sums[:] = np.float32(0.0)
+        return
+    total = widened(eight_at(spans, 0)) - widened(eight_at(spans, 0))  # in float64
+    for i in range(1, start + sums.shape[0]):
+        ends = widened(eight_at(spans, 16 * i)) + widened(eight_at(spans, 16 * i - 8))
+        total = total + ends
+        if i >= start:
+            found = narrowed(total)
+            put_four(sums, 5 * (i - start), lower(found))
+            sums[i - start, 4] = lane(found, 4)
+
+
+@kernel
+def _add_coarse(
+    coarse: Float32, line: Float32, offset: tuple[int, int], y: int, sums: Float32
+) -> None:
+    """Add a row of the next coarser level, interpolated between its pixels, to `sums` (w, 5).
+
+    Args:
+        coarse: sums of that level (h, w, 5).
+        line: scratch (w, 5).
+        offset: row and column of the level at hand where that level's sums start, twice as fine.
+        y: the row, from the start of `sums`.
+        sums: to add to.
+    """
+    row = y - offset[0]
+    near = row >> 1
+    far = near + 1 if row & 1 else near - 1
+    quarter, three = np.float32(0.25), np.float32(0.75)
+    one, other, mixed = coarse[near].reshape(-1), coarse[far].reshape(-1), line.reshape(-1)
+    for i in range(mixed.shape[0]):
+        mixed[i] = quarter * (three * one[i] + quarter * other[i])
+    near_part, far_part = all_of(three), all_of(quarter)
+    for x in range(sums.shape[0]):
+        column = x - offset[1]
+        here = column >> 1
+        beside = here + 1 if column & 1 else here - 1
+        # Colour and alpha, then the weight with them: it must be rounded as alpha is.
+        light = four_at(sums, 5 * x) + near_part * four_at(line, 5 * here)
+        others = four_at(sums, 5 * x + 1) + near_part * four_at(line, 5 * here + 1)
+        put_four(sums, 5 * x, light + far_part * four_at(line, 5 * beside))
+        put_four(sums, 5 * x + 1, others + far_part * four_at(line, 5 * beside + 1))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scatter_rows(
+    light: Light, rows: RowNumbers, discs: Discs, columns: tuple[Float64, Float64],
+    coarse: tuple[Float32, int, int], largest: float, rim: float, sums: Float32,
+    origin: tuple[int, int], band: Band,
+) -> None:  # fmt: skip
+    """Make rows `band[0]` to `band[1]` of a level's sums.
+
+    Args:
+        light: what the level's pixels spread (h, w).
+        rows: how far each row of them reaches, see `levels.Level`.
+        discs: tables.
+        columns: first and last column of each row of the light that the object can reach (h,).
+        coarse: the next coarser level's sums, and where they start, see `_add_coarse`.
+        largest: no less than any span's half axis [px].
+        rim: radius of the barrel's rim that cuts the discs, 0 where none does [radius].
+        sums: red, green, blue, alpha and weight to fill in (H, W, 5).
+        origin: row and column of the light at which `sums` start.
+        band: first row and the one past the last.
+    """
+    rgba, numbers = light
+    height, width = rgba.shape[:2]
+    stamps, spans, _, _, _, outer = discs
+    span_rows, stamp_rows = spans.shape[0] // 2, stamps.shape[0] // 2
+    furthest = max(rows[0].max(), rows[3].max())
+    across = max(largest * outer * 1.2, stamps.shape[1] // 2) + 2.0
+    edge = math.ceil(across) + 1
+    ends_of_row = np.empty((width + 2 * edge, 16), np.float32)
+    spots = np.empty((5, width + 2 * edge), np.float32)
+    ends, for_stamps = np.empty((3, width), np.float32), np.empty((6, width), np.float32)
+    line = np.empty((coarse[0].shape[1], 5), np.float32)
+    for y in range(band[0], band[1]):
+        here = y + origin[0]
+        if columns[0][here] > columns[1][here]:
+            sums[y] = np.float32(0.0)
+            continue
+        with_spans = with_stamps = False
+        least, most = int(columns[0][here] - across), int(columns[1][here] + across) + 1
+        for source in range(max(0, here - furthest), min(height, here + furthest + 1)):
+            dy = here - source
+            of_row = numbers[source]
+            if abs(dy) <= min(rows[0, source], span_rows):
+                if not with_spans:
+                    _clear(ends_of_row.reshape(-1))
+                    with_spans = True
+                part = (max(rows[1, source], least), min(rows[2, source], most))
+                place_spans(ends, of_row, discs, part, dy, np.float32(1.0), rim)
+                _add_spans(ends_of_row, ends, rgba[source], part, edge)
+            if abs(dy) <= min(rows[3, source], stamp_rows):
+                if not with_stamps:
+                    _clear(spots.reshape(-1))
+                    with_stamps = True
+                wide = min(rows[4, source], stamps.shape[1] // 2)
+                stamped = (max(rows[5, source], least), min(rows[6, source], most), wide)
+                add_stamps(spots, rgba[source], of_row, discs, stamped, dy, for_stamps)
+        first = edge + origin[1]
+        _finish(ends_of_row, first if with_spans else 0, sums[y])
+        if with_stamps:
+            lay_in(spots, first, sums[y])
+        if line.shape[0] > 0:
+            _add_coarse(coarse[0], line, (coarse[1], coarse[2]), y, sums[y])

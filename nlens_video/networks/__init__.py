@@ -1,0 +1,1 @@
+"""ONNX sessions of the shipped networks, and where their weights lie."""

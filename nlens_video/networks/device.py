@@ -1,0 +1,75 @@
+"""Where networks and kernels run, and why."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from nlens_video.core.errors import UsageError
+
+if TYPE_CHECKING:
+    from nlens_video.core.settings import Device
+    from nlens_video.kernels.scatter.scatter import Spread
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """A device.
+
+    Attributes:
+        name: `cpu` or `cuda`.
+        reason: why, in words.
+        notes: what has happened there since, in words.
+    """
+
+    name: str
+    reason: str
+    notes: list[str] = field(default_factory=list, compare=False)
+
+    @property
+    def spread(self) -> Spread | None:
+        """What spreads the scatter's discs there, None for the CPU's own kernel."""
+        if self.name == "cpu":
+            return None
+        from nlens_video.kernels.scatter.scatter_torch import TorchSpread
+
+        return TorchSpread(self.name, self.notes)
+
+
+CPU = Chosen("cpu", "nothing else was asked for")
+
+
+def choose(device: Device) -> Chosen:
+    """Choose where networks and kernels run.
+
+    Args:
+        device: `auto` takes CUDA where it can be used.
+
+    Raises:
+        UsageError: `cuda` is asked for and cannot be used.
+    """
+    if device == "cpu":
+        return Chosen("cpu", "as asked for")
+    missing = _why_no_cuda()
+    if not missing:
+        return Chosen("cuda", "as asked for" if device == "cuda" else "a GPU is there")
+    if device == "cuda":
+        raise UsageError(f"--device cuda: {missing}; use --device cpu")
+    return Chosen("cpu", missing)
+
+
+def _why_no_cuda() -> str:
+    """What CUDA lacks here, empty where it can be used."""
+    if importlib.util.find_spec("torch") is None:
+        return "torch is not installed (pip install torch)"
+    try:
+        ctypes.CDLL("libcuda.so.1")  # first, since loading torch takes seconds
+    except OSError:
+        return "there is no NVIDIA driver"
+    import torch
+
+    if torch.version.cuda is None:
+        return f"torch {torch.__version__} is built without CUDA"
+    return "" if torch.cuda.is_available() else "torch finds no GPU"

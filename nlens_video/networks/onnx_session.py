@@ -1,0 +1,123 @@
+"""Runs a network in ONNX Runtime, with repeatable results and quiet threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+# Its official builds send what they run to their makers and keep a device's number in the home
+# folder (1.29 and later), unless this is set before they are loaded.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+import onnxruntime
+from onnxruntime.capi import onnxruntime_pybind11_state as states
+
+from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import Float32
+from nlens_video.networks.device import CPU, Chosen
+
+onnxruntime.disable_telemetry_events()  # what does that on Windows
+_GPU_FAILED = (
+    states.RuntimeException, states.Fail, states.EPFail, states.EngineError, states.DeviceReset
+)  # fmt: skip
+"""What a provider's failed allocation or kernel comes as; the runtime's errors share no base."""
+
+
+class Session:
+    """An ONNX file, seen to be the network that is meant, and what runs it.
+
+    A GPU that cannot run it, for want of memory as a rule, leaves it to the CPU from then on.
+
+    Args:
+        path: the file.
+        inputs: names of its inputs, in order.
+        outputs: names of its outputs, in order.
+        threads: threads that one call runs on.
+        made_by: what writes such a file, for the error message.
+        device: where it runs: on CUDA only where this ONNX Runtime can. Its notes take a word when
+            the GPU fails.
+
+    Attributes:
+        metadata: of the file, by key.
+
+    Raises:
+        NlensError: the file is no ONNX model, or one with other inputs and outputs.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        inputs: tuple[str, ...],
+        outputs: tuple[str, ...],
+        *,
+        threads: int,
+        made_by: str,
+        device: Chosen = CPU,
+    ) -> None:
+        self._path = path
+        self._outputs = list(outputs)
+        self._threads = threads
+        self._device = device
+        self._on_gpu = (
+            device.name == "cuda"
+            and "CUDAExecutionProvider" in onnxruntime.get_available_providers()
+        )
+        self._session = self._opened()
+        names = [node.name for node in (*self._session.get_inputs(), *self._session.get_outputs())]
+        if names != [*inputs, *outputs]:
+            raise NlensError(
+                f"{path}: inputs and outputs {names}, expected {[*inputs, *outputs]}; "
+                f"export it with {made_by}"
+            )
+        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+
+    def run(self, feed: Mapping[str, Float32]) -> list[Float32]:
+        """The outputs, in order, for inputs by name."""
+        if self._on_gpu:
+            try:
+                return self._run(feed)
+            except _GPU_FAILED as error:
+                self._leave_gpu(error)
+                self._session = self._opened()
+        return self._run(feed)
+
+    def _run(self, feed: Mapping[str, Float32]) -> list[Float32]:
+        made: list[Float32] = self._session.run(self._outputs, dict(feed))
+        return made
+
+    def _opened(self) -> onnxruntime.InferenceSession:
+        gpu = ("CUDAExecutionProvider",) if self._on_gpu else ()
+        try:
+            return self._load(*gpu, "CPUExecutionProvider")
+        except Exception as error:  # the runtime's errors share no public base
+            if not self._on_gpu:
+                cause = str(error).splitlines()[0]
+                raise NlensError(
+                    f"{self._path}: ONNX Runtime cannot load this network ({cause}); "
+                    "install the package anew"
+                ) from error
+            self._leave_gpu(error)
+        return self._opened()
+
+    def _load(self, *providers: str) -> onnxruntime.InferenceSession:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = self._threads
+        options.inter_op_num_threads = 1
+        options.use_deterministic_compute = True
+        # spinning threads would take the cores from decoding and rendering between two calls
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 3
+        # its own way to the CPU prints on standard output, which may be the picture
+        return onnxruntime.InferenceSession(
+            str(self._path), options, providers=list(providers), enable_fallback=0
+        )
+
+    def _leave_gpu(self, error: Exception) -> None:
+        said = " ".join(str(error).split())
+        for_memory = "alloc" in said.lower() or "out of memory" in said.lower()
+        why = "its memory does not suffice" if for_memory else said[-200:]
+        self._on_gpu = False
+        self._device.notes.append(
+            f"the GPU cannot run the network {self._path.name} ({why}): the CPU does"
+        )

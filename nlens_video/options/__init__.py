@@ -1,0 +1,1 @@
+"""The options of every command and of the compositor: definitions, parser, settings."""

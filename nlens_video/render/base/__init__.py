@@ -1,0 +1,1 @@
+"""What every renderer shares: the view of a box, lights, material buffers."""

@@ -1,0 +1,285 @@
+"""What every renderer does around its drawing: pose, box on the screen, an object at rest."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Self
+
+from nlens_video.core.errors import NlensError, SceneError
+from nlens_video.core.layers import (
+    BehindLayer,
+    Box,
+    Float32,
+    ObjectLayer,
+)
+from nlens_video.render.base.lighting import Lighting
+from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.extent import extent
+from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
+
+# Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
+# tell 1e-4 of the far depth any more.
+_NEAR_SHARE = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """What is drawn.
+
+    Attributes:
+        camera: where from, on which frame.
+        box: the part of the frame, perhaps beyond its borders.
+        near: depth of the near plane [scene unit].
+        far: a depth beyond the object's [scene unit].
+        nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+    """
+
+    camera: Camera
+    box: Box
+    near: float
+    far: float
+    nearest: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Drawn:
+    """The last picture, and all that it was drawn from."""
+
+    key: tuple[object, ...]
+    posed: PosedScene
+    sight: Sight
+    lighting: Lighting
+    layer: ObjectLayer
+
+
+class BoxRenderer(ABC):
+    """Renders a scene's object on the box of the frame that it covers.
+
+    Args:
+        scene: the object.
+        light: what lights it; by default the file's lights, or a plausible light.
+
+    Attributes:
+        name: what draws, in words.
+        reason: why it was chosen, in words; empty where nobody chose.
+        notes: what has happened since that a person should know, in words.
+    """
+
+    name: str
+    reason = ""
+
+    def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
+        self._scene = scene
+        self._light = light or SceneLight(scene.light_count)
+        self._posed: PosedScene | None = None
+        self._drawn: _Drawn | None = None
+        self.notes: list[str] = []
+        self._drawn_last = False  # whether nothing was drawn after `_drawn`
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def light_note(self) -> str:
+        """What lights the object, in words."""
+        return self._light.note
+
+    @property
+    def description(self) -> str:
+        """What draws, and why it, in words."""
+        return f"{self.name}{f' ({self.reason})' if self.reason else ''}, the object's box only"
+
+    def render(
+        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+    ) -> ObjectLayer | None:
+        """The object at a time, sharp.
+
+        `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
+        of the lens' aperture. While object, camera and light rest, it is the very same layer,
+        whatever was drawn with `nearest` in between.
+
+        Args:
+            time_s: time of the animation [s].
+            camera: where from, on which frame.
+            margin: how far beyond the frame the object is still rendered [px].
+            nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+
+        Returns:
+            The layer on the box of the object's bounds on the screen, one pixel larger, inside the
+            frame grown by `margin`; None where the object is out of view.
+
+        Raises:
+            NlensError: the object or the picture is too large to be drawn; OpenGL cannot start, or
+                another thread owns the context.
+            SceneError: the animation scales the object beyond all numbers.
+        """
+        posed, lighting = self._moment(time_s)
+        key = (*_key(posed, camera, lighting), margin)
+        if not nearest and self._drawn is not None and self._drawn.key == key:
+            return self._drawn.layer
+        sight = sight_of(posed, camera, margin, nearest=nearest)
+        if sight is None:
+            return None
+        rgba, depth = self._draw(posed, sight, lighting)
+        layer = ObjectLayer(box=sight.box, rgba=rgba, depth=depth)
+        self._drawn_last = not nearest
+        if not nearest:
+            self._drawn = _Drawn(key=key, posed=posed, sight=sight, lighting=lighting, layer=layer)
+        return layer
+
+    def render_views(
+        self,
+        time_s: float,
+        cameras: Sequence[Camera],
+        margin: int,
+        use: Callable[[int, ObjectLayer | None], None],
+        *,
+        nearest: bool = False,
+    ) -> None:
+        """Draw the object from several points, and wait until all are used.
+
+        Args:
+            time_s: time of the animation [s].
+            cameras: as for `render`.
+            margin: likewise.
+            use: gets each camera's number and layer, in order; while it runs on a thread of its
+                own, this one draws the next view.
+            nearest: as for `render`.
+
+        Raises:
+            As `render`, and what `use` raises.
+        """
+        with ThreadPoolExecutor(1, thread_name_prefix="views") as using:
+            before: Future[None] | None = None
+            for at, camera in enumerate(cameras):
+                layer = self.render(time_s, camera, margin, nearest=nearest)
+                if before is not None:
+                    before.result()
+                before = using.submit(use, at, layer)
+            if before is not None:
+                before.result()
+
+    def render_behind(
+        self, front: ObjectLayer, region: Box, disparity_step: float
+    ) -> BehindLayer | None:
+        """What the nearest surfaces of a picture hide.
+
+        Args:
+            front: the picture that `render` has given last, those with `nearest` left out.
+            region: where to look, a part of its box.
+            disparity_step: how much less disparity than the nearest surface what it hides has
+                at least, > 0 [1 / scene unit].
+
+        Returns:
+            The layer on the region; None where nothing is hidden.
+
+        Raises:
+            NlensError: as `render`, or `front` is not the last picture.
+            ValueError: the region is not within it.
+        """
+        self._check()
+        if self._drawn is None or self._drawn.layer is not front:
+            raise NlensError(
+                "the object was drawn again before it was looked behind; in the pipeline file put "
+                "the stage 'peel' right after 'object-coc'"
+            )
+        if region.empty or region.intersection(front.box) != region:
+            raise ValueError(f"{region} is not within {front.box}")
+        drawn = self._drawn
+        if not self._drawn_last:
+            self._draw(drawn.posed, drawn.sight, drawn.lighting)
+            self._drawn_last = True
+        shown = Front(
+            depth=front.depth[region.slices_in(front.box)],
+            disparity_step=disparity_step,
+            corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
+        )
+        sight = replace(drawn.sight, box=region, nearest=False)
+        seen = self._draw_behind(drawn.posed, sight, drawn.lighting, shown)
+        if seen is None:
+            return None
+        hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
+        return BehindLayer(hidden=hidden, front_rgba=seen.front_rgba)
+
+    @abstractmethod
+    def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+        """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""
+
+    @abstractmethod
+    def _draw_behind(
+        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+    ) -> BehindPicture | None:
+        """What lies behind a part of the last picture, without what blends; None for nothing."""
+
+    def _moment(self, time_s: float) -> tuple[PosedScene, Lighting]:
+        """The object and its light at a time."""
+        self._check()
+        if self._posed is None or self._posed.time_s != time_s:
+            self._posed = self._scene.pose(time_s)
+        return self._posed, Lighting.of(self._light.on_object(self._posed.lights))
+
+    def _check(self) -> None:
+        """Refuse what can't be drawn here and now."""
+        if self._closed:
+            raise NlensError("the renderer is closed; make a new one")
+
+    def close(self) -> None:
+        """Free what it holds; may be called again."""
+        self._closed = True
+        self._posed = self._drawn = None
+
+
+def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object, ...]:
+    """All that a picture depends on; meshes at rest are the same objects (`Instance.place`)."""
+    return (
+        tuple(map(id, posed.meshes)),
+        camera.world_from_camera.tobytes(),
+        (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height),
+        lighting.lamp_rows(camera.world_from_camera[:3, 3]).tobytes(),
+        lighting.ambient_rows().tobytes(),
+        lighting.ambient is None,
+    )
+
+
+def sight_of(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> Sight | None:
+    """The box that the object covers, with near and far depth; None if it is out of view."""
+    seen = extent(posed, camera)
+    lowest, highest = seen.nearest, seen.farthest
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        raise SceneError("the object has no finite size at this time; check its scale")
+    far = highest * (1.0 + 1e-4)
+    if not far > 0.0:
+        return None
+    lowest *= 1.0 - 1e-4
+    near = max(lowest, _NEAR_SHARE * far)
+    limit = Box(0, 0, camera.width, camera.height).grown(margin)
+    box = limit
+    if lowest >= near:  # else a triangle may cross the near plane and cover anything
+        box = _outward(seen.low, seen.high, limit)
+    if box.empty:
+        return None
+    return Sight(camera=camera, box=box, near=near, far=far, nearest=nearest)
+
+
+def _outward(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:
+    """Whole pixels around a range of positions, one more on each side, inside `limit`."""
+    x0, y0 = (math.floor(min(max(v, -1e9), 1e9)) - 1 for v in low)
+    x1, y1 = (math.ceil(min(max(v, -1e9), 1e9)) + 1 for v in high)
+    return Box(x0, y0, x1, y1).intersection(limit)

@@ -1,0 +1,87 @@
+"""Lights as the shaders read them, OpenGL's and our own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.scene.gltf.lights import PosedLight
+from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.scene_light import MAX_LAMPS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lighting:
+    """The lights of one moment, directional ones first.
+
+    Attributes:
+        lights: at most `MAX_LAMPS`.
+        ambient: light from around (9, 3), as of `Illumination.ambient`; None where there is none.
+    """
+
+    lights: tuple[PosedLight, ...]
+    ambient: Float64 | None
+
+    @classmethod
+    def of(cls, light: Illumination) -> Lighting:
+        """What lights the object."""
+        lights = (lamp.posed for lamp in light.lamps[:MAX_LAMPS])
+        ordered = sorted(lights, key=lambda posed: posed.light.kind != "directional")
+        return cls(tuple(ordered), light.ambient)
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """What the shader is compiled for."""
+        counts = {
+            "LAMP_COUNT": len(self.lights),
+            "LAMP_ROWS": max(1, 4 * len(self.lights)),
+            "DIRECTIONAL_COUNT": self.suns,
+        }
+        return counts if self.ambient is None else {**counts, "USE_AMBIENT": 1}
+
+    @property
+    def suns(self) -> int:
+        """How many of the lights are directional."""
+        return sum(posed.light.kind == "directional" for posed in self.lights)
+
+    def lamp_rows(self, eye: Float64) -> Float32:
+        """Numbers of the lights (L, 16), relative to the eye (3,)."""
+        rows = [_lamp(posed, eye) for posed in self.lights]
+        return np.array(rows, dtype=np.float32).reshape(len(rows), 16)
+
+    def ambient_rows(self) -> Float32:
+        """Ambient light (9, 4), the fourth column 0."""
+        rows = np.zeros((9, 4), np.float32)
+        if self.ambient is not None:
+            rows[:, :3] = self.ambient
+        return rows
+
+    def frame_block(self, clip_from_relative: Float64, eye: Float64) -> Float32:
+        """Numbers of the frame: matrix (4, 4), eye (3,), ambient light, lights relative to the eye.
+
+        Args:
+            clip_from_relative: clip space from world axes around the eye.
+            eye: the camera's place in the world [scene unit].
+        """
+        lamps = self.lamp_rows(eye) if self.lights else np.zeros((1, 4))
+        parts = [clip_from_relative, np.append(eye, 0.0), self.ambient_rows(), lamps]
+        return np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
+
+
+def _lamp(posed: PosedLight, eye: Float64) -> list[tuple[float, ...]]:
+    light = posed.light
+    strength = tuple(light.intensity * channel for channel in light.color)
+    reach = 0.0 if light.range is None else light.range**-2.0
+    scale, offset = 0.0, 1.0
+    if light.kind == "spot":  # KHR_lights_punctual, "Inner and Outer Cone Angles"
+        scale = 1.0 / max(1e-3, math.cos(light.inner_cone) - math.cos(light.outer_cone))
+        offset = -scale * math.cos(light.outer_cone)
+    return [
+        (*strength, 0.0),
+        (*(posed.position - eye), reach),
+        (*-posed.direction, 0.0),
+        (scale, offset, 0.0, 0.0),
+    ]

@@ -1,0 +1,1 @@
+"""The renderer on OpenGL by pyrender and EGL, with shaders of its own."""

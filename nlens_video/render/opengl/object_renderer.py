@@ -1,0 +1,120 @@
+"""P's renderer: the object through pyrender, without a screen, in scene-linear light.
+
+OpenGL is loaded when the first picture is asked for, so that a machine without it gets one clear
+line, and only if something must be rendered. A graphics driver may take a context away in the
+middle of a run: the picture at hand is then drawn again, in a new context, or, where there is none
+to be had or that is lost too, by the software rasteriser, which draws the rest.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import Float32
+from nlens_video.render.base.box_renderer import BoxRenderer, Sight
+from nlens_video.render.base.drawer import Drawer, DrawerLostError
+from nlens_video.render.base.lighting import Lighting
+from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
+
+Drawn = TypeVar("Drawn")
+
+
+class PyrenderObjectRenderer(BoxRenderer):
+    """Renders a scene's object on the box of the frame that it covers, with OpenGL.
+
+    The OpenGL context belongs to the thread that renders first; call `close` there.
+
+    Args:
+        scene: the object.
+        light: what lights it; by default the file's lights, or a plausible light.
+    """
+
+    name = "pyrender, headless OpenGL"
+
+    def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
+        super().__init__(scene, light)
+        self._drawer: Drawer | None = None
+        self._drew_front: Drawer | None = None  # the last picture that was not one from behind
+        self._lost = False
+        self._thread = 0
+
+    def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+        def picture(drawer: Drawer) -> tuple[Float32, Float32]:
+            drawn = drawer.draw(posed, sight, lighting)
+            self._drew_front = drawer
+            return drawn
+
+        return self._drawn_by_whoever_can(posed, picture)
+
+    def _draw_behind(
+        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+    ) -> BehindPicture | None:
+        def picture(drawer: Drawer) -> BehindPicture | None:
+            if self._drew_front is not drawer and self._drawn is not None:
+                drawer.draw(posed, self._drawn.sight, lighting)  # went with the context it was in
+                self._drew_front = drawer
+            return drawer.draw_behind(posed, sight, lighting, front)
+
+        return self._drawn_by_whoever_can(posed, picture)
+
+    def _drawn_by_whoever_can(self, posed: PosedScene, picture: Callable[[Drawer], Drawn]) -> Drawn:
+        while True:
+            try:
+                if self._drawer is None:
+                    self._thread = threading.get_ident()
+                    self._drawer = _start(posed)
+                return picture(self._drawer)
+            except DrawerLostError as lost:
+                self._replace(posed, lost)
+
+    def _replace(self, posed: PosedScene, lost: DrawerLostError) -> None:
+        """Have another drawer go on: OpenGL again, once, then the processor."""
+        when = f"at {posed.time_s:.2f} s OpenGL was lost ({lost})"
+        broken, self._drawer = self._drawer, None
+        if broken is not None:
+            broken.close()
+        if lost.again and not self._lost:
+            self._lost = True
+            try:
+                self._drawer = _start(posed)
+            except (NlensError, DrawerLostError):
+                pass
+            else:
+                self.notes.append(f"{when}; a new context draws on from that picture")
+                return
+        from nlens_video.render.software.renderer import Rasteriser
+
+        self._drawer = Rasteriser()
+        self.notes.append(f"{when}; the software rasteriser draws on from that picture")
+
+    def _check(self) -> None:
+        super()._check()
+        if self._drawer is not None and self._thread != threading.get_ident():
+            raise NlensError("the renderer belongs to the thread that rendered first; use it there")
+
+    def close(self) -> None:
+        """Free the GPU objects and the context; may be called again."""
+        super().close()
+        drawer, self._drawer = self._drawer, None
+        self._drew_front = None
+        if drawer is not None:
+            drawer.close()
+
+
+def _start(posed: PosedScene) -> Drawer:
+    try:
+        from nlens_video.render.opengl.drawer import GlDrawer
+
+        return GlDrawer(posed)
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        # PyOpenGL and pyglet report a missing library as an attribute of None.
+        raise NlensError(
+            f"OpenGL cannot start without a screen ({error}); "
+            "install it: apt-get install libegl1 libgl1"
+        ) from error

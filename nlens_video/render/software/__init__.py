@@ -1,0 +1,1 @@
+"""The rasteriser in compiled kernels: no OpenGL, the same shading."""

@@ -1,0 +1,231 @@
+"""Triangles with holes (MASK) and with see-through surfaces (BLEND), pixel by pixel.
+
+What blends is taken from near to far: each sample keeps the share of light that gets through to it,
+so that no colours of samples need be stored.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlens_video.core.layers import Float32
+from nlens_video.kernels.numba_config import (
+    inlined,
+    kernel,
+    narrow,
+    single,
+)
+from nlens_video.render.software import fragment as at
+from nlens_video.render.software.corners import Mesh, find
+from nlens_video.render.software.deferred import BRIGHTEST, Scene, shade
+from nlens_video.render.software.fragment import Block, Int32
+from nlens_video.render.software.raster import SAMPLE_X, SAMPLE_Y, covered
+from nlens_video.render.software.surface import Paint, base_colors, same_material
+from nlens_video.render.software.triangles import SAMPLES, Shape, disparity_at
+
+_CUTOFF = 7  # of a material's numbers
+_FLAT = single(1e-4)
+_HALF, _ZERO, _ONE = single(0.5), single(0.0), single(1.0)
+_PATTERNS = (0, 1, 9, 11, 15)  # samples of a pixel that is covered by so many quarters
+Runs = tuple[tuple[int, int], tuple[int, int], tuple[int, int], tuple[int, int]]
+Where = tuple[int, int, int]
+"""Triangle, column, row."""
+OnScreen = tuple[Shape, Int32]
+
+
+@kernel
+def _runs(shape: Shape, t: int, y: int, width: int) -> Runs:
+    line = SAMPLES * y
+    return (
+        covered(shape, t, line, width), covered(shape, t, line + 1, width),
+        covered(shape, t, line + 2, width), covered(shape, t, line + 3, width),
+    )  # fmt: skip
+
+
+@kernel
+def _meeting(runs: Runs, x: int) -> tuple[int, float, float]:
+    """Samples of pixel `x` within the runs, and their centroid in the pixel."""
+    mask, count, px, py = 0, 0, 0.0, 0.0
+    for s in range(SAMPLES):
+        if runs[s][0] <= x < runs[s][1]:
+            mask |= 1 << s
+            count += 1
+            px += SAMPLE_X[s]
+            py += SAMPLE_Y[s]
+    return (mask, px / count, py / count) if count else (0, 0.0, 0.0)
+
+
+@inlined
+def _ends(runs: Runs) -> tuple[int, int]:
+    first, last = 1 << 30, 0
+    for s in range(SAMPLES):
+        if runs[s][0] < runs[s][1]:
+            first, last = min(first, runs[s][0]), max(last, runs[s][1])
+    return first, last
+
+
+@kernel
+def _kept(block: Float32, i: int, cutoff: float) -> int:
+    """Samples that the cutoff leaves, sharpened to one pixel around it.
+
+    Args:
+        block: alphas at the point `i`, a column on, and a row on.
+        i: the first of them.
+        cutoff: of the material.
+    """
+    here = block[at.ALPHA + i]
+    slope = abs(block[at.ALPHA + i + 1] - here) + abs(block[at.ALPHA + i + 2] - here)
+    over = here - cutoff
+    share = min(max(over / slope + _HALF, _ZERO), _ONE) if slope > _FLAT else (
+        _ONE if over >= _ZERO else _ZERO
+    )  # fmt: skip
+    return _PATTERNS[int(share * SAMPLES + 0.5)]
+
+
+@kernel
+def _cut(
+    block: Float32, whole: Int32, count: int, width: int, mesh: Mesh, paint: Paint,
+    most: Float32, disparity: Float32, ids: Int32,
+) -> None:  # fmt: skip
+    """Draw the masked points of a block, three for each, in order."""
+    find(block, whole, count, mesh)
+    first = 0
+    while first < count:
+        run = same_material(whole, first, count)
+        first = run[1]
+        base_colors(block, whole, run, paint)
+    for i in range(0, count, 3):
+        pixel, t = whole[at.PIXEL + i], whole[at.TRIANGLE + i]
+        y, x = pixel // width, pixel % width
+        mask = whole[at.MASK + i] & _kept(block, i, paint[0][mesh[5][t], _CUTOFF])
+        for s in range(SAMPLES):
+            if mask >> s & 1:
+                d = disparity_at(mesh[6], t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                if len(most) and d > most[y, x]:
+                    continue
+                if d >= disparity[SAMPLES * y + s, x]:
+                    disparity[SAMPLES * y + s, x] = d
+                    ids[SAMPLES * y + s, x] = t
+
+
+@kernel
+def cut_out(
+    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, mesh: Mesh, paint: Paint,
+    most: Float32, disparity: Float32, ids: Int32, block: Block,
+) -> None:  # fmt: skip
+    """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
+
+    Args:
+        drawn: the triangles, in the order in which they are drawn.
+        rows: first row, and one beyond the last [px].
+        width: columns of the picture [px].
+        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
+        mesh: the triangles.
+        paint: their materials.
+        most: largest disparity that is drawn in each pixel (h, w); (0, 0) where all is
+            [1 / scene unit].
+        disparity: changed: of each sample (4 h, width + PADDING) [1 / scene unit].
+        ids: changed: triangle of each sample (4 h, width + PADDING).
+        block: from `new_block`.
+    """
+    (numbers, whole), (shape, spans), count = block, on_screen, 0
+    for n in range(len(drawn)):
+        t = drawn[n]
+        for y in range(max(rows[0], spans[t, 0] >> 2), min(rows[1] - 1, spans[t, 1] >> 2) + 1):
+            runs = _runs(shape, t, y, width)
+            left, right = _ends(runs)
+            for x in range(left, right):
+                mask, px, py = _meeting(runs, x)
+                if not mask:
+                    continue
+                for k in range(3):  # here, a column on, a row on
+                    whole[at.TRIANGLE + count + k] = t
+                    numbers[at.X + count + k] = narrow(x + px + (k == 1))
+                    numbers[at.Y + count + k] = narrow(y + py + (k == 2))
+                whole[at.PIXEL + count], whole[at.MASK + count] = y * width + x, mask
+                count += 3
+                if count > at.WIDTH - 3:
+                    _cut(numbers, whole, count, width, mesh, paint, most, disparity, ids)
+                    count = 0
+    _cut(numbers, whole, count, width, mesh, paint, most, disparity, ids)
+
+
+@kernel
+def _lay_under(
+    block: Float32, whole: Int32, count: int, width: int, scene: Scene,
+    passed: Float32, front: Float32, rgba: Float32,
+) -> None:  # fmt: skip
+    """Shade the points of a block and lay them, in order, under what lies before them."""
+    shade(block, whole, count, scene)
+    planes = scene[0][6]
+    for i in range(count):
+        alpha = block[at.ALPHA + i]
+        if not alpha > _ZERO:
+            continue
+        pixel, t = whole[at.PIXEL + i], whole[at.TRIANGLE + i]
+        y, x = pixel // width, pixel % width
+        weight = _ZERO
+        for s in range(SAMPLES):
+            if whole[at.MASK + i] >> s & 1:
+                line = SAMPLES * y + s
+                weight += passed[line, x]
+                passed[line, x] *= _ONE - alpha
+                d = disparity_at(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+                front[line, x] = max(front[line, x], d)
+        weight *= alpha / np.float32(SAMPLES)
+        rgba[pixel, 0] += weight * min(block[at.RED + i], BRIGHTEST)
+        rgba[pixel, 1] += weight * min(block[at.GREEN + i], BRIGHTEST)
+        rgba[pixel, 2] += weight * min(block[at.BLUE + i], BRIGHTEST)
+        rgba[pixel, 3] += weight
+
+
+@inlined
+def _seen(planes: Float32, where: Where, mask: int, disparity: Float32) -> int:
+    """Those samples of a mask that no opaque surface hides."""
+    t, x, y = where
+    for s in range(SAMPLES):
+        if mask >> s & 1:
+            d = disparity_at(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
+            if d < disparity[SAMPLES * y + s, x]:
+                mask &= ~(1 << s)
+    return mask
+
+
+@kernel
+def blend(
+    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, scene: Scene,
+    disparity: Float32, passed: Float32, front: Float32, rgba: Float32, block: Block,
+) -> None:  # fmt: skip
+    """Add the light of blended triangles to rows [first, last) of the picture.
+
+    Args:
+        drawn: the triangles, from near to far.
+        rows: first row, and one beyond the last [px].
+        width: columns of the picture [px].
+        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
+        scene: what to shade with.
+        disparity: of the opaque surface at each sample (4 h, width + PADDING) [1 / scene unit].
+        passed: changed: share of light that gets through to each sample (4 h, width + PADDING).
+        front: changed: disparity of the nearest surface at each sample (4 h, width + PADDING).
+        rgba: changed: premultiplied linear light (h * width, 4).
+        block: from `new_block`.
+    """
+    (numbers, whole), (shape, spans), mesh, count = block, on_screen, scene[0], 0
+    for n in range(len(drawn)):
+        t = drawn[n]
+        for y in range(max(rows[0], spans[t, 0] >> 2), min(rows[1] - 1, spans[t, 1] >> 2) + 1):
+            runs = _runs(shape, t, y, width)
+            left, right = _ends(runs)
+            for x in range(left, right):
+                mask, px, py = _meeting(runs, x)
+                mask = _seen(mesh[6], (t, x, y), mask, disparity)
+                if not mask:
+                    continue
+                whole[at.TRIANGLE + count], whole[at.PIXEL + count] = t, y * width + x
+                whole[at.MASK + count] = mask
+                numbers[at.X + count], numbers[at.Y + count] = narrow(x + px), narrow(y + py)
+                count += 1
+                if count == at.WIDTH:
+                    _lay_under(numbers, whole, count, width, scene, passed, front, rgba)
+                    count = 0
+    _lay_under(numbers, whole, count, width, scene, passed, front, rgba)

@@ -1,0 +1,200 @@
+"""What a triangle's corners say of points within it: places, normals, texture coordinates.
+
+Weights of the corners and their change across the screen come in closed form from its planes
+(`triangles`), so derivatives are exact at each point and no quads are drawn. Corners are read point
+by point, four numbers at a time; what needs none of them is worked out for many points at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nlens_video.core.layers import Float32
+from nlens_video.kernels.numba_config import (
+    inlined,
+    kernel,
+    quick,
+    single,
+)
+from nlens_video.kernels.simd_types import (
+    Float4,
+    all_of,
+    lane,
+    row,
+)
+from nlens_video.render.software import fragment as at
+from nlens_video.render.software.filtering import Run
+from nlens_video.render.software.fragment import Int32
+from nlens_video.render.software.triangles import (
+    FACING,
+    PLANES,
+    X0,
+    Y0,
+)
+
+Mesh = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]
+"""Positions (V, 3), normals (V, 4), the last number of any content, texture coordinates (V, 4),
+colours (V, 4), faces (F, 3), each one's material (F,), planes (F, 16)."""
+Pinhole = Float32
+"""Rows of `pinhole` (15,)."""
+Corners = tuple[int, int, int]
+Vector = tuple[float, float, float]
+_U = np.uint64  # of an index: one that might be negative is counted from the end
+_ZERO, _ONE, _TWO = (single(v) for v in (0.0, 1.0, 2.0))
+_LEAST = single(1e-30)
+
+
+@inlined
+def _sum(numbers: Float4) -> float:
+    """Of the first three."""
+    found: float = lane(numbers, 0) + lane(numbers, 1) + lane(numbers, 2)
+    return found
+
+
+@inlined
+def _of(values: Float32, corners: Corners, w: Float4) -> Float4:
+    """The corners' rows of values (V, 4), weighted."""
+    i, j, k = corners
+    return (
+        row(values, i) * all_of(lane(w, 0))
+        + row(values, j) * all_of(lane(w, 1))
+        + row(values, k) * all_of(lane(w, 2))
+    )
+
+
+@inlined
+def _weights(planes: Float32, t: int, x: float, y: float) -> tuple[Float4, Float4, Float4, float]:
+    """Weights of a triangle's corners at a position, their change by a column and row, depth."""
+    start = t * (PLANES // 4)
+    a, b, c = row(planes, start), row(planes, start + 1), row(planes, start + 2)
+    dx, dy = x - planes[t, X0], y - planes[t, Y0]
+    shares = a * all_of(dx) + b * all_of(dy) + c  # weights divided by depth; their sum, 1 / depth
+    depth = _ONE / _sum(shares)
+    every = all_of(depth)
+    w = shares * every
+    return w, (a - w * all_of(_sum(a))) * every, (b - w * all_of(_sum(b))) * every, depth
+
+
+@inlined
+def _store(block: Float32, field: int, i: int, numbers: Float4) -> None:
+    """Write four numbers to four fields of a point."""
+    for k in range(4):
+        block[field + k * at.WIDTH + i] = lane(numbers, k)
+
+
+@kernel
+def find(block: Float32, whole: Int32, count: int, mesh: Mesh) -> None:
+    """Fill in what the corners say of the first `count` points of a block.
+
+    That is depth, normals of any length, vertex colours as base colour, texture coordinates and
+    their change, and which material it is.
+    """
+    _, normals, uv, colors, faces, material, planes = mesh
+    for i in range(count):
+        t = whole[at.TRIANGLE + i]
+        w, across, down, depth = _weights(planes, t, block[at.X + i], block[at.Y + i])
+        corners = faces[t, 0], faces[t, 1], faces[t, 2]
+        whole[at.MATERIAL + i], block[at.DEPTH + i] = material[t], depth
+        _store(block, at.COORDINATES, i, _of(uv, corners, w))
+        _store(block, at.COORDINATES + 4 * at.WIDTH, i, _of(uv, corners, across))
+        _store(block, at.COORDINATES + 8 * at.WIDTH, i, _of(uv, corners, down))
+        n = _of(normals, corners, w) * all_of(planes[t, FACING])
+        block[at.NORMAL_X + i], block[at.NORMAL_Y + i] = lane(n, 0), lane(n, 1)
+        block[at.NORMAL_Z + i] = lane(n, 2)
+        base = _of(colors, corners, w) if len(colors) else all_of(_ONE)
+        _store(block, at.BASE_R, i, base)
+
+
+@inlined
+def _moved(positions: Float32, corners: Corners, w: Float4) -> Vector:
+    """Weighted corners where the weights' sum is 0, in differences: worlds may lie far off."""
+    i, j, k = corners
+    u, v = lane(w, 1), lane(w, 2)
+    return (
+        u * (positions[j, 0] - positions[i, 0]) + v * (positions[k, 0] - positions[i, 0]),
+        u * (positions[j, 1] - positions[i, 1]) + v * (positions[k, 1] - positions[i, 1]),
+        u * (positions[j, 2] - positions[i, 2]) + v * (positions[k, 2] - positions[i, 2]),
+    )
+
+
+@inlined
+def _tilted(block: Float32, i: int, px: Vector, py: Vector, n: Vector, strength: float) -> Vector:
+    """A normal tilted by a texel of a normal map.
+
+    Args:
+        block: has the texel, and the change of its coordinates.
+        i: which point.
+        px: change of the surface's place by a column.
+        py: change by a row.
+        n: unit normal.
+        strength: of the map.
+    """
+    ux, uy = (
+        (block[at.U_ACROSS + i], block[at.V_ACROSS + i]),
+        (block[at.U_DOWN + i], block[at.V_DOWN + i]),
+    )
+    fy = (py[1] * n[2] - py[2] * n[1], py[2] * n[0] - py[0] * n[2], py[0] * n[1] - py[1] * n[0])
+    fx = (n[1] * px[2] - n[2] * px[1], n[2] * px[0] - n[0] * px[2], n[0] * px[1] - n[1] * px[0])
+    tx, ty, tz = (
+        fy[0] * ux[0] + fx[0] * uy[0], fy[1] * ux[0] + fx[1] * uy[0], fy[2] * ux[0] + fx[2] * uy[0]
+    )  # fmt: skip
+    # v grows downwards in the picture, the map's green upwards.
+    sx, sy, sz = (
+        -fy[0] * ux[1] - fx[0] * uy[1],
+        -fy[1] * ux[1] - fx[1] * uy[1],
+        -fy[2] * ux[1] - fx[2] * uy[1],
+    )
+    size = max(tx * tx + ty * ty + tz * tz, sx * sx + sy * sy + sz * sz)
+    if not size > _ZERO:
+        return n
+    # The frame's handedness follows the screen's: columns and rows turn about +-n.
+    turn = py[0] * fx[0] + py[1] * fx[1] + py[2] * fx[2]
+    scale = strength / math.sqrt(size)
+    scale = -scale if turn < _ZERO else scale
+    a = (block[at.TEXEL_R + i] * _TWO - _ONE) * scale
+    b = (block[at.TEXEL_G + i] * _TWO - _ONE) * scale
+    c = block[at.TEXEL_B + i] * _TWO - _ONE
+    return tx * a + sx * b + n[0] * c, ty * a + sy * b + n[1] * c, tz * a + sz * b + n[2] * c
+
+
+@kernel
+def tilt(block: Float32, whole: Int32, run: Run, mesh: Mesh, strength: float) -> None:
+    """Tilt the normals of a run by its normal map; their frame comes from derivatives."""
+    positions, faces, planes = mesh[0], mesh[4], mesh[6]
+    for i in range(run[0], run[1]):
+        t = whole[at.TRIANGLE + i]
+        _, across, down, _ = _weights(planes, t, block[at.X + i], block[at.Y + i])
+        corners = faces[t, 0], faces[t, 1], faces[t, 2]
+        x, y, z = block[at.NORMAL_X + i], block[at.NORMAL_Y + i], block[at.NORMAL_Z + i]
+        side = planes[t, FACING]
+        scale = side / math.sqrt(max(x * x + y * y + z * z, _LEAST))
+        px, py = _moved(positions, corners, across), _moved(positions, corners, down)
+        x, y, z = _tilted(block, i, px, py, (x * scale, y * scale, z * scale), strength)
+        block[at.NORMAL_X + i], block[at.NORMAL_Y + i] = side * x, side * y
+        block[at.NORMAL_Z + i] = side * z
+
+
+@quick
+def look(block: Float32, lens: Pinhole) -> None:
+    """Unit normals, directions to the eye and distances."""
+    for i in range(at.WIDTH):
+        x, y, z = (
+            block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]
+        )  # fmt: skip
+        squared = x * x + y * y + z * z
+        scale = _ONE / math.sqrt(squared if squared > _LEAST else _LEAST)
+        block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)] = x * scale, y * scale
+        block[_U(at.NORMAL_Z + i)] = z * scale
+    for i in range(at.WIDTH):
+        right = (block[_U(at.X + i)] - lens[11]) / lens[9]
+        up = (lens[12] - block[_U(at.Y + i)]) / lens[10]
+        vx = lens[6] - right * lens[0] - up * lens[3]
+        vy = lens[7] - right * lens[1] - up * lens[4]
+        vz = lens[8] - right * lens[2] - up * lens[5]
+        length = math.sqrt(vx * vx + vy * vy + vz * vz)
+        scale = _ONE / length
+        block[_U(at.VIEW_X + i)], block[_U(at.VIEW_Y + i)] = vx * scale, vy * scale
+        block[_U(at.VIEW_Z + i)] = vz * scale
+        block[_U(at.DISTANCE + i)] = block[_U(at.DEPTH + i)] * length

@@ -1,0 +1,137 @@
+"""From samples to colour: each surface that a pixel shows is shaded once there.
+
+Samples of triangles that share a corner are one surface: normals and texture coordinates run on
+across the edge, so shading one of the triangles serves all. Where an edge is to be seen, corners
+are split and each side is shaded by itself. That keeps meshes finer than the pixels affordable.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlens_video.core.layers import Float32
+from nlens_video.kernels.numba_config import inlined, kernel, single
+from nlens_video.render.software import fragment as at
+from nlens_video.render.software.corners import Mesh, Pinhole
+from nlens_video.render.software.fragment import Block, Int32
+from nlens_video.render.software.light import light
+from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
+from nlens_video.render.software.surface import Paint, lay_out
+from nlens_video.render.software.triangles import FACING, SAMPLES
+
+Lamps = tuple[Float32, int, Float32]
+"""Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4)."""
+Scene = tuple[Mesh, Paint, Pinhole, Lamps]
+BRIGHTEST = single(60000.0)
+"""As much as the OpenGL backend's half floats hold: nothing overflows in the blur."""
+
+
+@inlined
+def same_surface(mesh: Mesh, one: int, other: int) -> bool:
+    """Whether two triangles share a corner and show the same side."""
+    faces, planes = mesh[4], mesh[6]
+    if planes[one, FACING] != planes[other, FACING]:
+        return False
+    for i in range(3):
+        for j in range(3):
+            if faces[one, i] == faces[other, j]:
+                return True
+    return False
+
+
+@kernel
+def shade(block: Float32, whole: Int32, count: int, scene: Scene) -> None:
+    """Work out the radiance of the first `count` points of a block."""
+    mesh, paint, lens, (lamps, suns, ambient) = scene
+    lay_out(block, whole, count, mesh, paint, lens)
+    light(block, lamps, suns, ambient)
+
+
+@kernel
+def _flush(block: Float32, whole: Int32, count: int, scene: Scene, rgba: Float32) -> None:
+    """Shade the points and add their light to the pixels (h * w, 4)."""
+    shade(block, whole, count, scene)
+    for i in range(count):
+        pixel, weight = whole[at.PIXEL + i], block[at.WEIGHT + i]
+        rgba[pixel, 0] += weight * min(block[at.RED + i], BRIGHTEST)
+        rgba[pixel, 1] += weight * min(block[at.GREEN + i], BRIGHTEST)
+        rgba[pixel, 2] += weight * min(block[at.BLUE + i], BRIGHTEST)
+        rgba[pixel, 3] += weight
+
+
+@inlined
+def _put(
+    block: Float32, whole: Int32, i: int, t: int, pixel: int, place: tuple[float, float, float]
+) -> None:
+    whole[at.TRIANGLE + i], whole[at.PIXEL + i] = t, pixel
+    block[at.X + i], block[at.Y + i] = np.float32(place[0]), np.float32(place[1])
+    block[at.WEIGHT + i] = np.float32(place[2])
+
+
+@inlined
+def _edge_pixel(
+    block: Float32, whole: Int32, count: int, mesh: Mesh, ids: Int32, passed: Float32,
+    where: tuple[int, int, int],
+) -> int:  # fmt: skip
+    """Points of a pixel that shows several triangles, or less than a whole one; the new count."""
+    x, y, width = where
+    left = 15
+    for s in range(SAMPLES):
+        t = ids[SAMPLES * y + s, x]
+        if not left >> s & 1 or t == NOTHING:
+            continue
+        weight, own, px, py = 0.0, 0, 0.0, 0.0
+        for other in range(s, SAMPLES):
+            u = ids[SAMPLES * y + other, x]
+            if not left >> other & 1 or u == NOTHING:
+                continue
+            if u == t:
+                own += 1
+                px += SAMPLE_X[other]
+                py += SAMPLE_Y[other]
+            elif not same_surface(mesh, t, u):
+                continue
+            weight += passed[SAMPLES * y + other, x] if len(passed) else 1.0
+            left &= ~(1 << other)
+        place = x + px / own, y + py / own, weight / SAMPLES
+        _put(block, whole, count, t, y * width + x, place)
+        count += 1
+    return count
+
+
+@kernel
+def shade_rows(
+    first: int, last: int, width: int, ids: Int32, passed: Float32, scene: Scene, rgba: Float32,
+    block: Block,
+) -> None:  # fmt: skip
+    """Add the light of the opaque surfaces to rows [first, last) of the picture.
+
+    Args:
+        first: first row [px].
+        last: one beyond the last row [px].
+        width: columns of the picture [px].
+        ids: triangle of each sample (4 h, width + PADDING).
+        passed: share of light that what lies before lets through to each sample
+            (4 h, width + PADDING); (0, 0) where nothing does.
+        scene: what to shade with.
+        rgba: changed: premultiplied linear light (h * width, 4).
+        block: from `new_block`.
+    """
+    mesh, (numbers, whole) = scene[0], block
+    count = 0
+    for y in range(first, last):
+        line = SAMPLES * y
+        for x in range(width):
+            t = ids[line, x]
+            every = t == ids[line + 1, x] and t == ids[line + 2, x] and t == ids[line + 3, x]
+            if every and t == NOTHING:
+                continue
+            if every and not len(passed):
+                _put(numbers, whole, count, t, y * width + x, (x + 0.5, y + 0.5, 1.0))
+                count += 1
+            else:
+                count = _edge_pixel(numbers, whole, count, mesh, ids, passed, (x, y, width))
+            if count > at.WIDTH - SAMPLES:
+                _flush(numbers, whole, count, scene, rgba)
+                count = 0
+    _flush(numbers, whole, count, scene, rgba)

@@ -1,0 +1,156 @@
+"""glTF 2.0 metallic-roughness (appendix B) under lamps and light from around, a block at a time.
+
+The same formulas as those of the OpenGL shader (`backends/shaders/object.frag`); slowly in
+`light_ref`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nlens_video.core.layers import Float32
+from nlens_video.kernels.numba_config import (
+    kernel_of,
+    quick,
+    quick_inlined,
+    single,
+)
+from nlens_video.render.software import fragment as at
+
+_N = at.WIDTH
+_U = (
+    np.uint64
+)  # of an index: one that might be negative is counted from the end, and not vectorised
+_PI = single(math.pi)
+_ONE, _ZERO, _HALF = single(1.0), single(0.0), single(0.5)
+_LEAST_NV, _LEAST = single(1e-4), single(1e-30)
+_LEAST_ALPHA = single(0.002)
+
+
+# Not max and min: loops with those are not vectorised here.
+@quick_inlined
+def larger(a: float, b: float) -> float:
+    """The larger of two numbers; `b` if either is none."""
+    return a if a > b else b
+
+
+@quick_inlined
+def smaller(a: float, b: float) -> float:
+    """The smaller of two numbers; `b` if either is none."""
+    return a if a < b else b
+
+
+@quick_inlined
+def _reflect(
+    block: Float32, i: int, toward: tuple[float, float, float], strength: tuple[float, float, float]
+) -> None:
+    """Add what a point reflects of light from the unit direction."""
+    nx, ny, nz = block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]
+    vx, vy, vz = block[_U(at.VIEW_X + i)], block[_U(at.VIEW_Y + i)], block[_U(at.VIEW_Z + i)]
+    nl = larger(nx * toward[0] + ny * toward[1] + nz * toward[2], _ZERO)
+    nv = nx * vx + ny * vy + nz * vz
+    nv = larger(larger(nv, -nv), _LEAST_NV)
+    hx, hy, hz = toward[0] + vx, toward[1] + vy, toward[2] + vz
+    scale = _ONE / math.sqrt(larger(hx * hx + hy * hy + hz * hz, _LEAST))
+    nh = larger((nx * hx + ny * hy + nz * hz) * scale, _ZERO)
+    vh = smaller(larger((vx * hx + vy * hy + vz * hz) * scale, _ZERO), _ONE)
+    away = _ONE - vh
+    grazing = away * away * (away * away) * away
+    roughness = block[_U(at.ROUGHNESS + i)]
+    alpha = larger(roughness * roughness, _LEAST_ALPHA)
+    a2 = alpha * alpha
+    spread = nh * nh * (a2 - _ONE) + _ONE
+    hidden = nl * math.sqrt(nv * nv * (_ONE - a2) + a2) + nv * math.sqrt(nl * nl * (_ONE - a2) + a2)
+    lobe = a2 * _HALF / (_PI * spread * spread * hidden)
+    f90, metallic = block[_U(at.SPECULAR + i)], block[_U(at.METALLIC + i)]
+    fr = block[_U(at.F0_R + i)] + (f90 - block[_U(at.F0_R + i)]) * grazing
+    fg = block[_U(at.F0_G + i)] + (f90 - block[_U(at.F0_G + i)]) * grazing
+    fb = block[_U(at.F0_B + i)] + (f90 - block[_U(at.F0_B + i)]) * grazing
+    diffuse = (_ONE - metallic) * (_ONE - larger(fr, larger(fg, fb))) / _PI
+    shine = lobe * (_ONE - metallic)
+    gleam = lobe * metallic
+    br, bg, bb = block[_U(at.BASE_R + i)], block[_U(at.BASE_G + i)], block[_U(at.BASE_B + i)]
+    red = diffuse * br + shine * fr + gleam * (br + (_ONE - br) * grazing)
+    green = diffuse * bg + shine * fg + gleam * (bg + (_ONE - bg) * grazing)
+    blue = diffuse * bb + shine * fb + gleam * (bb + (_ONE - bb) * grazing)
+    block[_U(at.RED + i)] += nl * strength[0] * red
+    block[_U(at.GREEN + i)] += nl * strength[1] * green
+    block[_U(at.BLUE + i)] += nl * strength[2] * blue
+
+
+@quick
+def _by_sun(block: Float32, lamp: Float32) -> None:
+    toward = lamp[8], lamp[9], lamp[10]
+    strength = lamp[0], lamp[1], lamp[2]
+    for i in range(_N):
+        _reflect(block, i, toward, strength)
+
+
+@quick
+def _by_lamp(block: Float32, lamp: Float32) -> None:
+    px, py, pz, reach = lamp[4], lamp[5], lamp[6], lamp[7]
+    ax, ay, az = lamp[8], lamp[9], lamp[10]
+    scale, offset = lamp[12], lamp[13]
+    for i in range(_N):
+        distance = block[_U(at.DISTANCE + i)]
+        x = px + block[_U(at.VIEW_X + i)] * distance
+        y = py + block[_U(at.VIEW_Y + i)] * distance
+        z = pz + block[_U(at.VIEW_Z + i)] * distance
+        squared = larger(x * x + y * y + z * z, _LEAST)
+        near = _ONE / math.sqrt(squared)
+        x, y, z = x * near, y * near, z * near
+        beyond = squared * reach
+        window = smaller(larger(_ONE - beyond * beyond, _ZERO), _ONE)
+        spot = smaller(larger((ax * x + ay * y + az * z) * scale + offset, _ZERO), _ONE)
+        part = window * spot * spot / squared
+        _reflect(block, i, (x, y, z), (part * lamp[0], part * lamp[1], part * lamp[2]))
+
+
+@quick_inlined
+def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
+    """One channel of `Illumination.ambient` on a unit normal."""
+    x, y, z = n
+    return larger(
+        ambient[0, c] + ambient[1, c] * y + ambient[2, c] * z + ambient[3, c] * x
+        + ambient[4, c] * (x * y) + ambient[5, c] * (y * z)
+        + ambient[6, c] * (np.float32(3.0) * z * z - _ONE) + ambient[7, c] * (x * z)
+        + ambient[8, c] * (x * x - y * y),
+        _ZERO,
+    )  # fmt: skip
+
+
+@quick
+def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int, sum_: int) -> None:
+    for i in range(_N):
+        n = block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]
+        vx, vy, vz = block[_U(at.VIEW_X + i)], block[_U(at.VIEW_Y + i)], block[_U(at.VIEW_Z + i)]
+        nv = np.float32(2.0) * (n[0] * vx + n[1] * vy + n[2] * vz)
+        mirrored = nv * n[0] - vx, nv * n[1] - vy, nv * n[2] - vz
+        around, ahead = _around(ambient, c, n), _around(ambient, c, mirrored)
+        ahead += (around - ahead) * block[_U(at.ROUGHNESS + i)]
+        metallic, base, f0 = block[_U(at.METALLIC + i)], block[_U(base_ + i)], block[_U(f0_ + i)]
+        lit = around * base * (_ONE - metallic) + ahead * (f0 + (base - f0) * metallic)
+        block[_U(sum_ + i)] += block[_U(at.OCCLUSION + i)] * lit
+
+
+@kernel_of("void(f4[::1],f4[:,::1],i8,f4[:,::1])")
+def light(block: Float32, lamps: Float32, suns: int, ambient: Float32) -> None:
+    """Add the light that the points of a block reflect towards the eye.
+
+    Args:
+        block: changed: the points; their radiance holds what they emit.
+        lamps: numbers of the lamps (L, 16), those without a place first (`Lighting.lamps`).
+        suns: how many have no place.
+        ambient: light from around (9, 4), or (0, 4) where there is none.
+    """
+    for n in range(len(lamps)):
+        if n < suns:
+            _by_sun(block, lamps[n])
+        else:
+            _by_lamp(block, lamps[n])
+    if len(ambient):
+        _from_around(block, ambient, 0, at.BASE_R, at.F0_R, at.RED)
+        _from_around(block, ambient, 1, at.BASE_G, at.F0_G, at.GREEN)
+        _from_around(block, ambient, 2, at.BASE_B, at.F0_B, at.BLUE)

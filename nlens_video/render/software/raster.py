@@ -1,0 +1,250 @@
+"""Which triangle each sample of the picture shows: the first half of a software rasteriser.
+
+A pixel has four samples, where graphics hardware has them. Their rows lie a quarter of a pixel
+apart, so that the picture is `4 h` lines of one sample a pixel: a triangle covers a run of each
+line. What is kept of a sample is its triangle and its disparity, which is affine across the screen;
+colour is worked out later, once a surface and pixel (`deferred`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from nlens_video.core.layers import Float32
+from nlens_video.kernels.numba_config import inlined, kernel
+from nlens_video.render.software.simd_raster import LANES, draw_run
+from nlens_video.render.software.triangles import (
+    Int32,
+    Shape,
+    crossing_planes,
+    disparity_plane,
+    homogeneous,
+    on_plane,
+)
+
+Samples = tuple[Float32, Int32, int, int]
+"""Disparities and triangles, flat; columns of the picture, and those that are stored."""
+Line = tuple[float, float, float]
+"""Column at which a line across rows lies: at a row, columns a row on, the row [px]."""
+Sides = tuple[Line, Line, Line, float]
+
+SAMPLE_X = (0.375, 0.875, 0.125, 0.625)
+SAMPLE_Y = (0.125, 0.375, 0.625, 0.875)
+"""Where in a pixel its samples lie [px]."""
+PADDING = LANES
+"""Columns stored to the right of the picture, of any content."""
+NOTHING = -1
+"""No triangle."""
+_draw: Any = draw_run
+_SNAP = 1.5 * 2.0**20  # adding and taking it away rounds to 2^-32
+
+
+@inlined
+def _edge(p: Line, q: Line) -> Line:
+    """The line through two points, going down; columns at a row."""
+    return p[0], (q[0] - p[0]) / (q[1] - p[1]), p[1]
+
+
+@inlined
+def _at(line: Line, y: float) -> float:
+    """Its column at a row, exact to 2^-32: columns of samples are met exactly or not at all."""
+    return (line[0] + line[1] * (y - line[2]) + _SNAP) - _SNAP
+
+
+@inlined
+def _run(
+    picture: Samples, t: int, line: int, run: tuple[int, int], slope: float, start: float
+) -> None:
+    """Draw columns `run` (first, one beyond the last) of a line; `start` is the first's."""
+    at, count = line * picture[3] + run[0], run[1] - run[0]
+    begun, step = np.float32(start), np.float32(slope)
+    # Once in any case: whether a short run is empty no processor can foresee.
+    _draw(picture[0], picture[1], at, np.int32(count), begun, step, np.int32(t))
+    for x in range(LANES, count, LANES):
+        here = begun + step * np.float32(x)
+        _draw(picture[0], picture[1], at + x, np.int32(count - x), here, step, np.int32(t))
+
+
+@inlined
+def _sides(a: Line, b: Line, c: Line) -> Sides:
+    """Edges of a triangle before the camera: the long one, those above and below the middle row."""
+    if b[1] < a[1]:
+        a, b = b, a
+    if c[1] < a[1]:
+        a, c = c, a
+    if c[1] < b[1]:
+        b, c = c, b
+    long_ = _edge(a, c)
+    upper = _edge(a, b) if b[1] > a[1] else long_
+    lower = _edge(b, c) if c[1] > b[1] else long_
+    return long_, upper, lower, b[1]
+
+
+@inlined
+def _covered(sides: Sides, line: int, width: int) -> tuple[int, int]:
+    """Columns of a line that a triangle covers: the first, and one beyond the last."""
+    y = 0.25 * line + 0.125
+    short = sides[1] if y < sides[3] else sides[2]
+    one, other = _at(sides[0], y), _at(short, y)
+    shift = SAMPLE_X[line & 3]
+    left = math.ceil(max(min(one, other) - shift, 0.0))
+    return left, math.ceil(min(max(one, other) - shift, float(width)))
+
+
+@inlined
+def _fill(a: Line, b: Line, c: Line, t: int, limits: tuple[int, int], picture: Samples) -> None:
+    """A triangle before the camera, on lines `limits` (first, last)."""
+    sides = _sides(a, b, c)
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    slope = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) / area
+    down = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) / area
+    for line in range(limits[0], limits[1] + 1):
+        run = _covered(sides, line, picture[2])
+        x, y = run[0] + SAMPLE_X[line & 3] - a[0], 0.25 * line + 0.125 - a[1]
+        _run(picture, t, line, run, slope, a[2] + down * y + slope * x)
+
+
+@kernel
+def _cut(
+    run: tuple[float, float], slope: float, level: float
+) -> tuple[float, float]:  # fmt: skip
+    """The part of a run of columns [px] where slope * x + level >= 0."""
+    if slope > 0.0:
+        return max(run[0], -level / slope), run[1]
+    if slope < 0.0:
+        return run[0], min(run[1], -level / slope)
+    return run if level >= 0.0 else (1.0, 0.0)
+
+
+@kernel
+def _covered_crossing(
+    planes: tuple[Line, Line, Line], highest: float, line: int, width: int
+) -> tuple[int, int]:
+    """Columns of a line that a triangle through the near plane covers, as far as it is drawn."""
+    p, q, r = planes
+    y = 0.25 * line + 0.125
+    level = (p[1] + q[1] + r[1]) * y + p[2] + q[2] + r[2]
+    run = (0.0, float(width))
+    for k in range(3):
+        run = _cut(run, planes[k][0], planes[k][1] * y + planes[k][2])
+    run = _cut(run, -(p[0] + q[0] + r[0]), highest - level)
+    if not run[0] <= run[1]:
+        return 0, 0
+    shift = SAMPLE_X[line & 3]
+    return math.ceil(max(run[0] - shift, 0.0)), math.ceil(run[1] - shift)
+
+
+@kernel
+def _fill_crossing(
+    planes: tuple[Line, Line, Line], highest: float, t: int, limits: tuple[int, int],
+    picture: Samples,
+) -> None:  # fmt: skip
+    """A triangle through the near plane, of which disparities up to `highest` are drawn."""
+    p, q, r = planes
+    slope, down = p[0] + q[0] + r[0], p[1] + q[1] + r[1]
+    for line in range(limits[0], limits[1] + 1):
+        run = _covered_crossing(planes, highest, line, picture[2])
+        x, y = run[0] + SAMPLE_X[line & 3], 0.25 * line + 0.125
+        if run[0] < run[1]:
+            _run(picture, t, line, run, slope, slope * x + down * y + p[2] + q[2] + r[2])
+
+
+@kernel
+def covered(shape: Shape, t: int, line: int, width: int) -> tuple[int, int]:
+    """Columns of a line that a triangle covers: the first, and one beyond the last."""
+    points, positions, faces, lens = shape
+    i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+    a = points[i, 0], points[i, 1], points[i, 2]
+    b = points[j, 0], points[j, 1], points[j, 2]
+    c = points[k, 0], points[k, 1], points[k, 2]
+    if min(a[2], b[2], c[2]) > 0.0:
+        low, high = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
+        inside = low <= 0.25 * line + 0.125 < high
+        return _covered(_sides(a, b, c), line, width) if inside else (0, 0)
+    _, planes = crossing_planes(
+        homogeneous(positions[i], lens),
+        homogeneous(positions[j], lens),
+        homogeneous(positions[k], lens),
+    )
+    return _covered_crossing(planes, 1.0 / lens[16], line, width)
+
+
+@kernel
+def fill(
+    drawn: Int32, first: int, last: int, shape: Shape, spans: Int32, width: int,
+    disparity: Float32, ids: Int32,
+) -> None:  # fmt: skip
+    """Draw triangles on the lines [first, last]; of equal disparities the later one stays.
+
+    Args:
+        drawn: the triangles, in the order in which they are drawn.
+        first: first line of samples.
+        last: last line.
+        shape: the triangles on the screen.
+        spans: from `triangles.set_up` (F, 2).
+        width: columns of the picture [px].
+        disparity: changed: of each sample (4 h, width + PADDING), 0 where there is nothing
+            [1 / scene unit].
+        ids: changed: triangle of each sample (4 h, width + PADDING).
+    """
+    points, positions, faces, lens = shape
+    picture = disparity.reshape(-1), ids.reshape(-1), width, disparity.shape[1]
+    for n in range(len(drawn)):
+        t = drawn[n]
+        limits = max(first, spans[t, 0]), min(last, spans[t, 1])
+        if limits[0] > limits[1]:
+            continue
+        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+        a = points[i, 0], points[i, 1], points[i, 2]
+        b = points[j, 0], points[j, 1], points[j, 2]
+        c = points[k, 0], points[k, 1], points[k, 2]
+        if min(a[2], b[2], c[2]) > 0.0:
+            _fill(a, b, c, t, limits, picture)
+        else:
+            _, planes = crossing_planes(
+                homogeneous(positions[i], lens),
+                homogeneous(positions[j], lens),
+                homogeneous(positions[k], lens),
+            )
+            _fill_crossing(planes, 1.0 / lens[16], t, limits, picture)
+
+
+@kernel
+def fill_behind(
+    drawn: Int32, rows: tuple[int, int], on_screen: tuple[Shape, Int32], most: Float32,
+    planes: Float32, disparity: Float32, ids: Int32,
+) -> None:  # fmt: skip
+    """Draw triangles on rows [first, last) where they lie behind others, as `fill` does.
+
+    Args:
+        drawn: the triangles, in the order in which they are drawn.
+        rows: first row, and one beyond the last [px].
+        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
+        most: largest disparity that is drawn in each pixel (h, w) [1 / scene unit].
+        planes: from `triangles.set_up` (F, 16).
+        disparity: changed: of each sample (4 h, w + PADDING) [1 / scene unit].
+        ids: changed: triangle of each sample (4 h, w + PADDING).
+    """
+    shape, spans = on_screen
+    points, _, faces, _ = shape
+    width = most.shape[1]
+    for n in range(len(drawn)):
+        t = drawn[n]
+        first, last = max(4 * rows[0], spans[t, 0]), min(4 * rows[1] - 1, spans[t, 1])
+        if first > last:
+            continue
+        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+        a = points[i, 0], points[i, 1], points[i, 2]
+        b = points[j, 0], points[j, 1], points[j, 2]
+        c = points[k, 0], points[k, 1], points[k, 2]
+        before = min(a[2], b[2], c[2]) > 0.0
+        plane, sides = disparity_plane(planes, t), _sides(a, b, c)
+        for line in range(first, last + 1):
+            left, right = _covered(sides, line, width) if before else covered(shape, t, line, width)
+            for x in range(left, right):
+                d = on_plane(plane, x + SAMPLE_X[line & 3], 0.25 * line + 0.125)
+                if disparity[line, x] <= d <= most[line >> 2, x]:
+                    disparity[line, x], ids[line, x] = d, t

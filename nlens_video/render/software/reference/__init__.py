@@ -1,0 +1,1 @@
+"""Definitions in numpy of the rasteriser's kernels; the tests compare both."""

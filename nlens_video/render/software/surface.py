@@ -1,0 +1,171 @@
+"""What the surface is like at points of the screen: the painted half of shading.
+
+Worked out for many points at once, run by run of those that are of one material.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlens_video.core.layers import Float32
+from nlens_video.kernels.numba_config import (
+    inlined,
+    kernel,
+    quick,
+    single,
+)
+from nlens_video.render.software import fragment as at
+from nlens_video.render.software.corners import (
+    Mesh,
+    Pinhole,
+    find,
+    look,
+    tilt,
+)
+from nlens_video.render.software.filtering import Run, sample
+from nlens_video.render.software.fragment import Int32
+from nlens_video.render.software.texture import Table, Texels
+
+Paint = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
+"""Numbers of the materials (M, 56), their textures (M, 5), -1 for none, flags (M,), the atlas."""
+
+# Slots of a material's textures, and flags.
+BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE = range(5)
+UNLIT, OPAQUE = 1, 2
+_UV_ROWS = 16
+_U = np.uint64  # of an index: one that might be negative is counted from the end
+_ZERO, _HALF, _ONE = (single(v) for v in (0.0, 0.5, 1.0))
+
+
+@inlined
+def same_material(whole: Int32, first: int, count: int) -> Run:
+    """The run of points from `first` on that are of one material."""
+    last = first + 1
+    while last < count and whole[at.MATERIAL + last] == whole[at.MATERIAL + first]:
+        last += 1
+    return first, last
+
+
+@quick
+def _map(block: Float32, run: Run, use: Float32) -> None:
+    """Coordinates in a texture's own picture; `use` is (a, b, c, uv set, d, e, f, strength)."""
+    pair = at.COORDINATES if use[3] < _HALF else at.COORDINATES + 2 * at.WIDTH
+    a, b, c, d, e, f = use[0], use[1], use[2], use[4], use[5], use[6]
+    for k in range(3):
+        left, up = (c, f) if k == 0 else (_ZERO, _ZERO)
+        source, target = pair + 4 * k * at.WIDTH, at.U + 2 * k * at.WIDTH
+        for i in range(run[0], run[1]):
+            u, v = block[_U(source + i)], block[_U(source + at.WIDTH + i)]
+            block[_U(target + i)] = a * u + b * v + left
+            block[_U(target + at.WIDTH + i)] = d * u + e * v + up
+
+
+@kernel
+def _sampled(
+    block: Float32, whole: Int32, run: Run, paint: Paint, m: int, slot: int
+) -> bool:  # fmt: skip
+    """Fill in the texels of a material's texture; whether it has one."""
+    numbers, maps, _, atlas = paint
+    if maps[m, slot] < 0:
+        return False
+    first = _UV_ROWS + 8 * slot
+    _map(block, run, numbers[m, first : first + 8])
+    sample(block, whole, run, atlas, maps[m, slot])
+    return True
+
+
+@quick
+def _times(block: Float32, run: Run, field: int, other: int, factor: float) -> None:
+    """Multiply a field by a number and another one."""
+    for i in range(run[0], run[1]):
+        block[_U(field + i)] *= factor * block[_U(other + i)]
+
+
+@quick
+def _set(block: Float32, run: Run, field: int, value: float) -> None:
+    for i in range(run[0], run[1]):
+        block[_U(field + i)] = value
+
+
+@kernel
+def base_colors(block: Float32, whole: Int32, run: Run, paint: Paint) -> None:
+    """Make vertex colours of a run the linear base colours and alphas, which is not clipped."""
+    m = whole[at.MATERIAL + run[0]]
+    found = _sampled(block, whole, run, paint, m, BASE_COLOR)
+    for k in range(4):
+        field, factor = at.BASE_R + k * at.WIDTH, paint[0][m, k]
+        if found:
+            _times(block, run, field, at.TEXEL_R + k * at.WIDTH, factor)
+        else:
+            for i in range(run[0], run[1]):
+                block[field + i] *= factor
+
+
+@quick
+def _clip(block: Float32, run: Run, field: int) -> None:
+    """Keep a field within [0, 1]."""
+    for i in range(run[0], run[1]):
+        value = block[_U(field + i)]
+        value = value if value > _ZERO else _ZERO
+        block[_U(field + i)] = value if value < _ONE else _ONE
+
+
+@kernel
+def _reflectance(block: Float32, whole: Int32, run: Run, paint: Paint) -> None:
+    """Fill in how a run of points reflects and glows."""
+    numbers, maps, _, _ = paint
+    m = whole[at.MATERIAL + run[0]]
+    _set(block, run, at.METALLIC, numbers[m, 4])
+    _set(block, run, at.ROUGHNESS, numbers[m, 5])
+    _set(block, run, at.SPECULAR, numbers[m, 6])
+    _set(block, run, at.OCCLUSION, _ONE)
+    for k in range(3):
+        _set(block, run, at.RED + k * at.WIDTH, numbers[m, 8 + k])
+        _set(block, run, at.F0_R + k * at.WIDTH, numbers[m, 12 + k])
+    if _sampled(block, whole, run, paint, m, METALLIC_ROUGHNESS):
+        _times(block, run, at.METALLIC, at.TEXEL_B, _ONE)
+        _times(block, run, at.ROUGHNESS, at.TEXEL_G, _ONE)
+    if _sampled(block, whole, run, paint, m, OCCLUSION):
+        strength = numbers[m, _UV_ROWS + 8 * OCCLUSION + 7]
+        for i in range(run[0], run[1]):
+            block[at.OCCLUSION + i] = _ONE + strength * (block[at.TEXEL_R + i] - _ONE)
+    if _sampled(block, whole, run, paint, m, EMISSIVE):
+        for k in range(3):
+            _times(block, run, at.RED + k * at.WIDTH, at.TEXEL_R + k * at.WIDTH, _ONE)
+    _clip(block, run, at.METALLIC)
+    _clip(block, run, at.ROUGHNESS)
+
+
+@kernel
+def _emit(block: Float32, run: Run) -> None:
+    """Unlit points: their base colour is their radiance, and they reflect nothing."""
+    for k in range(3):
+        for i in range(run[0], run[1]):
+            block[at.RED + k * at.WIDTH + i] = block[at.BASE_R + k * at.WIDTH + i]
+        _set(block, run, at.BASE_R + k * at.WIDTH, _ZERO)
+        _set(block, run, at.F0_R + k * at.WIDTH, _ZERO)
+    _set(block, run, at.SPECULAR, _ZERO)
+    _set(block, run, at.METALLIC, _ZERO)
+
+
+@kernel
+def lay_out(
+    block: Float32, whole: Int32, count: int, mesh: Mesh, paint: Paint, lens: Pinhole
+) -> None:  # fmt: skip
+    """Fill in what the surface is like at the first `count` points of a block."""
+    find(block, whole, count, mesh)
+    first = 0
+    while first < count:
+        run = same_material(whole, first, count)
+        first, m = run[1], whole[at.MATERIAL + run[0]]
+        base_colors(block, whole, run, paint)
+        if paint[2][m] & OPAQUE:
+            _set(block, run, at.ALPHA, _ONE)
+        _clip(block, run, at.ALPHA)
+        if paint[2][m] & UNLIT:
+            _emit(block, run)
+            continue
+        if _sampled(block, whole, run, paint, m, NORMAL):
+            tilt(block, whole, run, mesh, paint[0][m, _UV_ROWS + 8 * NORMAL + 7])
+        _reflectance(block, whole, run, paint)
+    look(block, lens)

@@ -1,0 +1,175 @@
+"""Triangles on the screen: which of them are drawn, and the planes of their numbers.
+
+Weights of a triangle's corners, divided by depth, are affine across the screen. Three planes give
+them, and so all that is interpolated; their sum is disparity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.kernels.numba_config import inlined, kernel, narrow
+from nlens_video.scene.screen_projection import in_camera
+
+Int32 = npt.NDArray[np.int32]
+Triple = tuple[float, float, float]
+Shape = tuple[Float64, Float32, Int32, Float64]
+"""Points (V, 3) from `screen.project`, positions (V, 3), faces (F, 3), the camera's numbers."""
+
+SAMPLES = 4
+"""Samples of a pixel, each on a line of its own."""
+# Numbers of a triangle's planes, in rows of four: q_k = a_k (x - x0) + b_k (y - y0) + c_k.
+PLANES = 16
+A, B, C = 0, 4, 8
+X0, Y0, FACING = 12, 13, 14
+
+
+@inlined
+def _corner_planes(
+    row: Float32, a: Triple, b: Triple, c: Triple, area: float, facing: float
+) -> None:  # fmt: skip
+    """Planes of a triangle whose corners (column, row, disparity) lie before the camera."""
+    scale = 1.0 / area
+    row[A] = (b[1] - c[1]) * scale * a[2]
+    row[A + 1] = (c[1] - a[1]) * scale * b[2]
+    row[A + 2] = (a[1] - b[1]) * scale * c[2]
+    row[B] = (c[0] - b[0]) * scale * a[2]
+    row[B + 1] = (a[0] - c[0]) * scale * b[2]
+    row[B + 2] = (b[0] - a[0]) * scale * c[2]
+    row[C], row[C + 1], row[C + 2] = a[2], 0.0, 0.0
+    row[A + 3] = row[B + 3] = row[C + 3] = 0.0
+    row[X0], row[Y0], row[FACING] = a[0], a[1], facing
+
+
+@inlined
+def homogeneous(position: Float32, lens: Float64) -> Triple:
+    """A world position as (column * depth, row * depth, depth)."""
+    right, up, depth = in_camera(position, lens)
+    return lens[12] * right + lens[14] * depth, lens[15] * depth - lens[13] * up, depth
+
+
+@kernel
+def crossing_planes(
+    a: Triple, b: Triple, c: Triple
+) -> tuple[float, tuple[Triple, Triple, Triple]]:  # fmt: skip
+    """Twice the homogeneous area, and the planes (a, b, c at the origin) of any triangle.
+
+    The corners are homogeneous, (column * depth, row * depth, depth): the inverse of their matrix
+    (Olano and Greer 1997).
+    """
+    p = (b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0])
+    q = (c[1] * a[2] - c[2] * a[1], c[2] * a[0] - c[0] * a[2], c[0] * a[1] - c[1] * a[0])
+    r = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    area = a[0] * p[0] + a[1] * p[1] + a[2] * p[2]
+    s = 1.0 / area
+    return area, (
+        (p[0] * s, p[1] * s, p[2] * s),
+        (q[0] * s, q[1] * s, q[2] * s),
+        (r[0] * s, r[1] * s, r[2] * s),
+    )
+
+
+@inlined
+def _set_crossing(
+    row: Float32, positions: Float32, lens: Float64, corners: tuple[int, int, int]
+) -> float:
+    """Planes of a triangle through the near plane; twice its area, 0 where it has none."""
+    area, planes = crossing_planes(
+        homogeneous(positions[corners[0]], lens),
+        homogeneous(positions[corners[1]], lens),
+        homogeneous(positions[corners[2]], lens),
+    )
+    if area == 0.0:
+        return 0.0
+    for k in range(3):
+        row[A + k], row[B + k], row[C + k] = planes[k][0], planes[k][1], planes[k][2]
+    row[A + 3] = row[B + 3] = row[C + 3] = 0.0
+    row[X0], row[Y0] = 0.0, 0.0
+    return area
+
+
+@inlined
+def _lines(low: float, high: float, lines: int) -> tuple[int, int]:
+    """First and last line of samples whose row lies in [low, high)."""
+    first = math.ceil(min(max((low - 0.125) * SAMPLES, 0.0), lines))
+    last = math.ceil(min(max((high - 0.125) * SAMPLES, 0.0), lines)) - 1
+    return int(first), int(last)
+
+
+@kernel
+def set_up(
+    shape: Shape, sides: npt.NDArray[np.uint8], width: int, lines: int,
+    spans: Int32, planes: Float32, kept: Int32,
+) -> int:  # fmt: skip
+    """Find the triangles that are turned to the camera and touch the picture.
+
+    Args:
+        shape: the triangles on the screen.
+        sides: of each triangle (F,): bit 0 whether its back is drawn, bit 1 whether mirrored.
+        width: columns of the picture [px].
+        lines: lines of samples, four a row of pixels.
+        spans: filled in: first and last line of each kept triangle (F, 2).
+        planes: filled in: plane numbers of each kept triangle (F, 16).
+        kept: filled in: indices of the kept triangles, ascending (F,).
+
+    Returns:
+        How many are kept.
+    """
+    points, positions, faces, lens = shape
+    count = 0
+    for t in range(len(faces)):
+        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+        a = points[i, 0], points[i, 1], points[i, 2]
+        b = points[j, 0], points[j, 1], points[j, 2]
+        c = points[k, 0], points[k, 1], points[k, 2]
+        mirrored = -1.0 if sides[t] & 2 else 1.0
+        if min(a[2], b[2], c[2]) > 0.0:
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            facing = mirrored if area < 0.0 else -mirrored  # rows run downwards
+            if area == 0.0 or (facing < 0.0 and not sides[t] & 1):
+                continue
+            if max(a[0], b[0], c[0]) < 0.0 or min(a[0], b[0], c[0]) > width:
+                continue
+            first, last = _lines(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), lines)
+            if first > last:
+                continue
+            _corner_planes(planes[t], a, b, c, area, facing)
+        else:
+            if max(a[2], b[2], c[2]) == 0.0:
+                continue
+            area = _set_crossing(planes[t], positions, lens, (i, j, k))
+            facing = mirrored if area < 0.0 else -mirrored
+            if area == 0.0 or (facing < 0.0 and not sides[t] & 1):
+                continue
+            planes[t, FACING] = facing
+            first, last = 0, lines - 1
+        spans[t, 0], spans[t, 1] = first, last
+        kept[count] = t
+        count += 1
+    return count
+
+
+@inlined
+def disparity_plane(planes: Float32, t: int) -> tuple[float, float, float, float, float]:
+    """Disparity of a triangle as a plane: change by a column and a row; where, and how much."""
+    across: float = planes[t, A] + planes[t, A + 1] + planes[t, A + 2]
+    down: float = planes[t, B] + planes[t, B + 1] + planes[t, B + 2]
+    start: float = planes[t, C] + planes[t, C + 1] + planes[t, C + 2]
+    return across, down, planes[t, X0], planes[t, Y0], start
+
+
+@inlined
+def on_plane(plane: tuple[float, float, float, float, float], x: float, y: float) -> float:
+    """Disparity at a position on the screen."""
+    across, down, x0, y0, start = plane
+    return across * (narrow(x) - x0) + down * (narrow(y) - y0) + start
+
+
+@inlined
+def disparity_at(planes: Float32, t: int, x: float, y: float) -> float:
+    """Disparity of a triangle at a position on the screen."""
+    return on_plane(disparity_plane(planes, t), x, y)

@@ -1,0 +1,86 @@
+"""Frames of somebody's own loop: the forms they come in, and how they go back into them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    import av
+
+Frames = TypeVar("Frames")
+"""An array or a tensor, or in a stream one of PyAV's frames: what comes out is what went in."""
+
+_THIN = 8  # of the rows and columns, one in so many tells whether samples are in [0, 1]
+
+
+def taken(frame: object) -> npt.NDArray[Any]:
+    """A copy of a frame in samples that can be composited in.
+
+    Types that such samples hold exactly are honoured too: half precision, the other byte order.
+
+    Args:
+        frame: a numpy array, or a torch tensor.
+
+    Raises:
+        InputError: floating samples that are not in [0, 1].
+        UsageError: neither an array nor a tensor.
+    """
+    if _is_tensor(frame):
+        on_cpu: Any = frame
+        on_cpu = on_cpu.detach().cpu()
+        if on_cpu.is_floating_point() and on_cpu.element_size() == 2:
+            on_cpu = on_cpu.float()  # numpy knows one of the two kinds of half precision
+        frame = on_cpu.numpy()
+    if not isinstance(frame, np.ndarray):
+        kind = type(frame).__name__
+        use = "; process_av takes PyAV's frames" if kind == "VideoFrame" else ""
+        raise UsageError(f"process takes a numpy array or a torch tensor, not {kind}{use}")
+    half = frame.dtype.kind == "f" and frame.dtype.itemsize == 2
+    result = frame.astype(np.float32 if half else frame.dtype.newbyteorder("="))
+    if result.dtype == np.float32:
+        some = result[::_THIN, ::_THIN]
+        if 2 * np.count_nonzero(some > 1.0) > some.size:
+            raise InputError(
+                "a picture of float samples of which most exceed 1; expected [0, 1]: divide by the "
+                "white level, such as 255"
+            )
+    return result
+
+
+def given_back(result: npt.NDArray[Any], frame: Frames) -> Frames:
+    """A composited copy in the form of the frame that it was taken from."""
+    given: Any = frame
+    if _is_tensor(frame):
+        return cast("Frames", given.new_tensor(result))
+    return cast("Frames", result.astype(given.dtype, copy=False))
+
+
+def as_format_of(result: av.VideoFrame, frame: av.VideoFrame) -> av.VideoFrame:
+    """One of PyAV's frames in the format, and with time and tags, of the one it was made from.
+
+    Raises:
+        InputError: FFmpeg cannot make that format.
+    """
+    from nlens_video.video.pixels.picture import take_tags
+
+    if result.format.name == frame.format.name:
+        return result
+    # packed formats are composited in a planar one that holds the same samples
+    try:
+        packed = result.reformat(format=frame.format.name)
+    except (OSError, ValueError) as error:  # FFmpeg's errors are of the first kind
+        raise InputError(
+            f"a frame of {frame.format.name}: FFmpeg reads but does not write it; reformat it, "
+            "to rgb24 for example"
+        ) from error
+    take_tags(packed, frame)
+    return packed
+
+
+def _is_tensor(frame: object) -> bool:
+    return type(frame).__module__ == "torch"  # a caller that has tensors has imported it

@@ -1,0 +1,280 @@
+"""The plug-in for OpenCV, PyAV and numpy loops: frames in, composited frames out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
+
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.errors import UsageError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.lens_models import NOTHING_SAID, Optics
+from nlens_video.core.settings import (
+    Device,
+    Fallback,
+    ObjectSettings,
+    Occlusion,
+)
+from nlens_video.graph.profiler import Profiler, Summary
+from nlens_video.run.array_frames import (
+    Frames,
+    as_format_of,
+    given_back,
+    taken,
+)
+from nlens_video.run.compositor_options import (
+    as_fit,
+    as_lens,
+    as_moment,
+    as_objects,
+    as_words,
+    check_settings,
+)
+from nlens_video.run.frame_loop import FrameLoop
+from nlens_video.run.own_thread import OwnThread
+from nlens_video.run.parameter_names import in_python, naming_parameters
+
+if TYPE_CHECKING:
+    import av
+
+    from nlens_video.run.notebook import Shown
+
+R = TypeVar("R")
+
+
+class Compositor:
+    """Puts an animated object into frames, one at a time.
+
+    The lens is fitted on the first frame with the object in view and kept. All work happens on one
+    thread of the compositor's own (OpenGL lives there), so it can be called from any thread;
+    frames are processed in the order of the calls. A process that was forked from the one that made
+    it is refused: each makes its own.
+
+    Options have the names that the command line gives them, with `_` for `-`, and the same meaning
+    and limits (`nlens-video render --help`); None leaves a value to the program.
+
+    Args:
+        glb: the animated object; or `settings.ObjectSettings`, which hold what `camera` to
+            `reflect` say.
+        preset: shipped pipeline's name or path of a pipeline file.
+        fps: frames per second, for frames that come without a time [1/s].
+        effects: `auto`, `all`, `none`, names, or `auto,+shadow,-grain`.
+        fit: the lens, when it is known beforehand; a fit or the path of a saved one.
+        fallback: `constant` lets a constant CoC stand in for a fit that fails.
+        budget_ms: what a frame may cost [ms].
+        track_focus: `auto` follows a lens that changes, `off` keeps the first fit.
+        device: where networks and kernels run.
+        aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
+        cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
+        shutter: how long the shutter is open, 0 to 360 for all of a frame [deg].
+        vignetting: light lost at the corners, 0 to 8 [stops].
+        distortion: k1, or k1 and k2, as OpenCV defines them [1].
+        camera: name of the GLB's camera, None for its first.
+        scene: name or number of the GLB's scene.
+        ground_y: height of the ground plane, None for the object's lowest point [scene unit].
+        footprint: name of the object under which the lens is fitted.
+        animation: name or number of the animation that plays, or `all`.
+        loop: whether it starts again after its end.
+        animation_speed: seconds of the animation per second of the frames, > 0 [1].
+        animation_offset: moment of the animation on the first frame [s].
+        at: where a GLB without a camera touches the ground: column and row, in fractions of the
+            frame from its upper left corner; needs `size` [frame width, frame height].
+        size: height of the object there, > 0 [frame height].
+        yaw: turn about the vertical, 0 faces the viewer [deg].
+        fov: field of view across the frame, 1 to 170 [deg].
+        horizon: row of the horizon, above `at`; None for a level camera's [frame height].
+        env: equirectangular map of the light from around, .hdr or .exr.
+        env_rotation: turn of the map about the vertical [deg].
+        env_exposure: brightness of the map in stops [EV].
+        shadow_strength: 0 none, 1 as the light has it, up to 2 [1].
+        holdout: matte or depth of what stands in front of the object.
+        occlusion: `auto` finds what stands in front by the frame's blur.
+        reflect: share of the light that the ground mirrors seen from above, 0 to 1 [1].
+        shutter_deg: older name of `shutter` [deg].
+        optics: `vignetting` and `distortion` as one object.
+
+    Raises:
+        UsageError: an argument makes no sense.
+        LensFitError: the saved fit cannot be read.
+        SceneError: the GLB cannot be used; raised at the first frame.
+    """
+
+    def __init__(  # noqa: PLR0913  the command line's options, by name
+        self,
+        glb: str | Path | ObjectSettings,
+        *,
+        preset: str = "standard",
+        fps: float = 30.0,
+        effects: str = "auto",
+        fit: LensFit | str | Path | None = None,
+        fallback: Fallback = "none",
+        budget_ms: float = 180.0,
+        track_focus: Literal["auto", "off"] = "auto",
+        device: Device = "auto",
+        aperture: Aperture | str = "round",
+        cat_eye: float = 0.0,
+        shutter: float | None = None,
+        vignetting: float | None = None,
+        distortion: float | tuple[float, float] | None = None,
+        camera: str | None = None,
+        scene: str | int | None = None,
+        ground_y: float | None = None,
+        footprint: str | None = None,
+        animation: str | int | None = None,
+        loop: bool = False,
+        animation_speed: float | None = None,
+        animation_offset: float | None = None,
+        at: tuple[float, float] | None = None,
+        size: float | None = None,
+        yaw: float | None = None,
+        fov: float | None = None,
+        horizon: float | None = None,
+        env: str | Path | None = None,
+        env_rotation: float | None = None,
+        env_exposure: float | None = None,
+        shadow_strength: float | None = None,
+        holdout: str | Path | None = None,
+        occlusion: Occlusion | None = None,
+        reflect: float | None = None,
+        shutter_deg: float | None = None,
+        optics: Optics = NOTHING_SAID,
+    ) -> None:
+        with naming_parameters():
+            check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)
+            words = as_words(
+                dict(
+                    preset=preset, effects=effects, fallback=fallback, device=device,
+                    cat_eye=cat_eye, shutter=shutter, vignetting=vignetting, distortion=distortion,
+                    camera=camera, scene=scene, ground_y=ground_y, footprint=footprint,
+                    animation=animation, loop=loop, animation_speed=animation_speed,
+                    animation_offset=animation_offset, at=at, size=size, yaw=yaw, fov=fov,
+                    horizon=horizon, env=env, env_rotation=env_rotation, env_exposure=env_exposure,
+                    shadow_strength=shadow_strength, holdout=holdout, occlusion=occlusion,
+                    reflect=reflect, track_focus=track_focus,
+                )
+            )  # fmt: skip
+            told = as_lens(
+                words, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
+            )
+            self._loop = FrameLoop(as_objects(glb, words), told, fps, Profiler(budget_ms))
+        self._thread = OwnThread(self._loop.close)
+
+    def process(self, frame: Frames, time: float | None = None) -> Frames:
+        """Composite one frame.
+
+        Args:
+            frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
+                uint16, float32 or float16 in [0, 1]; or a torch tensor of that shape and type, or
+                of bfloat16; left as it is.
+            time: moment of the animation [s]; default: frames so far / fps.
+
+        Returns:
+            A new array (or a tensor on the same device) of the same shape, type and channel order.
+
+        Raises:
+            InputError: a shape or type that no picture has, or floats of another range.
+            UsageError: neither array nor tensor, another size than before, no moment.
+            SceneError: the GLB cannot be used.
+            LensFitError: no usable lens fit.
+        """
+        from nlens_video.video.pixels.picture import ArrayPicture
+
+        result, moment = taken(frame), as_moment(time)
+        self._call(lambda: self._loop.composite(ArrayPicture(result), moment))
+        return given_back(result, frame)
+
+    def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
+        """Composite one of PyAV's frames; format, pts and colour tags stay as they are.
+
+        The animation's moment is the frame's own time since the first frame, where it has one.
+
+        Args:
+            frame: left as it is.
+
+        Returns:
+            A new frame.
+
+        Raises:
+            InputError: a format that cannot be composited in.
+            SceneError: the GLB cannot be used.
+            LensFitError: no usable lens fit.
+        """
+        from nlens_video.video.pixels.picture import AvPicture, copied
+
+        if type(frame).__name__ != "VideoFrame":
+            raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")
+        picture = AvPicture(copied(frame))
+        self._call(lambda: self._loop.composite(picture, self._loop.since_first(frame)))
+        return as_format_of(picture.frame, frame)
+
+    def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
+        """Composite frames as they come, PyAV's too; a generator that holds one at a time."""
+        for frame in frames:
+            made: Any = self.process_av if type(frame).__name__ == "VideoFrame" else self.process
+            yield made(frame)
+
+    @property
+    def fit(self) -> LensFit | None:
+        """The lens, once found or given."""
+        return self._loop.fit
+
+    @fit.setter
+    def fit(self, fit: LensFit) -> None:
+        """Take another lens from the next frame on, and follow no change of it any more."""
+        held = as_fit(fit)
+        self._call(lambda: self._loop.hold(held))
+
+    def swap(self, glb: str | Path | ObjectSettings) -> None:
+        """Composite another object from the next frame on; the lens is held, time goes on.
+
+        Args:
+            glb: as at the beginning; a path keeps camera and ground height as they were given.
+
+        Raises:
+            SceneError: the GLB cannot be used; raised at the next frame.
+        """
+        if not isinstance(glb, ObjectSettings):
+            glb = replace(self._loop.objects, glb=Path(glb))
+        objects = glb
+        self._call(lambda: self._loop.swap(objects))
+
+    def show(self) -> Shown:
+        """The last composite, the lens and what runs, as a notebook draws them."""
+        from nlens_video.run.notebook import show
+
+        return self._call(lambda: show(self._loop.last, self.fit, self.plan))
+
+    @property
+    def plan(self) -> tuple[str, ...]:
+        """What runs on each frame and why, a line each; empty before the first frame."""
+        return tuple(map(in_python, self._loop.plan))
+
+    @property
+    def timings(self) -> Summary:
+        """The frames so far in a few numbers."""
+        return self._loop.profiler.summary()
+
+    def close(self) -> None:
+        """Free OpenGL, networks and the thread; harmless when repeated."""
+        self._thread.close()
+
+    def __reduce__(self) -> NoReturn:
+        raise UsageError("a compositor cannot be sent to another process; make one in each")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _call(self, work: Callable[[], R]) -> R:
+        with naming_parameters():
+            return self._thread.call(work)

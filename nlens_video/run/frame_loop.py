@@ -1,0 +1,115 @@
+"""A compositor's state from frame to frame; all of it belongs to one thread."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from nlens_video.core.errors import UsageError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.graph.effect_decisions import Plate
+from nlens_video.graph.lens_request import Lens
+from nlens_video.graph.nodes.object_source import View
+from nlens_video.graph.nodes.stream_frame import LoopFrame
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.session import Assembly, assemble
+from nlens_video.graph.warmup import Ahead
+
+if TYPE_CHECKING:
+    import av
+
+    from nlens_video.core.layers import Picture
+
+
+@dataclass(slots=True)
+class FrameLoop:
+    """Composites frames as they come; the first one builds the graph.
+
+    Attributes:
+        objects: the object.
+        lens: how the lens is found and simulated.
+        fps: frames per second, for frames that come without a time [1/s].
+        profiler: times the nodes.
+        last: the last composite.
+    """
+
+    objects: ObjectSettings
+    lens: Lens
+    fps: float
+    profiler: Profiler
+    last: Picture | None = None
+    _assembly: Assembly | None = None
+    _size: tuple[int, int] | None = None
+    _first_s: float | None = None
+    _count: int = 0
+    _stack: ExitStack = field(default_factory=ExitStack)
+
+    @property
+    def fit(self) -> LensFit | None:
+        """The lens, once found or given."""
+        if self._assembly is None or self._assembly.steps.fit is None:
+            return self.lens.fit
+        return self._assembly.steps.fit
+
+    @property
+    def plan(self) -> tuple[str, ...]:
+        """What runs on each frame and why, a line each; empty before the first frame."""
+        if self._assembly is None:
+            return ()
+        from nlens_video.graph.plan import describe
+
+        return tuple(describe(self._assembly))
+
+    def hold(self, fit: LensFit) -> None:
+        """Take another lens from the next frame on."""
+        self.lens = replace(self.lens, fit=fit)
+        if self._assembly is not None and self._size is not None:
+            self._assembly.steps.hold(fit.for_width(*self._size))
+
+    def swap(self, objects: ObjectSettings) -> None:
+        """Composite another object from the next frame on, through the same lens."""
+        self.lens = replace(self.lens, fit=self.fit)
+        self._stack.close()
+        self.objects, self._assembly = objects, None
+
+    def since_first(self, frame: av.VideoFrame) -> float | None:
+        """Time of one of PyAV's frames since the first one, None where it has none [s]."""
+        if frame.time is None:
+            return None
+        if self._first_s is None:
+            self._first_s = frame.time
+        return frame.time - self._first_s
+
+    def composite(self, picture: Picture, time: float | None) -> None:
+        """Composite in place, at a moment of the animation; None: by the count of frames [s]."""
+        assembly = self._assembled(picture)
+        steps = assembly.steps
+        moment = self._count / self.fps if time is None else time
+        state = steps.enter(LoopFrame(self._count, moment, picture))
+        steps.run(state, assembly.graph.nodes)
+        self.last = picture
+        self.profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
+        self._count += 1
+
+    def close(self) -> None:
+        """Free OpenGL and networks."""
+        self._stack.close()
+
+    def _assembled(self, picture: Picture) -> Assembly:
+        size = (picture.width, picture.height)
+        if self._assembly is None:
+            view = View(width=size[0], height=size[1], camera=self.objects.camera)
+            self._assembly = assemble(
+                self.objects, self.lens, view, self.profiler, Plate(lambda: (picture,))
+            )
+            self._stack.enter_context(self._assembly.render_context())
+            self._stack.enter_context(Ahead(self._assembly.graph))
+            self._size = size
+        if size != self._size:
+            raise UsageError(
+                f"a frame of {size[0]}x{size[1]} after frames of {self._size}: one compositor "
+                "takes one size; make another for other frames"
+            )
+        return self._assembly

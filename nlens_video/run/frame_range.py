@@ -1,0 +1,152 @@
+"""Parts of a source: `--range`, with what lies beside it in time, and chunks of a longer result."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from nlens_video.core.layers import Picture
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.input.seek import INTERLEAVING_S
+from nlens_video.video.input.source import Source
+
+if TYPE_CHECKING:
+    import av
+
+    Packet = av.Packet[Any]
+
+
+class Part(ABC):
+    """Reads a source, whose first frames may be looked at whatever part of it is asked for.
+
+    Args:
+        source: the frames.
+
+    Attributes:
+        passed_over: called with each frame before or between what is asked for.
+        skip_to: where those need not be seen: tells the source that the ones before a number may be
+            left out.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.passed_over: Callable[[SourceFrame], None] = lambda frame: None
+        self.skip_to: Callable[[int], None] = lambda number: None
+        self._frames = iter(source)
+        self._ahead: deque[SourceFrame] = deque()
+
+    def peek(self, count: int) -> tuple[Picture, ...]:
+        """The pictures of the source's first `count` frames, whatever the part; before `items`.
+
+        What a shot is like must not depend on which part of it is asked for.
+        """
+        self._ahead.extend(islice(self._frames, count - len(self._ahead)))
+        return tuple(frame.picture for frame in self._ahead)
+
+    @abstractmethod
+    def items(self) -> Iterator[SourceFrame | Packet]:
+        """Frames and packets in the order in which the source holds them."""
+
+    def _in_order(self) -> Iterator[SourceFrame]:
+        while self._ahead:
+            yield self._ahead.popleft()
+        yield from self._frames
+
+
+class ChunkTrim(Part):
+    """Lets through the frames of chunks, at the source's own times; no packets.
+
+    Args:
+        source: the frames.
+        feed: the chunks; asked for the next one when the first frame after one has come.
+    """
+
+    def __init__(self, source: Source, feed: ChunkFeed) -> None:
+        super().__init__(source)
+        self._feed = feed
+
+    def items(self) -> Iterator[SourceFrame | Packet]:
+        """Frames in the order in which the source holds them."""
+        mark = self._feed.next()
+        for frame in self._in_order():
+            while mark is not None and mark.end is not None and frame.index >= mark.end:
+                mark = self._feed.next()
+            if mark is None:
+                return
+            if frame.index < mark.first:
+                self.passed_over(frame)
+            else:
+                yield frame
+
+
+class Trim(Part):
+    """Lets through what a range asks for; its first frame is at time 0.
+
+    Args:
+        source: the frames and, through its `packet_sink`, the other streams' packets.
+        frames: first index and the one past the last, None for an open end.
+    """
+
+    def __init__(self, source: Source, frames: tuple[int, int | None]) -> None:
+        super().__init__(source)
+        self._source = source
+        self._first, self._end = frames
+        self._packets: deque[Packet] = deque()
+        self._start_s: Fraction | None = None if self._first else Fraction(0)
+        self._start_pts = 0
+        self._end_s: Fraction | None = None
+        source.packet_sink = self._packets.append
+
+    def items(self) -> Iterator[SourceFrame | Packet]:
+        """Frames and packets in the order in which the source holds them."""
+        self.skip_to(self._first)
+        for frame in self._in_order():
+            moment = frame.pts * frame.time_base
+            if self._end is not None and frame.index >= self._end:
+                if self._end_s is None:
+                    self._end_s = moment
+                # sound that belongs beside the last frames may come after them
+                if not self._source.info.copied or moment > self._end_s + INTERLEAVING_S:
+                    break
+            yield from self._released(moment)
+            if frame.index < self._first:
+                self.passed_over(frame)
+            elif self._end_s is None:
+                if self._start_s is None:
+                    self._start_pts, self._start_s = frame.pts, moment
+                    yield from self._released(moment)
+                yield replace(frame, pts=frame.pts - self._start_pts)
+        yield from self._released(None)
+
+    def _released(self, moment: Fraction | None) -> Iterator[Packet]:
+        """The packets that may go; those before the beginning wait until it is known."""
+        if self._start_s is None:
+            while self._packets and moment is not None:
+                if _seconds(self._packets[0]) > moment - INTERLEAVING_S:
+                    return
+                self._packets.popleft()
+            return
+        while self._packets:
+            packet = self._packets.popleft()
+            if self._first and _seconds(packet) < self._start_s:
+                continue
+            if self._end_s is not None and _seconds(packet) >= self._end_s:
+                continue
+            yield self._shifted(packet)
+
+    def _shifted(self, packet: Packet) -> Packet:
+        if self._start_s and packet.time_base:
+            ticks = round(self._start_s / packet.time_base)
+            packet.dts = None if packet.dts is None else packet.dts - ticks
+            packet.pts = None if packet.pts is None else packet.pts - ticks
+        return packet
+
+
+def _seconds(packet: Packet) -> Fraction:
+    ticks = packet.pts if packet.pts is not None else packet.dts
+    return (ticks or 0) * Fraction(packet.time_base or 0)

@@ -1,0 +1,250 @@
+"""Those who look on while a run goes by: timing rows, EXR layers, the report."""
+
+from __future__ import annotations
+
+import json
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Protocol, Self
+
+import numpy as np
+
+from nlens_video.core.errors import OutputError
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    Float32,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import OutputSettings, Settings
+from nlens_video.graph.executor import FrameState
+from nlens_video.graph.profiler import FrameTiming, Profiler, Summary
+from nlens_video.graph.session import Assembly
+from nlens_video.video.atomic_files import check_folder, replacing, sweep
+from nlens_video.video.exr import write_layers
+from nlens_video.video.info import SourceInfo
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """What is known when a run begins."""
+
+    info: SourceInfo
+    assembly: Assembly
+    profiler: Profiler
+
+
+class Observer(AbstractContextManager["Observer"], Protocol):
+    """Looks on; changes nothing.
+
+    Attributes:
+        what: the option that asks for it and its value, for messages.
+    """
+
+    what: str
+
+    def entering(self, state: FrameState) -> None:
+        """A frame comes in, not yet touched (on the decoding thread)."""
+        ...
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """A frame was written."""
+        ...
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """The last frame was written."""
+        ...
+
+
+def observers(
+    settings: Settings, started: Started, output: OutputSettings | None
+) -> list[Observer]:
+    """Those that the settings ask for.
+
+    Args:
+        settings: the run.
+        started: what is known of it.
+        output: its result; None where that is the lens fit.
+
+    Raises:
+        OutputError: a folder or file cannot be made.
+    """
+    watching: list[Observer] = []
+    if settings.save_fit is not None and output is not None:
+        watching.append(SavedFit(settings.save_fit, started))
+    if settings.timings is not None:
+        watching.append(TimingRows(settings.timings, settings, started))
+    if settings.aov is not None:
+        watching.append(AovLayers(settings.aov, started))
+    if settings.report is not None:
+        from nlens_video.report.collect import Report
+
+        written = output.spec if output is not None else str(settings.save_fit)
+        watching.append(Report(settings.report, started.info, started.assembly, written))
+    return watching
+
+
+class Watching:
+    """What most observers leave as it is."""
+
+    what = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        return None
+
+    def entering(self, state: FrameState) -> None:
+        """Nothing to do."""
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Nothing to do."""
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """Nothing to do."""
+
+
+class SavedFit(Watching):
+    """`--save-fit`: the lens, where the object was in view."""
+
+    def __init__(self, path: Path, started: Started) -> None:
+        check_folder(path)
+        sweep(path)
+        self.what = f"--save-fit {path}"
+        self._path = path
+        self._steps = started.assembly.steps
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """Write it."""
+        if self._steps.fit is not None:
+            save_fit(self._steps.fit, self._path)
+
+
+def save_fit(fit: LensFit, path: Path) -> None:
+    """Write a lens fit as JSON.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    with replacing(path) as partial:
+        partial.write_text(fit.to_json())
+
+
+class TimingRows(Watching):
+    """`--timings`: one row per frame, written as it comes, so that memory stays the same."""
+
+    def __init__(self, path: Path, settings: Settings, started: Started) -> None:
+        check_folder(path)
+        sweep(path)
+        self.what = f"--timings {path}"
+        self._path = path
+        self._stack = ExitStack()
+        self._stream: IO[str] | None = None
+        self._head = {
+            "budget_ms": settings.budget_ms,
+            "preset": started.assembly.graph.pipeline,
+            "device": started.assembly.device.name,
+        }
+        self._rows = 0
+
+    def __enter__(self) -> Self:
+        partial = self._stack.enter_context(replacing(self._path))
+        self._stream = self._stack.enter_context(partial.open("w"))
+        head = json.dumps(self._head, indent=1)
+        self._stream.write(head.rstrip("}\n") + ',\n "frames": [')
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Write the row."""
+        assert self._stream is not None
+        row = {
+            "index": timing.index,
+            "pts": timing.pts,
+            "nodes": {name: round(ms, 3) for name, ms in timing.nodes.items()},
+            "total_ms": round(timing.total_ms, 3),
+            **({"rung": state.rung} if state.rung else {}),
+        }
+        self._stream.write(("," if self._rows else "") + "\n  " + json.dumps(row))
+        self._rows += 1
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """Close the list, and give the file its name."""
+        assert self._stream is not None
+        tail = json.dumps({**asdict(summary), "fps": summary.fps})
+        self._stream.write(f'\n ],\n "summary": {tail}\n}}\n')
+        self._stack.close()
+
+
+class AovLayers(Watching):
+    """`--aov`: what the nodes made of each frame, as multi-channel OpenEXR."""
+
+    def __init__(self, folder: Path, started: Started) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(
+                f"{folder}: cannot be made ({error}); give a writable folder"
+            ) from error
+        sweep(folder / "any.exr", whole_folder=True)
+        self.what = f"--aov {folder}"
+        self._folder = folder
+        self._frame = Box(0, 0, started.info.width, started.info.height)
+        self._record = started.assembly.record
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Write one file, with the same channels on every frame; what is not there is empty."""
+        nothing = Box(0, 0, 0, 0)
+        layer, defocused = state.values.get("layer"), state.values.get("defocused")
+        blurred = state.values.get("blurred")
+        channels = self._plate()
+        if not isinstance(layer, ObjectLayer):
+            layer = ObjectLayer(box=nothing, rgba=_empty(4), depth=_empty())
+        coc = defocused.coc_px if isinstance(defocused, DefocusedLayer) else 0 * layer.rgba[..., 3]
+        if not isinstance(blurred, BlurredLayer):
+            blurred = BlurredLayer(box=nothing, rgba=_empty(4))
+        for at, name in enumerate("RGBA"):
+            channels[f"object.{name}"] = self._on_frame(layer.box, layer.rgba[..., at], 0.0)
+            channels[name] = self._on_frame(blurred.box, blurred.rgba[..., at], 0.0)
+        channels["object.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
+        channels["object.coc_px"] = self._on_frame(layer.box, coc, 0.0)
+        write_layers(self._folder / f"{state.frame.number:06d}.exr", channels)
+
+    def _plate(self) -> dict[str, Float32]:
+        """What the fit was made from; empty until it is made, and where it was given."""
+        size = (self._frame.height, self._frame.width)
+        coc, ground = self._record.plate_coc, self._record.ground
+        none = np.zeros(size, np.float32)
+        return {
+            "plate.coc_px": coc.coc_px if coc else none,
+            "plate.sigma_px": coc.sigma_px if coc else none,
+            "projection.mask": ground.mask.astype(np.float32) if ground else none,
+        }
+
+    def _on_frame(self, box: Box, values: Float32, empty: float) -> Float32:
+        whole = np.full((self._frame.height, self._frame.width), empty, np.float32)
+        inside = box.intersection(self._frame)
+        if not inside.empty:
+            whole[inside.slices_in(self._frame)] = values[inside.slices_in(box)]
+        return whole
+
+
+def _empty(*channels: int) -> Float32:
+    return np.zeros((0, 0, *channels), np.float32)

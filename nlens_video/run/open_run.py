@@ -1,0 +1,243 @@
+"""From settings to frames that the graph can take: source, foresight and assembly joined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from nlens_video.core.errors import UsageError
+from nlens_video.core.layers import Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.placement import focal_35mm
+from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.effects.measurement import MOST_PICTURES
+from nlens_video.graph.effect_decisions import Plate
+from nlens_video.graph.executor import FrameState
+from nlens_video.graph.lens_request import Lens
+from nlens_video.graph.nodes.object_source import View
+from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.scheduler import apart, still_reading
+from nlens_video.graph.session import Assembly, assemble
+from nlens_video.run.frame_range import ChunkTrim, Part, Trim
+from nlens_video.run.lookahead import LookAhead
+from nlens_video.run.observers import Observer
+from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.reconnect import Reconnecting
+from nlens_video.video.input.seek import Sought, open_sought
+from nlens_video.video.input.source import Source, open_source
+
+if TYPE_CHECKING:
+    import av
+
+    Packet = av.Packet[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """A source that is open, and the graph that will take its frames.
+
+    Attributes:
+        source: it.
+        frames: its frames and packets.
+        assembly: the graph.
+        profiler: times it.
+        foresight: whether later frames may be read for the sake of one that finds the lens.
+    """
+
+    source: Source
+    frames: LookAhead[SourceFrame | Packet]
+    assembly: Assembly
+    profiler: Profiler
+    foresight: bool
+
+    @property
+    def info(self) -> SourceInfo:
+        """What is known about the source."""
+        return self.source.info
+
+    def items(self, watching: Sequence[Observer]) -> Iterator[FrameState | Packet]:
+        """Frames as the graph takes them, and packets, in the source's order."""
+        steps = self.assembly.steps
+        foresees = self.foresight and steps.graph.has("estimate-coc")
+        for item, following in self.frames.with_following(lambda: foresees and steps.fit is None):
+            if not isinstance(item, SourceFrame):
+                yield item
+                continue
+            if self.info.kind == "stream":
+                self.profiler.arrived(item.index)
+            state = steps.enter(item, following)
+            for observer in watching:
+                observer.entering(state)
+            yield state
+
+    def may_drop(self, item: object) -> bool:
+        """Whether a late item may be left out, as frames may and packets not; counts them."""
+        if isinstance(item, FrameState):
+            self.profiler.drop(item.frame.index)
+        return isinstance(item, FrameState)
+
+
+@contextmanager
+def taken_in(settings: Settings, profiler: Profiler) -> Iterator[Intake]:
+    """Open the source and build the graph for it; the source closes at the end.
+
+    Args:
+        settings: the run.
+        profiler: times it.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    with opened(settings.source) as source:
+        yield take_in(source, settings, profiler)
+
+
+def take_in(
+    source: Source,
+    settings: Settings,
+    profiler: Profiler,
+    track: FitTrack | None = None,
+    chunks: ChunkFeed | None = None,
+) -> Intake:
+    """Build the graph for a source that is open.
+
+    Args:
+        source: it, of which no frame has been taken.
+        settings: the run.
+        profiler: times it.
+        track: the lens all along a file whose lens changes.
+        chunks: what is taken in, in place of the settings' range.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    if settings.late == "drop" and source.info.kind != "stream":
+        raise UsageError(
+            f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
+            "out, or pipe it in"
+        )
+    part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
+    assembly = _assembled(settings, source.info, profiler, part, track)
+    part.passed_over = assembly.steps.pass_over
+    if isinstance(source, Sought) and not assembly.graph.remembering:
+        part.skip_to = source.skip_to
+    return Intake(
+        source,
+        LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
+        assembly,
+        profiler,
+        # chunks have their lens, and one may be waited for whose frames are not yet wanted
+        foresight=chunks is None and _may_wait(source.info),
+    )
+
+
+@contextmanager
+def opened(given: SourceSettings) -> Iterator[Source]:
+    """The source; left open where its reader still blocks in a read.
+
+    Args:
+        given: the plate, as the user names it.
+
+    Raises:
+        InputError: the source cannot be read.
+        UsageError: one that cannot be opened again is to be.
+    """
+    if given.reconnect_s and (given.spec == "-" or can_be_read_again(given.spec)):
+        raise UsageError(
+            f"--reconnect: {given.spec} does not come back when it has ended; leave it out (it is "
+            "for devices and URLs)"
+        )
+
+    ahead = given.frames[0] > 0 and can_be_read_again(given.spec)
+
+    def connect() -> Source:
+        return (open_sought if ahead else open_source)(given.spec, **given.hints)
+
+    def lasting() -> Source:
+        return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()
+
+    source = apart(lasting)
+    try:
+        yield source
+    finally:
+        if not still_reading():
+            source.__exit__(None, None, None)
+
+
+def _assembled(
+    settings: Settings, info: SourceInfo, profiler: Profiler, part: Part, track: FitTrack | None
+) -> Assembly:
+    lens = Lens(
+        preset=settings.preset,
+        effects=settings.effects,
+        fit=LensFit.load(settings.fit) if settings.fit is not None else None,
+        fallback=settings.fallback,
+        device=settings.device,
+        aperture=settings.aperture,
+        shutter_deg=settings.shutter_deg,
+        frame_s=frame_s(info),
+        optics=settings.optics,
+        track=track or _given_track(settings, info),
+        hold_budget=settings.hold_budget,
+        live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
+    )
+
+    def pictures() -> tuple[Picture, ...]:
+        return apart(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
+
+    plate = Plate(pictures, settings.source.frames[0])
+    return assemble(settings.scene, lens, view_of(settings, info), profiler, plate)
+
+
+def view_of(settings: Settings, info: SourceInfo) -> View:
+    """How the plate's frames see the scene."""
+    return View(
+        width=info.width,
+        height=info.height,
+        pixel_aspect=info.pixel_aspect,
+        camera=settings.scene.camera,
+        focal_35mm=focal_35mm(info.metadata),
+    )
+
+
+def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
+    """The lens all along the file, where the given fit holds that."""
+    given = None if settings.fit is None else FitTrack.load(settings.fit)
+    return None if given is None else given.for_width(info.width, info.height)
+
+
+def _may_wait(info: SourceInfo) -> bool:
+    """Whether later frames may be waited for: a stream is somebody's live picture."""
+    return info.kind in ("video", "sequence")
+
+
+def frame_s(info: SourceInfo) -> float:
+    """From one frame to the next, 0 for a still [s]."""
+    if info.kind == "still" or not info.average_rate:
+        return 0.0
+    return float(1 / info.average_rate)
+
+
+def _decoded(part: Part, profiler: Profiler, *, live: bool) -> Iterator[SourceFrame | Packet]:
+    """The source's items; the time that each frame took goes to the profiler.
+
+    Waiting for a live source is no cost of a frame: else a camera of 30 frames a second would
+    exceed 33 ms by itself, and `--hold-budget` step down for nothing.
+    """
+    items = part.items()
+    spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
+    while True:
+        with profiler.clock(waits=live) as clock:
+            item = next(items, None)
+        spent_ms += clock.elapsed_ms
+        if item is None:
+            return
+        if isinstance(item, SourceFrame):
+            profiler.add(item.index, "decode", spent_ms)
+            spent_ms = 0.0
+        yield item

@@ -1,0 +1,199 @@
+"""What can be known of a run before its plate is decoded: told then, and not after a long pass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from nlens_video.core.errors import InputError, SceneError, UsageError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import (
+    ObjectSettings,
+    OutputSettings,
+    Settings,
+    SourceSettings,
+)
+from nlens_video.effects.planner import requested_effects
+from nlens_video.graph.nodes.object_source import View, placement_near, stand
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.run.open_run import frame_s, view_of
+from nlens_video.scene.scene import Scene
+from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.video.atomic_files import check_folder, check_target_folder
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.numbered import Numbered
+from nlens_video.video.output.sink import Sink, check_output, open_sink
+
+_ESTIMATE = 0.95
+"""Containers that count frames by their length may be off by so much [1]."""
+_MOST_MOMENTS = 20_000
+
+
+def preflight(settings: Settings, info: SourceInfo) -> None:
+    """See that a run which is made in parts, and encoded at last, can come to its end.
+
+    Args:
+        settings: the run.
+        info: the plate.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    check_words(settings)
+    check_shot(settings, info)
+    if settings.output is not None:
+        with open_result(settings.output, info, settings.source):
+            pass  # it opens; left without a commit, it leaves nothing
+
+
+def open_result(output: OutputSettings, info: SourceInfo, source: SourceSettings) -> Sink:
+    """Open a run's result, which is written to a temporary name.
+
+    Args:
+        output: the result and its encoding.
+        info: the plate.
+        source: how much of it is asked for.
+
+    Raises:
+        UsageError: codec, quality or pixel format make no sense.
+        OutputError: it cannot be written.
+    """
+    return open_sink(
+        output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
+        keep_partial=output.keep_partial, one_frame=source.one_frame,
+    )  # fmt: skip
+
+
+def check_words(settings: Settings, *, as_chunks: bool = False) -> None:
+    """See that what is known without the plate makes sense: names, folders, the lens, effects.
+
+    Args:
+        settings: the run.
+        as_chunks: whether the output is a folder of chunks.
+
+    Raises:
+        UsageError: preset, effects, codec, quality or pixel format make no sense.
+        LensFitError: the given fit cannot be used.
+        OutputError: a file or folder cannot be written.
+    """
+    output = settings.output
+    if output is not None and not as_chunks:
+        check_output(output.spec, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt)
+    for path in (settings.save_fit, settings.timings):
+        if path is not None:
+            check_folder(path)
+    for folder in (settings.report, settings.aov):
+        if folder is not None:
+            check_target_folder(folder)
+    load_pipeline(settings.preset)
+    requested_effects(settings.effects)
+    if settings.fit is not None and FitTrack.load(settings.fit) is None:
+        LensFit.load(settings.fit)
+
+
+def check_shot(settings: Settings, info: SourceInfo) -> None:
+    """See that the object stands in the plate, and that the plate has the range.
+
+    Args:
+        settings: the run.
+        info: the plate.
+
+    Raises:
+        UsageError: the range lies behind the plate's end, or a place makes no sense.
+        InputError: a file that is to be read is missing.
+        SceneError: the GLB cannot be used, or its object is in view on no frame of the plate.
+    """
+    first, _ = settings.source.frames
+    known = info.frame_count if info.kind in ("video", "sequence", "still") else None
+    if known is not None and _ESTIMATE * first - 2 > known:
+        raise UsageError(f"{_no_such_frames(settings)}; it has about {known}")
+    objects = settings.scene
+    scene = Scene.load(objects.glb, objects.playback, objects.scene)
+    view, _ = stand(objects, scene, view_of(settings, info))
+    _check_files(objects)
+    if objects.footprint is not None:
+        scene.triangles(0.0, objects.footprint)
+    if _is_whole(settings, info) and objects.layers is None:
+        _check_in_view(objects, scene, view, info)
+
+
+def _check_files(objects: ObjectSettings) -> None:
+    for option, spec in (
+        ("--layers", objects.layers),
+        ("--holdout", objects.real.holdout),
+        ("--env", objects.light.env),
+    ):
+        if spec is not None and not Numbered.matches(str(spec)) and not Path(spec).is_file():
+            raise InputError(f"{option} {spec}: no such file")
+
+
+def check_written(settings: Settings, info: SourceInfo, frames: int, *, changed: bool) -> None:
+    """See, before a result gets its name, that it is what was asked for.
+
+    Args:
+        settings: the run.
+        info: the plate.
+        frames: written [1].
+        changed: whether one of them shows the object.
+
+    Raises:
+        UsageError: the range holds no frame.
+        SceneError: a whole shot does not show the object.
+    """
+    if not frames:
+        raise UsageError(_no_such_frames(settings))
+    if not changed and _is_whole(settings, info):
+        raise SceneError(
+            f"{settings.scene.glb}: the object is to be seen on none of {frames} frames; check "
+            "--camera, --at, --size and --animation, or render a part with --range"
+        )
+
+
+def _no_such_frames(settings: Settings) -> str:
+    """What to say of a range that holds no frame."""
+    first, end = settings.source.frames
+    return f"--range {first}:{'' if end is None else end} of the plate: no such frames"
+
+
+def _is_whole(settings: Settings, info: SourceInfo) -> bool:
+    """Whether a run takes all of a shot that ends: then its object should be in it somewhere."""
+    return settings.source.frames == (0, None) and info.kind != "stream"
+
+
+def _check_in_view(objects: ObjectSettings, scene: Scene, view: View, info: SourceInfo) -> None:
+    moments = tuple(_moments(scene, info))
+    if not moments or any(placement_near(scene, view, moment) is not None for moment in moments):
+        return
+    when = "" if info.kind == "still" else " on all frames"
+    raise SceneError(
+        f"{objects.glb}: the object is out of view{when}, {_where(scene, view, moments[0])}; check "
+        f"{'--at and --size' if objects.placing else '--camera'}, --animation and --scene, or "
+        "render a part with --range"
+    )
+
+
+def _moments(scene: Scene, info: SourceInfo) -> Iterator[float]:
+    """Moments of the plate, twice as many as frames [s]; none where its length is not known."""
+    step = 0.5 * frame_s(info)
+    if not scene.moves or not step:
+        yield 0.0
+        return
+    length = info.duration_s or 2.0 * step * (info.frame_count or 0)
+    step = max(step, length / _MOST_MOMENTS)
+    yield from (number * step for number in range(math.ceil(length / step)))
+
+
+def _where(scene: Scene, view: View, time_s: float) -> str:
+    """Where an object is that no frame shows, in words."""
+    camera = view.camera_at(scene, time_s)
+    seen = camera.to_camera(scene.pose(time_s).vertices().astype(np.float64))
+    ahead = seen[seen[:, 2] < 0.0]
+    if not len(ahead):
+        return "behind the camera"
+    x, y = np.median(camera.pixels(ahead), axis=0)
+    sides = {"left of": -x, "right of": x - view.width, "above": -y, "below": y - view.height}
+    side = max(sides, key=lambda name: sides[name])
+    return f"{side if sides[side] > 0 else 'beside'} the frame"

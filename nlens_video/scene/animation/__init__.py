@@ -1,0 +1,1 @@
+"""Animation: keyframe tracks and their evaluation."""

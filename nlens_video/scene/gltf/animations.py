@@ -1,0 +1,186 @@
+"""The file's animations as tracks, and which of them play."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nlens_video.core.errors import SceneError
+from nlens_video.core.playback import ALL
+from nlens_video.scene.animation.tracks import Animation, Track
+from nlens_video.scene.gltf.accessors import AccessorReader
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.fields import Fields
+from nlens_video.scene.gltf.nodes import Hierarchy, normalized
+
+TrackKey = tuple[int, str]
+_LISTED = 12
+_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+_INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
+
+
+@dataclass(frozen=True, slots=True)
+class Animations:
+    """The file's animations, of which one or all play.
+
+    Attributes:
+        names: of all, in the file's order; possibly empty or alike.
+        clips: tracks of each by node and property.
+    """
+
+    names: tuple[str, ...]
+    clips: tuple[dict[TrackKey, Track], ...]
+
+    def chosen(self, which: str) -> Animation:
+        """What plays: one animation by its name, else by its number, or all.
+
+        Of those that move the same thing (walk, run), all means the first; see `left_out`.
+
+        Raises:
+            SceneError: the file has no such animation.
+        """
+        if which == ALL and ALL not in self.names:
+            tracks: dict[TrackKey, Track] = {}
+            for number, clip in enumerate(self.clips):
+                if number not in self._alternatives():
+                    tracks.update(clip)
+            return Animation(tuple(tracks.values()))
+        return Animation(tuple(self.clips[self._number(which)].values()))
+
+    def left_out(self, which: str) -> tuple[str, ...]:
+        """Names of those that do not play though `all` was said: alternatives of the others."""
+        if which != ALL or ALL in self.names:
+            return ()
+        return tuple(self.names[number] or f"number {number}" for number in self._alternatives())
+
+    def of_nodes(self, nodes: frozenset[int]) -> Animation:
+        """All that moves some nodes, whichever animation plays on the rest."""
+        tracks: dict[TrackKey, Track] = {}
+        for clip in self.clips:
+            for key, track in clip.items():
+                if track.node in nodes:
+                    tracks.setdefault(key, track)
+        return Animation(tuple(tracks.values()))
+
+    def _alternatives(self) -> tuple[int, ...]:
+        taken: set[TrackKey] = set()
+        left: list[int] = []
+        for number, clip in enumerate(self.clips):
+            if taken.isdisjoint(clip):
+                taken.update(clip)
+            else:
+                left.append(number)
+        return tuple(left)
+
+    def _number(self, which: str) -> int:
+        if which in self.names:
+            return self.names.index(which)
+        if which.isdecimal() and len(which) < 9 and int(which) < len(self.clips):
+            return int(which)
+        if not self.clips:
+            raise SceneError(f"no animation '{which}': the file has none; leave --animation out")
+        raise SceneError(f"no animation '{which}'; expected all or one of {listed(self.names)}")
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a message, the first dozen of many."""
+    known = ", ".join(name[:40] or f"number {at}" for at, name in enumerate(names[:_LISTED]))
+    return known if len(names) <= _LISTED else f"{known} and {len(names) - _LISTED} more"
+
+
+def read_animations(
+    document: Document, accessors: AccessorReader, hierarchy: Hierarchy, morphs: dict[int, int]
+) -> Animations:
+    """All animations of the file.
+
+    Args:
+        document: the file.
+        accessors: its accessors.
+        hierarchy: its nodes.
+        morphs: number of morph targets by node.
+
+    Raises:
+        SceneError: key times that do not increase, or values that do not fit them.
+    """
+    reader = _TrackReader(document, accessors, hierarchy, morphs)
+    items = document.items("animations")
+    return Animations(
+        names=tuple(item.name for item in items),
+        clips=tuple(reader.clip(item) for item in items),
+    )
+
+
+@dataclass(slots=True)
+class _TrackReader:
+    document: Document
+    accessors: AccessorReader
+    hierarchy: Hierarchy
+    morphs: dict[int, int]
+    _times: dict[int, tuple[float, ...]] = field(default_factory=dict)
+
+    def clip(self, clip: Fields) -> dict[TrackKey, Track]:
+        """An animation's tracks by node and property."""
+        samplers = clip.children("samplers")
+        tracks: dict[TrackKey, Track] = {}
+        unplayed: Counter[str] = Counter()
+        for channel in clip.children("channels"):
+            target = channel.child("target")
+            path = target.text("path")
+            node = target.reference("node", len(self.hierarchy.has_matrix))
+            fault = self._fault(node, path)
+            if fault or node is None:
+                unplayed[fault] += 1
+                continue
+            sampler = samplers[channel.integer("sampler", below=len(samplers))]
+            width = self.morphs[node] if path == "weights" else _WIDTHS[path]
+            tracks[node, path] = self._track(sampler, node, path, width)
+        for fault, count in unplayed.items():
+            self.document.warn(f"{clip.place}: {count} channels are not played: {fault}")
+        return tracks
+
+    def _fault(self, node: int | None, path: str) -> str:
+        """Why a channel is not played, empty where it is."""
+        if node is None or (path not in _WIDTHS and path != "weights"):
+            return f"they animate '{path[:40]}' of no node"
+        if path == "weights" and not self.morphs.get(node):
+            return "they animate weights of a node that is not drawn or has no morph targets"
+        if path != "weights" and self.hierarchy.has_matrix[node]:
+            return "they animate a node with a matrix"
+        return ""
+
+    def _track(self, sampler: Fields, node: int, path: str, width: int) -> Track:
+        interpolation = sampler.text("interpolation", "LINEAR")
+        if interpolation not in _INTERPOLATIONS:
+            raise sampler.wrong("interpolation", "LINEAR, STEP or CUBICSPLINE")
+        times = self._key_times(sampler)
+        output = sampler.integer("output", below=self.accessors.count)
+        self.document.spend(2 * 8 * 3 * len(times) * width, sampler.place)
+        flat = self.accessors.floats(output, 1 if path == "weights" else width)
+        per_key = 3 if interpolation == "CUBICSPLINE" else 1
+        if flat.size != len(times) * per_key * width:
+            raise SceneError(
+                f"{sampler.place}.output has {flat.size} numbers, expected "
+                f"{len(times) * per_key * width} for {len(times)} keys; export the file again"
+            )
+        keys = flat.astype(np.float64).reshape(len(times), per_key, width)
+        if per_key == 1:
+            zero = np.zeros_like(keys)
+            keys = np.concatenate([zero, keys, zero], axis=1)
+        if path == "rotation" and per_key == 1:
+            keys[:, 1] = normalized(keys[:, 1])
+        return Track(node, path, interpolation, times, keys)
+
+    def _key_times(self, sampler: Fields) -> tuple[float, ...]:
+        index = sampler.integer("input", below=self.accessors.count)
+        if index not in self._times:
+            self.document.spend(48 * self.accessors.length(index), sampler.place)
+            times = self.accessors.floats(index, 1)[:, 0].astype(np.float64)
+            if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
+                raise SceneError(
+                    f"{sampler.place}.input holds times that do not increase from 0; export again"
+                )
+            self._times[index] = tuple(times.tolist())
+        return self._times[index]

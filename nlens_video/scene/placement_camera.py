@@ -1,0 +1,94 @@
+"""A virtual camera for a scene that has none, from where its object is to stand in the frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, Placing
+from nlens_video.scene.camera import Camera
+
+# What lies this close above the ground, as a share of the object's height, stands on it.
+_STANDING = 0.01
+
+
+def contact_point(vertices: Float32, ground_y: float | None = None) -> Float64:
+    """The point of the ground on which an object stands (3,) [scene unit].
+
+    It is the middle of the box around the lowest vertices, so that legs stand round it.
+
+    Args:
+        vertices: world positions (V, 3).
+        ground_y: height of the ground, None for the lowest vertex.
+    """
+    heights = vertices[:, 1].astype(np.float64)
+    lowest, highest = float(heights.min()), float(heights.max())
+    feet = vertices[heights <= lowest + _STANDING * (highest - lowest)].astype(np.float64)
+    middle = 0.5 * (feet.min(axis=0) + feet.max(axis=0))
+    return np.array([middle[0], lowest if ground_y is None else ground_y, middle[2]])
+
+
+def place_camera(
+    vertices: Float32,
+    contact: Float64,
+    placing: Placing,
+    focal_35mm: float,
+    frame: tuple[int, int],
+    pixel_aspect: float = 1.0,
+) -> Camera:
+    """The camera that sees an object where it is to stand; not rolled, its horizon where told.
+
+    The object stays where its file has it: the camera walks round it and away from it.
+
+    Args:
+        vertices: the object's world positions (V, 3) at the moment it is placed.
+        contact: point of the ground on which it stands (3,) [scene unit].
+        placing: where the frame shows it.
+        focal_35mm: 35 mm equivalent focal length, by the frame's diagonal [mm].
+        frame: columns and rows [px].
+        pixel_aspect: width of a pixel by its height [1].
+
+    Raises:
+        SceneError: so large that the object would reach behind the camera, or it has no height.
+    """
+    width, height = frame
+    fy = focal_35mm / FULL_FRAME_DIAGONAL_MM * math.hypot(width * pixel_aspect, height)
+    fx = fy / pixel_aspect
+    pitch = math.atan((placing.horizon - 0.5) * height / fy)  # upwards
+    turned = _turn(math.radians(-placing.yaw_deg), pitch)
+    ray = np.array([(placing.at[0] - 0.5) * width / fx, -(placing.at[1] - 0.5) * height / fy, -1.0])
+    # In camera axes, with the contact point at depth t, a vertex at p from it has the depth
+    # t - p_z and lies fy (p_y + ray_y p_z) / (t - p_z) rows above the contact point.
+    local = (vertices.astype(np.float64) - contact) @ turned
+    rise = local[:, 1] + ray[1] * local[:, 2]
+    depth = float((local[:, 2] + rise * fy / (placing.size * height)).max())
+    nearest = depth - float(local[:, 2].max())
+    if not nearest > 1e-3 * depth or not rise.max() > 0.0:
+        raise SceneError(
+            f"{placing.words()}: the object would reach behind the camera; "
+            "give a smaller --size or a higher horizon"
+        )
+    pose = np.eye(4)
+    pose[:3, :3] = turned
+    pose[:3, 3] = contact - depth * (turned @ ray)
+    return Camera(
+        world_from_camera=pose,
+        fx=fx,
+        fy=fy,
+        cx=0.5 * width,
+        cy=0.5 * height,
+        width=width,
+        height=height,
+    )
+
+
+def _turn(yaw: float, pitch: float) -> Float64:
+    """Rotation (3, 3) that looks along -Z, pitched up about X, then turned about Y [rad]."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    about_y = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    c, s = math.cos(pitch), math.sin(pitch)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return np.asarray(about_y @ about_x)

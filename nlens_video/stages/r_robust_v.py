@@ -1,0 +1,207 @@
+"""The robust V: coc = slope * |disparity - focus| through samples of which many may be wrong.
+
+slope > 0 and focus >= 0 is what optics says for certain (nearer points blur with the positive sign,
+and nothing lies beyond infinity), so both arms of the V compete for every sample. It also says how
+large the CoC at infinity can be: beyond a tenth of the frame's width only the fastest lenses get,
+close up. That is a weak prior on the intercept; without it samples of a short span of disparity,
+as of a ground seen from above, would let the line swing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.layers import Float64
+
+CUTOFF = 2.0  # residuals beyond this many expected errors stop counting
+_FOCUS_STEPS = 160
+_SLOPE_QUANTILES = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.92)
+_SCAN_SAMPLES = 3000
+_FARTHEST_FOCUS = 8.0  # of the largest disparity: nearer focus planes look alike from the data
+_STEPS = 40
+_PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """A candidate: slope [px * scene unit] > 0 and focus disparity [1 / scene unit] >= 0."""
+
+    slope: float
+    focus: float
+
+
+@dataclass(frozen=True, slots=True)
+class VFit:
+    """Samples and the robust cost of a candidate; all arrays (N,).
+
+    Attributes:
+        disparity: > 0 [1 / scene unit].
+        coc_px: unsigned diameter [px].
+        error_px: expected error of the diameter, > 0 [px].
+        share: share of each sample in the cost; sums to 1 [1].
+        infinity_px: deviation of the prior on the CoC at infinity [px].
+    """
+
+    disparity: Float64
+    coc_px: Float64
+    error_px: Float64
+    share: Float64
+    infinity_px: float = np.inf
+
+    def solve(self) -> Lens | None:
+        """The best candidate, None where no slope above zero fits at all."""
+        return self._within(0.0, np.inf)
+
+    def cost(self, lens: Lens) -> float:
+        """Geman-McClure (quadratic for small residuals, constant for large ones) and the prior."""
+        squared = self._squared(lens)
+        robust = float(np.sum(self.share * squared / (squared + CUTOFF**2)))
+        return robust + float(self._prior(np.array(lens.slope), lens.focus))
+
+    def kept(self, lens: Lens) -> Float64:
+        """What the loss leaves of each sample (N,), 1 for an inlier, 0 for an outlier."""
+        return np.asarray((CUTOFF**2 / (self._squared(lens) + CUTOFF**2)) ** 2)
+
+    def sign_margin(self, lens: Lens) -> float:
+        """Relative cost by which the best lens of the other sign fits worse; inf if there is none.
+
+        The sign is that of the CoC at the weighted median of the disparities.
+        """
+        middle = _weighted_median(self.disparity, self.share)
+        if lens.focus < middle:
+            other = self._within(middle, np.inf)
+        else:
+            other = self._within(0.0, middle)
+        if other is None:
+            return np.inf
+        cost = self.cost(lens)
+        return max(0.0, (self.cost(other) - cost) / max(cost, 1e-6))
+
+    def coc_at_median(self, lens: Lens) -> float:
+        """Signed CoC at the weighted median of the disparities [px]."""
+        return lens.slope * (_weighted_median(self.disparity, self.share) - lens.focus)
+
+    def covariance(self, lens: Lens, cluster: npt.NDArray[np.int64], independent: float) -> Float64:
+        """Covariance of (slope, intercept), (2, 2): of local errors and of those all share.
+
+        What neighbours err alike shows in the residuals (cluster-robust, a sandwich). What a whole
+        picture is misread by does not, since the line follows it: for that the samples count
+        together as a few that err by their expected error.
+
+        Args:
+            lens: the solution.
+            cluster: which samples err alike (N,).
+            independent: how many independent samples all of them are worth [1].
+        """
+        squared = self._squared(lens)
+        weight = self.kept(lens) * self.share / self.error_px**2
+        # a redescending loss is flatter than its weights say: its true curvature is the bread
+        curvature = weight * (1 - 4 * squared / (squared + CUTOFF**2))
+        scale = np.array([self.disparity.max(), 1.0])
+        design = self._design(lens) / scale
+        prior = np.diag([0.0, _PRIOR_SHARE / self.infinity_px**2])
+        hessian = design.T @ (design * curvature[:, None]) + prior
+        if np.linalg.eigvalsh(hessian)[0] <= 0:
+            hessian = design.T @ (design * weight[:, None]) + prior
+        residual = lens.slope * np.abs(self.disparity - lens.focus) - self.coc_px
+        _, patch = np.unique(cluster, return_inverse=True)
+        scores = np.zeros((int(patch.max()) + 1, 2))
+        np.add.at(scores, patch, design * (weight * residual)[:, None])
+        bread = np.linalg.pinv(hessian)
+        meat = scores.T @ scores + _PRIOR_SHARE * prior
+        shared = np.linalg.pinv(design.T @ (design * weight[:, None]) + prior) / independent
+        return np.asarray((bread @ meat @ bread + shared) / np.outer(scale, scale))
+
+    def _within(self, low: float, high: float) -> Lens | None:
+        """The best candidate with its focus between two disparities."""
+        start = self._thinned()._scan(low, high)
+        if start is None:
+            return None
+        refined = self._refine(start)
+        return refined if low <= refined.focus <= high else start
+
+    def _prior(self, slope: Float64, focus: float) -> Float64:
+        """Cost of the CoC at infinity, in the scale of the robust cost's quadratic part."""
+        return np.asarray(_PRIOR_SHARE * (slope * focus / self.infinity_px) ** 2 / CUTOFF**2)
+
+    def _squared(self, lens: Lens) -> Float64:
+        """Squared residuals in expected errors (N,)."""
+        residual = lens.slope * np.abs(self.disparity - lens.focus) - self.coc_px
+        return np.asarray((residual / self.error_px) ** 2)
+
+    def _design(self, lens: Lens) -> Float64:
+        """Derivative of the unsigned CoC by slope and intercept (N, 2)."""
+        sign = np.where(self.disparity >= lens.focus, 1.0, -1.0)
+        return np.stack([sign * self.disparity, sign], axis=1)
+
+    def _thinned(self) -> VFit:
+        """At most `_SCAN_SAMPLES` of the samples, picked in proportion to their share."""
+        if len(self.share) <= _SCAN_SAMPLES:
+            return self
+        edges = np.cumsum(self.share)
+        shares = (np.arange(_SCAN_SAMPLES) + 0.5) / _SCAN_SAMPLES * edges[-1]
+        picked = np.minimum(np.searchsorted(edges, shares), len(edges) - 1)
+        even = np.full(_SCAN_SAMPLES, 1.0 / _SCAN_SAMPLES)
+        return replace(
+            self,
+            disparity=self.disparity[picked],
+            coc_px=self.coc_px[picked],
+            error_px=self.error_px[picked],
+            share=even,
+        )
+
+    def _scan(self, low: float, high: float) -> Lens | None:
+        """The best of a grid over focus disparities and, for each, quantiles of the slope."""
+        top = float(self.disparity.max())
+        # beyond the nearest sample only one arm is seen: a geometric scale is fine enough
+        inside = np.linspace(0.0, top, _FOCUS_STEPS)
+        beyond = top * np.geomspace(1.02, _FARTHEST_FOCUS, _FOCUS_STEPS // 5)
+        best, best_cost = None, np.inf
+        for focus in np.concatenate([inside, beyond]):
+            distance = np.abs(self.disparity - focus)
+            useful = distance > 0.01 * top
+            if not low <= focus <= high or not useful.any():
+                continue
+            slopes = np.quantile(self.coc_px[useful] / distance[useful], _SLOPE_QUANTILES)
+            squared = ((slopes[:, None] * distance - self.coc_px) / self.error_px) ** 2
+            costs = (squared / (squared + CUTOFF**2)) @ self.share + self._prior(slopes, focus)
+            at = int(np.argmin(costs))
+            if costs[at] < best_cost and slopes[at] > 0:
+                best, best_cost = Lens(float(slopes[at]), float(focus)), float(costs[at])
+        return best
+
+    def _refine(self, lens: Lens) -> Lens:
+        """Iteratively reweighted least squares from a grid point, while the cost falls."""
+        cost = self.cost(lens)
+        for _ in range(_STEPS):
+            weight = self.kept(lens) * self.share / self.error_px**2
+            candidate = self._least_squares(self._design(lens), weight)
+            if candidate is None or (new_cost := self.cost(candidate)) >= cost - 1e-12:
+                break
+            lens, cost = candidate, new_cost
+        return lens
+
+    def _least_squares(self, design: Float64, weight: Float64) -> Lens | None:
+        normal = design.T @ (design * weight[:, None])
+        normal[1, 1] += _PRIOR_SHARE / self.infinity_px**2
+        scale = np.sqrt(np.diag(normal)) + 1e-300
+        system = normal / np.outer(scale, scale) + 1e-9 * np.eye(2)
+        solution = np.linalg.solve(system, design.T @ (weight * self.coc_px) / scale) / scale
+        slope, intercept = float(solution[0]), float(solution[1])
+        if slope <= 0:
+            return None
+        if intercept <= 0:
+            return Lens(slope, -intercept / slope)
+        # the nearest lens that optics allows is focused at infinity: a line through the origin
+        x = self.disparity
+        slope = float((weight * x * self.coc_px).sum() / (weight * x * x).sum())
+        return Lens(slope, 0.0) if slope > 0 else None
+
+
+def _weighted_median(values: Float64, weights: Float64) -> float:
+    order = np.argsort(values)
+    edges = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(edges, 0.5 * edges[-1])])

@@ -1,0 +1,129 @@
+"""Points that stand for an aperture: each the centre of a cell of equal light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from nlens_video.core.aperture import ROUND, Aperture
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.kernels.scatter.shape import contains, outer_radius, read_picture
+
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_DENSE = 8192  # points that the aperture is made of before they are gathered into cells
+_ROUNDS = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensPoints:
+    """Cells of an aperture.
+
+    Attributes:
+        places: their centres (N, 2): u along columns, v along rows; light of CoC c appears
+            c / 2 * (u, v) px off [radius of the disc of the aperture's area].
+        weights: share of the light that passes through each (N,), their sum is 1 [1].
+    """
+
+    places: Float64
+    weights: Float64
+
+    @property
+    def radii(self) -> Float64:
+        """Radius (N,) of the disc of each cell's area [radius of the aperture]."""
+        return np.asarray(np.sqrt(self.weights))
+
+
+def spiral(count: int) -> Float64:
+    """Points (N, 2) of the unit disc, each for an equal share of its area: Vogel's spiral."""
+    at = np.arange(count)
+    radius = np.sqrt((at + 0.5) / count)
+    angle = 2.0 * math.pi * _GOLDEN * at
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+
+@lru_cache(maxsize=32)
+def lens_points(count: int, aperture: Aperture = ROUND) -> LensPoints:
+    """Gather an aperture into cells by Lloyd's iteration: compact, each its points' mean.
+
+    The same arguments always give the same points.
+
+    Args:
+        count: how many, 1 to 256; a picture with fewer lit pixels gives as many as those.
+        aperture: its shape; a cat's eye is left to whoever knows the place in the frame.
+
+    Raises:
+        InputError: the aperture's picture cannot be read.
+    """
+    places, light = _dense(aperture)
+    centres = _seeds(places, light, count)
+    mass = np.zeros(count, np.float64)
+    for _ in range(_ROUNDS):
+        cell = cKDTree(centres).query(places)[1]
+        mass = np.bincount(cell, light, count).astype(np.float64)
+        sums = [np.bincount(cell, light * places[:, axis], count) for axis in (0, 1)]
+        lit = mass > 0.0
+        centres[lit] = np.stack(sums, axis=1)[lit] / mass[lit, None]
+    lit = mass > 0.0
+    return LensPoints(centres[lit], mass[lit] / mass.sum())
+
+
+def bare_points(count: int) -> LensPoints:
+    """A round aperture as many points of equal weight, for views that are not blurred any more."""
+    return LensPoints(spiral(count), np.full(count, 1.0 / count))
+
+
+@lru_cache(maxsize=4)
+def even_points(count: int) -> Float32:
+    """Points (N, 2) of equal weight that have the round aperture's mean and second moments.
+
+    Args:
+        count: how many, 1 to 256.
+    """
+    places = lens_points(count).places
+    centred = places - places.mean(axis=0)
+    spread = np.mean(np.sum(centred * centred, axis=1))
+    return np.asarray(centred * math.sqrt(0.5 / spread), dtype=np.float32)
+
+
+def points_around(count: int, aperture: Aperture = ROUND) -> LensPoints:
+    """The aperture's centre and a ring about it, each for a round cell of equal light.
+
+    With the ring at sqrt(1/2) the cells spread light as far as the whole disc does, by its second
+    moment. It is turned so that no two of four points stand in one column or row.
+
+    Args:
+        count: how many the ring holds, at least 3.
+        aperture: its shape; blades count as the disc of their area, and where a picture gives the
+            shape, which may be dark in the middle, the points are its `lens_points`.
+    """
+    if aperture.image is not None:
+        return lens_points(count + 1, aperture)
+    angle = math.atan(2.0) + 2.0 * math.pi / count * np.arange(count)
+    ring = math.sqrt(0.5) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    places = np.concatenate([np.zeros((1, 2)), ring])
+    return LensPoints(places, np.full(count + 1, 1.0 / (count + 1)))
+
+
+def _dense(aperture: Aperture) -> tuple[Float64, Float64]:
+    """Many points (M, 2) of an aperture, turned as a near highlight shows it, their light (M,)."""
+    if aperture.image is None:
+        disc = outer_radius(aperture) * spiral(_DENSE)
+        disc = disc[contains(aperture, disc[:, 0], disc[:, 1])]
+        return -disc, np.ones(len(disc))
+    picture = read_picture(aperture.image)
+    rows, columns = np.nonzero(picture)
+    middle = 0.5 * np.array([picture.shape[1], picture.shape[0]])
+    places = np.stack([columns, rows], axis=1) + 0.5 - middle
+    light = picture[rows, columns]
+    return -places / math.sqrt(light.sum() / math.pi), light
+
+
+def _seeds(places: Float64, light: Float64, count: int) -> Float64:
+    """Points (N, 2) that start the iteration, each after an equal share of the light."""
+    before = np.cumsum(light)
+    chosen = np.searchsorted(before, (np.arange(count) + 0.5) / count * before[-1])
+    return np.array(places[chosen])

@@ -1,0 +1,213 @@
+"""Files that appear only when they are complete: temporary name in the same folder, then rename.
+
+A temporary's name tells whose it is, so that the next run finds what a killed one has left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+import socket
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from nlens_video.core.errors import OutputError
+
+
+def partial_name(path: Path) -> Path:
+    """Name beside `path` under which it is written; keeps the extension, so players open it."""
+    name = f".{path.stem}.partial-{_host()}-{os.getpid()}{path.suffix}"
+    return written_through(path).with_name(name)
+
+
+def written_through(path: Path) -> Path:
+    """Where the bytes of a file go: to what a link leads to, which need not be there.
+
+    Raises:
+        OutputError: the link leads in a circle.
+    """
+    if not path.is_symlink():
+        return path
+    with contextlib.suppress(OSError, RuntimeError):
+        target = path.resolve()
+        if not target.is_symlink():
+            return target
+    raise OutputError(f"{path}: is a link that leads in a circle; give another name")
+
+
+def kept_name(path: Path) -> Path:
+    """Name of the part of `path` that an aborted run leaves, where that was asked for."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
+def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
+    """Temporaries of `path` whose runs are gone: those of processes of this machine that ended.
+
+    Args:
+        path: the result; of a sequence its pattern.
+        whole_folder: whether temporaries of other results with its extension count too.
+    """
+    stem = ".+" if whole_folder else re.escape(path.stem)
+    shape = re.compile(rf"\.{stem}\.partial-{_host()}-(\d+){re.escape(path.suffix)}")
+    try:
+        folder = written_through(path).parent
+        names = [(one, shape.fullmatch(one.name)) for one in folder.iterdir()]
+    except (OSError, OutputError):
+        return []  # whoever writes there will say so
+    return sorted(one for one, match in names if match and not _runs(int(match[1])))
+
+
+def sweep(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
+    """Remove what `left_over` finds; a note on each."""
+    notes = []
+    for found in left_over(path, whole_folder=whole_folder):
+        with contextlib.suppress(OSError):
+            shutil.rmtree(found) if found.is_dir() else found.unlink()
+            notes.append(f"removed {found.name}, left by a run that was killed")
+    return tuple(notes)
+
+
+def _host() -> str:
+    """This machine, in letters and digits: others that share the folder have other names."""
+    return re.sub(r"[^0-9A-Za-z]", "", socket.gethostname())[:24] or "host"
+
+
+def _runs(process: int) -> bool:
+    """Whether there is such a process; on Windows, where asking would disturb it, there may be."""
+    if sys.platform == "win32":
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True  # somebody else's
+    return True
+
+
+def check_folder(path: Path) -> None:
+    """See that a file can be made there.
+
+    Raises:
+        OutputError: the folder is missing, is read-only, or the name is that of a folder, a device
+            or a pipe, or of another user's file in a folder where only its owner may replace it.
+    """
+    folder = written_through(path).parent
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; give the name of a file")
+    if path.exists() and not path.is_file():  # its place would be taken by the finished file
+        raise OutputError(f"{path}: is a device or a pipe; give the name of a file")
+    if not folder.is_dir():
+        raise OutputError(f"{path}: the folder {folder} does not exist; make it first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"{path}: the folder {folder} cannot be written to")
+    if path.exists() and _only_its_owner_replaces(path, folder):
+        raise OutputError(f"{path}: belongs to another user; give another name")
+
+
+def _only_its_owner_replaces(path: Path, folder: Path) -> bool:
+    """Whether a folder such as /tmp, whose sticky bit is set, keeps us from replacing a file."""
+    if sys.platform == "win32":
+        return False
+    about = folder.stat()
+    owners = (0, about.st_uid, path.stat().st_uid)
+    return bool(about.st_mode & stat.S_ISVTX) and os.geteuid() not in owners
+
+
+def check_target_folder(folder: Path) -> None:
+    """See that files can be made in a folder, which may have to be made itself.
+
+    Raises:
+        OutputError: it, or what is there of the folders above it, is a file or is read-only.
+    """
+    there = folder
+    while not there.exists() and there != there.parent:
+        there = there.parent
+    if not there.is_dir():
+        raise OutputError(f"{folder}: {there} is no folder; give another one")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(f"{folder}: the folder {there} cannot be written to")
+
+
+def publish(partial: Path, path: Path) -> None:
+    """Bring a finished file to the disk and give it its name.
+
+    What is there is replaced and hands on its rights; where the name is a link, what it leads to.
+
+    Raises:
+        OutputError: the disk is full or the folder went away.
+    """
+    try:
+        target = written_through(path)
+        _bring_to_disk(partial)
+        if target.exists():
+            _take_rights(target, partial)
+        try:
+            partial.replace(target)
+        except OSError as error:
+            if error.errno != errno.EXDEV:
+                raise
+            _move_across(partial, target)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def _bring_to_disk(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _take_rights(given: Path, taking: Path) -> None:
+    """Owner, extended attributes (access lists among them) and mode, as far as we may set them."""
+    about = given.stat()
+    if sys.platform != "win32":
+        if (about.st_uid, about.st_gid) != (taking.stat().st_uid, taking.stat().st_gid):
+            with contextlib.suppress(OSError):
+                os.chown(taking, about.st_uid, about.st_gid)
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError):
+                for name in os.listxattr(given):
+                    os.setxattr(taking, name, os.getxattr(given, name))
+    taking.chmod(stat.S_IMODE(about.st_mode))
+
+
+def _move_across(partial: Path, target: Path) -> None:
+    """Move a file to another disk, where it appears when it is complete."""
+    there = partial_name(target)
+    try:
+        shutil.copyfile(partial, there)
+        _bring_to_disk(there)
+        if target.exists():
+            _take_rights(target, there)
+        there.replace(target)
+    finally:
+        there.unlink(missing_ok=True)
+    partial.unlink()
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Write to the yielded name; `path` appears at the end, or nothing does.
+
+    Raises:
+        OutputError: it cannot be written; an OSError of the body that names no other file, such
+            as that of a full disk, becomes this.
+    """
+    check_folder(path)
+    partial = partial_name(path)
+    try:
+        yield partial
+        publish(partial, path)
+    except OSError as error:
+        if error.filename not in (None, str(partial)):
+            raise  # something else that the body does
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""Chunks: lossless parts of a result that are merged later."""

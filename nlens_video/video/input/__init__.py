@@ -1,0 +1,1 @@
+"""Sources: files, streams, devices and sequences, decoded frame by frame."""

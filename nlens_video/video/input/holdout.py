@@ -1,0 +1,252 @@
+"""What really stands before the object: mattes and depth maps, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from nlens_video.core.color import luma
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import (
+    Bool,
+    Box,
+    DepthMap,
+    Float32,
+    Matte,
+)
+from nlens_video.video.exr import FAR, ExrImage, read_exr
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.input.open import InputHints
+from nlens_video.video.input.source import AvSource
+from nlens_video.video.numbered import Numbered
+from nlens_video.video.pixels.picture import AvPicture
+from nlens_video.video.pixels.sample_tables import Samples
+from nlens_video.video.pixels.sample_views import frame_samples
+
+_CODE = 1.5 / 255.0  # as near to black or white as lossy codecs leave them
+
+
+class HoldoutReader(Protocol):
+    """Reads what stands in front; frames are asked for in ascending order."""
+
+    @property
+    def description(self) -> str:
+        """What is read, in words."""
+        ...
+
+    def read(self, index: int) -> Matte | DepthMap:
+        """The matte or the depth of a frame of the plate."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the file."""
+        ...
+
+
+def open_holdout(spec: str, size: tuple[int, int]) -> HoldoutReader:
+    """Open a matte or a depth map and look at its first frame.
+
+    Args:
+        spec: a video, a picture, a `%04d` sequence, or OpenEXR: with a channel Z a depth map, else
+            a matte. White is in front; alpha counts where the first frame has any that is not 1.
+        size: width and height of the plate [px].
+
+    Raises:
+        InputError: it cannot be read, or has another size.
+    """
+    if spec.lower().endswith(".exr"):
+        return ExrHoldout(spec, size)
+    return MatteReader(spec, size)
+
+
+class MatteReader:
+    """A matte that FFmpeg decodes; frame n of it belongs to frame n of the plate.
+
+    Args:
+        spec: a video, a picture or a `%04d` sequence.
+        size: width and height of the plate [px].
+    """
+
+    def __init__(self, spec: str, size: tuple[int, int]) -> None:
+        self._spec = spec
+        self._source = AvSource(spec, InputHints())
+        info = self._source.info
+        self._still = info.kind == "still"
+        self._frames: Iterator[SourceFrame] = iter(self._source)
+        try:
+            _check_size(spec, (info.width, info.height), size)
+            self._index, first = 0, _samples(next(self._frames))
+        except BaseException:
+            self.close()
+            raise
+        self._by_alpha = _tells(first)
+        self._last = self._matte(first)
+
+    @property
+    def description(self) -> str:
+        """What is read, in words."""
+        return f"{self._spec}, by its {'alpha' if self._by_alpha else 'luminance'}"
+
+    def read(self, index: int) -> Matte:
+        """The matte of a frame.
+
+        Raises:
+            InputError: it has no such frame.
+        """
+        while not self._still and self._index < index:
+            frame = next(self._frames, None)
+            if frame is None:
+                raise _ended(self._spec, index)
+            self._index += 1
+            if self._index == index:
+                self._last = self._matte(_samples(frame))
+        return self._last
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._source.__exit__(None, None, None)
+
+    def _matte(self, samples: Samples) -> Matte:
+        if not self._by_alpha or samples.alpha is None:
+            return _matte(_luminance(samples))
+        full = samples.coding.peak or 1.0
+        return _matte(samples.alpha.astype(np.float32) / np.float32(full))
+
+
+class ExrHoldout:
+    """Depth or a matte from OpenEXR: one file for all frames, or a `%04d` sequence.
+
+    Args:
+        spec: a file, or a pattern whose smallest number on disk is frame 0.
+        size: width and height of the plate [px].
+    """
+
+    def __init__(self, spec: str, size: tuple[int, int]) -> None:
+        self._size = size
+        self._spec = spec
+        self._files = Numbered(spec) if Numbered.matches(spec) else None
+        self._start = self._files.first() if self._files else 0
+        first = self._image(0)
+        channels = first.channels
+        self._depth = "Z" in channels
+        self._by_alpha = "A" in channels and (
+            bool((channels["A"] < 1.0).any()) or not {"R", "G", "B"} <= set(channels)
+        )
+        self._cached = (0, self._read(first))
+
+    @property
+    def description(self) -> str:
+        """What is read, in words."""
+        if self._depth:
+            return f"{self._spec}, where its depth Z is nearer"
+        return f"{self._spec}, by its {'alpha' if self._by_alpha else 'luminance'}"
+
+    def read(self, index: int) -> Matte | DepthMap:
+        """The matte or the depth of a frame.
+
+        Raises:
+            InputError: the sequence has ended, or the file is unusable.
+        """
+        if self._files is not None and self._cached[0] != index:
+            self._cached = (index, self._read(self._image(index)))
+        return self._cached[1]
+
+    def close(self) -> None:
+        """Nothing is held open between frames."""
+
+    def _image(self, index: int) -> ExrImage:
+        path = Path(self._spec)
+        if self._files is not None:
+            path = self._files.path(self._start + index)
+            if not path.is_file():
+                raise _ended(str(path), index)
+        image = read_exr(path)
+        _check_size(str(path), (image.width, image.height), self._size)
+        return image
+
+    def _read(self, image: ExrImage) -> Matte | DepthMap:
+        channels = image.channels
+        if self._depth:
+            depth = _on_frame(image, self._channel(image, "Z"), np.inf)
+            with np.errstate(invalid="ignore"):
+                there = (depth > 0.0) & (depth < FAR)
+            return DepthMap(np.where(there, depth, np.float32(np.inf)))
+        if self._by_alpha:
+            return _matte(_on_frame(image, self._channel(image, "A"), 0.0))
+        if "Y" in channels:
+            return _matte(_on_frame(image, channels["Y"], 0.0))
+        weights = luma("bt709")
+        light = sum(
+            np.float32(weight) * self._channel(image, name)
+            for weight, name in zip(weights, "RGB", strict=True)
+        )
+        return _matte(_on_frame(image, np.asarray(light, dtype=np.float32), 0.0))
+
+    def _channel(self, image: ExrImage, name: str) -> Float32:
+        try:
+            return image.channels[name]
+        except KeyError:
+            raise InputError(
+                f"{self._spec}: has no channel {name} (found {' '.join(sorted(image.channels))}); "
+                "a holdout needs Z for depth, or A, Y or R G B for a matte"
+            ) from None
+
+
+def _on_frame(image: ExrImage, values: Float32, beyond: float) -> Float32:
+    frame = Box(0, 0, image.width, image.height)
+    shown = image.box.intersection(frame)
+    out = np.full((image.height, image.width), beyond, np.float32)
+    if not shown.empty:
+        out[shown.slices_in(frame)] = values[shown.slices_in(image.box)]
+    return out
+
+
+def _samples(frame: SourceFrame) -> Samples:
+    picture = frame.picture
+    assert isinstance(picture, AvPicture)
+    return frame_samples(picture.frame, picture.tags, round(picture.rotation / 90))
+
+
+def _tells(samples: Samples) -> bool:
+    """Whether the alpha says anything."""
+    return samples.alpha is not None and bool((samples.alpha < (samples.coding.peak or 1.0)).any())
+
+
+def _luminance(samples: Samples) -> Float32:
+    """Coded luminance (H, W), 0 black to 1 white: a matte's codes are shares, not light."""
+    coding = samples.coding
+    rows = coding.rgb_from_codes
+    if coding.family == "rgb":
+        first = luma("bt709") @ rows[:, :3]
+        planes = zip(first, samples.planes, strict=True)
+        return np.asarray(sum(np.float32(w) * plane for w, plane in planes), dtype=np.float32)
+    neutral = 0.5 * (coding.peak + 1.0) if coding.bits else 0.0
+    offset = rows[0, 3] + neutral * (rows[0, 1] + rows[0, 2])
+    first_plane = samples.planes[0].astype(np.float32)
+    return np.asarray(np.float32(rows[0, 0]) * first_plane + np.float32(offset), dtype=np.float32)
+
+
+def _matte(values: Float32) -> Matte:
+    coverage = np.clip(np.nan_to_num(values), np.float32(0.0), np.float32(1.0))
+    coverage[coverage < _CODE] = 0.0
+    white: Bool = coverage > 1.0 - _CODE
+    coverage[white] = 1.0
+    return Matte(coverage)
+
+
+def _check_size(name: str, found: tuple[int, int], wanted: tuple[int, int]) -> None:
+    if found != wanted:
+        raise InputError(
+            f"{name}: {found[0]}x{found[1]} pixels, the plate has {wanted[0]}x{wanted[1]}; "
+            "make the holdout at the plate's size"
+        )
+
+
+def _ended(name: str, index: int) -> InputError:
+    return InputError(
+        f"{name}: the holdout ends before frame {index} of the plate; "
+        "make it as long as the plate or give --range"
+    )

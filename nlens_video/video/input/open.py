@@ -1,0 +1,232 @@
+"""Opening FFmpeg's inputs, with one clear line when that fails."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import av
+import av.container
+import av.video.stream
+from av.video.codeccontext import VideoCodecContext
+
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.layers import MOST_PIXELS
+from nlens_video.video.info import Kind
+from nlens_video.video.numbered import Numbered
+
+DEFAULT_RATE = "24"
+"""Frames per second of an image sequence that nothing is said about."""
+_TIMELESS = (
+    "rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd",
+    "image2pipe",
+)  # fmt: skip
+"""Containers that hold bare pictures; beside them there are image files and devices."""
+_NO_DEVICES = ("image2", "rtp", "rtsp", "sap", "alsa", "oss")
+"""FFmpeg's inputs that open no file themselves, and yet are no devices with pictures."""
+
+_WITH_ALPHA = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
+"""Decoders that read the alpha beside the pictures."""
+
+DECODER = {"max_pixels": str(MOST_PIXELS)}
+"""FFmpeg's options of any decoder: it then refuses a larger picture, wherever it comes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InputHints:
+    """What the user says about an input that does not say it itself.
+
+    Attributes:
+        format: FFmpeg's name of a container or device, or of a pixel format: then raw video.
+        size: `WIDTHxHEIGHT`.
+        rate: frames per second, `25` or `30000/1001`.
+        transfer: name in `color.TRANSFERS`, in place of the tag.
+    """
+
+    format: str | None = None
+    size: str | None = None
+    rate: str | None = None
+    transfer: str | None = None
+
+
+def can_be_read_again(spec: str) -> bool:
+    """Whether a source is a file or a sequence of files: a pipe or a camera shows itself once."""
+    if spec == "-" or "://" in spec or spec.startswith("/dev/"):
+        return False
+    return Path(spec).is_file() or Numbered.matches(spec)
+
+
+def _standard_input() -> BinaryIO:
+    if sys.stdin is None:  # closed from the start
+        raise InputError("standard input: it is closed; pipe a stream in or name a file")
+    return sys.stdin.buffer
+
+
+def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputContainer, Kind]:
+    """Open whatever `spec` names.
+
+    Raises:
+        InputError: it cannot be opened or is no media.
+        UsageError: raw video without a size; a size or a rate that the input says itself.
+    """
+    file: object = spec
+    kind: Kind = "video"
+    format_, options = _format(hints)
+    if spec == "-":
+        file, kind = _standard_input(), "stream"
+    elif "://" in spec or spec.startswith("/dev/"):
+        kind = "stream"
+        if spec.startswith("/dev/video"):
+            format_ = format_ or "v4l2"
+    elif _opens_no_file(format_):  # a device: its names are no files
+        kind = "stream"
+    elif Path(spec).is_file():
+        # what is there is meant: no pattern though it has a %d, no protocol though it has a colon
+        _check_file(spec)
+        file = f"file:{spec}"
+    elif Numbered.matches(spec):
+        first = Numbered(spec).span().start
+        format_, kind = "image2", "sequence"
+        options |= {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
+    else:
+        _check_file(spec)
+        kind = "stream" if Path(spec).is_fifo() else kind
+    options |= DECODER  # what probing decodes is bounded, too
+    try:
+        container = av.open(file, "r", format=format_, options=options)
+    except (av.FFmpegError, OSError, ValueError) as error:
+        raise InputError(_explain(spec, error)) from error
+    if kind == "video" and _is_still(container):
+        kind = "still"
+    try:
+        _check_hints(spec, hints, container.format, kind)
+    except UsageError:
+        container.close()
+        raise
+    return container, kind
+
+
+def video_stream(container: av.container.InputContainer, spec: str) -> av.video.stream.VideoStream:
+    """The stream to work on.
+
+    Raises:
+        InputError: there is none.
+    """
+    stream = container.streams.best("video")
+    if not isinstance(stream, av.video.stream.VideoStream) or (
+        stream.disposition & av.stream.Disposition.attached_pic
+    ):
+        kinds = ", ".join(sorted({one.type for one in container.streams})) or "nothing"
+        raise InputError(f"{spec}: has no video stream (found: {kinds}); give a video or a picture")
+    if stream.codec_context is None:
+        raise InputError(f"{spec}: nothing here decodes its video stream; convert it first")
+    return stream
+
+
+def decoder_of(stream: av.video.stream.VideoStream) -> VideoCodecContext:
+    """What decodes a stream: FFmpeg's choice, but for VP8 and VP9 with alpha, which that drops."""
+    own = stream.codec_context
+    alpha = "1" in (value for key, value in stream.metadata.items() if key.lower() == "alpha_mode")
+    if not alpha or own.name not in _WITH_ALPHA:
+        return own
+    context = av.CodecContext.create(_WITH_ALPHA[own.name], "r")
+    if not isinstance(context, VideoCodecContext):
+        return own
+    context.extradata = own.extradata
+    return context
+
+
+def _format(hints: InputHints) -> tuple[str | None, dict[str, str]]:
+    """FFmpeg's input format and its options."""
+    options: dict[str, str] = {}
+    if hints.size is not None:
+        options["video_size"] = hints.size
+    if hints.rate is not None:
+        options["framerate"] = hints.rate
+    name = hints.format
+    if name is None or name != "rawvideo" and _is_container(name):
+        return name, options
+    if name != "rawvideo":
+        try:
+            av.VideoFormat(name)
+        except ValueError as error:
+            raise UsageError(
+                f"--input-format {name}: FFmpeg has no such container, device or pixel format here;"
+                f" its devices are {', '.join(_devices())}; for raw video give a pixel format such "
+                "as yuv420p or bgr24"
+            ) from error
+        options["pixel_format"] = name
+    if hints.size is None:
+        raise UsageError("raw video does not say its size; give --input-size WIDTHxHEIGHT")
+    return "rawvideo", options
+
+
+def _is_container(name: str) -> bool:
+    """Whether FFmpeg reads a container or a device by that name, which may be one of several."""
+    try:
+        return av.ContainerFormat(name, "r").is_input
+    except ValueError:
+        return False
+
+
+def _opens_no_file(name: str | None) -> bool:
+    return name is not None and name != "image2" and av.ContainerFormat(name, "r").no_file
+
+
+def _devices() -> list[str]:
+    """Names of the devices with pictures that FFmpeg was built with."""
+    inputs = [name for name in sorted(av.formats_available) if _is_container(name)]
+    return [
+        name.split(",")[-1]
+        for name in inputs
+        if name not in _NO_DEVICES and av.ContainerFormat(name, "r").no_file
+    ]
+
+
+def _check_file(spec: str) -> None:
+    path = Path(spec)
+    if not path.exists():
+        raise InputError(f"{spec}: no such file; give a video, a picture or a %04d sequence")
+    if not path.is_file() and not path.is_fifo():
+        raise InputError(f"{spec}: is no file; give a video, a picture or a %04d sequence")
+    if path.is_file() and path.stat().st_size == 0:
+        raise InputError(f"{spec}: is empty; give a video or a picture")
+
+
+def _check_hints(spec: str, hints: InputHints, format_: av.ContainerFormat, kind: Kind) -> None:
+    """See that FFmpeg has listened to the hints; most containers do not."""
+    device = format_.no_file and kind == "stream" and format_.name != "lavfi"
+    pictures = format_.name == "image2" or format_.name.endswith("_pipe")
+    for option, value, heard in (
+        ("--input-size", hints.size, device or format_.name == "rawvideo"),
+        ("--input-rate", hints.rate, device or pictures or format_.name in _TIMELESS),
+    ):
+        if value is not None and not heard:
+            raise UsageError(
+                f"{option} {value}: {spec} ({format_.name}) says that itself; leave it out"
+            )
+
+
+def _is_still(container: av.container.InputContainer) -> bool:
+    return container.format.name == "image2" or container.format.name.endswith("_pipe")
+
+
+def _explain(spec: str, error: Exception) -> str:
+    if spec == "-":
+        return (
+            "standard input: no stream that can be read from a pipe; pipe NUT, Matroska or "
+            "yuv4mpeg, or an MP4 made with -movflags +faststart; raw video needs --input-format "
+            "and --input-size"
+        )
+    reason = getattr(error, "strerror", None) or str(error)
+    if spec.startswith("/dev/video"):
+        return (
+            f"{spec}: no camera can be opened there ({reason}); v4l2-ctl --list-devices tells "
+            "where there is one"
+        )
+    return (
+        f"{spec}: cannot be opened ({reason}); expected a video, a picture, a %04d sequence "
+        f"or a stream that FFmpeg reads, of at most {MOST_PIXELS // 10**6} megapixels"
+    )

@@ -1,0 +1,127 @@
+"""Which packet holds which frame, and where a decoder can begin, without decoding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import TypeAlias
+
+import av
+from av.video.stream import VideoStream
+
+from nlens_video.core.errors import InputError
+from nlens_video.video.input.open import InputHints, open_container, video_stream
+
+_ONE_FRAME_A_PACKET = frozenset((
+    "h264", "hevc", "vp9", "av1", "mpeg1video", "mpeg2video", "mpeg4", "prores", "dnxhd", "mjpeg",
+    "ffv1", "ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "rawvideo", "png", "qtrle", "cfhd",
+    "jpeg2000",
+))  # fmt: skip
+"""Codecs whose key frames make all that is before them forgotten; not VP8, some of whose packets
+are shown by none."""
+_REORDERED = 64
+"""Packets that a frame may come later in a file than one that is shown after it, amply [1]."""
+Packet: TypeAlias = "av.Packet[VideoStream]"
+_IDR, _SLICES = 5, range(1, 6)
+"""Types of H.264's units."""
+
+
+@dataclass(frozen=True, slots=True)
+class PacketIndex:
+    """The frames of a file, as its packets promise them.
+
+    Attributes:
+        pts: of the frames in the order in which they are shown [ticks].
+        starts: numbers of those from which all later ones can be decoded, ascending [1].
+    """
+
+    pts: tuple[int, ...]
+    starts: tuple[int, ...]
+
+    def start_before(self, number: int, ticks: int = 0) -> int:
+        """Where to begin for a frame: with a start between, whose frames show that all is well.
+
+        Args:
+            number: of the frame.
+            ticks: how much earlier at least, for what travels along [ticks].
+        """
+        limit = self.pts[number] - ticks
+        early = [at for at in self.starts if at <= number and self.pts[at] <= limit]
+        return early[-2] if len(early) > 1 else 0
+
+
+def index_until(spec: str, hints: InputHints, number: int) -> PacketIndex | None:
+    """Read the packets up to a frame.
+
+    Args:
+        spec: a file.
+        hints: what the user says about it.
+        number: of the frame.
+
+    Returns:
+        None where packets do not tell for certain: without times, damaged, to be left out, of a
+        codec whose frames are no packets, or fewer than that.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    container, _ = open_container(spec, hints)
+    with container:
+        stream = video_stream(container, spec)
+        if stream.codec.name not in _ONE_FRAME_A_PACKET:
+            return None
+        times: list[int] = []
+        keys: list[int] = []
+        try:
+            for packet in container.demux(stream):
+                if not packet.size:
+                    break
+                if packet.pts is None or packet.is_corrupt or packet.is_discard:
+                    return None
+                if packet.is_keyframe and _is_start(packet, stream):
+                    keys.append(len(times))
+                times.append(packet.pts)
+                if len(times) > number + _REORDERED:
+                    break
+        except av.FFmpegError as error:
+            raise InputError(f"{spec}: cannot be read ({error.strerror})") from error
+    return _checked(times, keys, number)
+
+
+def _checked(times: list[int], keys: list[int], number: int) -> PacketIndex | None:
+    """Of the key frames, those that no later packet is shown before."""
+    if len(set(times)) < len(times) or len(times) <= number or keys[:1] != [0]:
+        return None
+    latest = list(accumulate(times, max))
+    earliest = list(accumulate(reversed(times), min))[::-1]
+    starts = tuple(
+        at for at in keys if times[at] == earliest[at] and (at == 0 or latest[at - 1] < times[at])
+    )
+    return PacketIndex(tuple(sorted(times)), starts)
+
+
+def _is_start(packet: Packet, stream: VideoStream) -> bool:
+    """Whether nothing after a key frame refers to what is before it.
+
+    In H.264 key frames may be such in name only, where a picture is renewed part by part.
+    """
+    if stream.codec.name != "h264":
+        return True
+    return _first_slice(bytes(packet), stream.codec_context.extradata or b"") == _IDR
+
+
+def _first_slice(data: bytes, extradata: bytes) -> int:
+    """Type of the first of H.264's units that holds a part of the picture, 0 for none."""
+    if extradata[:1] != b"\x01":  # start codes
+        at = data.find(b"\x00\x00\x01")
+        while 0 <= at < len(data) - 3:
+            if data[at + 3] & 31 in _SLICES:
+                return data[at + 3] & 31
+            at = data.find(b"\x00\x00\x01", at + 3)
+        return 0
+    at, width = 0, (extradata[4] & 3) + 1
+    while at + width < len(data):
+        if data[at + width] & 31 in _SLICES:
+            return data[at + width] & 31
+        at += width + int.from_bytes(data[at : at + width], "big")
+    return 0

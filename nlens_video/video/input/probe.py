@@ -1,0 +1,144 @@
+"""What a source says of itself before its frames are read."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import av
+import av.container
+import av.video.stream
+from av.sidedata.sidedata import Type as SideDataType
+from av.stream import Discard, Stream
+
+from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
+from nlens_video.video.pixels.picture import AvPicture
+from nlens_video.video.pixels.sample_views import frame_tags
+
+_SRGB_TRC = 13
+_WANDERING = Fraction(1, 1000)
+_HDR_METADATA = (
+    SideDataType.MASTERING_DISPLAY_METADATA, SideDataType.CONTENT_LIGHT_LEVEL,
+    SideDataType.DYNAMIC_HDR_PLUS, SideDataType.DOVI_METADATA,
+)  # fmt: skip
+
+
+def described(
+    spec: str, kind: Kind, container: av.container.InputContainer,
+    stream: av.video.stream.VideoStream, first: av.VideoFrame, copied: tuple[Stream, ...],
+    transfer: str | None = None, covers: dict[int, bytes] | None = None,
+) -> SourceInfo:  # fmt: skip
+    """What is known of a source.
+
+    Args:
+        spec: as the user named it.
+        kind: of source.
+        container: it.
+        stream: the one to work on.
+        first: its first frame.
+        copied: the streams that travel along.
+        transfer: name of the transfer function to take instead of what the frame says.
+        covers: picture files that the container holds as covers, by the index of their stream.
+
+    Raises:
+        InputError: the pixel format is one that nothing is known about.
+    """
+    picture = kind in ("still", "sequence")
+    jpeg = picture and first.format.name.startswith("yuv")
+    rotation = first.rotation if first.rotation % 90 == 0 and abs(first.rotation) < 360 else 0
+    worked = AvPicture(first, rotation=rotation)
+    tags = frame_tags(worked.frame, assumed=_SRGB_TRC if jpeg else 0, given=transfer)
+    rate = stream.average_rate or stream.guessed_rate or stream.base_rate
+    duration = _duration(stream, container)
+    count = stream.frames or (round(duration * rate) if duration and rate else None)
+    return SourceInfo(
+        name=spec, kind=kind, width=worked.width, height=worked.height,
+        rotation=rotation, time_base=stream.time_base or Fraction(1, 1000),
+        average_rate=rate or None, steady=_is_steady(stream),
+        frame_count=1 if kind == "still" else count,
+        duration_s=duration, pixel_format=first.format.name, tags=tags,
+        frame_tags=FrameTags(
+            colorspace=first.colorspace, color_range=first.color_range,
+            color_primaries=first.color_primaries, color_trc=first.color_trc,
+        ),
+        sample_aspect_ratio=stream.sample_aspect_ratio or None,
+        codec=stream.codec.name, bit_rate=stream.bit_rate or None,
+        interlaced=first.interlaced_frame,
+        hdr_metadata=_tells_hdr(first),
+        copied=tuple(_described(one, covers or {}) for one in copied),
+        metadata=dict(container.metadata), chapters=tuple(container.chapters()),
+        stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
+        notes=_left_out(container, stream, copied),
+    )  # fmt: skip
+
+
+def copied_streams(
+    container: av.container.InputContainer, video: av.video.stream.VideoStream, kind: Kind
+) -> tuple[Stream, ...]:
+    """The other streams, which travel along.
+
+    Not those that are written anew from what is known of the file (timecode, chapters), and of what
+    may be a stream at several sizes only the pictures that are worked on.
+    """
+    if kind == "still":
+        return ()
+    return tuple(
+        one for one in container.streams
+        if one is not video and one.type != "unknown" and not _is_written_anew(container, one)
+        and (one.type != "video" or is_cover(one) or kind == "video")
+    )  # fmt: skip
+
+
+def _is_written_anew(container: av.container.InputContainer, stream: Stream) -> bool:
+    if stream.type != "data":
+        return False
+    chapters = stream.discard == Discard.all and bool(container.chapters())
+    return chapters or "timecode" in stream.metadata
+
+
+def _is_steady(stream: av.video.stream.VideoStream) -> bool:
+    """Whether the rate by which all time stamps can be told is the average one.
+
+    Time stamps in milliseconds make the average wander a little.
+    """
+    average, base = stream.average_rate, stream.base_rate
+    if not average or not base:
+        return False
+    return abs(average / base - 1) < _WANDERING
+
+
+def _tells_hdr(frame: av.VideoFrame) -> bool:
+    """Whether a frame says how it was mastered or how bright it gets."""
+    try:
+        return any(one in frame.side_data for one in _HDR_METADATA)
+    except ValueError:
+        return False  # PyAV has no name for something else that lies beside it, such as EXIF
+
+
+def _described(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
+    context = stream.codec_context
+    return CopiedStream(
+        index=stream.index, type=stream.type, codec="" if context is None else context.name,
+        stream=stream, cover=covers.get(stream.index, b""),
+    )  # fmt: skip
+
+
+def _left_out(
+    container: av.container.InputContainer, video: av.video.stream.VideoStream,
+    copied: tuple[Stream, ...],
+) -> tuple[str, ...]:  # fmt: skip
+    return tuple(
+        f"stream {one.index} ({one.type}) is not carried over: of a stream one video is taken"
+        if one.type == "video"
+        else f"stream {one.index} is not carried over: FFmpeg does not know what it is"
+        for one in container.streams
+        if one is not video and one not in copied and one.type in ("video", "unknown")
+    )
+
+
+def _duration(
+    stream: av.video.stream.VideoStream, container: av.container.InputContainer
+) -> float | None:
+    """Length [s], None where it is unknown."""
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    return container.duration / av.time_base if container.duration else None

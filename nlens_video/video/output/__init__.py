@@ -1,0 +1,1 @@
+"""Results: encoders, containers, streams carried over, files that appear when complete."""

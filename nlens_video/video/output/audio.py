@@ -1,0 +1,197 @@
+"""Audio that the target container does not hold is encoded anew."""
+
+from __future__ import annotations
+
+import contextlib
+from fractions import Fraction
+
+import av
+import av.container
+from av.audio.codeccontext import AudioCodecContext
+from av.audio.fifo import AudioFifo
+from av.audio.resampler import AudioResampler
+from av.audio.stream import AudioStream
+from av.stream import Stream
+
+from nlens_video.video.info import Packet
+from nlens_video.video.output.containers import holds_audio
+from nlens_video.video.output.muxers import is_recent
+
+_PREFERRED = ("aac", "libopus")
+_SURROUND = ("ac3",)
+"""Before MPEG's layer 2, which has two channels."""
+_LOSSLESS = ("flac", "alac", "wavpack", "tta", "mlp", "truehd")
+_LOSSLESS_IN = ("mov", "mp4", "ipod", "matroska", "ogv", "ogg")
+"""Containers in which players take ALAC or FLAC."""
+_AAC_BIT_RATE = 80_000  # of a channel [bit/s]
+_TOLERANCE_S = 0.02
+"""Time stamps in milliseconds and encoder delays wander less than this; sync is seen from 40 ms."""
+_LONGEST_GAP_S = 3600
+_USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 8: "7.1"}
+
+
+class AudioEncoder:
+    """One audio stream, decoded and encoded into another codec.
+
+    Samples are counted from the first time stamp on. Where the source leaves a gap there is
+    silence, where its times step back samples are left out, so that sound and pictures stay
+    together.
+
+    Attributes:
+        codec: FFmpeg's name of the encoder.
+
+    Raises:
+        ValueError: nothing decodes it, or no encoder takes what it says of itself.
+    """
+
+    def __init__(self, container: av.container.OutputContainer, source: Stream) -> None:
+        context = source.codec_context
+        if not isinstance(context, AudioCodecContext):
+            raise ValueError("nothing decodes it")
+        self.codec, rate, layout = _chosen(container, context)
+        added = container.add_stream(self.codec, rate)
+        if not isinstance(added, AudioStream):
+            raise ValueError(f"{self.codec} is no audio encoder")
+        self._stream = added
+        self._stream.codec_context.layout = layout
+        if self.codec == "aac":
+            added.codec_context.bit_rate = _AAC_BIT_RATE * context.layout.nb_channels
+        self._stream.metadata.update(source.metadata)
+        self._stream.disposition = source.disposition
+        formats = self._stream.codec_context.codec.audio_formats or (context.format,)
+        self._stream.codec_context.format = formats[0]
+        self._resampler = AudioResampler(formats[0].name, layout, rate)
+        self._rate = rate
+        self._fifo = AudioFifo()
+        self._start: int | None = None
+        self._counted = self._taken = 0
+        self._decoder = context
+
+    def encode(self, packet: Packet | None) -> list[av.Packet[AudioStream]]:
+        """What comes out for one packet in; None flushes."""
+        frames = []
+        if packet is not None:
+            try:
+                frames = self._decoder.decode(packet)
+            except av.FFmpegError:
+                return []
+        packets: list[av.Packet[AudioStream]] = []
+        for frame in (*frames, *((None,) if packet is None else ())):
+            for part in self._resampler.resample(frame):
+                packets += self._place(part)
+        return packets + self._drain(last=packet is None)
+
+    def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
+        """Append samples [1 / rate] where their time stamp puts them."""
+        pts: int | None = None
+        if part.pts is not None and part.time_base is not None:
+            pts = round(part.pts * part.time_base * self._rate)
+        if self._start is None:
+            self._start = pts or 0
+        gap = 0 if pts is None else pts - self._start - self._counted
+        if abs(gap) > _LONGEST_GAP_S * self._rate:
+            gap = 0  # a damaged time stamp, not an hour of silence
+        packets: list[av.Packet[AudioStream]] = []
+        if gap > _TOLERANCE_S * self._rate:
+            packets = self._silence(part, gap)
+        elif -gap > max(_TOLERANCE_S * self._rate, part.samples - 1):
+            return packets
+        self._write(part)
+        return packets
+
+    def _silence(self, like: av.AudioFrame, samples: int) -> list[av.Packet[AudioStream]]:
+        packets: list[av.Packet[AudioStream]] = []
+        while samples > 0:
+            block = av.AudioFrame(like.format.name, like.layout.name, min(samples, self._rate))
+            for plane in block.planes:
+                plane.update(bytes(plane.buffer_size))
+            samples -= block.samples
+            self._write(block)
+            packets += self._drain(last=False)
+        return packets
+
+    def _write(self, part: av.AudioFrame) -> None:
+        part.sample_rate = self._rate
+        part.time_base = Fraction(1, self._rate)
+        part.pts = None  # the FIFO takes time stamps only where they agree with its own count
+        self._counted += part.samples
+        self._fifo.write(part)
+
+    def _encoded(self, frame: av.AudioFrame) -> list[av.Packet[AudioStream]]:
+        frame.pts = (self._start or 0) + self._taken
+        self._taken += frame.samples
+        return self._stream.encode(frame)
+
+    def _drain(self, *, last: bool) -> list[av.Packet[AudioStream]]:
+        packets: list[av.Packet[AudioStream]] = []
+        size = self._stream.codec_context.frame_size or 1024
+        while (frame := self._fifo.read(size)) is not None:
+            packets += self._encoded(frame)
+        if last:
+            if (rest := self._fifo.read(0, partial=True)) is not None:
+                packets += self._encoded(rest)
+            packets += self._stream.encode(None)
+        return packets
+
+
+def _chosen(
+    container: av.container.OutputContainer, source: AudioCodecContext
+) -> tuple[str, int, str]:
+    """Encoder, rate [Hz] and layout: the first that container and encoder take.
+
+    Raises:
+        ValueError: there is none.
+    """
+    name, default = container.format.name, container.default_audio_codec
+    if default == "none":
+        raise ValueError(f"{name} holds no sound")
+    deep = source.format.bytes > 2
+    pcm = ("pcm_s24le", "pcm_s16le") if deep else ("pcm_s16le",)
+    surround = _SURROUND if source.layout.nb_channels > 2 else ()
+    lossless = source.codec.name in _LOSSLESS and name in _LOSSLESS_IN
+    kept: tuple[str, ...] = ("alac", "flac") if lossless else ()
+    if source.codec.name in _LOSSLESS and name == "avi":
+        kept = pcm
+    for codec in (*kept, *_PREFERRED, *surround, *pcm, default):
+        # what cannot be tried is not taken: a stream that was added cannot be taken back
+        if not _is_encoder(codec) or is_recent(name, codec) or not holds_audio(name, codec):
+            continue
+        for layout in (_layout(source), "stereo", "mono"):
+            for rate in (source.sample_rate, 48000, 44100, 8000):
+                if name in ("mxf", "dv") and rate != 48000:
+                    continue
+                with contextlib.suppress(ValueError):
+                    _try(codec, rate, layout)
+                    return codec, rate, layout
+    raise ValueError(f"nothing here encodes {source.sample_rate} Hz for {name}")
+
+
+def _is_encoder(name: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return av.Codec(name, "w").type == "audio"
+    return False
+
+
+def _try(codec: str, rate: int, layout: str) -> None:
+    """See that the encoder opens.
+
+    Raises:
+        ValueError: it does not.
+    """
+    trial = av.CodecContext.create(codec, "w")
+    if not isinstance(trial, AudioCodecContext):
+        raise ValueError(f"{codec} is no audio encoder")
+    try:
+        trial.sample_rate, trial.layout, trial.time_base = rate, layout, Fraction(1, max(1, rate))
+        if trial.codec.audio_formats:
+            trial.format = trial.codec.audio_formats[0]
+        trial.open()
+    except (av.FFmpegError, ValueError) as error:
+        raise ValueError(f"{codec} does not take {rate} Hz, {layout}") from error
+
+
+def _layout(context: AudioCodecContext) -> str:
+    """The source's layout, or where it only counts its channels the usual one of so many."""
+    count = context.layout.nb_channels
+    unnamed = context.layout.name == f"{count} channels"
+    return _USUAL_LAYOUTS.get(count, "stereo") if unnamed else context.layout.name

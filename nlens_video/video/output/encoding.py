@@ -1,0 +1,216 @@
+"""Which encoder, pixel format and options a result gets, and why where that is not the source's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import av
+from av.video.codeccontext import VideoCodecContext
+
+from nlens_video.core.errors import OutputError, UsageError
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.output.encoders import (  # fmt: skip
+    check_pixel_format,
+    encoder_called,
+    encoder_of,
+    encoder_options,
+    nearest_format,
+    not_held,
+    pixel_formats,
+    some_format,
+)
+from nlens_video.video.output.muxers import canonical, is_recent
+from nlens_video.video.pixels.pixel_formats import layout, working_format
+
+_SAME = (
+    "ffv1", "ffvhuff", "huffyuv", "utvideo", "magicyuv", "mjpeg", "mpeg2video", "mpeg1video",
+    "mpeg4", "dnxhd", "cfhd", "v210", "rawvideo", "qtrle", "png", "apng", "gif", "jpeg2000",
+    "dvvideo", "h263", "flv", "wmv1", "wmv2", "msmpeg4v2", "msmpeg4",
+)  # fmt: skip
+_LOSSLESS = ("ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "qtrle", "png", "apng")
+"""Where a container holds none of these FFV1 takes their place, so that nothing is lost."""
+_INTERMEDIATE = ("prores", "dnxhd", "cfhd")
+_EDITING = ("matroska", "avi", "nut", "mxf", "mov")
+"""Containers in which lossless and intermediate codecs are looked for."""
+_EVEN = ("libx264", "libx265")
+"""Encoders that want sizes to be multiples of what chroma is subsampled by."""
+_NO_ORDER = ("avi", "asf", "mxf")
+"""Containers that do not tell when a picture is shown, only when it is decoded: no B-frames."""
+_FALLBACKS = ("libx264", "libvpx-vp9", "mpeg2video")
+_CHOOSY = ("dnxhd", "dvvideo", "h263", "mpeg1video", "mpeg2video", "cfhd", "v210", "flv", "msmpeg4")
+"""Encoders that refuse some sizes or rates."""
+_MPEG_RATES = (
+    24, 25, 30, 50, 60, *(Fraction(n * 1000, 1001) for n in (24, 30, 60))
+)  # fmt: skip
+"""Frame rates that the header of MPEG-1, MPEG-2 or MXF can name [1/s]."""
+
+
+Holds = Callable[[str, str], bool]
+"""Whether a container holds what an encoder makes of a pixel format."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Encoding:
+    """How pictures are encoded.
+
+    Attributes:
+        codec: FFmpeg's name of the encoder.
+        pixel_format: FFmpeg's name of the format that the encoder is given.
+        options: of the encoder.
+        reasons: what differs from the source, and why.
+    """
+
+    codec: str
+    pixel_format: str
+    options: dict[str, str]
+    reasons: tuple[str, ...] = ()
+
+
+def choose_encoding(
+    info: SourceInfo, holds: Holds, container: str, *, default: str = "none",
+    codec: str | None = None, crf: float | None = None, pix_fmt: str | None = None,
+) -> Encoding:  # fmt: skip
+    """Keep the source's codec family and pixel format where container and encoder can.
+
+    Args:
+        info: the source.
+        holds: whether the container holds pictures of an encoder in a pixel format.
+        container: its name, for the reasons.
+        default: the codec that the container usually has; `none`: none of pictures.
+        codec: an encoder or a codec family the user asks for.
+        crf: quality the user asks for.
+        pix_fmt: pixel format the user asks for.
+
+    Raises:
+        UsageError: what the user asks for does not exist or does not go together.
+        OutputError: the container holds nothing that the source's pictures can be encoded into.
+    """
+    if codec is not None:
+        name = encoder_called(codec)
+        if not holds(name, some_format(name)):
+            raise UsageError(not_held(codec, container))
+        why = ""
+    else:
+        name, why = _encoder(info, holds, container, default)
+    if pix_fmt is not None:
+        rgb = name == "libx264rgb" and codec is None
+        name = "libx264" if rgb and "rgb" not in pix_fmt else name
+        check_pixel_format(pix_fmt, name)
+    wanted = pix_fmt or working_format(info.pixel_format)
+    chosen = pix_fmt or _format(info, name, holds)
+    if not chosen or not holds(name, chosen):
+        raise UsageError(
+            f"{container} does not hold {name} in {chosen or wanted}; "
+            "give another OUT, --codec or --pix-fmt"
+        )
+    # Encoders take no such side data from the frames that they are given.
+    reasons = ["HDR mastering metadata is not carried over"] if info.hdr_metadata else []
+    reasons += [why] if why else []
+    if chosen != wanted:
+        lost = "; alpha is left out" if _has_alpha(wanted) and not _has_alpha(chosen) else ""
+        reasons.append(
+            f"pixel format {chosen} instead of {wanted}: nearest that {name} takes{lost}"
+        )
+    options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
+    if container in _NO_ORDER:
+        options["bf"] = "0"
+    return Encoding(codec=name, pixel_format=chosen, options=options, reasons=tuple(reasons))
+
+
+def _has_alpha(pixel_format: str) -> bool:
+    return any(one.is_alpha for one in av.VideoFormat(pixel_format).components)
+
+
+def _encoder(info: SourceInfo, holds: Holds, container: str, default: str) -> tuple[str, str]:
+    """The first encoder that goes, and why it is not the source's where that is so."""
+    for name in _candidates(info, container, default):
+        chosen = "" if is_recent(container, name) else _format(info, name, holds)
+        if chosen and _opens(info, name, chosen):
+            break
+    else:
+        width, height = info.stored_size
+        raise OutputError(
+            f"{container} holds nothing for pictures of {width}x{height} at "
+            f"{float(info.average_rate or 0):.4g} frames per second ({info.codec}); "
+            "give another OUT, such as .mp4, .mov or .mkv"
+        )
+    own = _own(info)
+    if info.kind in ("still", "sequence") or canonical(name) == canonical(info.codec):
+        return name, ""
+    why = f"{container} does not hold it" if own else "it has no encoder here"
+    if own and not is_recent(container, own) and _format(info, own, holds):
+        why = "its encoder refuses such pictures"
+    return name, f"codec {name} instead of the source's {canonical(info.codec)}: {why}"
+
+
+def _own(info: SourceInfo) -> str:
+    """The encoder of the source's codec, empty where there is none."""
+    name = encoder_of(info.codec)
+    known = name != info.codec or name in _SAME
+    return name if known and info.kind not in ("still", "sequence") else ""
+
+
+def _candidates(info: SourceInfo, container: str, default: str) -> Iterator[str]:
+    """Encoders in the order of preference."""
+    if default == "none" or (container == "mxf" and info.average_rate not in _MPEG_RATES):
+        return
+    own = _own(info)
+    if own == "libx264" and av.VideoFormat(working_format(info.pixel_format)).is_rgb:
+        own = "libx264rgb"
+    if own:
+        yield own
+    if container in _EDITING and info.codec in _LOSSLESS:
+        yield "ffv1"
+    if container in _EDITING and info.codec in _INTERMEDIATE:
+        yield from ("prores_ks", "dnxhd")
+    yield from _FALLBACKS
+    yield from (encoder_of(default), "rawvideo")
+
+
+def _opens(info: SourceInfo, name: str, pixel_format: str) -> bool:
+    """Whether an encoder takes pictures of the source's size and rate."""
+    if name in ("mpeg1video", "mpeg2video") and info.average_rate not in _MPEG_RATES:
+        return False
+    if name not in _CHOOSY:
+        return True
+    context = av.CodecContext.create(name, "w")
+    if not isinstance(context, VideoCodecContext):
+        return False
+    context.width, context.height = info.stored_size
+    context.pix_fmt = pixel_format
+    context.framerate = info.average_rate or Fraction(25)
+    context.time_base = 1 / context.framerate
+    context.options = encoder_options(name, pixel_format, None, interlaced=info.interlaced)
+    try:
+        context.open()
+    except (av.FFmpegError, ValueError):
+        return False
+    return True
+
+
+def _formats(info: SourceInfo, name: str) -> list[str]:
+    """The pixel formats that an encoder may be given, the best first.
+
+    The source's, or the nearest that it takes; where that has alpha, what more containers hold.
+    """
+    wanted = working_format(info.pixel_format)
+    formats = pixel_formats(name)
+    if not formats or wanted in formats:
+        best = wanted
+    else:
+        best = nearest_format(wanted, formats, name)
+    choices = [best]
+    if _has_alpha(best):
+        plain = [one for one in formats if not _has_alpha(one)]
+        choices += ["yuva420p"] if "yuva420p" in formats else []
+        choices += [nearest_format(wanted, plain, name)] if plain else []
+    if name in _EVEN and layout(best) and any(size % 2 for size in info.stored_size):
+        choices = [one.replace("420", "444").replace("422", "444") for one in choices]
+    return choices
+
+
+def _format(info: SourceInfo, name: str, holds: Holds) -> str:
+    """The best pixel format for an encoder that the container holds; empty: none."""
+    return next((one for one in _formats(info, name) if holds(name, one)), "")

@@ -1,0 +1,163 @@
+"""Where results go: `open_sink` for anything that FFmpeg writes, stills, sequences and OpenEXR."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from nlens_video.core.errors import OutputError, UsageError
+from nlens_video.video.atomic_files import check_folder
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.named_files import NamedFiles, local_path
+from nlens_video.video.numbered import Numbered
+from nlens_video.video.output.containers import holds_video
+from nlens_video.video.output.encoders import (
+    check_crf,
+    check_pixel_format,
+    encoder_called,
+    not_held,
+    some_format,
+)
+from nlens_video.video.output.muxers import (
+    SOUND_ONLY,
+    Muxer,
+    muxer,
+    no_pictures,
+    nothing_writes,
+)
+from nlens_video.video.output.still_sink import ANIMATED, EXTENSIONS, StillSink
+from nlens_video.video.output.stream_output import is_stream
+from nlens_video.video.output.video_sink import VideoSink
+
+
+class Sink(Protocol):
+    """Takes frames in order. A context manager: left without `commit`, it leaves nothing behind.
+
+    Attributes:
+        kept: the partial file that an aborted run has left, where that was asked for.
+    """
+
+    kept: Path | None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What differs from the source so far, and why; for the plan and the log."""
+        ...
+
+    def write(self, frame: SourceFrame) -> None:
+        """Encode one frame."""
+        ...
+
+    def write_packet(self, packet: Packet) -> None:
+        """Carry over a packet of one of the source's other streams."""
+        ...
+
+    def commit(self) -> None:
+        """Finish the result and give it its name."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...  # fmt: skip
+
+
+def open_sink(
+    spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
+    pix_fmt: str | None = None, keep_partial: bool = False, one_frame: bool = False,
+) -> Sink:  # fmt: skip
+    """Open a result; nothing of that name exists before `commit`.
+
+    Args:
+        spec: video file by its extension, picture, `%04d` sequence, `-` for standard output, a
+            named pipe or an address.
+        info: the source whose timing, tags and other streams are carried over.
+        codec: encoder or codec family; default: the source's family.
+        crf: quality; default: visually lossless.
+        pix_fmt: pixel format; default: the source's.
+        keep_partial: whether an aborted run leaves a playable file.
+        one_frame: whether only one frame of the source comes.
+
+    Raises:
+        OutputError: it cannot be written there, or nothing writes that extension.
+        UsageError: codec, quality or pixel format do not exist, do not go together, or are given
+            for pictures.
+    """
+    if not is_stream(spec):
+        path = Path(spec)
+        check_folder(path)
+        plate = local_path(info.name)
+        if plate is not None and NamedFiles(path).meets(NamedFiles(plate)):
+            raise OutputError(f"{spec}: is the input as well; give the result another name")
+        animated = path.suffix.lower() in ANIMATED and info.kind != "still" and not one_frame
+        if animated and not Numbered.matches(spec):
+            return VideoSink(spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt)
+        if path.suffix.lower() in EXTENSIONS:
+            if not (info.kind == "still" or one_frame or Numbered.matches(spec)):
+                raise OutputError(
+                    f"{spec}: is one picture, the plate is a {info.kind}; give --frame N, a video "
+                    "or a sequence such as out_%04d.png"
+                )
+            _check_pictures(spec, codec, crf, pix_fmt)
+            return StillSink(spec, info, pix_fmt=pix_fmt, keep_partial=keep_partial)
+    return VideoSink(
+        spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt, keep_partial=keep_partial
+    )  # fmt: skip
+
+
+def check_output(
+    spec: str, *, codec: str | None = None, crf: float | None = None, pix_fmt: str | None = None
+) -> None:
+    """See that a result can be written, as far as that is known before its source is opened.
+
+    Quick where `codec` is None; else the codec is tried in the container, in memory. What remains
+    is what depends on the source: its size, its rate, whether it is a still.
+
+    Args:
+        spec: video file by its extension, picture, `%04d` sequence, or `-` for standard output.
+        codec: as `open_sink`.
+        crf: as `open_sink`.
+        pix_fmt: as `open_sink`.
+
+    Raises:
+        OutputError: the folder is missing or read-only, nothing writes that extension, or what it
+            names holds no pictures.
+        UsageError: codec, quality or pixel format do not exist, do not go together, or are given
+            for pictures.
+    """
+    encoder = None if codec is None else encoder_called(codec)
+    if pix_fmt is not None:
+        check_pixel_format(pix_fmt, encoder)
+    if crf is not None and encoder is not None:
+        check_crf(crf, encoder)
+    if spec != "-" and is_stream(spec):
+        return
+    container: Muxer | None = Muxer("nut", "rawvideo")
+    if spec != "-":
+        path = Path(spec)
+        check_folder(path)
+        if path.suffix.lower() in EXTENSIONS:
+            _check_pictures(spec, codec, crf, pix_fmt)
+            return
+        container = muxer(spec)
+    if container is None:
+        raise OutputError(nothing_writes(spec))
+    if container.video_codec == "none" or container.name in SOUND_ONLY:
+        raise OutputError(no_pictures(spec))
+    if encoder is not None and not holds_video(container.name, encoder, some_format(encoder)):
+        raise UsageError(not_held(str(codec), container.name))
+
+
+def _check_pictures(spec: str, codec: str | None, crf: float | None, pix_fmt: str | None) -> None:
+    """See that nothing is asked for that pictures do not have."""
+    suffix = Path(spec).suffix.lower()
+    given = {"--codec": codec, "--crf": crf, "--pix-fmt": pix_fmt if suffix == ".exr" else None}
+    for option, value in given.items():
+        if value is not None:
+            raise UsageError(
+                f"{option} {value}: {spec} is written as {suffix[1:]}, which has no such choice; "
+                f"leave {option} out or give a video"
+            )

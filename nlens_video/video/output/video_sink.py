@@ -1,0 +1,263 @@
+"""Encoding into a container: exact timing, tags and the source's other streams carried over."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import av
+import av.container
+from av.codec.context import Flags
+from av.video.stream import VideoStream
+
+from nlens_video.core import signals
+from nlens_video.core.color import FULL_RANGE
+from nlens_video.core.errors import InputError, OutputError, ReaderGone
+from nlens_video.video.atomic_files import (
+    kept_name,
+    left_over,
+    partial_name,
+    publish,
+    sweep,
+)
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.output.carried_streams import Carried, sample_entry, set_tags
+from nlens_video.video.output.containers import holds_video
+from nlens_video.video.output.encoder_clock import encoder_clock
+from nlens_video.video.output.encoding import Encoding, choose_encoding
+from nlens_video.video.output.muxers import SOUND_ONLY, no_pictures, nothing_writes
+from nlens_video.video.output.stream_output import StreamOutput, is_stream
+from nlens_video.video.pixels.convert import picture_frame
+
+_PLAYABLE = {
+    "flush_packets": "1",
+    # MP4 and MOV: the first index waits for the first part, else it cannot say where time begins
+    "movflags": "hybrid_fragmented+delay_moov", "frag_duration": "500000",
+    "cluster_time_limit": "500",  # Matroska
+}  # fmt: skip
+"""Options of containers that can be played as far as they are written: parts of half a second."""
+
+
+class VideoSink:
+    """A video file, or a stream that is written as it comes.
+
+    Attributes:
+        encoding: encoder, pixel format, options.
+        kept: the partial file that an aborted run has left, where that was asked for.
+    """
+
+    def __init__(
+        self, spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
+        pix_fmt: str | None = None, keep_partial: bool = False,
+    ) -> None:  # fmt: skip
+        self.kept: Path | None = None
+        self._info = info
+        self._spec = spec
+        self._path = None if is_stream(spec) else Path(spec)
+        self._direct: StreamOutput | None = None
+        self._partial = partial_name(self._path) if self._path else None
+        self._keep = keep_partial and self._path is not None
+        self._open = True
+        self._committed = False
+        self._written = 0
+        found = self._rescued()
+        self._container = self._open_container()
+        try:
+            if self._direct is not None and self._container.format.name == "nut" and codec is None:
+                codec = "rawvideo"
+            name, default = self._container.format.name, self._container.default_video_codec
+            if default == "none" or name in SOUND_ONLY:
+                raise OutputError(no_pictures(spec))
+            self.encoding = choose_encoding(
+                info, partial(holds_video, name), name, default=default,
+                codec=codec, crf=crf, pix_fmt=pix_fmt,
+            )  # fmt: skip
+            self._stream = self._add_video(self.encoding)
+            self._carried = Carried(self._container, info)
+        except BaseException:
+            self._discard()
+            raise
+        self._notes = (*self.encoding.reasons, *self._carried.notes, *found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What differs from the source so far, and why."""
+        count = self._carried.left_out
+        lost = f"{count} damaged packets of sound or other streams were left out"
+        return (*self._notes, *((lost,) if count else ()))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        if self._committed:
+            return
+        if (
+            self._keep
+            and self._open
+            and self._written
+            and self._path is not None
+            and self._partial is not None
+        ):
+            with contextlib.suppress(OutputError):
+                self._finish()
+                self.kept = kept_name(self._path)
+                publish(self._partial, self.kept)
+        self._discard()
+
+    def write(self, frame: SourceFrame) -> None:
+        """Encode one frame at its own time.
+
+        Raises:
+            OutputError: the disk is full, the encoder refuses.
+        """
+        encoded = picture_frame(frame.picture, self.encoding.pixel_format)
+        self._clock.stamp(encoded, frame)
+        self._written += 1
+        encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
+        with self._writing():
+            self._carried.begin()
+            self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
+
+    def write_packet(self, packet: Packet) -> None:
+        """Carry over a packet of another stream; one that was dropped, or after the end: nothing.
+
+        One that is damaged, or whose time steps back, is left out and counted.
+
+        Raises:
+            OutputError: the disk is full, or the container refuses it.
+        """
+        with self._writing():
+            if self._open:
+                self._carried.begin()
+                self._carried.write(packet)
+
+    def commit(self) -> None:
+        """Finish the file and give it its name.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        self._finish()
+        if self._path is not None and self._partial is not None:
+            publish(self._partial, self._path)
+        self._committed = True
+
+    def _finish(self) -> None:
+        with self._writing():
+            self._container.mux(self._clock.retimed(self._stream.encode(None)))
+            self._carried.finish()
+            self._open = False
+            self._container.close()
+            if self._direct is not None:
+                self._direct.close()
+
+    def _rescued(self) -> tuple[str, ...]:
+        """What killed runs have left: the last of it is kept where that is asked for."""
+        if self._path is None:
+            return ()
+        notes: tuple[str, ...] = ()
+        if self._keep:
+            found = [one for one in left_over(self._path) if one.stat().st_size]
+            if found:
+                kept = kept_name(self._path)
+                max(found, key=lambda one: one.stat().st_mtime).replace(kept)
+                notes = (f"what a killed run has left is now {kept}",)
+        return (*notes, *sweep(self._path))
+
+    def _discard(self) -> None:
+        if self._open:
+            self._open = False
+            with contextlib.suppress(av.FFmpegError, OSError, ValueError):
+                self._container.close()
+        if self._direct is not None:
+            with contextlib.suppress(OSError):
+                self._direct.close()
+        if self._partial is not None:
+            with contextlib.suppress(OSError):
+                self._partial.unlink(missing_ok=True)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+            signals.look()  # one that came while FFmpeg wrote
+        except BrokenPipeError as error:
+            raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
+        except (av.FFmpegError, OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise OutputError(
+                f"{self._spec}: cannot be written ({reason}); check the disk, --codec and --pix-fmt"
+            ) from error
+
+    def _open_container(self) -> av.container.OutputContainer:
+        if self._path is None:
+            self._direct = StreamOutput(self._spec)
+            return self._direct.container
+        options = {}
+        if self._path.suffix in (".mkv", ".webm", ".mka"):
+            # Audio that starts before zero must not push the pictures off their own times.
+            options["avoid_negative_ts"] = "disabled"
+        if self._keep:
+            options |= _PLAYABLE
+        # a name with a colon in it is no protocol
+        try:
+            return av.open(f"file:{self._partial}", "w", container_options=options)
+        except ValueError as error:
+            raise OutputError(nothing_writes(self._spec)) from error
+        except (av.FFmpegError, OSError) as error:
+            raise OutputError(f"{self._spec}: cannot be written ({error.strerror})") from error
+
+    def _add_video(self, encoding: Encoding) -> VideoStream:
+        info = self._info
+        rate = info.average_rate or Fraction(25)
+        stream = self._container.add_stream(encoding.codec, rate, dict(encoding.options))
+        if not isinstance(stream, VideoStream):
+            raise InputError(f"{encoding.codec} is no video encoder")
+        context = stream.codec_context
+        stream.width, stream.height = info.stored_size
+        stream.pix_fmt = encoding.pixel_format
+        self._clock = encoder_clock(encoding.codec, self._container.format.name, info)
+        stream.time_base = context.time_base = self._clock.time_base
+        context.flags |= Flags.frame_duration
+        context.thread_type = "AUTO"
+        if info.sample_aspect_ratio:
+            context.sample_aspect_ratio = info.sample_aspect_ratio
+        if info.rotation:
+            stream.set_display_rotation(info.rotation)
+        if entry := sample_entry(self._container.format.name, encoding.codec):
+            context.codec_tag = entry
+        set_tags(stream, info)
+        self._set_colour(stream)
+        try:
+            context.open()
+        except av.FFmpegError as error:
+            width, height = info.stored_size
+            raise OutputError(
+                f"{self._spec}: {encoding.codec} refuses pictures of {width}x{height} in "
+                f"{encoding.pixel_format} ({error.strerror}); give another --codec"
+            ) from error
+        return stream
+
+    def _set_colour(self, stream: VideoStream) -> None:
+        """The source's own tags; where RGB becomes YUV, those that `converted` writes."""
+        tags, context = self._info.frame_tags, stream.codec_context
+        was = self._info.tags.matrix == "gbr"
+        becomes = av.VideoFormat(self.encoding.pixel_format).is_rgb
+        context.color_primaries, context.color_trc = tags.color_primaries, tags.color_trc
+        context.colorspace, context.color_range = tags.colorspace, tags.color_range
+        if was and not becomes and "gray" not in self.encoding.pixel_format:
+            full = self.encoding.pixel_format.startswith("yuvj")
+            context.colorspace, context.color_range = (5, FULL_RANGE) if full else (1, 1)
+            context.color_primaries, context.color_trc = 1, 13
+        elif becomes:
+            context.colorspace, context.color_range = 0, FULL_RANGE

@@ -1,0 +1,218 @@
+"""Which pixel formats are worked on as they are, and which are first unpacked without loss."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+
+import av
+from av.video.reformatter import Interpolation
+
+from nlens_video.core.color import (
+    FULL_RANGE,
+    MATRICES,
+    ColorTags,
+    Family,
+)
+from nlens_video.core.errors import InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelLayout:
+    """Where the samples of a pixel format lie.
+
+    Attributes:
+        family: kind of samples.
+        bits: of a sample; 0 for float.
+        components: plane and position within the plane's pixel of the first, second, third
+            component (Y Cb Cr or R G B) and of alpha; greyscale has one, alpha may be missing.
+        channels: samples per pixel in a plane; 1 for planar formats.
+        alpha: whether the last component is alpha.
+        step_x: pixels per chroma sample along a row [px].
+        step_y: pixels per chroma sample along a column [px].
+        full_range: whether the name itself says full range (`yuvj`).
+    """
+
+    family: Family
+    bits: int
+    components: tuple[tuple[int, int], ...]
+    channels: int = 1
+    alpha: bool = False
+    step_x: int = 1
+    step_y: int = 1
+    full_range: bool = False
+
+    @property
+    def dtype(self) -> str:
+        """NumPy name of the type of a sample."""
+        return "uint8" if self.bits == 8 else "uint16" if self.bits else "float32"
+
+
+_YUV = re.compile(r"yuv([aj]?)(420|422|444|411|440|410)p(?:(\d+)le)?")
+_STEPS = {"420": (2, 2), "422": (2, 1), "444": (1, 1), "411": (4, 1), "440": (1, 2), "410": (4, 4)}
+_GBR = re.compile(r"gbr(a?)p(?:(f?)(\d+)le)?")
+_GRAY = re.compile(r"(gray|ya)(?:(f?)(\d+)(?:le)?)?")
+_PACKED = re.compile(
+    r"(?:rgb|bgr)(?:24|48le|f32le)|(?:rgb|bgr)a(?:64le|f32le)?|(?:rgb|bgr)0|[a0](?:rgb|bgr)"
+)
+
+_SWS = (
+    Interpolation.BICUBIC
+    | Interpolation.ACCURATE_RND
+    | Interpolation.FULL_CHR_H_INT
+    | Interpolation.FULL_CHR_H_INP
+)
+
+WORKING_FORMATS = {
+    **dict.fromkeys(("nv12", "nv21"), "yuv420p"),
+    **dict.fromkeys(("nv16", "yuyv422", "uyvy422", "yvyu422"), "yuv422p"),
+    **dict.fromkeys(("nv24", "nv42", "vyu444", "vuyx"), "yuv444p"),
+    "uyyvyy411": "yuv411p",
+    **dict.fromkeys(("vuya", "ayuv", "uyva"), "yuva444p"),
+    "ayuv64le": "yuva444p16le",
+    "p010le": "yuv420p10le",
+    "p012le": "yuv420p12le",
+    "p016le": "yuv420p16le",
+    **dict.fromkeys(("p210le", "nv20le", "y210le"), "yuv422p10le"),
+    **dict.fromkeys(("p212le", "y212le"), "yuv422p12le"),
+    "p216le": "yuv422p16le",
+    **dict.fromkeys(("p410le", "xv30le"), "yuv444p10le"),
+    **dict.fromkeys(("p412le", "xv36le"), "yuv444p12le"),
+    "p416le": "yuv444p16le",
+    "pal8": "rgba",
+    **dict.fromkeys(("monow", "monob"), "gray"),
+    **dict.fromkeys(("rgb565le", "rgb555le", "rgb444le", "bgr565le", "bgr555le"), "rgb24"),
+    **dict.fromkeys(("bgr444le", "rgb8", "bgr8", "rgb4_byte", "bgr4_byte"), "rgb24"),
+    **dict.fromkeys(("x2rgb10le", "x2bgr10le"), "gbrp10le"),
+    "xyz12le": "rgb48le",
+}
+"""Formats that are unpacked first, and into what; big-endian ones go to their twin."""
+
+
+def working_format(name: str) -> str:
+    """The format in which a picture of a pixel format is worked on; lossless to get to.
+
+    Raises:
+        InputError: no way is known.
+    """
+    if layout(name) is not None:
+        return name
+    little = re.sub(r"be$", "le", name)
+    if layout(little) is not None:
+        return little
+    if little in WORKING_FORMATS:
+        return WORKING_FORMATS[little]
+    raise InputError(
+        f"pixel format {name} cannot be composited on; convert the plate first, "
+        "for example with ffmpeg -i IN -pix_fmt yuv444p16le OUT.mkv"
+    )
+
+
+@lru_cache(maxsize=256)
+def layout(name: str) -> PixelLayout | None:
+    """Where the samples of a format lie; None where it is not worked on as it is."""
+    if match := _YUV.fullmatch(name):
+        kind, sampling, bits = match.groups()
+        step_x, step_y = _STEPS[sampling]
+        planes = 4 if kind == "a" else 3
+        return PixelLayout(
+            family="yuv", bits=int(bits or 8), components=tuple((i, 0) for i in range(planes)),
+            alpha=kind == "a", step_x=step_x, step_y=step_y, full_range=kind == "j",
+        )  # fmt: skip
+    if match := _GBR.fullmatch(name):
+        alpha, real, depth = match.groups()
+        order = ((2, 0), (0, 0), (1, 0), (3, 0))
+        return PixelLayout(
+            family="float" if real else "rgb", bits=0 if real else int(depth or 8),
+            components=order[: 4 if alpha else 3], alpha=bool(alpha),
+        )  # fmt: skip
+    if match := _GRAY.fullmatch(name):
+        return _gray(*match.groups())
+    return _packed(name) if _PACKED.fullmatch(name) else None
+
+
+def _gray(kind: str, real: str | None, depth: str | None) -> PixelLayout | None:
+    if real and depth != "32":
+        return None
+    channels = 2 if kind == "ya" else 1
+    return PixelLayout(
+        family="float" if real else "gray", bits=0 if real else int(depth or 8),
+        components=tuple((0, i) for i in range(channels)), channels=channels, alpha=channels == 2,
+    )  # fmt: skip
+
+
+def _packed(name: str) -> PixelLayout:
+    letters = re.sub(r"(f32le|64le|48le|24)$", "", name)
+    order = [letters.index(letter) for letter in "rgba" if letter in letters]
+    deep = name.endswith(("48le", "64le"))
+    real = name.endswith("f32le")
+    return PixelLayout(
+        family="float" if real else "rgb", bits=0 if real else 16 if deep else 8,
+        components=tuple((0, place) for place in order), channels=len(letters),
+        alpha="a" in letters,
+    )  # fmt: skip
+
+
+def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
+    """The frame in its working format, itself where it is in one.
+
+    Raises:
+        InputError: no way is known.
+    """
+    target = working_format(frame.format.name)
+    return frame if target == frame.format.name else converted(frame, target)
+
+
+def resized(frame: av.VideoFrame, width: int, height: int) -> av.VideoFrame:
+    """The frame in another size, its format and tags kept."""
+    matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
+    span = frame.color_range or 1
+    result = frame.reformat(
+        width=width, height=height, src_colorspace=matrix, dst_colorspace=matrix,
+        src_color_range=span, dst_color_range=span, interpolation=_SWS,
+    )  # fmt: skip
+    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
+        setattr(result, name, getattr(frame, name))
+    return result
+
+
+def converted(
+    frame: av.VideoFrame, target: str, tags: ColorTags | None = None
+) -> av.VideoFrame:  # fmt: skip
+    """The frame in another pixel format, with its time kept.
+
+    Between two YUV formats or two RGB formats samples are moved and rescaled, matrix and range
+    stay. From YUV to RGB goes by `tags`; from RGB to YUV by BT.709 in limited range, or for
+    `yuvj` by BT.601 in full range as in JPEG, and the result is tagged so.
+
+    Args:
+        frame: any.
+        target: FFmpeg's name of a pixel format.
+        tags: what the frame's samples mean; needed from YUV to RGB.
+    """
+    was, becomes = av.VideoFormat(frame.format.name).is_rgb, av.VideoFormat(target).is_rgb
+    matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
+    span = frame.color_range or 1
+    if tags is not None and not was and tags.matrix != "gbr":
+        matrix = next(number for number, name in MATRICES.items() if name == tags.matrix)
+        span = FULL_RANGE if tags.full_range else 1
+    to_yuv = was and not becomes
+    jpeg = target.startswith("yuvj")
+    made = (5 if jpeg else 1) if to_yuv else matrix
+    result = frame.reformat(
+        format=target, src_colorspace=matrix, dst_colorspace=made,
+        src_color_range=span,
+        dst_color_range=FULL_RANGE if jpeg else 1 if to_yuv else span,
+        interpolation=_SWS,
+    )  # fmt: skip
+    result.color_primaries, result.color_trc = frame.color_primaries, frame.color_trc
+    result.colorspace = made if to_yuv else 0 if becomes else frame.colorspace
+    if to_yuv or becomes:
+        result.color_range = FULL_RANGE if becomes or jpeg else 1
+    else:
+        result.color_range = frame.color_range
+    result.pts, result.duration = frame.pts, frame.duration
+    if frame.time_base is not None:
+        result.time_base = frame.time_base
+    return result
