@@ -19,7 +19,7 @@ from nlens_video.core.settings import (
     Settings,
     SourceSettings,
 )
-from nlens_video.graph.profiler import Summary
+from nlens_video.graph.base.profiler import Summary
 from nlens_video.run.render import OnProgress, render
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink

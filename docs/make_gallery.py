@@ -28,11 +28,13 @@ from nlens_video.core.settings import (
     Settings,
     SourceSettings,
 )
-from nlens_video.graph.executor import FrameSteps
-from nlens_video.graph.lens_request import Lens
-from nlens_video.graph.nodes.object_source import View
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.session import assemble
+from nlens_video.effects.shadow.apply import Shadow
+from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.object_source import Placement, View
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.session import open_session
 from nlens_video.run.render import render
 from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -126,28 +128,39 @@ class _Frame:
     picture: ArrayPicture
 
 
+class _UnblurredShadow(Node):
+    """The shadow's node, not told the fit."""
+
+    name, writes = "shadow", "shadow"
+
+    def __init__(self, shadow: Node) -> None:
+        self._shadow = shadow
+
+    def __call__(self, placement: Placement) -> Shadow | None:
+        """Cast it."""
+        return self._shadow.run(placement, None, None)
+
+
 def _sharp_shadow(glb: Path) -> Image.Image:
     """The composite with a shadow that no lens has blurred: its node is not told the fit."""
     fit = LensFit.load(SAMPLES / "in.json")
     profiler = Profiler()
-    assembly = assemble(
+    session = open_session(
         ObjectSettings(glb=glb),
-        Lens(effects="defocus,shadow"),
+        LensRequest(effects="defocus,shadow"),
         View(width=fit.width, height=fit.height),
         profiler,
         lambda: (),
     )
     nodes = tuple(
-        replace(node, run=lambda placement, _, __, cast=node.run: cast(placement, None, None))
-        if node.stage == "shadow"
-        else node
-        for node in assembly.graph.nodes
-        if node.cadence == "frame"
+        _UnblurredShadow(node) if node.name == "shadow" else node
+        for node in session.graph.nodes
+        if not node.once
     )
     codes = np.array(frame_of(SAMPLES / "in.mp4", 0))
-    steps = FrameSteps(replace(assembly.graph, nodes=nodes), profiler, fit)
-    with assembly.render_context():
-        steps.run(steps.enter(_Frame(0, 0, 0.0, ArrayPicture(codes, "rgb", VIDEO))), nodes)
+    steps = GraphExecutor(replace(session.graph, nodes=nodes), profiler, fit)
+    with session.render_context():
+        steps.run(steps.begin_frame(_Frame(0, 0, 0.0, ArrayPicture(codes, "rgb", VIDEO))), nodes)
     return Image.fromarray(codes)
 
 

@@ -16,15 +16,15 @@ import numpy as np
 from make_picture import frame_of
 from matplotlib.axes import Axes
 
-from nlens_video.core.layers import BlurredLayer, DefocusedLayer
+from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.graph.effect_decisions import Plate
-from nlens_video.graph.lens_request import Lens
-from nlens_video.graph.nodes.context import ShotRecord
-from nlens_video.graph.nodes.object_source import View
-from nlens_video.graph.nodes.stream_frame import LoopFrame
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.session import assemble
+from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.stream_frame import LoopFrame
+from nlens_video.graph.base.values import ShotValues
+from nlens_video.graph.effect_decisions import PlatePreview
+from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.session import open_session
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import Regression
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -36,25 +36,25 @@ COC_COLORS, SIGMA_COLORS = "viridis", "cividis"
 DRAWN_SAMPLES = 2500
 
 
-def first_frame() -> tuple[np.ndarray, ShotRecord, DefocusedLayer, np.ndarray]:
+def first_frame() -> tuple[np.ndarray, ShotValues, DefocusedLayer, np.ndarray]:
     """The plate, what was found on it, the object's CoC, and the composite."""
     plate = np.asarray(frame_of(ROOT / "samples" / f"{SHOT}.mp4", FRAME))
     composite = np.ascontiguousarray(plate[..., ::-1])
     picture = ArrayPicture(composite)
-    assembly = assemble(
+    session = open_session(
         ObjectSettings(glb=ROOT / "samples" / "anim.glb"),
-        Lens(effects="defocus,shadow"),
+        LensRequest(effects="defocus,shadow"),
         View(width=plate.shape[1], height=plate.shape[0], camera=None),
         Profiler(180.0),
-        Plate(lambda: (picture,)),
+        PlatePreview(lambda: (picture,)),
     )
-    with assembly.render_context():
-        state = assembly.steps.enter(LoopFrame(FRAME, 0.0, picture))
-        assembly.steps.run(state, assembly.graph.nodes)
-        defocused, blurred = state.values["defocused"], state.values["blurred"]
-        if not isinstance(defocused, DefocusedLayer) or not isinstance(blurred, BlurredLayer):
+    with session.render_context():
+        state = session.executor.begin_frame(LoopFrame(FRAME, 0.0, picture))
+        session.executor.run(state, session.graph.nodes)
+        defocused, blurred = state.values.defocused, state.values.blurred
+        if defocused is None or blurred is None:
             raise TypeError("the sample's object is out of view")
-    return plate, assembly.record, defocused, composite[..., ::-1]
+    return plate, session.executor.shot, defocused, composite[..., ::-1]
 
 
 def colored(
@@ -79,10 +79,10 @@ def footprint(axes: Axes, ground: GroundProjection) -> None:
 
 
 def draw_maps(
-    plate: np.ndarray, record: ShotRecord, defocused: DefocusedLayer, composite: np.ndarray
+    plate: np.ndarray, shot: ShotValues, defocused: DefocusedLayer, composite: np.ndarray
 ) -> None:
     """F, P, the object's CoC and L, from the plate to the composite."""
-    coc, ground = record.plate_coc, record.ground
+    coc, ground = shot.plate_coc, shot.ground
     if coc is None or ground is None:
         raise TypeError("nothing was estimated")
     object_coc = np.full(plate.shape[:2], np.nan)
@@ -146,13 +146,13 @@ def draw_fit(regression: Regression) -> None:
 
 def main() -> None:
     """Draw both."""
-    plate, record, defocused, composite = first_frame()
-    if record.regression is None:
+    plate, shot, defocused, composite = first_frame()
+    if shot.found_lens is None or shot.found_lens.regression is None:
         raise TypeError("nothing was fitted")
     OUT.mkdir(exist_ok=True)
-    draw_maps(plate, record, defocused, composite)
-    draw_fit(record.regression)
-    fit = record.regression.fit
+    draw_maps(plate, shot, defocused, composite)
+    draw_fit(shot.found_lens.regression)
+    fit = shot.found_lens.fit
     print(
         f"slope {fit.slope:.1f} ± {fit.slope_stderr:.1f}, intercept {fit.intercept:.1f} ± "
         f"{fit.intercept_stderr:.1f}, sign {fit.sign}, margin {fit.sign_margin:.2f}"

@@ -4,8 +4,8 @@ from nlens_video.core.version import VERSION
 
 TYPE_CHECKING = False  # as of `typing`, which takes ten milliseconds to load
 if TYPE_CHECKING:
+    from nlens_video.compositor.compositor import Compositor
     from nlens_video.core.lens_fit import LensFit
-    from nlens_video.run.compositor import Compositor
 
 __version__ = VERSION
 __all__ = ["Compositor", "LensFit", "__version__"]
@@ -19,7 +19,7 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> object:
     """Load the compositor, and with it the heavy libraries, when it is first asked for."""
     if name == "Compositor":
-        from nlens_video.run.compositor import Compositor
+        from nlens_video.compositor.compositor import Compositor
 
         return Compositor
     if name == "LensFit":

@@ -10,11 +10,11 @@ import shots
 
 import nlens_video
 from nlens_video import Compositor
+from nlens_video.compositor.parameter_names import PARAMETERS, in_python
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.options.options import parser_of
-from nlens_video.run.parameter_names import PARAMETERS, in_python
 
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
 FILES_AND_STREAMS = {

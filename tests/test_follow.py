@@ -13,7 +13,8 @@ from nlens_video import Compositor
 from nlens_video.cli.main import main
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.options.options import parse, settings
+from nlens_video.options.options import parse
+from nlens_video.options.to_settings import settings
 from nlens_video.run.lens_track_pass import follow
 from nlens_video.stages.r_change_detector import (
     CHANGED,
@@ -174,16 +175,16 @@ def test_live_lens_moves_softly_and_jumps_at_a_cut_only():
     assert live.step() is None
     live.found(fit(-10.0))
     rgb = shots.plate()
-    assert not any(live.asks(index, shot(rgb, seed=index)) for index in range(9))
+    assert not any(live.needs_refit(index, shot(rgb, seed=index)) for index in range(9))
     pulled = shots.plate(intercept=1.5 * shots.INTERCEPT)
-    asked = [index for index in range(9, 18) if live.asks(index, shot(pulled, seed=index))]
+    asked = [index for index in range(9, 18) if live.needs_refit(index, shot(pulled, seed=index))]
     assert asked == [9]
     live.found(fit(-18.0))
     values = [live.step().intercept for _ in range(25)]
     assert np.abs(np.diff(values, prepend=-10.0)).max() < 2.0
     assert values == sorted(values, reverse=True)
     assert values[-1] == pytest.approx(-18.0, abs=0.1)
-    assert live.asks(18, shot(np.uint8(0.3 * shots.plate(3))))
+    assert live.needs_refit(18, shot(np.uint8(0.3 * shots.plate(3))))
     live.found(fit(-5.0))
     assert live.step().intercept == -5.0
 

@@ -1,4 +1,4 @@
-"""Import directions: a module imports from its own line or from a line below."""
+"""Folders import in one direction: a module imports from its own folder or from one above."""
 
 import ast
 import subprocess
@@ -9,128 +9,99 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "nlens_video"
 
-LAYERS = [
-    ["__main__"],
-    ["cli"],
-    ["side_commands"],
-    ["check", "completion", "compositor", "doctor", "evaluate", "farm", "place", "show", "study"],
-    ["run"],
-    ["beside", "follow", "place_choices", "preflight"],
-    ["intake", "zoom_check"],
-    [
-        "look_ahead",
-        "frame_loop",
-        "loop_arguments",
-        "loop_frames",
-        "notebook",
-        "observers",
-        "outcome",
-        "own_thread",
-        "parameter_names",
-        "report",
-        "trim",
-    ],
-    ["arguments", "graph"],
-    ["farm_arguments", "measure_arguments", "side_arguments"],
-    ["object_arguments"],
-    ["effect_arguments", "real_arguments"],
-    ["light_arguments", "live_arguments"],
-    ["argument_parser"],
-    ["existing_outputs", "overwriting"],
-    ["command_paths"],
-    ["effects", "settings"],
-    ["backends"],
-    ["stages"],
-    ["model_store", "scene", "video"],
-    ["kernels"],
-    ["fit_track"],
-    ["aperture", "color", "lens", "optics", "placing", "playback", "radius", "shutter", "v_fit"],
-    ["chunk_feed"],
-    ["chunk_mark"],
-    ["frames"],
-    ["box"],
-    ["standard_names", "standard_output"],
-    ["memory"],
-    ["errors", "interrupts"],
-]
-LEVEL = {name: level for level, names in enumerate(reversed(LAYERS)) for name in names}
-
-FILES = sorted(PACKAGE.rglob("*.py"))
-FRONT_DOOR = PACKAGE / "__init__.py"  # loads the compositor, lazily
+FOLDERS = """
+core
+kernels  kernels/scatter  kernels/reblur
+video  video/pixels  video/input  video/output  video/chunks
+scene/animation  scene/gltf  scene
+render/base  render/software  render/software/reference  render/opengl  render
+stages  stages/reblur
+networks
+options
+effects  effects/shadow  effects/camera
+graph/base  graph/nodes  graph
+report
+run
+compositor
+check
+evaluate  evaluate/coc  evaluate/bench  evaluate/composite  evaluate/study
+farm
+cli
+.
+""".split()
+MODULES = sorted(PACKAGE.rglob("*.py"))
+FRONT_DOOR = {"__init__.py", "__main__.py", "py.typed"}
+MOST_MODULES = 15
 
 
-def layer_of(module: str) -> str | None:
-    parts = module.split(".")
-    return parts[1] if parts[0] == "nlens_video" and len(parts) > 1 else None
+def folder_of(path: Path) -> str:
+    return str(path.parent.relative_to(PACKAGE))
 
 
-def imports(path: Path) -> list[tuple[str, bool]]:
-    """Imported modules, and whether only a type checker sees the import."""
-    tree = ast.parse(path.read_text())
-    for_types = {
-        id(node)
-        for branch in ast.walk(tree)
-        if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.unparse(branch.test)
-        for node in ast.walk(branch)
-    }
+def imported_modules(path: Path) -> list[str]:
+    """Modules of all import statements, those for type checkers included."""
     found = []
-    for node in ast.walk(tree):
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
-            found.append((node.module, id(node) in for_types))
+            found += [node.module, *(f"{node.module}.{name.name}" for name in node.names)]
         elif isinstance(node, ast.Import):
-            found.extend((name.name, id(node) in for_types) for name in node.names)
+            found += [name.name for name in node.names]
     return found
 
 
-def own_layer(path: Path) -> str:
-    relative = path.relative_to(PACKAGE)
-    return relative.parts[0].removesuffix(".py")
+def imported_folders(path: Path) -> set[str]:
+    found = set()
+    for module in imported_modules(path):
+        parts = module.split(".")
+        if parts[0] == PACKAGE.name:
+            file = PACKAGE.joinpath(*parts[1:]).with_suffix(".py")
+            if file in MODULES:
+                found.add(folder_of(file))
+    return found
 
 
-def test_every_module_has_a_layer():
-    assert {own_layer(path) for path in FILES} - {"__init__"} <= set(LEVEL)
+def test_every_folder_is_listed():
+    assert {folder_of(path) for path in MODULES} == set(FOLDERS)
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folder_imports_nothing_from_a_folder_below_it_in_the_list(folder):
+    allowed = set(FOLDERS[: FOLDERS.index(folder) + 1])
+    for path in PACKAGE.joinpath(folder).glob("*.py"):
+        assert imported_folders(path) <= allowed, path.relative_to(PACKAGE)
+
+
+def test_the_packages_root_holds_nothing_but_its_front_door():
+    assert {path.name for path in PACKAGE.iterdir() if path.is_file()} == FRONT_DOOR
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_folder_holds_few_modules(folder):
+    modules = [path for path in MODULES if folder_of(path) == folder]
+    assert len([path for path in modules if path.name != "__init__.py"]) <= MOST_MODULES
+
+
+def test_modules_are_short():
+    lengths = {path: len(path.read_text().splitlines()) for path in MODULES}
+    assert not {str(path): length for path, length in lengths.items() if length > 300}
 
 
 @pytest.mark.parametrize(
-    "path", [p for p in FILES if p != FRONT_DOOR], ids=lambda path: str(path.relative_to(PACKAGE))
-)
-def test_module_imports_nothing_from_above(path):
-    layer = own_layer(path)
-    for module, type_only in imports(path):
-        target = layer_of(module)
-        if target is not None and target != "__init__" and not type_only:
-            assert LEVEL[target] <= LEVEL[layer], f"{layer} imports {module}, which lies above it"
-
-
-def test_stages_do_not_import_graph_or_backends():
-    for path in (PACKAGE / "stages").glob("*.py"):
-        modules = [module for module, _ in imports(path)]
-        assert not any("nlens_video.graph" in m or "nlens_video.backends" in m for m in modules)
-
-
-@pytest.mark.parametrize(
-    ("library", "files"),
+    ("library", "folders"),
     [
-        ("onnxruntime", {"backends/onnx_session.py"}),
-        ("torch", {"backends/device.py", "backends/scatter_torch.py"}),
+        ("onnxruntime", {"networks"}),
+        ("torch", {"networks", "kernels/scatter"}),
+        ("pyrender", {"render/opengl", "render/base"}),
+        ("OpenGL", {"render/opengl"}),
     ],
 )
-def test_heavy_library_is_imported_in_its_one_file(library, files):
+def test_heavy_library_is_imported_in_its_own_folder(library, folders):
     using = {
-        str(path.relative_to(PACKAGE))
-        for path in FILES
-        if any(module.split(".")[0] == library for module, _ in imports(path))
+        folder_of(path)
+        for path in MODULES
+        if any(module.split(".")[0] == library for module in imported_modules(path))
     }
-    assert using <= files
-
-
-def test_pyrender_is_imported_in_backends_only():
-    using = {
-        own_layer(path)
-        for path in FILES
-        if any(module.split(".")[0] in ("pyrender", "OpenGL") for module, _ in imports(path))
-    }
-    assert using <= {"backends"}
+    assert using <= folders
 
 
 def test_the_command_lines_help_loads_no_heavy_library():
@@ -144,12 +115,3 @@ def test_the_command_lines_help_loads_no_heavy_library():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.rstrip().endswith("LOADED []"), run.stdout[-200:]
-
-
-def test_modules_stay_small():
-    long = {
-        str(path.relative_to(PACKAGE)): lines
-        for path in FILES
-        if (lines := len(path.read_text().splitlines())) > 300
-    }
-    assert not long

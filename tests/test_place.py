@@ -20,6 +20,7 @@ from nlens_video.core.errors import UsageError
 from nlens_video.core.placement import Placing, focal_of_fov, fov_of_focal
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.options import options as arguments
+from nlens_video.options import to_settings
 
 pytestmark = pytest.mark.needs_gl
 WORDS = ["--at", "0.3,0.8", "--size", "0.4", "--horizon", "0.2"]
@@ -171,7 +172,7 @@ def test_words_of_a_choice_repeat_it(files, tmp_path):
         pasted = arguments.parse(["in.png", "cube.glb", "o.png", *shlex.split(line)])
         asked = arguments.parse(["in.png", "cube.glb", "o.png", *words])
         asked.fov = fov
-        assert arguments.settings(pasted).scene == arguments.settings(asked).scene
+        assert to_settings.settings(pasted).scene == to_settings.settings(asked).scene
 
 
 def test_a_contact_sheet_needs_no_sound_choice_everywhere(files, tmp_path):

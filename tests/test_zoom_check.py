@@ -7,7 +7,7 @@ import shots
 from scene.glb_builder import GlbBuilder
 
 from nlens_video.cli.main import main
-from nlens_video.run.zoom_watch import WatchZoom
+from nlens_video.run.zoom_check import WatchZoom
 from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAMES = 30

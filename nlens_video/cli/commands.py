@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
-from nlens_video.options import options
+from nlens_video.options import to_settings
 
 
 def _doctor(words: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def _evaluate(words: argparse.Namespace) -> int:
 def _check(words: argparse.Namespace) -> int:
     from nlens_video.check.command import check
 
-    plate = options.source_settings(words)
+    plate = to_settings.source_settings(words)
     return check(
         words.result, plate, find_range=words.range is None, objects=words.objects,
         report=words.report, as_json=words.json, quiet=words.quiet,

@@ -12,16 +12,14 @@ from nlens_video.cli.console import Voice
 from nlens_video.cli.farm_jobs import read_shot_list
 from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.settings import Settings
-from nlens_video.farm.chunk import render_chunk
+from nlens_video.farm.chunk import render_chunk, render_here
 from nlens_video.farm.folder import remove
-from nlens_video.farm.here import render_here
-from nlens_video.farm.job import PIECE_S, run_job
+from nlens_video.farm.job import PIECE_S, absolute, run_job
 from nlens_video.farm.merge import Merged, merge
-from nlens_video.farm.paths import absolute
 from nlens_video.farm.shot_tasks import Progress, Shot, plan
 from nlens_video.farm.store import Folder, store_of
 from nlens_video.networks.device import choose
-from nlens_video.options.options import output_settings, source_settings
+from nlens_video.options.to_settings import output_settings, source_settings
 from nlens_video.run.sidecar_outputs import tell_missing
 
 

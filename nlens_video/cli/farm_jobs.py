@@ -11,6 +11,7 @@ from nlens_video.cli.path_guard import refuse_overwriting
 from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.core.settings import Settings
 from nlens_video.options import options as arguments
+from nlens_video.options import to_settings
 
 _NEEDED = ("in", "object", "out")
 _FARMED = {"command": "farm", "jobs": None, "chunks": None}
@@ -64,6 +65,6 @@ def _parsed(entry: object, where: str) -> tuple[Namespace, Settings]:
         raise UsageError(f"{where}: in, object and out must be texts, options a list of them")
     try:
         words = arguments.parse(["render", *map(str, named), *options])
-        return Namespace(**{**vars(words), **_FARMED}), arguments.settings(words)
+        return Namespace(**{**vars(words), **_FARMED}), to_settings.settings(words)
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error

@@ -21,13 +21,8 @@ from nlens_video.cli.memory import require_memory
 from nlens_video.cli.path_guard import refuse_overwriting
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, ReaderGone
-from nlens_video.core.stdio import (
-    kept_from_libraries,
-    let_go,
-    make_ready,
-    standard_error,
-)
-from nlens_video.options import options
+from nlens_video.core.stdio import kept_from_libraries, let_go, make_ready, standard_error
+from nlens_video.options import options, to_settings
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Voice
@@ -117,8 +112,8 @@ def _interruptible() -> Iterator[None]:
 
 def _leave_a_stuck_reader(code: int) -> None:
     """End at once where a read (of a camera gone quiet) blocks: Python would wait for it."""
-    lanes = sys.modules.get("nlens_video.graph.scheduler")
-    if lanes is not None and lanes.still_reading():
+    scheduler = sys.modules.get("nlens_video.graph.scheduler")
+    if scheduler is not None and scheduler.reader_blocked():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
@@ -151,7 +146,7 @@ def _at_work(words: argparse.Namespace, voice: Voice) -> int:
     if words.command == "place":
         from nlens_video.cli.placement_sheet import write_contact_sheet
 
-        voice.choices(words.output, write_contact_sheet(options.place_settings(words)))
+        voice.choices(words.output, write_contact_sheet(to_settings.place_settings(words)))
         return 0
     if words.command == "merge":
         from nlens_video.cli.farm_command import run_merge
@@ -166,7 +161,7 @@ def _at_work(words: argparse.Namespace, voice: Voice) -> int:
 
 def _composite(words: argparse.Namespace, voice: Voice) -> int:
     """The commands that take a plate and an object."""
-    run = options.settings(words)
+    run = to_settings.settings(words)
     if getattr(words, "plan", False):
         from nlens_video.run.render import plan
 

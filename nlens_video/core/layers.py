@@ -109,7 +109,7 @@ class CocMap:
             raise ValueError(f"{self.coc_px.shape = } and {self.sigma_px.shape = } must be (H, W)")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, weakref_slot=True)
 class ObjectLayer:
     """The sharp rendered object on a box of the frame.
 

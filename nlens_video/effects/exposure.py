@@ -14,12 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Float32,
-    Float64,
-    Picture,
-)
+from nlens_video.core.layers import BlurredLayer, Float32, Float64, Picture
 from nlens_video.effects.exposure_kernels import take_change, take_stops
 
 NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is followed in full

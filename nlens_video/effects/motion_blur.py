@@ -18,13 +18,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    Float32,
-    Float64,
-    ObjectLayer,
-)
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, ObjectLayer
 
 NEGLIGIBLE_SPAN_PX = 1.0
 MOST_MOMENTS = 33

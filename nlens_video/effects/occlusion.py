@@ -11,12 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    Float32,
-    Picture,
-)
+from nlens_video.core.layers import Bool, Box, Float32, Picture
 from nlens_video.kernels.pull_push import carried_on
 from nlens_video.stages.composite import Cover
 

@@ -12,14 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    CocMap,
-    DepthMap,
-    Float32,
-    ObjectLayer,
-)
+from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.coc_discontinuities import carried_out
 from nlens_video.stages.l_reblur import ScatterKernel

@@ -14,15 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    Box,
-    DefocusedLayer,
-    Float32,
-    Float64,
-    ObjectLayer,
-    Picture,
-)
+from nlens_video.core.layers import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.illumination import Illumination
 from nlens_video.stages.composite import Cover, lay
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.protocols import ViewRenderer
@@ -72,8 +66,9 @@ class MirrorObject:
     margin_limit_px: int = 256
 
     def __call__(
-        self, time_s: float, camera: Camera, ground_y: float, reach_px: float
-    ) -> ObjectLayer | None:
+        self, time_s: float, camera: Camera, ground_y: float, reach_px: float,
+        plate_light: Illumination | None = None,
+    ) -> ObjectLayer | None:  # fmt: skip
         """Draw one moment's mirror image.
 
         Args:
@@ -81,6 +76,7 @@ class MirrorObject:
             camera: that moment's.
             ground_y: height of the plane [scene unit].
             reach_px: how far its blur may spread [px].
+            plate_light: lights the object where its file does not; None for a plausible light.
 
         Returns:
             The layer, as much of it as the ground mirrors, at the depth of the virtual image; None
@@ -89,7 +85,8 @@ class MirrorObject:
         if camera.world_from_camera[1, 3] <= ground_y:
             return None
         margin = math.ceil(min(reach_px, self.margin_limit_px)) + 1
-        seen = self.renderer.render(time_s, mirrored_camera(camera, ground_y), margin)
+        mirrored = mirrored_camera(camera, ground_y)
+        seen = self.renderer.render(time_s, mirrored, margin, plate_light=plate_light)
         if seen is None:
             return None
         box = Box(camera.width - seen.box.x1, seen.box.y0, camera.width - seen.box.x0, seen.box.y1)

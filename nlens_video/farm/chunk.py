@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -116,3 +117,23 @@ def write_chunks(
     make(folder)
     part = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
     return render(part, on_progress, feed)
+
+
+def render_here(
+    settings: Settings, marks: Sequence[ChunkMark], folder: Path,
+    on_done: Callable[[ChunkMark], None],
+) -> None:  # fmt: skip
+    """Render chunks by one run, which starts and decodes once.
+
+    Args:
+        settings: the run.
+        marks: what to render, in order.
+        folder: where chunks lie.
+        on_done: called with each that is done.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    feed = ChunkFeed(marks, on_done)
+    feed.end()
+    write_chunks(settings, feed, folder)

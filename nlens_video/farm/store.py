@@ -14,12 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from nlens_video.core.errors import (
-    InputError,
-    NlensError,
-    OutputError,
-    UsageError,
-)
+from nlens_video.core.errors import InputError, NlensError, OutputError, UsageError
 from nlens_video.farm.folder import OURS, alone_in, remove
 from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.chunks.chunk_file import ChunkFile

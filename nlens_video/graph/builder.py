@@ -1,15 +1,17 @@
-"""From a pipeline file and the run's tools to a graph of ready nodes."""
+"""From a pipeline file and the run's context to a graph of ready nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass
 
 from nlens_video.effects.planner import Decision
-from nlens_video.graph.node import LaneName, Node
-from nlens_video.graph.nodes.context import Tools, Unavailable
-from nlens_video.graph.nodes.registry import check_ports, make_stage
-from nlens_video.graph.pipeline_file import PipelineFile
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.node import Lane, Node, Unavailable
+from nlens_video.graph.pipeline_file import NodeSpec, PipelineFile
+
+Built = MutableMapping[tuple[str, str], Node]
+"""Nodes by name and options, which graphs of one run share."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,65 +32,69 @@ class Graph:
     left_out: tuple[tuple[str, str], ...]
     notes: tuple[str, ...] = ()
 
-    def has(self, stage: str) -> bool:
-        """Whether a node of that stage was built."""
-        return any(node.stage == stage for node in self.nodes)
+    def has(self, name: str) -> bool:
+        """Whether a node of that name was built."""
+        return any(node.name == name for node in self.nodes)
 
     @property
-    def remembering(self) -> tuple[Node, ...]:
+    def stateful(self) -> tuple[Node, ...]:
         """The nodes that must see every frame of the source."""
-        return tuple(node for node in self.nodes if node.remembers)
+        return tuple(node for node in self.nodes if node.stateful)
 
-    def lane(self, name: LaneName) -> tuple[Node, ...]:
+    @property
+    def find_lens(self) -> tuple[Node, ...]:
+        """The nodes that find the lens, and the object's bounds before them."""
+        return tuple(node for node in self.nodes if node.once or node.writes == "placement")
+
+    def lane(self, name: Lane) -> tuple[Node, ...]:
         """The nodes of one lane."""
         return tuple(node for node in self.nodes if node.lane == name)
 
 
 def build(
-    pipeline: PipelineFile, effects: Sequence[Decision], tools: Tools, *, fit_given: bool
+    pipeline: PipelineFile,
+    effects: Sequence[Decision],
+    context: NodeContext,
+    *,
+    fit_given: bool,
+    built: Built | None = None,
 ) -> Graph:
     """Make the nodes that this run calls for.
 
     Args:
         pipeline: the file.
         effects: which effects are simulated.
-        tools: what stages are made from.
+        context: what nodes are made from.
         fit_given: whether the lens is known already; then nothing that finds it is built.
+        built: nodes of other graphs of the run, which are taken where name and options are the
+            same; gets those that are made.
 
     Raises:
-        UsageError: a stage or option that does not exist.
+        UsageError: an option that a node cannot take.
     """
+    built = {} if built is None else built
     unwanted = {decision.effect: decision.reason for decision in effects if not decision.wanted}
     nodes: list[Node] = []
     left_out: list[tuple[str, str]] = []
     missing: dict[str, str] = {}
-    notes: dict[str, None] = {}
+    notes: dict[str, None] = dict.fromkeys(pipeline.notes)
     for spec in pipeline.nodes:
-        if spec.effect in unwanted:
-            left_out.append((spec.name, f"{spec.effect}: {unwanted[spec.effect]}"))
-        elif fit_given and spec.cadence == "shot":
+        effect = spec.type.effect
+        if effect is not None and effect in unwanted:
+            left_out.append((spec.name, f"{effect}: {unwanted[effect]}"))
+        elif fit_given and spec.type.once:
             left_out.append((spec.name, "the lens fit is given"))
-        elif spec.unless is not None and spec.unless not in missing:
-            left_out.append((spec.name, f"not needed: {spec.unless} runs"))
+        elif spec.fallback_for is not None and spec.fallback_for not in missing:
+            left_out.append((spec.name, f"not needed: {spec.fallback_for} runs"))
         else:
-            optional = tuple(f"{port}?" for port in spec.optional)
-            check_ports(spec.name, spec.stage, (*spec.inputs, *optional), spec.output)
             try:
-                made = make_stage(spec.stage, spec.options, tools)
+                nodes.append(_node(spec, context, built))
             except Unavailable as reason:
                 left_out.append((spec.name, str(reason)))
                 missing[spec.name] = str(reason)
                 continue
-            if spec.unless is not None:
-                notes[missing[spec.unless]] = None
-            nodes.append(
-                Node(
-                    name=spec.name, stage=spec.stage, inputs=spec.inputs, optional=spec.optional,
-                    output=spec.output, cadence=spec.cadence, lane=spec.lane, effect=spec.effect,
-                    when=spec.when, without=spec.without, backend=made.backend, run=made.run,
-                    remembers=made.remembers,
-                )
-            )  # fmt: skip
+            if spec.fallback_for is not None:
+                notes[missing[spec.fallback_for]] = None
     return Graph(
         pipeline=pipeline.name,
         summary=pipeline.summary,
@@ -96,3 +102,11 @@ def build(
         left_out=tuple(left_out),
         notes=tuple(notes),
     )
+
+
+def _node(spec: NodeSpec, context: NodeContext, built: Built) -> Node:
+    key = (spec.name, repr(sorted(spec.options.items())))
+    if key not in built:
+        make: type[Node] = spec.type
+        built[key] = make(context, **spec.options)  # type: ignore[call-arg]  # each class its own
+    return built[key]

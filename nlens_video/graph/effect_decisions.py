@@ -9,8 +9,7 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.lens_models import Optics
 from nlens_video.core.settings import RealSettings
 from nlens_video.core.shutter import Shutter
-from nlens_video.effects.given import given
-from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate
+from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, given, measure_plate
 from nlens_video.effects.planner import (
     MOTION_BLUR,
     Circumstances,
@@ -19,15 +18,15 @@ from nlens_video.effects.planner import (
     requested_effects,
     within,
 )
-from nlens_video.graph.nodes.context import LitGround
+from nlens_video.graph.base.context import ShadowScene
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.pipeline_file import PipelineFile
-from nlens_video.graph.profiler import Profiler
 from nlens_video.scene.irradiance import reaches
 from nlens_video.scene.scene import Scene
 
 
 @dataclass(frozen=True, slots=True)
-class CalledFor:
+class EffectPlan:
     """Effects, what the plate showed of them, and its shutter."""
 
     decisions: tuple[Decision, ...]
@@ -36,7 +35,7 @@ class CalledFor:
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class PlatePreview:
     """What can be seen of a shot before its first frame is composited.
 
     Attributes:
@@ -49,7 +48,7 @@ class Plate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shot:
+class ShotContext:
     """What can be known of a shot before its first frame is composited.
 
     Attributes:
@@ -64,16 +63,18 @@ class Shot:
     """
 
     scene: Scene
-    ground: LitGround
+    ground: ShadowScene
     ground_y: float | None
     shutter: Shutter
-    plate: Plate
+    plate: PlatePreview
     real: RealSettings
     front: str
     optics: Optics = Optics()
 
 
-def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profiler) -> CalledFor:
+def decide_effects(
+    requested: str, pipeline: PipelineFile, shot: ShotContext, profiler: Profiler
+) -> EffectPlan:
     """Decide on every effect.
 
     Args:
@@ -85,7 +86,7 @@ def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profi
     Raises:
         UsageError: an effect that does not exist, or that the pipeline has no node for.
     """
-    there = frozenset(node.effect for node in pipeline.nodes if node.effect)
+    there = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
     looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
     measured: dict[str, Measurement] = given(shot.optics)
     looked_for = looked_for.difference(measured)
@@ -98,7 +99,7 @@ def call_for(requested: str, pipeline: PipelineFile, shot: Shot, profiler: Profi
             if reads_shutter:
                 shutter = _read_shutter(shutter, pictures)
     wanted = decide(requested, _circumstances(shot, shutter, measured))
-    return CalledFor(within(wanted, there, pipeline.name, requested), measured, shutter)
+    return EffectPlan(within(wanted, there, pipeline.name, requested), measured, shutter)
 
 
 def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
@@ -112,7 +113,7 @@ def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
 
 
 def _circumstances(
-    shot: Shot, shutter: Shutter, measured: Mapping[str, Measurement]
+    shot: ShotContext, shutter: Shutter, measured: Mapping[str, Measurement]
 ) -> Circumstances:
     """What the scene, as it is at first, calls for."""
     ground = shot.ground

@@ -13,7 +13,7 @@ from nlens_video.stages.r_lens_track import FitTrack
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lens:
+class LensRequest:
     """How the lens is found and simulated.
 
     Attributes:

@@ -1,60 +1,62 @@
-"""Pipeline files: which nodes, in which order, wired how."""
+"""Pipeline files: which nodes, in which order, with which options.
+
+    summary = "what it does"
+    nodes = [
+        "object-bounds",
+        { node = "measure-motion", most_moments = 17 },
+        { node = "reblur", fallback_for = "lens-sampling" },
+    ]
+
+Which ports a node takes and writes, on which thread and frames it runs, is the node's own (see
+`graph.base.node`). Files of the form before 1.0 (`[[node]]` tables) are read as well.
+"""
 
 from __future__ import annotations
 
+import inspect
 import tomllib
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
 from nlens_video.core.errors import UsageError
-from nlens_video.effects.planner import EFFECTS
-from nlens_video.graph.node import CADENCES, CONDITIONS, GIVEN, LANES, PORTS, Cadence, LaneName
+from nlens_video.graph.base.node import LANES, Node
+from nlens_video.graph.base.values import GIVEN
+from nlens_video.graph.former_files import former_nodes
+from nlens_video.graph.nodes.registry import NODES
 
-_KEYS = {
-    "name",
-    "stage",
-    "inputs",
-    "output",
-    "cadence",
-    "lane",
-    "effect",
-    "when",
-    "without",
-    "unless",
-    "options",
-}
+_KEYS = {"summary", "nodes"}
+_NODE_KEYS = ("node", "fallback_for")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSpec:
-    """A node as the file states it; the attributes are those of `Node`.
+    """A node as the file states it.
 
     Attributes:
-        unless: a node above that this one stands in for where that cannot be built, or none.
+        type: its class.
+        options: keyword arguments of the class, beside the context.
+        fallback_for: a node above that this one stands in for where that cannot be built, or none.
     """
 
-    name: str
-    stage: str
-    inputs: tuple[str, ...]
-    optional: tuple[str, ...]
-    output: str
-    cadence: Cadence
-    lane: LaneName
-    effect: str | None = None
-    when: str | None = None
-    without: str | None = None
-    unless: str | None = None
+    type: type[Node]
     options: dict[str, object] = field(default_factory=dict)
+    fallback_for: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The node's name."""
+        return self.type.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PipelineFile:
-    """A pipeline: its name, what it does in a few words, its nodes in order."""
+    """A pipeline: its name, what it does in a few words, its nodes in order, notes on the file."""
 
     name: str
     summary: str
     nodes: tuple[NodeSpec, ...]
+    notes: tuple[str, ...] = ()
 
 
 def pipelines_folder() -> Path:
@@ -74,104 +76,108 @@ def load_pipeline(preset: str) -> PipelineFile:
     Raises:
         UsageError: unknown preset, unreadable file, or a node that makes no sense.
     """
-    shipped = shipped_pipelines()
-    path = shipped.get(preset)
-    if path is None:
-        path = Path(preset)
-        if path.suffix != ".toml":
-            known = ", ".join(shipped)
-            raise UsageError(
-                f"preset {preset!r} is not one of {known}, nor a pipeline file (*.toml)"
-            )
+    path = _path_of(preset)
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path}: cannot be read as a pipeline file ({error})") from error
-    nodes = raw.get("node")
+    notes: tuple[str, ...] = ()
+    if "node" in raw:
+        raw = former_nodes(raw, path)
+        notes = (f"{path}: has the form before 1.0, which the next release no longer reads",)
+    if unknown := set(raw) - _KEYS:
+        raise UsageError(f"{path}: unknown key {min(unknown)!r}; known: {', '.join(sorted(_KEYS))}")
+    nodes = raw.get("nodes")
     if not isinstance(nodes, list) or not nodes:
-        raise UsageError(f"{path}: no [[node]] in it; see the shipped pipelines for the form")
-    specs = tuple(_node(entry, path) for entry in nodes)
-    _check_wiring(specs, path)
-    about = raw.get("pipeline", {})
-    if not isinstance(about, dict):
-        raise UsageError(f"{path}: [pipeline] must be a table with a summary")
-    summary = about.get("summary", "")
-    return PipelineFile(name=path.stem, summary=str(summary), nodes=specs)
-
-
-def _node(entry: object, path: Path) -> NodeSpec:
-    if not isinstance(entry, dict):
-        raise UsageError(f"{path}: a [[node]] is not a table")
-    where = f"{path}: node {entry.get('name', '?')!r}"
-    inputs, options = _checked(entry, where)
-    return NodeSpec(
-        name=entry["name"],
-        stage=entry["stage"],
-        inputs=tuple(port for port in inputs if not port.endswith("?")),
-        optional=tuple(port.rstrip("?") for port in inputs if port.endswith("?")),
-        output=entry["output"],
-        cadence=entry["cadence"],
-        lane=entry["lane"],
-        effect=entry.get("effect"),
-        when=entry.get("when"),
-        without=entry.get("without"),
-        unless=entry.get("unless"),
-        options=options,
+        raise UsageError(f"{path}: no list 'nodes'; see the shipped pipelines for the form")
+    specs = tuple(_spec(entry, path) for entry in nodes)
+    _check_order(specs, path)
+    return PipelineFile(
+        name=path.stem, summary=str(raw.get("summary", "")), nodes=specs, notes=notes
     )
 
 
-def _checked(entry: dict[str, object], where: str) -> tuple[list[str], dict[str, object]]:
-    """Inputs and options of a node's table, once every key is known to make sense."""
-    if unknown := set(entry) - _KEYS:
-        raise UsageError(f"{where}: unknown key {sorted(unknown)[0]!r}; known: {sorted(_KEYS)}")
-    for key in ("name", "stage", "output"):
-        if not isinstance(entry.get(key), str):
-            raise UsageError(f"{where}: {key!r} must be a word")
-    inputs = entry.get("inputs", [])
-    if not isinstance(inputs, list) or not all(isinstance(port, str) for port in inputs):
-        raise UsageError(f"{where}: 'inputs' must be a list of port names")
-    for port in [*(port.rstrip("?") for port in inputs), entry["output"]]:
-        if port not in PORTS:
-            raise UsageError(f"{where}: no port {port!r}; there are {', '.join(PORTS)}")
-    for key, allowed in (
-        ("cadence", CADENCES),
-        ("lane", LANES),
-        ("when", (None, *CONDITIONS)),
-        ("without", (None, *PORTS)),
-        ("effect", (None, *EFFECTS)),
-    ):
-        if entry.get(key) not in allowed:
-            raise UsageError(f"{where}: {key!r} is {entry.get(key)!r}, allowed: {allowed}")
-    options = entry.get("options", {})
-    if not isinstance(options, dict):
-        raise UsageError(f"{where}: 'options' must be a table")
-    return inputs, options
+def _path_of(preset: str) -> Path:
+    shipped = shipped_pipelines()
+    if preset in shipped:
+        return shipped[preset]
+    path = Path(preset)
+    if path.suffix != ".toml":
+        known = ", ".join(shipped)
+        raise UsageError(f"preset {preset!r} is not one of {known}, nor a pipeline file (*.toml)")
+    return path
 
 
-def _check_wiring(nodes: tuple[NodeSpec, ...], path: Path) -> None:
-    """Each port is written before it is read, and lanes only go forward.
+def _spec(entry: object, path: Path) -> NodeSpec:
+    table = {"node": entry} if isinstance(entry, str) else entry
+    if not isinstance(table, dict) or not isinstance(table.get("node"), str):
+        raise UsageError(
+            f"{path}: {entry!r} in 'nodes' is neither a name nor a table {{ node = NAME, … }}"
+        )
+    name, fallback_for = table["node"], table.get("fallback_for")
+    if name not in NODES:
+        raise UsageError(f"{path}: no node {name!r}; there are {', '.join(NODES)}")
+    if fallback_for is not None and fallback_for not in NODES:
+        raise UsageError(f"{path}: node {name!r} stands in for {fallback_for!r}, which is no node")
+    options = {key: value for key, value in table.items() if key not in _NODE_KEYS}
+    _check_options(NODES[name], options, path)
+    return NodeSpec(type=NODES[name], options=options, fallback_for=fallback_for)
 
-    One that may be missing may be written nowhere at all.
+
+def _check_options(node: type[Node], options: dict[str, object], path: Path) -> None:
+    """See that a node has options of these names and types."""
+    parameters = inspect.signature(node.__init__).parameters
+    known = {
+        name: parameter
+        for name, parameter in parameters.items()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+    for name, value in options.items():
+        if name not in known:
+            raise UsageError(
+                f"{path}: node {node.name!r} has no option {name!r}; it has "
+                f"{', '.join(known) or 'none'}"
+            )
+        wanted = type(known[name].default)
+        fits = isinstance(value, wanted) and (wanted is bool or not isinstance(value, bool))
+        if not fits and not (wanted is float and type(value) is int):
+            raise UsageError(
+                f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected "
+                f"{wanted.__name__}"
+            )
+
+
+def _check_order(specs: tuple[NodeSpec, ...], path: Path) -> None:
+    """Each port is written before it is read, and a frame passes the lanes in order.
+
+    An optional port may be written nowhere at all.
     """
     written = set(GIVEN)
-    ever_written = {node.output for node in nodes}
+    ever_written = {spec.type.writes for spec in specs}
     names: set[str] = set()
     lane = 0
-    for node in nodes:
+    for spec in specs:
+        node = spec.type
         if node.name in names:
-            raise UsageError(f"{path}: two nodes are called {node.name!r}")
-        if node.unless is not None and node.unless not in names:
+            raise UsageError(f"{path}: node {node.name!r} stands twice")
+        if spec.fallback_for is not None and spec.fallback_for not in names:
             raise UsageError(
-                f"{path}: node {node.name!r} stands in for {node.unless!r}, which is none above"
+                f"{path}: node {node.name!r} stands in for {spec.fallback_for!r}, which does not "
+                "stand above it"
             )
         names.add(node.name)
-        awaited = (port for port in node.optional if port in ever_written)
-        for port in (*node.inputs, *awaited):
-            if port not in written:
+        for port in node.inputs():
+            awaited = not port.optional or port.name in ever_written
+            if awaited and port.name not in written:
                 raise UsageError(
-                    f"{path}: node {node.name!r} reads {port!r}, which none above writes"
+                    f"{path}: node {node.name!r} reads {port.name!r}, which none above it writes"
                 )
-        written.add(node.output)
+        written.add(node.writes)
+        if node.writes == "found_lens":
+            written.add("fit")
         if LANES.index(node.lane) < lane:
-            raise UsageError(f"{path}: node {node.name!r} goes back to lane {node.lane!r}")
+            raise UsageError(
+                f"{path}: node {node.name!r} runs on lane {node.lane!r}, but stands below nodes of "
+                f"lane {LANES[lane]!r}"
+            )
         lane = LANES.index(node.lane)

@@ -4,35 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from nlens_video.graph.node import CONDITIONS, Node
-from nlens_video.graph.session import Assembly
+from nlens_video.graph.base.node import Node
+from nlens_video.graph.session import Session
 
 
-def describe(assembly: Assembly, *, all_reasons: bool = True) -> Iterator[str]:
+def describe(session: Session, *, all_reasons: bool = True) -> Iterator[str]:
     """Lines for a person: pipeline, effects, nodes with backend and condition, warnings.
 
     Args:
-        assembly: the resolved graph.
+        session: the resolved graph.
         all_reasons: also why the effects are off that are, in place of one line with their names.
     """
-    graph = assembly.graph
+    graph = session.graph
     yield f"pipeline {graph.pipeline}: {graph.summary}"
-    yield f"device {assembly.device.name}: {assembly.device.reason}"
-    for decision in assembly.decisions:
+    yield f"device {session.device.name}: {session.device.reason}"
+    for decision in session.decisions:
         if decision.wanted or all_reasons:
             word = "yes" if decision.wanted else "no"
             yield f"effect {decision.effect}: {word}, {decision.reason}"
-    off = [decision.effect for decision in assembly.decisions if not decision.wanted]
+    off = [decision.effect for decision in session.decisions if not decision.wanted]
     if off and not all_reasons:
         yield f"effects off: {', '.join(off)} (-v says why)"
     for node in graph.nodes:
-        yield f"node {node.name} [{_when(node)}; lane {node.lane}] {node.backend}"
+        yield f"node {node.name} [{_when(node)}; lane {node.lane}] {node.description}"
     for name, reason in graph.left_out:
         yield f"left out {name}: {reason}"
-    for note in assembly.notes():
+    for note in session.notes():
         yield f"note: {note}"
 
 
 def _when(node: Node) -> str:
-    cadence = "once a shot" if node.cadence == "shot" else "each frame"
-    return cadence if node.when is None else f"{cadence} when {CONDITIONS[node.when][1]}"
+    cadence = "once a shot" if node.once else "each frame"
+    return cadence if node.when is None else f"{cadence} when {node.when.description}"

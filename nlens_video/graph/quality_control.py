@@ -1,4 +1,4 @@
-"""Holding a frame budget: which rung of quality the next frame gets."""
+"""Holding a frame budget: which level of quality the next frame gets."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-LADDER = ("reference", "standard", "realtime", "draft")
-"""The shipped presets that are rungs, the best one first."""
+LEVELS = ("reference", "standard", "realtime", "draft")
+"""The shipped presets that are levels, the best one first."""
 _JUDGED = 8  # frames that decide on a step down
 _SHARE = 0.75  # of them within the budget is enough
 _COMFORT_S = 3.0  # time within the comfortable part of the budget before a step up
-_COMFORT = 0.8  # of the budget: what the rung above is expected to need at most
-_PATIENCE = 2.0  # factor on that time for a rung that was left again soon
+_COMFORT = 0.8  # of the budget: what the level above is expected to need at most
+_PATIENCE = 2.0  # factor on that time for a level that was left again soon
 _SOON_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """A change of rung.
+    """A change of level.
 
     Attributes:
         frame: index of the frame whose time led to it.
-        rung: the one from then on.
+        level: the one from then on.
         reason: why.
     """
 
     frame: int
-    rung: str
+    level: str
     reason: str
 
 
@@ -39,12 +39,12 @@ class BudgetControl:
 
     Args:
         budget_ms: what a frame may cost [ms].
-        rungs: names, the best one first; the run begins there.
+        levels: names, the best one first; the run begins there.
         frame_s: from one frame to the next [s].
     """
 
     budget_ms: float
-    rungs: Sequence[str]
+    levels: Sequence[str]
     frame_s: float
     steps: list[Step] = field(default_factory=list)
     at: int = 0
@@ -56,19 +56,19 @@ class BudgetControl:
     _came_up: int | None = None
 
     @property
-    def rung(self) -> str:
+    def level(self) -> str:
         """The one that the next frame gets."""
-        return self.rungs[self.at]
+        return self.levels[self.at]
 
-    def observe(self, frame: int, rung: str, total_ms: float) -> None:
+    def observe(self, frame: int, level: str, total_ms: float) -> None:
         """Take a frame's time into account.
 
         Args:
             frame: its index.
-            rung: what it was made with; frames of a rung that has been left tell nothing.
+            level: what it was made with; frames of a level that has been left tell nothing.
             total_ms: what it cost [ms].
         """
-        if rung != self.rung:
+        if level != self.level:
             return
         self._recent.append(total_ms)
         self._calm.append(total_ms)
@@ -81,7 +81,7 @@ class BudgetControl:
             self._up(frame)
 
     def _compare(self) -> None:
-        """Once a rung has been seen, how much more the one above it costs."""
+        """Once a level has been seen, how much more the one above it costs."""
         if self._left_ms is not None and len(self._recent) == _JUDGED:
             self._ratio[self.at - 1] = max(1.0, self._left_ms / _middle(self._recent))
             self._left_ms = None
@@ -96,12 +96,12 @@ class BudgetControl:
             return False
         return _high(self._calm) * self._ratio.get(above, 1.0) <= _COMFORT * self.budget_ms
 
-    def _patience(self, rung: int) -> int:
-        """Comfortable frames that a step up to a rung asks for."""
-        return max(_JUDGED, round(self._wait_s.get(rung, _COMFORT_S) / self.frame_s))
+    def _patience(self, level: int) -> int:
+        """Comfortable frames that a step up to a level asks for."""
+        return max(_JUDGED, round(self._wait_s.get(level, _COMFORT_S) / self.frame_s))
 
     def _down(self, frame: int) -> None:
-        if self.at + 1 >= len(self.rungs):
+        if self.at + 1 >= len(self.levels):
             return
         if self._came_up is not None and (frame - self._came_up) * self.frame_s < _SOON_S:
             self._wait_s[self.at] = _PATIENCE * self._wait_s.get(self.at, _COMFORT_S)
@@ -113,11 +113,11 @@ class BudgetControl:
         self._came_up = frame
         self._go(frame, self.at - 1, f"{_high(self._calm):.0f} ms a frame for long")
 
-    def _go(self, frame: int, rung: int, reason: str) -> None:
-        self.at = rung
+    def _go(self, frame: int, level: int, reason: str) -> None:
+        self.at = level
         self._recent.clear()
         self._calm.clear()
-        self.steps.append(Step(frame=frame, rung=self.rung, reason=reason))
+        self.steps.append(Step(frame=frame, level=self.level, reason=reason))
 
 
 def _middle(times: Sequence[float] | deque[float]) -> float:

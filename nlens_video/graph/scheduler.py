@@ -20,7 +20,7 @@ _left_reading: list[threading.Event] = []  # of each reader that was left, set w
 
 
 @dataclass(frozen=True, slots=True)
-class Lane(Generic[T]):
+class Worker(Generic[T]):
     """One step of the stream.
 
     Attributes:
@@ -85,9 +85,9 @@ class _Link:
         raise _Stopped
 
 
-def run_lanes(
+def run_workers(
     source: Iterable[T],
-    lanes: Sequence[Lane[T]],
+    lanes: Sequence[Worker[T]],
     depth: int = 2,
     *,
     may_drop: Callable[[T], bool] | None = None,
@@ -139,7 +139,7 @@ def run_lanes(
             _left_reading.append(read)
 
 
-def apart(work: Callable[[], T]) -> T:
+def run_in_thread(work: Callable[[], T]) -> T:
     """Do something that may block in a read on a thread of its own, so that Ctrl-C is heard.
 
     Raises:
@@ -151,7 +151,7 @@ def apart(work: Callable[[], T]) -> T:
     def attempt() -> None:
         try:
             outcome.append(work())
-        except BaseException as error:  # noqa: BLE001 - handed on to the caller
+        except BaseException as error:  # noqa: BLE001 - handed on, raised at the consumer
             outcome.append(error)
         finally:
             done.set()
@@ -169,7 +169,7 @@ def apart(work: Callable[[], T]) -> T:
     return outcome[0]
 
 
-def still_reading() -> bool:
+def reader_blocked() -> bool:
     """Whether a closed stream's source still blocks in a read; it must not be closed under it."""
     return any(not done.is_set() for done in _left_reading)
 
@@ -190,11 +190,11 @@ def _feed(
             outlet.put(_End())
         except _Stopped:
             return
-        except BaseException as error:  # noqa: BLE001 - handed on, raised at the consumer
+        except BaseException as error:  # noqa: BLE001 - handed on to the caller
             _hand_on(outlet, error)
 
 
-def _work(lane: Lane[T], inlet: _Link, outlet: _Link) -> None:
+def _work(lane: Worker[T], inlet: _Link, outlet: _Link) -> None:
     try:
         with lane.opened() as step:
             while True:

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from nlens_video.options.parser import (
-    Parser,
-    add_overwrite,
-    base_parser,
-    path,
-)
+from nlens_video.options.parser import Parser, add_overwrite, base_parser, path
 
 
 def evaluate_parser() -> Parser:

@@ -9,16 +9,16 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from nlens_video.core.errors import OutputError
-from nlens_video.core.layers import BlurredLayer, DefocusedLayer
+from nlens_video.core.layers import DefocusedLayer
+from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.profiler import FrameTiming, Summary
 from nlens_video.report.findings import Findings, Shown, StripFrame
 from nlens_video.report.pictures import Image, copied, shown, thumbnail
 from nlens_video.report.thinning import EvenPick, TimingBins
 from nlens_video.video.atomic_files import replacing, sweep
 
 if TYPE_CHECKING:
-    from nlens_video.graph.session import Assembly
+    from nlens_video.graph.session import Session
     from nlens_video.video.info import SourceInfo
 
 PAGE = "index.html"
@@ -35,14 +35,14 @@ class Report:
     Args:
         folder: of the page; made where it is missing.
         info: the source.
-        assembly: what the run is made of.
+        session: what the run is made of.
         output: what the run writes, as the user gave it.
 
     Raises:
         OutputError: the folder cannot be made.
     """
 
-    def __init__(self, folder: Path, info: SourceInfo, assembly: Assembly, output: str) -> None:
+    def __init__(self, folder: Path, info: SourceInfo, session: Session, output: str) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -53,10 +53,10 @@ class Report:
         self._path = folder / PAGE
         sweep(self._path)
         self._info = info
-        self._assembly = assembly
+        self._session = session
         self._output = output
-        finds_lens = any(node.cadence == "shot" for node in assembly.graph.nodes)
-        self._awaits_fit = finds_lens and assembly.steps.fit is None
+        finds_lens = any(node.once for node in session.graph.nodes)
+        self._awaits_fit = finds_lens and session.executor.fit is None
         self._lock = threading.Lock()
         self._plates: dict[int, Callable[[], Image]] = {}
         self._shown: Shown | None = None
@@ -77,7 +77,7 @@ class Report:
 
     def entering(self, state: FrameState) -> None:
         """Copy the plate, as long as it may be the one that is shown."""
-        if self._shown is not None or (self._awaits_fit and self._assembly.steps.fit is not None):
+        if self._shown is not None or (self._awaits_fit and self._session.executor.fit is not None):
             return
         plate = copied(state.frame.picture)
         with self._lock:
@@ -87,9 +87,7 @@ class Report:
         """Keep what the page needs of a frame that is done."""
         with self._lock:
             plate = self._plates.pop(state.frame.index, None)
-        blurred, defocused = state.values.get("blurred"), state.values.get("defocused")
-        composited = isinstance(blurred, BlurredLayer) and not blurred.box.empty
-        layer = defocused if isinstance(defocused, DefocusedLayer) else None
+        composited, layer = state.composited, state.values.defocused
         due = state.carried_fit if self._awaits_fit else composited
         if due and plate is not None and self._shown is None:
             self._shown = Shown(
@@ -117,7 +115,7 @@ class Report:
         findings = Findings(
             info=self._info,
             output=self._output,
-            assembly=self._assembly,
+            session=self._session,
             shown=self._shown,
             strip=tuple(self._strip.picked(STRIP_FRAMES)),
             bins=tuple(self._bins.bins),

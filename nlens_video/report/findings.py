@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.graph.nodes.context import ShotRecord
-from nlens_video.graph.profiler import FrameTiming, Summary
-from nlens_video.graph.session import Assembly
+from nlens_video.graph.base.profiler import FrameTiming, Summary
+from nlens_video.graph.base.values import ShotValues
+from nlens_video.graph.session import Session
 from nlens_video.report.pictures import Image
 from nlens_video.report.thinning import TimingBin
+from nlens_video.stages.r_regression import Regression
 from nlens_video.video.info import SourceInfo
 
 
@@ -59,7 +60,7 @@ class Findings:
     Attributes:
         info: the source.
         output: what was written, as the user gave it.
-        assembly: graph, decisions and what the fit was made from.
+        session: graph, decisions and what the fit was made from.
         shown: the frame shown at length, None where the object was never in view.
         strip: composited frames, spread evenly.
         bins: timings of the frames, without `warm_up`.
@@ -71,7 +72,7 @@ class Findings:
 
     info: SourceInfo
     output: str
-    assembly: Assembly
+    session: Session
     shown: Shown | None
     strip: tuple[StripFrame, ...]
     bins: tuple[TimingBin, ...]
@@ -83,9 +84,21 @@ class Findings:
     @property
     def fit(self) -> LensFit | None:
         """The lens, once found or given."""
-        return self.assembly.steps.fit
+        return self.session.executor.fit
 
     @property
-    def record(self) -> ShotRecord:
+    def shot(self) -> ShotValues:
         """What the fit was made from."""
-        return self.assembly.record
+        return self.session.executor.shot
+
+    @property
+    def regression(self) -> Regression | None:
+        """The fit with its samples, where it was made on this plate."""
+        found = self.shot.found_lens
+        return None if found is None else found.regression
+
+    @property
+    def doubt(self) -> str:
+        """What a person should know about the fit; empty if nothing."""
+        found = self.shot.found_lens
+        return "" if found is None else found.doubt

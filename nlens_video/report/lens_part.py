@@ -24,7 +24,7 @@ def maps_part(findings: Findings) -> str:
 
 def _map_figures(findings: Findings, shown: Shown) -> list[str]:
     outline = " The white outline is the object's footprint on the ground."
-    if findings.record.ground is None or not findings.record.ground.mask.any():
+    if findings.shot.ground is None or not findings.shot.ground.mask.any():
         outline = ""
     entries = (
         (
@@ -67,12 +67,12 @@ def _map_figure(made: Map, name: str, words: str) -> str:
 
 def fit_part(findings: Findings) -> str:
     """The fitted relationship, drawn and in numbers."""
-    regression, fit = findings.record.regression, findings.fit
+    regression, fit = findings.regression, findings.fit
     title = "The lens, fitted"
     if fit is None:
         return ""  # the maps' place says why
     if regression is None:
-        reason = no_fit_reason(findings) or findings.record.note
+        reason = no_fit_reason(findings) or findings.doubt
         return section("fit", title, missing(reason) + _fit_numbers(findings))
     around = object_disparity(findings.shown)
     charts = "".join(
@@ -109,6 +109,6 @@ def _fit_numbers(findings: Findings) -> str:
         ("Sign", f"{fit.sign}, {margin_words(fit)}"),
         ("Method", fit.method),
     ]
-    if findings.record.plate_coc is None:
+    if findings.shot.plate_coc is None:
         rows = [rows[0], rows[1], rows[-1]]
     return table("The fit in numbers", (), rows)

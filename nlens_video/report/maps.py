@@ -7,12 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    DefocusedLayer,
-    Float32,
-)
+from nlens_video.core.layers import Bool, Box, DefocusedLayer, Float32
 from nlens_video.report.findings import Findings, Shown
 from nlens_video.report.pictures import Image
 
@@ -56,8 +51,8 @@ class Map:
 def coc_scale(findings: Findings) -> Scale:
     """One scale for plate and object, so that equal colours are equal blur."""
     values = []
-    if findings.record.plate_coc is not None:
-        values.append(float(np.quantile(findings.record.plate_coc.coc_px, 0.98)))
+    if findings.shot.plate_coc is not None:
+        values.append(float(np.quantile(findings.shot.plate_coc.coc_px, 0.98)))
     if findings.shown is not None and findings.shown.defocused is not None:
         values.append(findings.shown.defocused.largest_coc_px)
     return Scale(top_px=_round_up(max(values, default=1.0)), colormap=COC_MAP)
@@ -65,18 +60,18 @@ def coc_scale(findings: Findings) -> Scale:
 
 def plate_coc_map(findings: Findings, shown: Shown) -> Map | None:
     """The plate's CoC with the footprint outlined; None where it was not estimated."""
-    if findings.record.plate_coc is None:
+    if findings.shot.plate_coc is None:
         return None
     scale = coc_scale(findings)
-    image = _overlay(shown.before, findings.record.plate_coc.coc_px, scale)
+    image = _overlay(shown.before, findings.shot.plate_coc.coc_px, scale)
     return Map(image=_outlined(image, findings), scale=scale)
 
 
 def sigma_map(findings: Findings, shown: Shown) -> Map | None:
     """Expected error of the plate's CoC; None where it was not estimated."""
-    if findings.record.plate_coc is None:
+    if findings.shot.plate_coc is None:
         return None
-    sigma = findings.record.plate_coc.sigma_px
+    sigma = findings.shot.plate_coc.sigma_px
     scale = Scale(top_px=_round_up(float(np.quantile(sigma, 0.98))), colormap=SIGMA_MAP)
     return Map(image=_outlined(_overlay(shown.before, sigma, scale), findings), scale=scale)
 
@@ -127,10 +122,10 @@ def _overlay(picture: Image, values: Float32, scale: Scale, alpha: Float32 | Non
 
 def _outlined(image: Image, findings: Findings) -> Image:
     """The footprint's outline, white on black, so that it is seen on any colour."""
-    if findings.record.ground is None or not findings.record.ground.mask.any():
+    if findings.shot.ground is None or not findings.shot.ground.mask.any():
         return image
     height, width = image.shape[:2]
-    mask = _resized_mask(findings.record.ground.mask, (width, height))
+    mask = _resized_mask(findings.shot.ground.mask, (width, height))
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     drawn = np.ascontiguousarray(image)
     for color, thickness in (((0, 0, 0), 4), ((255, 255, 255), 2)):

@@ -50,10 +50,10 @@ def _header(findings: Findings) -> str:
         rate = "still"
     facts = [
         ("Plate", _name(info.name), f"{info.codec}, {info.pixel_format}"),
-        ("Object", findings.assembly.scene.path.name, ""),
+        ("Object", findings.session.scene.path.name, ""),
         ("Written", _name(findings.output), _written(findings)),
         ("Frame", f"{info.width} \N{MULTIPLICATION SIGN} {info.height} px", rate),
-        ("Pipeline", findings.assembly.graph.pipeline, findings.assembly.graph.summary),
+        ("Pipeline", findings.session.graph.pipeline, findings.session.graph.summary),
     ]
     if summary.frames > 1:
         within = f"{summary.within_budget:.0%} within {summary.budget_ms:g} ms"
@@ -123,7 +123,7 @@ def _split(before: Image, after: Image) -> int:
 
 
 def _carried(findings: Findings) -> bool:
-    return findings.record.plate_coc is not None
+    return findings.shot.plate_coc is not None
 
 
 def _strip(findings: Findings) -> str:

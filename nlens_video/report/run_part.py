@@ -37,11 +37,13 @@ def times_part(findings: Findings) -> str:
 def _node_rows(findings: Findings) -> list[tuple[str, ...]]:
     """Name, median, cadence and backend of each node that ran, in the order they run."""
     medians = findings.summary.node_median_ms
-    nodes = findings.assembly.graph.nodes
-    often = {"shot": "once a shot", "frame": "each frame"}
+    nodes = findings.session.graph.nodes
     known = [
         ("decode", "each frame", "FFmpeg"),
-        *((node.name, often[node.cadence], node.backend) for node in nodes),
+        *(
+            (node.name, "once a shot" if node.once else "each frame", node.description)
+            for node in nodes
+        ),
         ("encode", "each frame", "FFmpeg"),
     ]
     return [(name, f"{medians[name]:.1f}", *rest) for name, *rest in known if name in medians]
@@ -49,7 +51,7 @@ def _node_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 def plan_part(findings: Findings) -> str:
     """What ran, on what, and why."""
-    lines = [line for line in describe(findings.assembly) if not line.startswith("note: ")]
+    lines = [line for line in describe(findings.session) if not line.startswith("note: ")]
     rows = "".join(
         f"<dt>{escape(head)}</dt><dd>{escape(words)}</dd>" for head, words in map(_parts, lines)
     )

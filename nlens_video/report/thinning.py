@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from nlens_video.graph.profiler import FrameTiming
+from nlens_video.graph.base.profiler import FrameTiming
 
 T = TypeVar("T")
 

@@ -49,14 +49,14 @@ class Advice:
 
 def no_fit_reason(findings: Findings) -> str:
     """Why parts about the lens are missing; empty where none is."""
-    if findings.record.plate_coc is not None:
+    if findings.shot.plate_coc is not None:
         return ""
     if findings.fit is not None:
         return (
             "The lens was given with --fit, so nothing was measured on this plate. "
             "Leave --fit out to see the measurement."
         )
-    for decision in findings.assembly.decisions:
+    for decision in findings.session.decisions:
         if decision.effect == "defocus" and not decision.wanted:
             return f"Defocus was not simulated ({decision.reason}), so no lens was measured."
     return (
@@ -129,7 +129,7 @@ def _lens_advice(findings: Findings) -> Iterator[Advice]:
         yield Advice(
             kind="warning",
             text="No relation between depth and blur was found, so near and far parts of the "
-            f"object are blurred alike. {findings.record.note}".strip(),
+            f"object are blurred alike. {findings.doubt}".strip(),
             remedy="Use a frame on which more of the ground is seen (--range), check --ground-y, "
             "or measure the lens on another shot and give it with --fit.",
         )
@@ -148,7 +148,7 @@ def _lens_advice(findings: Findings) -> Iterator[Advice]:
 
 
 def _strength_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
-    regression = findings.record.regression
+    regression = findings.regression
     if regression is None:
         return
     samples = regression.samples
@@ -200,7 +200,7 @@ def _plate_advice(findings: Findings) -> Iterator[Advice]:
 
 def _time_advice(findings: Findings) -> Iterator[Advice]:
     summary = findings.summary
-    once = {node.name for node in findings.assembly.graph.nodes if node.cadence == "shot"}
+    once = {node.name for node in findings.session.graph.nodes if node.once}
     once.add("measure")  # the look at a shot before its first frame
     steady = {name: ms for name, ms in summary.node_median_ms.items() if name not in once}
     if summary.frames < 2 or summary.within_budget >= _MET or not steady:
@@ -216,6 +216,6 @@ def _time_advice(findings: Findings) -> Iterator[Advice]:
 
 def _note_advice(findings: Findings) -> Iterator[Advice]:
     for note in findings.notes:
-        if note == findings.record.note and findings.fit is not None and findings.fit.slope == 0:
+        if note == findings.doubt and findings.fit is not None and findings.fit.slope == 0:
             continue
         yield Advice(kind="note", text=note[:1].upper() + note[1:] + ".", remedy=note_remedy(note))

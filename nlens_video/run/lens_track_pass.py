@@ -16,15 +16,9 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.open_run import frame_s, opened, taken_in
-from nlens_video.stages.r_change_detector import (
-    CHANGED,
-    Look,
-    changed,
-    is_cut,
-    look,
-)
+from nlens_video.stages.r_change_detector import CHANGED, Look, changed, is_cut, look
 from nlens_video.stages.r_lens_track import FitTrack, Key, with_holds
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
@@ -183,15 +177,15 @@ def _keys(settings: Settings, needs: tuple[Need, ...]) -> Iterator[Key]:
     run = replace(settings, source=ranged, effects="defocus", fallback="none")
     known: LensFit | None = None
     with taken_in(run, Profiler()) as intake:
-        steps = intake.assembly.steps
+        steps = intake.session.executor
         # no frames ahead: their mean would lag behind a lens that changes
         for item, _ in intake.frames.with_following(lambda: False):
             if not isinstance(item, SourceFrame) or item.index not in wanted:
                 continue
             signals.look()
-            state = steps.enter(item)
+            state = steps.begin_frame(item)
             try:
-                fit = steps.find(state, steps.finding)
+                fit = steps.find_lens(state)
             except LensFitError:
                 continue
             finally:

@@ -12,18 +12,12 @@ from typing import IO, Protocol, Self
 import numpy as np
 
 from nlens_video.core.errors import OutputError
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-    ObjectLayer,
-)
+from nlens_video.core.layers import BlurredLayer, Box, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import OutputSettings, Settings
+from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.profiler import FrameTiming, Profiler, Summary
-from nlens_video.graph.session import Assembly
+from nlens_video.graph.session import Session
 from nlens_video.video.atomic_files import check_folder, replacing, sweep
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import SourceInfo
@@ -34,7 +28,7 @@ class Started:
     """What is known when a run begins."""
 
     info: SourceInfo
-    assembly: Assembly
+    session: Session
     profiler: Profiler
 
 
@@ -84,7 +78,7 @@ def observers(
         from nlens_video.report.collect import Report
 
         written = output.spec if output is not None else str(settings.save_fit)
-        watching.append(Report(settings.report, started.info, started.assembly, written))
+        watching.append(Report(settings.report, started.info, started.session, written))
     return watching
 
 
@@ -122,7 +116,7 @@ class SavedFit(Watching):
         sweep(path)
         self.what = f"--save-fit {path}"
         self._path = path
-        self._steps = started.assembly.steps
+        self._steps = started.session.executor
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Write it."""
@@ -152,8 +146,8 @@ class TimingRows(Watching):
         self._stream: IO[str] | None = None
         self._head = {
             "budget_ms": settings.budget_ms,
-            "preset": started.assembly.graph.pipeline,
-            "device": started.assembly.device.name,
+            "preset": started.session.graph.pipeline,
+            "device": started.session.device.name,
         }
         self._rows = 0
 
@@ -180,7 +174,7 @@ class TimingRows(Watching):
             "pts": timing.pts,
             "nodes": {name: round(ms, 3) for name, ms in timing.nodes.items()},
             "total_ms": round(timing.total_ms, 3),
-            **({"rung": state.rung} if state.rung else {}),
+            **({"rung": state.level} if state.level else {}),
         }
         self._stream.write(("," if self._rows else "") + "\n  " + json.dumps(row))
         self._rows += 1
@@ -207,18 +201,18 @@ class AovLayers(Watching):
         self.what = f"--aov {folder}"
         self._folder = folder
         self._frame = Box(0, 0, started.info.width, started.info.height)
-        self._record = started.assembly.record
+        self._executor = started.session.executor
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
         """Write one file, with the same channels on every frame; what is not there is empty."""
         nothing = Box(0, 0, 0, 0)
-        layer, defocused = state.values.get("layer"), state.values.get("defocused")
-        blurred = state.values.get("blurred")
+        layer, defocused = state.values.layer, state.values.defocused
+        blurred = state.values.blurred
         channels = self._plate()
-        if not isinstance(layer, ObjectLayer):
+        if layer is None:
             layer = ObjectLayer(box=nothing, rgba=_empty(4), depth=_empty())
-        coc = defocused.coc_px if isinstance(defocused, DefocusedLayer) else 0 * layer.rgba[..., 3]
-        if not isinstance(blurred, BlurredLayer):
+        coc = defocused.coc_px if defocused is not None else 0 * layer.rgba[..., 3]
+        if blurred is None:
             blurred = BlurredLayer(box=nothing, rgba=_empty(4))
         for at, name in enumerate("RGBA"):
             channels[f"object.{name}"] = self._on_frame(layer.box, layer.rgba[..., at], 0.0)
@@ -230,7 +224,7 @@ class AovLayers(Watching):
     def _plate(self) -> dict[str, Float32]:
         """What the fit was made from; empty until it is made, and where it was given."""
         size = (self._frame.height, self._frame.width)
-        coc, ground = self._record.plate_coc, self._record.ground
+        coc, ground = self._executor.shot.plate_coc, self._executor.shot.ground
         none = np.zeros(size, np.float32)
         return {
             "plate.coc_px": coc.coc_px if coc else none,

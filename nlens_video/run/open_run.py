@@ -1,4 +1,4 @@
-"""From settings to frames that the graph can take: source, foresight and assembly joined."""
+"""From settings to frames that the graph can take: source, foresight and session joined."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.placement import focal_35mm
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
-from nlens_video.graph.effect_decisions import Plate
+from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.effect_decisions import PlatePreview
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.lens_request import Lens
-from nlens_video.graph.nodes.object_source import View
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.scheduler import apart, still_reading
-from nlens_video.graph.session import Assembly, assemble
+from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.scheduler import reader_blocked, run_in_thread
+from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkTrim, Part, Trim
 from nlens_video.run.lookahead import LookAhead
 from nlens_video.run.observers import Observer
@@ -44,14 +44,14 @@ class Intake:
     Attributes:
         source: it.
         frames: its frames and packets.
-        assembly: the graph.
+        session: the graph.
         profiler: times it.
         foresight: whether later frames may be read for the sake of one that finds the lens.
     """
 
     source: Source
     frames: LookAhead[SourceFrame | Packet]
-    assembly: Assembly
+    session: Session
     profiler: Profiler
     foresight: bool
 
@@ -62,7 +62,7 @@ class Intake:
 
     def items(self, watching: Sequence[Observer]) -> Iterator[FrameState | Packet]:
         """Frames as the graph takes them, and packets, in the source's order."""
-        steps = self.assembly.steps
+        steps = self.session.executor
         foresees = self.foresight and steps.graph.has("estimate-coc")
         for item, following in self.frames.with_following(lambda: foresees and steps.fit is None):
             if not isinstance(item, SourceFrame):
@@ -70,7 +70,7 @@ class Intake:
                 continue
             if self.info.kind == "stream":
                 self.profiler.arrived(item.index)
-            state = steps.enter(item, following)
+            state = steps.begin_frame(item, following)
             for observer in watching:
                 observer.entering(state)
             yield state
@@ -122,14 +122,14 @@ def take_in(
             "out, or pipe it in"
         )
     part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
-    assembly = _assembled(settings, source.info, profiler, part, track)
-    part.passed_over = assembly.steps.pass_over
-    if isinstance(source, Sought) and not assembly.graph.remembering:
+    session = _assembled(settings, source.info, profiler, part, track)
+    part.passed_over = session.executor.observe_skipped
+    if isinstance(source, Sought) and not session.graph.stateful:
         part.skip_to = source.skip_to
     return Intake(
         source,
         LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
-        assembly,
+        session,
         profiler,
         # chunks have their lens, and one may be waited for whose frames are not yet wanted
         foresight=chunks is None and _may_wait(source.info),
@@ -161,18 +161,18 @@ def opened(given: SourceSettings) -> Iterator[Source]:
     def lasting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()
 
-    source = apart(lasting)
+    source = run_in_thread(lasting)
     try:
         yield source
     finally:
-        if not still_reading():
+        if not reader_blocked():
             source.__exit__(None, None, None)
 
 
 def _assembled(
     settings: Settings, info: SourceInfo, profiler: Profiler, part: Part, track: FitTrack | None
-) -> Assembly:
-    lens = Lens(
+) -> Session:
+    lens = LensRequest(
         preset=settings.preset,
         effects=settings.effects,
         fit=LensFit.load(settings.fit) if settings.fit is not None else None,
@@ -188,10 +188,10 @@ def _assembled(
     )
 
     def pictures() -> tuple[Picture, ...]:
-        return apart(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
+        return run_in_thread(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
 
-    plate = Plate(pictures, settings.source.frames[0])
-    return assemble(settings.scene, lens, view_of(settings, info), profiler, plate)
+    plate = PlatePreview(pictures, settings.source.frames[0])
+    return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
 
 
 def view_of(settings: Settings, info: SourceInfo) -> View:

@@ -10,14 +10,9 @@ import numpy as np
 
 from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.settings import (
-    ObjectSettings,
-    OutputSettings,
-    Settings,
-    SourceSettings,
-)
+from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.graph.nodes.object_source import View, placement_near, stand
+from nlens_video.graph.base.object_source import View, choose_camera, placement_near
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.open_run import frame_s, view_of
 from nlens_video.scene.scene import Scene
@@ -112,7 +107,7 @@ def check_shot(settings: Settings, info: SourceInfo) -> None:
         raise UsageError(f"{_no_such_frames(settings)}; it has about {known}")
     objects = settings.scene
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
-    view, _ = stand(objects, scene, view_of(settings, info))
+    view, _ = choose_camera(objects, scene, view_of(settings, info))
     _check_files(objects)
     if objects.footprint is not None:
         scene.triangles(0.0, objects.footprint)

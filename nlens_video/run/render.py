@@ -10,27 +10,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
-from nlens_video.core.layers import BlurredLayer
 from nlens_video.core.settings import OutputSettings, Settings
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
 from nlens_video.graph.plan import describe
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.scheduler import run_lanes
-from nlens_video.graph.warmup import Ahead
+from nlens_video.graph.scheduler import run_workers
+from nlens_video.graph.warmup import KernelWarmup
 from nlens_video.run.lens_track_pass import follow
 from nlens_video.run.observers import Started, observers, save_fit
-from nlens_video.run.open_run import (
-    frame_s,
-    opened,
-    take_in,
-    taken_in,
-)
-from nlens_video.run.preflight import (
-    check_shot,
-    check_words,
-    check_written,
-    open_result,
-)
+from nlens_video.run.open_run import frame_s, opened, take_in, taken_in
+from nlens_video.run.preflight import check_shot, check_words, check_written, open_result
 from nlens_video.run.result import FitOutcome, Outcome
 from nlens_video.run.sidecar_outputs import Beside, telling_what_is_complete
 from nlens_video.run.zoom_check import ZoomCheck
@@ -64,7 +53,7 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
         NlensError: as `render`.
     """
     with taken_in(settings, Profiler(settings.budget_ms)) as intake:
-        return (*_describe_source(intake.info), *describe(intake.assembly, all_reasons=all_reasons))
+        return (*_describe_source(intake.info), *describe(intake.session, all_reasons=all_reasons))
 
 
 def find_fit(
@@ -96,23 +85,23 @@ def find_fit(
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
         intake = stack.enter_context(taken_in(settings, profiler))
-        assembly = intake.assembly
-        started = Started(intake.info, assembly, profiler)
+        session = intake.session
+        started = Started(intake.info, session, profiler)
         beside = stack.enter_context(Beside(observers(settings, started, None)))
-        shot = assembly.steps.finding
+        shot = session.graph.find_lens
         seen = 0
         for state in intake.items([beside]):
             if not isinstance(state, FrameState):
                 continue
             seen += 1
             signals.look()
-            assembly.steps.run(state, shot)
+            session.executor.run(state, shot)
             frame = cast("SourceFrame", state.frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
             beside.frame(state, timing)
-            if assembly.steps.fit is not None or seen >= look_through:
+            if session.executor.fit is not None or seen >= look_through:
                 break
-        fit = assembly.steps.fit
+        fit = session.executor.fit
         if not seen:
             first, end = settings.source.frames
             raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
@@ -123,9 +112,9 @@ def find_fit(
             )
         save_fit(fit, settings.save_fit)
         with telling_what_is_complete(str(settings.save_fit)):
-            beside.finish(profiler.summary(), assembly.notes())
+            beside.finish(profiler.summary(), session.notes())
     return FitOutcome(
-        fit=fit, path=settings.save_fit, notes=assembly.notes(), missing=beside.missing
+        fit=fit, path=settings.save_fit, notes=session.notes(), missing=beside.missing
     )
 
 
@@ -164,16 +153,16 @@ def render(
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
         intake = take_in(source, settings, profiler, follow(settings), chunks)
-        assembly = intake.assembly
-        ahead = stack.enter_context(Ahead(*assembly.graphs))
+        session = intake.session
+        ahead = stack.enter_context(KernelWarmup(*session.graphs))
         zoom = ZoomCheck(frame_s(source.info))
-        started = Started(source.info, assembly, profiler)
+        started = Started(source.info, session, profiler)
         beside = stack.enter_context(Beside(observers(settings, started, settings.output)))
         watching = (beside, zoom)
         total = _expected(source.info, settings)
-        lanes = assembly.lanes()
+        lanes = session.workers()
         may_drop = intake.may_drop if settings.late == "drop" else None
-        items = run_lanes(intake.items(watching), lanes, may_drop=may_drop)
+        items = run_workers(intake.items(watching), lanes, may_drop=may_drop)
         stack.callback(_close, items, chunks)
         for item in items:
             signals.look()
@@ -184,24 +173,23 @@ def render(
             with profiler.timed(frame.index, "encode"):
                 sink.write(frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.carried_fit)
-            assembly.wrote(item, timing)
+            session.wrote(item, timing)
             written += 1
-            drawn, casts = _seen(item)
-            composited += drawn
-            changed = changed or drawn or casts
+            composited += item.composited
+            changed = changed or item.composited or item.traced
             for observer in watching:
                 observer.frame(item, timing)
             on_progress(written, total)
         check_written(settings, source.info, written, changed=changed or chunks is not None)
         timing_of_all = profiler.summary()
         outcome = Outcome(
-            output=output.spec, fit=assembly.steps.fit, decisions=assembly.decisions,
+            output=output.spec, fit=session.executor.fit, decisions=session.decisions,
             timing=timing_of_all, composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
                 *source.mishaps(),
-                *assembly.notes(),
-                *assembly.device.notes,
+                *session.notes(),
+                *session.device.notes,
                 *ahead.notes,
                 *sink.notes,
                 *_lost(source),
@@ -218,13 +206,6 @@ def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
     if chunks is not None:
         chunks.end()  # what waits for more of them does not close
     items.close()
-
-
-def _seen(state: FrameState) -> tuple[bool, bool]:
-    """Whether a frame shows the object, and whether its shadow or its image in the ground."""
-    blurred = state.values.get("blurred")
-    casts = any(state.values.get(name) is not None for name in ("shadow", "reflection"))
-    return isinstance(blurred, BlurredLayer) and not blurred.box.empty, casts
 
 
 def _open_result(

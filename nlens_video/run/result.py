@@ -8,7 +8,7 @@ from typing import Any
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import Decision
-from nlens_video.graph.profiler import Summary
+from nlens_video.graph.base.profiler import Summary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

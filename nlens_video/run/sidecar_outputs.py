@@ -8,8 +8,8 @@ from types import TracebackType
 from typing import Self
 
 from nlens_video.core.errors import OutputError
+from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.profiler import FrameTiming, Summary
 from nlens_video.run.observers import Observer, Watching
 
 

@@ -11,12 +11,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import (
-    MOST_PIXELS,
-    Float32,
-    Float64,
-    too_large,
-)
+from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
 
 _HEADER = 4096  # bytes of a .hdr file in which its size stands

@@ -14,13 +14,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-    ObjectLayer,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 
 NEGLIGIBLE_COC_PX = 0.5  # a disc this wide stays within its pixel
 _LEAST_DEPTH = np.finfo(np.float32).tiny  # what is nearer has no disparity that a float can hold

@@ -15,6 +15,7 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.illumination import Illumination
 
 
 class CocNetwork(Protocol):
@@ -57,7 +58,13 @@ class ViewRenderer(Protocol):
     """Draws the object from wherever it is asked to."""
 
     def render(
-        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+        self,
+        time_s: float,
+        camera: Camera,
+        margin: int = 0,
+        *,
+        nearest: bool = False,
+        plate_light: Illumination | None = None,
     ) -> ObjectLayer | None:
         """Draw it once.
 
@@ -67,6 +74,7 @@ class ViewRenderer(Protocol):
                 the lens' aperture.
             margin: how far beyond the frame the object is still drawn [px].
             nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+            plate_light: lights the object where its file does not; None for a plausible light.
 
         Returns:
             The sharp layer; None where the object is out of view.
@@ -81,6 +89,7 @@ class ViewRenderer(Protocol):
         use: Callable[[int, ObjectLayer | None], None],
         *,
         nearest: bool = False,
+        plate_light: Illumination | None = None,
     ) -> None:
         """Draw it from several points, and wait until all are used.
 
@@ -91,6 +100,7 @@ class ViewRenderer(Protocol):
             use: gets each camera's number and layer; they are begun in order, but on several
                 threads perhaps, and what it does to one must not wait for a later one.
             nearest: as for `render`.
+            plate_light: likewise.
         """
         ...
 
@@ -104,7 +114,7 @@ class BehindRenderer(Protocol):
         """Draw it once.
 
         Args:
-            front: the picture that was drawn last.
+            front: a picture that the same renderer has drawn.
             region: where to look, a part of its box.
             disparity_step: how much less disparity than the nearest surface what it hides has
                 at least, > 0 [1 / scene unit].

@@ -14,12 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    Box,
-    Float32,
-    Float64,
-    Picture,
-)
+from nlens_video.core.layers import Box, Float32, Float64, Picture
 
 CHANGED = 0.1
 """Change of the log-ratio of two octaves that calls for another fit: a focus that moves by 7 %

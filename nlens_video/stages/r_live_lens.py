@@ -11,13 +11,7 @@ from dataclasses import replace
 
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.stages.r_change_detector import (
-    CHANGED,
-    Look,
-    changed,
-    is_cut,
-    look,
-)
+from nlens_video.stages.r_change_detector import CHANGED, Look, changed, is_cut, look
 
 EVERY = 3
 """Frames from one look at the plate to the next."""
@@ -44,7 +38,7 @@ class LiveLens:
         self._now: LensFit | None = None
         self.fits = 0
 
-    def asks(self, index: int, picture: Picture) -> bool:
+    def needs_refit(self, index: int, picture: Picture) -> bool:
         """Whether the lens must be found anew on a frame.
 
         Args:

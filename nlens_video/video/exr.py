@@ -11,13 +11,7 @@ import numpy as np
 import OpenEXR
 
 from nlens_video.core.errors import InputError, OutputError
-from nlens_video.core.layers import (
-    MOST_PIXELS,
-    Box,
-    Float32,
-    ObjectLayer,
-    too_large,
-)
+from nlens_video.core.layers import MOST_PIXELS, Box, Float32, ObjectLayer, too_large
 from nlens_video.video.atomic_files import replacing
 from nlens_video.video.numbered import Numbered
 

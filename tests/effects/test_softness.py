@@ -11,10 +11,10 @@ from nlens_video.core.layers import (
     DefocusedLayer,
     ObjectLayer,
 )
-from nlens_video.effects.camera.softness import measure
-from nlens_video.effects.camera.softness_apply import (
+from nlens_video.effects.camera.softness import (
     DRAWN_PX,
     Floor,
+    measure,
     missing_sigma,
     softened,
 )

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from nlens_video.evaluate.bench_metrics import psnr, ssim
+from nlens_video.evaluate.metrics import psnr, ssim
 
 
 def pair(seed, shape=(23, 17, 3), off=40):

@@ -24,7 +24,7 @@ from nlens_video.evaluate.composite.composite_methods import (
     all_methods,
 )
 from nlens_video.evaluate.composite.composite_subject import load_subject
-from nlens_video.evaluate.intervals import over_scenes
+from nlens_video.evaluate.metrics import over_scenes
 
 ROWS = [NAIVE, BLIND, GAUSSIAN, "draft", DEFAULT, TRUE_FIT, TRUE_COC]
 

@@ -9,7 +9,7 @@ from evaluate.truth_folder import camera, cube_depth, write_rendered
 
 from nlens_video.cli.main import main
 from nlens_video.core.layers import Box
-from nlens_video.effects.shadow.apply import Darken
+from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.projection import Moment
 from nlens_video.effects.shadow.shadow import CastShadow
@@ -40,7 +40,7 @@ def plate(tmp_path):
     shadow = CastShadow(strength=0.75)([moment], light, 0.0, fit)
     codes = cv2.imread(str(folder / "gt_noshadow.png"))
     frame = Box(0, 0, codes.shape[1], codes.shape[0])
-    Darken(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)
+    ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)
     assert cv2.imwrite(str(folder / "gt.png"), codes)
     return folder
 

@@ -15,7 +15,8 @@ from nlens_video.farm.merge import merge, merge_arriving
 from nlens_video.farm.persistent_run import OpenRun
 from nlens_video.farm.store import Bucket, Folder
 from nlens_video.farm.worker import Workbench
-from nlens_video.options.options import parse, settings
+from nlens_video.options.options import parse
+from nlens_video.options.to_settings import settings
 
 FRAMES = 14
 

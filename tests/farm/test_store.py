@@ -11,11 +11,12 @@ import shots
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.farm.folder import make
-from nlens_video.farm.paths import absolute
+from nlens_video.farm.job import absolute
 from nlens_video.farm.shot_tasks import Progress, Shot, plan
 from nlens_video.farm.store import Bucket, Folder, store_of
 from nlens_video.farm.worker import Workbench
-from nlens_video.options.options import parse, settings
+from nlens_video.options.options import parse
+from nlens_video.options.to_settings import settings
 
 FRAMES = 12
 

@@ -6,31 +6,31 @@ from hypothesis import strategies as st
 
 from nlens_video.graph.quality_control import BudgetControl
 
-RUNGS = ("standard", "realtime", "draft")
+LEVELS = ("standard", "realtime", "draft")
 COST = {"standard": 100.0, "realtime": 40.0, "draft": 30.0}
 
 
 def control(budget_ms=120.0):
-    return BudgetControl(budget_ms, RUNGS, 1 / 25)
+    return BudgetControl(budget_ms, LEVELS, 1 / 25)
 
 
 def drive(controller, load, frames, first=0, lag=3):
     """Feed times of `COST` by `load(frame)`; results come `lag` frames late, as in a pipeline."""
-    waiting, times, rungs = [], [], []
+    waiting, times, levels = [], [], []
     for frame in range(first, first + frames):
-        rung = controller.rung
-        waiting.append((frame, rung, COST[rung] * load(frame)))
+        level = controller.level
+        waiting.append((frame, level, COST[level] * load(frame)))
         if len(waiting) > lag:
             controller.observe(*waiting.pop(0))
-        rungs.append(rung)
-        times.append(COST[rung] * load(frame))
-    return times, rungs
+        levels.append(level)
+        times.append(COST[level] * load(frame))
+    return times, levels
 
 
 def test_frames_within_the_budget_change_nothing():
     controller = control()
     drive(controller, lambda frame: 1.1 + 0.05 * np.sin(frame), 500)
-    assert controller.steps == [] and controller.rung == "standard"
+    assert controller.steps == [] and controller.level == "standard"
 
 
 def test_single_slow_frames_change_nothing():
@@ -41,42 +41,42 @@ def test_single_slow_frames_change_nothing():
 
 def test_slow_down_steps_down_within_a_second_and_keeps_95_percent_of_frames_in_budget():
     controller = control()
-    times, rungs = drive(controller, lambda frame: 1.0 if frame < 100 else 2.0, 600)
-    assert [step.rung for step in controller.steps] == ["realtime"]
-    assert rungs.index("realtime") - 100 < 25
+    times, levels = drive(controller, lambda frame: 1.0 if frame < 100 else 2.0, 600)
+    assert [step.level for step in controller.steps] == ["realtime"]
+    assert levels.index("realtime") - 100 < 25
     assert np.mean(np.array(times) <= 120.0) >= 0.95
 
 
 def test_it_goes_no_lower_than_the_last_rung_and_skips_none():
     controller = control(budget_ms=1.0)
     drive(controller, lambda frame: 1.0, 300)
-    assert [step.rung for step in controller.steps] == ["realtime", "draft"]
+    assert [step.level for step in controller.steps] == ["realtime", "draft"]
 
 
 def test_it_comes_back_up_only_after_a_long_comfortable_time():
     controller = control()
-    _, rungs = drive(controller, lambda frame: 2.0 if 50 <= frame < 100 else 0.8, 400)
-    assert [step.rung for step in controller.steps] == ["realtime", "standard"]
-    assert rungs.index("standard", 100) - 100 >= 75 - 8
+    _, levels = drive(controller, lambda frame: 2.0 if 50 <= frame < 100 else 0.8, 400)
+    assert [step.level for step in controller.steps] == ["realtime", "standard"]
+    assert levels.index("standard", 100) - 100 >= 75 - 8
 
 
 def test_without_headroom_for_the_rung_above_it_stays_down():
     controller = control()
     # standard would need 110 of 120 ms
     drive(controller, lambda frame: 2.0 if frame < 40 else 1.1, 800)
-    assert [step.rung for step in controller.steps] == ["realtime"]
+    assert [step.level for step in controller.steps] == ["realtime"]
 
 
 def test_going_up_and_failing_again_waits_twice_as_long_each_time():
     controller = control()
-    since, rung = 0, controller.rung
+    since, level = 0, controller.level
     for frame in range(6000):
-        since = since + 1 if controller.rung == rung else 0
-        rung = controller.rung
+        since = since + 1 if controller.level == level else 0
+        level = controller.level
         # `realtime` grows cheaper when nothing is gained by it, so that the prediction is wrong
         cost = {"standard": 150.0, "realtime": 60.0 if since < 20 else 25.0, "draft": 20.0}
-        controller.observe(frame, rung, cost[rung])
-    ups = [step.frame for step in controller.steps if step.rung == "standard"]
+        controller.observe(frame, level, cost[level])
+    ups = [step.frame for step in controller.steps if step.level == "standard"]
     gaps = np.diff(ups)
     assert len(gaps) >= 3 and (gaps[1:] > 1.5 * gaps[:-1]).all()
 
@@ -85,10 +85,10 @@ def test_frames_of_a_rung_that_was_left_tell_nothing():
     controller = control(budget_ms=50.0)
     for frame in range(8):
         controller.observe(frame, "standard", 100.0)
-    assert controller.rung == "realtime"
+    assert controller.level == "realtime"
     for frame in range(8, 40):
         controller.observe(frame, "standard", 100.0)
-    assert controller.rung == "realtime"
+    assert controller.level == "realtime"
 
 
 @given(st.lists(st.floats(0.1, 4.0), min_size=20, max_size=300))
@@ -99,7 +99,7 @@ def test_same_times_give_same_steps_and_neighbouring_rungs(loads):
         drive(controller, lambda frame: loads[frame], len(loads))
         runs.append(controller.steps)
     assert runs[0] == runs[1]
-    at = [0, *(RUNGS.index(step.rung) for step in runs[0])]
+    at = [0, *(LEVELS.index(step.level) for step in runs[0])]
     assert (np.abs(np.diff(at)) == 1).all()
     frames = [step.frame for step in runs[0]]
     assert (np.diff(frames) >= 8).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shots
 
-from nlens_video.core.errors import LensFitError, UsageError
+from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import (
     BlurredLayer,
     Box,
@@ -13,12 +13,12 @@ from nlens_video.core.layers import (
 )
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import decide
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.object_source import Placement
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.builder import build
-from nlens_video.graph.executor import FrameSteps
-from nlens_video.graph.nodes.context import ShotRecord, Tools
-from nlens_video.graph.nodes.object_source import Placement
+from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.pipeline_file import load_pipeline
-from nlens_video.graph.profiler import Profiler
 from nlens_video.video.pixels.picture import ArrayPicture
 
 BOX = Box(200, 120, 260, 180)
@@ -65,19 +65,19 @@ def exact_coc(picture, following):
 
 
 def steps(preset="standard", effects="auto", fit=None, **tools):
-    record = ShotRecord()
-    made = Tools(
+    context = NodeContext(
         **{
             "objects": Slab(), "estimate_coc": lambda: exact_coc, "ground_y": None,
-            "fallback_constant": False, "pixel_aspect": 1.0, "record": record, **tools,
+            "fallback_constant": False, "pixel_aspect": 1.0, **tools,
         }
     )  # fmt: skip
-    graph = build(load_pipeline(preset), decide(effects), made, fit_given=fit is not None)
-    return FrameSteps(graph, Profiler(), fit), record
+    graph = build(load_pipeline(preset), decide(effects), context, fit_given=fit is not None)
+    executor = GraphExecutor(graph, Profiler(), fit)
+    return executor, executor.shot
 
 
 def run(runner, index):
-    state = runner.enter(Frame(index))
+    state = runner.begin_frame(Frame(index))
     return runner.run(state, runner.graph.nodes)
 
 
@@ -87,36 +87,38 @@ def ran(runner, state):
 
 @pytest.mark.parametrize("preset", ["standard", "realtime"])
 def test_lens_is_found_once_and_used_on_every_later_frame(preset):
-    runner, record = steps(preset)
+    runner, shot = steps(preset)
     first, second = run(runner, 0), run(runner, 1)
     assert first.carried_fit and not second.carried_fit
-    assert {"estimate-coc", "project", "fit", "reblur"} <= ran(runner, first)
-    assert not {"estimate-coc", "project", "fit"} & ran(runner, second)
-    assert first.values["fit"] is second.values["fit"]
+    assert {"estimate-coc", "ground-footprint", "fit", "reblur"} <= ran(runner, first)
+    assert not {"estimate-coc", "ground-footprint", "fit"} & ran(runner, second)
+    assert first.values.fit is second.values.fit
     assert runner.fit.slope == pytest.approx(shots.SLOPE, rel=0.03)
-    assert record.regression.fit is runner.fit
+    assert shot.found_lens.regression.fit is runner.fit
 
 
 def test_a_saved_fit_shows_the_plate_past_edges_as_the_run_that_made_it():
     runner, _ = steps()
     first = run(runner, 0)
-    assert "past-edges" in ran(runner, first) and runner.fit.ground_seen
+    assert "edge-parallax" in ran(runner, first) and runner.fit.ground_seen
     given, _ = steps(fit=LensFit.from_json(runner.fit.to_json()))
     again = run(given, 0)
-    assert np.array_equal(again.values["blurred"].rgba, first.values["blurred"].rgba)
+    assert np.array_equal(again.values.blurred.rgba, first.values.blurred.rgba)
 
 
 def test_fit_waits_for_the_first_frame_with_the_object_in_view():
     runner, _ = steps(objects=Slab(visible=lambda index: index >= 2))
     states = [run(runner, index) for index in range(4)]
     assert [state.carried_fit for state in states] == [False, False, True, False]
-    assert ran(runner, states[0]) == {"locate"}
+    assert ran(runner, states[0]) == {"object-bounds"}
     assert runner.fit.frame == 2
 
 
 def test_given_fit_leaves_everything_that_finds_one_out_of_the_graph():
     runner, _ = steps(fit=FIT)
-    assert not {"estimate-coc", "project", "fit"} & {node.name for node in runner.graph.nodes}
+    assert not {"estimate-coc", "ground-footprint", "fit"} & {
+        node.name for node in runner.graph.nodes
+    }
     assert ("fit", "the lens fit is given") in runner.graph.left_out
     assert "reblur" in ran(runner, run(runner, 0))
 
@@ -129,8 +131,13 @@ def test_object_in_focus_is_not_reblurred():
 
 def test_effects_none_builds_no_node_of_defocus():
     runner, _ = steps(effects="none")
-    assert {node.name for node in runner.graph.nodes} == {"locate", "render", "sharp", "composite"}
-    assert isinstance(run(runner, 0).values["blurred"], BlurredLayer)
+    assert {node.name for node in runner.graph.nodes} == {
+        "object-bounds",
+        "render",
+        "crop-sharp",
+        "composite",
+    }
+    assert isinstance(run(runner, 0).values.blurred, BlurredLayer)
 
 
 def test_pixels_of_the_plate_out_of_reach_are_untouched():
@@ -153,7 +160,7 @@ def test_repair_network_has_its_place_after_the_scatter_and_runs_on_depth_steps_
 
     runner, _ = steps(objects=Slab(near=1.2, far=3.0), fit=FIT, repair=network)
     state = run(runner, 0)
-    assert calls and calls[0] > 2 and not state.values["blurred"].rgba.any()
+    assert calls and calls[0] > 2 and not state.values.blurred.rgba.any()
     flat, _ = steps(objects=Slab(), fit=FIT, repair=network)
     run(flat, 0)
     assert len(calls) == 1
@@ -161,7 +168,7 @@ def test_repair_network_has_its_place_after_the_scatter_and_runs_on_depth_steps_
 
 def test_without_a_repair_network_the_plan_says_that_the_scatter_stands():
     runner, _ = steps(fit=FIT)
-    assert "scatter" in dict(runner.graph.left_out)["repair"]
+    assert "scatter" in dict(runner.graph.left_out)["depth-order"]
 
 
 def unknowing(picture, following):
@@ -173,40 +180,7 @@ def test_estimate_that_knows_nothing_stops_unless_a_constant_may_stand_in():
     runner, _ = steps(estimate_coc=lambda: unknowing)
     with pytest.raises(LensFitError):
         run(runner, 0)
-    runner, record = steps(estimate_coc=lambda: unknowing, fallback_constant=True)
+    runner, shot = steps(estimate_coc=lambda: unknowing, fallback_constant=True)
     run(runner, 0)
     assert (runner.fit.slope, runner.fit.intercept) == (0.0, -9.0)
-    assert "constant CoC" in record.note
-
-
-def test_stage_that_does_not_exist_is_named(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(
-        '[[node]]\nname="a"\nstage="sparkle"\ninputs=["frame"]\noutput="placement"\n'
-        'cadence="frame"\nlane="render"\n'
-    )
-    with pytest.raises(UsageError, match="sparkle"):
-        steps(str(path))
-
-
-@pytest.mark.parametrize(
-    "wiring",
-    ['inputs=["frame", "picture"]\noutput="placement"', 'inputs=["frame"]\noutput="layer"'],
-)
-def test_node_that_is_not_wired_as_its_stage_is_called_is_named(tmp_path, wiring):
-    path = tmp_path / "mine.toml"
-    path.write_text(
-        f'[[node]]\nname="a"\nstage="locate"\n{wiring}\ncadence="frame"\nlane="render"\n'
-    )
-    with pytest.raises(UsageError, match="reads \\['frame'\\] and writes 'placement'"):
-        steps(str(path))
-
-
-def test_option_that_a_stage_does_not_have_is_named(tmp_path):
-    text = (tmp_path / "mine.toml", "options = { radius = 3 }\n")
-    text[0].write_text(
-        '[[node]]\nname="a"\nstage="locate"\ninputs=["frame"]\noutput="placement"\n'
-        'cadence="frame"\nlane="render"\n' + text[1]
-    )
-    with pytest.raises(UsageError, match="radius"):
-        steps(str(text[0]))
+    assert "constant CoC" in shot.found_lens.doubt

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from nlens_video.graph.scheduler import Lane, run_lanes
+from nlens_video.graph.scheduler import Worker, run_workers
 
 
 def step(function):
@@ -21,8 +21,8 @@ def lane_threads():
 
 
 def test_items_pass_all_lanes_in_order():
-    lanes = [Lane("a", step(lambda x: x + 1)), Lane("b", step(lambda x: x * 10))]
-    assert list(run_lanes(range(50), lanes)) == [(x + 1) * 10 for x in range(50)]
+    lanes = [Worker("a", step(lambda x: x + 1)), Worker("b", step(lambda x: x * 10))]
+    assert list(run_workers(range(50), lanes)) == [(x + 1) * 10 for x in range(50)]
     assert not lane_threads()
 
 
@@ -45,7 +45,7 @@ def test_oldest_items_that_may_be_dropped_make_room_for_new_ones():
             dropped.append(item)
         return item % 2 == 1
 
-    kept = list(run_lanes(source(), [Lane("a", step(slow))], depth=5, may_drop=may_drop))
+    kept = list(run_workers(source(), [Worker("a", step(slow))], depth=5, may_drop=may_drop))
     assert dropped == [1, 3] and kept == [0, 2, 4, 5, 6, 7]
 
 
@@ -61,7 +61,9 @@ def test_endless_source_is_read_only_a_few_items_ahead_and_all_threads_end():
         finally:
             closed.append(True)
 
-    stream = run_lanes(endless(), [Lane("a", step(lambda x: x)), Lane("b", step(lambda x: x))])
+    stream = run_workers(
+        endless(), [Worker("a", step(lambda x: x)), Worker("b", step(lambda x: x))]
+    )
     assert [next(stream) for _ in range(3)] == [0, 1, 2]
     time.sleep(0.3)
     # three queues of two, one item in the hands of each thread, three taken
@@ -80,7 +82,7 @@ def test_lane_opens_works_and_closes_on_one_thread_of_its_own():
         yield lambda x: (seen.append(threading.current_thread()), x)[1]
         seen.append(threading.current_thread())
 
-    list(run_lanes([1, 2], [Lane("a", opened)]))
+    list(run_workers([1, 2], [Worker("a", opened)]))
     assert len(set(seen)) == 1 and seen[0].name == "a" and len(seen) == 4
 
 
@@ -105,7 +107,7 @@ def test_fault_surfaces_after_the_items_before_it(where):
 
     got = []
     with pytest.raises(OSError, match="broken"):
-        for item in run_lanes(source(), [Lane("a", opened), Lane("b", step(lambda x: x))]):
+        for item in run_workers(source(), [Worker("a", opened), Worker("b", step(lambda x: x))]):
             got.append(item)
     assert got == ([] if where == "opening" else [1])
     assert not lane_threads()
@@ -124,4 +126,7 @@ def test_lanes_overlap():
             meeting.wait()
         return item
 
-    assert list(run_lanes([1, 2], [Lane("a", step(first)), Lane("b", step(second))])) == [1, 2]
+    assert list(run_workers([1, 2], [Worker("a", step(first)), Worker("b", step(second))])) == [
+        1,
+        2,
+    ]

@@ -1,75 +1,172 @@
+"""Pipeline files: today's form, the form before 1.0, and what is wrong in one line."""
+
 import pytest
 
 from nlens_video.core.errors import UsageError
-from nlens_video.graph.nodes.registry import STAGES
+from nlens_video.graph.nodes.registry import FORMER_NAMES, NODES
 from nlens_video.graph.pipeline_file import load_pipeline, shipped_pipelines
 
-NODE = """
+FORMER_NODE = """
 [[node]]
 name = "{name}"
 stage = "{stage}"
 inputs = {inputs}
 output = "{output}"
-cadence = "{cadence}"
-lane = "{lane}"
+cadence = "frame"
+lane = "render"
 """
 
 
-def node(**changes):
-    values = dict(
-        name="a", stage="locate", inputs='["frame"]', output="placement", cadence="frame",
-        lane="render",
-    )  # fmt: skip
-    return NODE.format(**{**values, **changes})
+def write(tmp_path, nodes, **keys):
+    path = tmp_path / "mine.toml"
+    head = "".join(f"{key} = {value}\n" for key, value in keys.items())
+    path.write_text(f"{head}nodes = {nodes}\n")
+    return str(path)
+
+
+def former(name, stage=None, inputs='["frame"]', output="placement", more=""):
+    table = FORMER_NODE.format(name=name, stage=stage or name, inputs=inputs, output=output)
+    return table + more
 
 
 @pytest.mark.parametrize("preset", sorted(shipped_pipelines()))
-def test_shipped_pipeline_loads_and_names_only_known_stages(preset):
+def test_shipped_pipeline_loads_without_a_note_and_ends_with_the_picture(preset):
     pipeline = load_pipeline(preset)
-    assert pipeline.summary
-    assert {spec.stage for spec in pipeline.nodes} <= set(STAGES)
-    assert pipeline.nodes[-1].output == "picture"
+    assert pipeline.summary and not pipeline.notes
+    assert pipeline.nodes[-1].type.writes == "picture"
 
 
 def test_own_pipeline_file_is_used_by_its_path(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(node())
-    assert [spec.name for spec in load_pipeline(str(path)).nodes] == ["a"]
+    path = write(tmp_path, '["object-bounds", "render"]', summary='"mine"')
+    pipeline = load_pipeline(path)
+    assert (pipeline.name, pipeline.summary) == ("mine", "mine")
+    assert [spec.name for spec in pipeline.nodes] == ["object-bounds", "render"]
 
 
-def test_port_that_may_be_missing_need_not_be_written_at_all(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(node(inputs='["frame", "shadow?"]'))
-    assert load_pipeline(str(path)).nodes[0].optional == ("shadow",)
+def test_options_stand_beside_the_nodes_name(tmp_path):
+    path = write(tmp_path, '["object-bounds", { node = "measure-motion", most_moments = 5 }]')
+    assert load_pipeline(path).nodes[1].options == {"most_moments": 5}
+
+
+def test_a_whole_number_is_taken_for_an_option_that_is_a_fraction(tmp_path):
+    nodes = '["object-bounds", "estimate-coc", "ground-footprint", '
+    path = write(tmp_path, nodes + '{ node = "fit", anchor_weight = 1 }]')
+    assert load_pipeline(path).nodes[-1].options == {"anchor_weight": 1}
+
+
+def test_value_that_may_be_missing_need_not_be_written_at_all(tmp_path):
+    path = write(tmp_path, '["object-bounds", "render", "crop-sharp", "composite"]')
+    assert [port.name for port in load_pipeline(path).nodes[-1].type.inputs() if port.optional]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ("[]", "no list 'nodes'"),
+        ("3", "no list 'nodes'"),
+        ('["sparkle"]', "no node 'sparkle'"),
+        ("[7]", "7 in 'nodes' is neither"),
+        ('["render"]', "'render' reads 'placement', which none above it writes"),
+        ('["object-bounds", "object-bounds"]', "'object-bounds' stands twice"),
+        ('[{ node = "object-bounds", radius = 3 }]', "has no option 'radius'"),
+        (
+            '["object-bounds", { node = "measure-motion", most_moments = "many" }]',
+            "'most_moments' of node 'measure-motion' is 'many', expected int",
+        ),
+        (
+            '["object-bounds", { node = "fit", whole_plane = 1 }]',
+            "'whole_plane' of node 'fit' is 1, expected bool",
+        ),
+        ('[{ node = "render", fallback_for = "sparkle" }]', "'sparkle', which is no node"),
+        (
+            '["object-bounds", { node = "render", fallback_for = "lens-sampling" }]',
+            "does not stand above",
+        ),
+        (
+            '["object-bounds", "render", "crop-sharp", "exposure"]',
+            "'exposure' runs on lane 'render', but stands below",
+        ),
+        (
+            '["object-bounds", "render", "composite", "crop-sharp"]',
+            "'composite' reads 'blurred', which none above it writes",
+        ),
+    ],
+)
+def test_wrong_pipeline_file_is_named_in_one_line(tmp_path, nodes, message):
+    path = write(tmp_path, nodes)
+    with pytest.raises(UsageError) as caught:
+        load_pipeline(path)
+    assert message in str(caught.value) and str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        ("", "no \\[\\[node\\]\\]"),
-        ("not toml [", "cannot be read"),
-        (node(inputs='["layer"]'), "reads 'layer', which none above writes"),
-        (node(inputs='["layer?"]') + node(name="b", output="layer"), "reads 'layer', which none"),
-        (node(inputs='["nothing"]'), "no port 'nothing'"),
-        (node(cadence="sometimes"), "'cadence' is 'sometimes'"),
-        (node(lane="fast"), "'lane' is 'fast'"),
-        (node() + "colour = 1", "unknown key 'colour'"),
-        (node() + node(), "two nodes are called 'a'"),
-        (node(lane="lens") + node(name="b"), "goes back to lane"),
-        (node() + 'when = "raining"', "'when' is 'raining'"),
-        (node() + 'effect = "glitter"', "'effect' is 'glitter'"),
-        ("pipeline = 3\n" + node(), "must be a table"),
-        (node(inputs="3"), "'inputs' must be a list"),
-    ],
+    [("not toml [", "cannot be read"), ("colour = 1\nnodes = []", "unknown key 'colour'")],
 )
-def test_wrong_pipeline_file_is_named_in_one_line(tmp_path, text, message):
+def test_file_that_is_no_pipeline_is_named(tmp_path, text, message):
     path = tmp_path / "wrong.toml"
     path.write_text(text)
-    with pytest.raises(UsageError, match=message) as caught:
+    with pytest.raises(UsageError, match=message):
         load_pipeline(str(path))
-    assert str(path) in str(caught.value)
 
 
 def test_unknown_preset_lists_the_known_ones():
     with pytest.raises(UsageError, match="standard"):
         load_pipeline("cinematic")
+
+
+def test_file_of_the_form_before_1_0_is_read_with_a_note(tmp_path):
+    path = tmp_path / "old.toml"
+    path.write_text(
+        '[pipeline]\nsummary = "old"\n'
+        + former("locate")
+        + former("motion", inputs='["placement", "fit?"]', output="motion",
+                 more="options = { most_moments = 3 }\n")
+        + former("render", inputs='["placement", "fit?"]', output="layer")
+        + former("sharp", inputs='["layer", "frame_box"]', output="blurred")
+        + former("smear", inputs='["motion", "frame_box", "blurred?"]', output="blurred")
+        + former("composite", inputs='["picture", "blurred"]', output="picture")
+    )  # fmt: skip
+    pipeline = load_pipeline(str(path))
+    assert [spec.name for spec in pipeline.nodes] == [
+        "object-bounds", "measure-motion", "render", "crop-sharp", "motion-blur", "composite",
+    ]  # fmt: skip
+    assert pipeline.nodes[1].options == {"most_moments": 3} and pipeline.summary == "old"
+    assert "form before 1.0" in pipeline.notes[0]
+
+
+def test_in_a_file_of_the_form_before_1_0_the_sharp_layer_goes_behind_its_alternative(tmp_path):
+    path = tmp_path / "old.toml"
+    find = [
+        former("estimate-coc", output="plate_coc"),
+        former("project", output="ground"),
+        former("fit", output="fit"),
+    ]
+    path.write_text(
+        former("locate") + "".join(find) + former("render", output="layer")
+        + former("object-coc", output="defocused") + former("sharp", output="blurred")
+        + former("reblur", "scatter", output="blurred") + former("repair", output="blurred")
+    )  # fmt: skip
+    names = [spec.name for spec in load_pipeline(str(path)).nodes]
+    assert names[-3:] == ["reblur", "crop-sharp", "depth-order"]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (former("a", "sparkle"), "no stage 'sparkle'"),
+        (former("locate", more="options = 3\n"), "'options' must be a table"),
+        ("pipeline = 3\n" + former("locate"), "must be"),
+    ],
+)
+def test_wrong_file_of_the_form_before_1_0_is_named(tmp_path, table, message):
+    path = tmp_path / "old.toml"
+    path.write_text(table)
+    with pytest.raises(UsageError, match=message):
+        load_pipeline(str(path))
+
+
+def test_former_names_lead_to_nodes_that_exist():
+    assert set(FORMER_NAMES.values()) <= set(NODES)
+    assert not set(FORMER_NAMES) & set(NODES)

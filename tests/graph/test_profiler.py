@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.graph.profiler import Profiler, Quantiles
+from nlens_video.graph.base.profiler import Profiler, Quantiles
 
 
 @given(st.lists(st.floats(0.01, 5000), min_size=1, max_size=200), st.floats(0.01, 1.0))

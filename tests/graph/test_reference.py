@@ -10,8 +10,6 @@ import pytest
 import shots
 
 from nlens_video.cli.main import main
-from nlens_video.core.errors import UsageError
-from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.video.exr import write_layers
 
 STANDS_IN = "the lens cannot be sampled"
@@ -49,7 +47,7 @@ def test_lens_is_sampled_and_the_plate_out_of_reach_is_untouched(files, tmp_path
     words = ("--effects", "defocus", "--timings", tmp_path / "t.json")
     summary = composite(files, tmp_path / "out.png", *words)
     frames = json.loads((tmp_path / "t.json").read_text())["frames"]
-    assert "lens" in frames[0]["nodes"] and "reblur" not in frames[0]["nodes"]
+    assert "lens-sampling" in frames[0]["nodes"] and "reblur" not in frames[0]["nodes"]
     assert not any(STANDS_IN in note for note in summary["notes"])
     composite(files, tmp_path / "sharp.png", "--effects", "none")
     seen = shots.camera().to_camera(np.float64(SIZE * shots.CUBE + START))
@@ -92,12 +90,13 @@ def test_pre_rendered_layers_fall_back_to_the_blur_of_one_view_and_say_so(files,
     summary = composite(files, tmp_path / "out.png", *words)
     assert any(STANDS_IN in note for note in summary["notes"])
     nodes = json.loads((tmp_path / "t.json").read_text())["frames"][0]["nodes"]
-    assert "reblur" in nodes and "lens" not in nodes
+    assert "reblur" in nodes and "lens-sampling" not in nodes
     plan = nlens(
         files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
         "--layers", tmp_path / "layer.exr", "--plan",
     )  # fmt: skip
-    assert f"left out lens: pre-rendered layers hold one view of the object, so {STANDS_IN}" in plan
+    views = "pre-rendered layers hold one view of the object"
+    assert f"left out lens-sampling: {views}, so {STANDS_IN}" in plan
     assert "node reblur" in plan and "note: pre-rendered layers" in plan
 
 
@@ -107,14 +106,4 @@ def test_plan_names_the_points_and_what_is_not_needed(files, tmp_path):
         "--plan",
     )  # fmt: skip
     assert "the lens sampled at 29 points for 50 dB" in plan
-    assert "left out reblur: not needed: lens runs" in plan
-
-
-def test_node_that_stands_in_for_none_above_is_named(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(
-        '[[node]]\nname="a"\nstage="locate"\ninputs=["frame"]\noutput="placement"\n'
-        'cadence="frame"\nlane="render"\nunless="b"\n'
-    )
-    with pytest.raises(UsageError, match="stands in for 'b', which is none above"):
-        load_pipeline(str(path))
+    assert "left out reblur: not needed: lens-sampling runs" in plan

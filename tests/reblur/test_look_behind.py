@@ -15,7 +15,7 @@ from nlens_video.evaluate.bench.bench_shapes import (
     rectangle,
     tube,
 )
-from nlens_video.graph.node import CONDITIONS
+from nlens_video.graph.base.conditions import DEPTH_STEPS
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
@@ -122,7 +122,7 @@ def test_behind_a_rod_before_nothing_stays_nothing(see):
     assert sharp.behind.box.empty
     scattered = SCATTER(sharp, FRAME)
     assert REPAIR(sharp, scattered) is scattered
-    assert not CONDITIONS["depth-steps"][0]({"defocused": sharp})
+    assert not DEPTH_STEPS.test(sharp)
 
 
 def test_a_surface_that_hides_nothing_keeps_the_scatters_very_layer(see):
@@ -198,12 +198,16 @@ def test_the_inner_side_of_an_open_shell_is_seen(see):
     assert (behind.rgba[..., 3] > 0.0).any()
 
 
-def test_only_the_last_picture_can_be_looked_behind(see):
+def test_an_earlier_picture_can_be_looked_behind_as_well_as_the_last(see):
     seen = see(ROD, WIDE)
     first = seen.renderer.render(0.0, seen.camera, 1)
+    at_once = seen.renderer.render_behind(first, first.box, 0.01)
     last = seen.renderer.render(0.0, seen.camera)
-    with pytest.raises(NlensError, match="right after"):
-        seen.renderer.render_behind(first, first.box, 0.01)
+    later = seen.renderer.render_behind(first, first.box, 0.01)
+    assert np.array_equal(later.hidden.rgba, at_once.hidden.rgba)
+    assert np.array_equal(later.hidden.depth, at_once.hidden.depth)
+    with pytest.raises(ValueError, match="not rendered by this renderer"):
+        seen.renderer.render_behind(replace(last), last.box, 0.01)
     with pytest.raises(ValueError, match="within"):
         seen.renderer.render_behind(last, last.box.grown(1), 0.01)
     assert seen.renderer.render_behind(last, last.box, 0.01) is not None

@@ -35,11 +35,12 @@ from nlens_video.core.settings import (
     SourceSettings,
 )
 from nlens_video.effects.planner import Decision
-from nlens_video.graph.effect_decisions import Plate
-from nlens_video.graph.lens_request import Lens
-from nlens_video.graph.nodes.object_source import View
-from nlens_video.graph.profiler import FrameTiming, Profiler
-from nlens_video.graph.session import assemble
+from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.profiler import FrameTiming, Profiler
+from nlens_video.graph.base.values import FoundLens
+from nlens_video.graph.effect_decisions import PlatePreview
+from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.session import open_session
 from nlens_video.report.collect import PAGE, Report
 from nlens_video.run.render import render
 from nlens_video.stages.p_projection import project_to_ground
@@ -62,21 +63,21 @@ class Bench:
         video = write_video(folder / "plate.mkv", 1, codec="ffv1", audio=False, rgb=self.rgb)
         glb = cube_glb(folder / glb_name)
         self.profiler = Profiler(180.0)
-        lens = Lens(fit=fit, effects=effects)
+        lens = LensRequest(fit=fit, effects=effects)
         view = View(width=WIDTH, height=HEIGHT)
-        self.assembly = assemble(
-            ObjectSettings(glb=glb), lens, view, self.profiler, Plate(lambda: ())
+        self.session = open_session(
+            ObjectSettings(glb=glb), lens, view, self.profiler, PlatePreview(lambda: ())
         )
         with open_source(str(video)) as source:
             self.info = source.info
-        self.record = self.assembly.record
+        self.shot = self.session.executor.shot
 
     def report(self, output="out.mp4", name="report"):
-        return Report(self.folder / name, self.info, self.assembly, output)
+        return Report(self.folder / name, self.info, self.session, output)
 
     def enter(self, report, index=0, rgb=None):
         picture = ArrayPicture((self.rgb if rgb is None else rgb).copy(), "rgb")
-        state = self.assembly.steps.enter(
+        state = self.session.executor.begin_frame(
             SourceFrame(
                 index=index, pts=index, time_base=Fraction(1, 25), time_s=index / 25, duration=1,
                 picture=picture,
@@ -91,13 +92,14 @@ class Bench:
         ground = project_to_ground(footprint, camera(), 0.0)
         coc = np.abs(SLOPE * np.maximum(ground.disparity, 0.12) + INTERCEPT)
         noise = np.random.default_rng(3).normal(0, 0.4, coc.shape)
-        self.record.plate_coc = CocMap(
+        self.shot.plate_coc = CocMap(
             coc_px=np.maximum(coc + noise, 0).astype(np.float32),
             sigma_px=np.full(coc.shape, 0.5, np.float32),
         )
-        self.record.ground = ground
-        self.record.regression = FitLens()(self.record.plate_coc, ground, state.frame.index)
-        self.assembly.steps.fit = self.record.regression.fit
+        self.shot.ground = ground
+        regression = FitLens()(self.shot.plate_coc, ground, state.frame.index)
+        self.shot.found_lens = FoundLens(fit=regression.fit, regression=regression)
+        self.session.executor.fit = regression.fit
         state.carried_fit = True
 
     def composite(self, state, *, sharp=False):
@@ -105,11 +107,11 @@ class Bench:
         rgba = np.tile(np.array([0.6, 0.1, 0.05, 1.0], np.float32), (*hw, 1))
         depth = np.tile(np.linspace(1.5, 1.8, BOX.width, dtype=np.float32), (BOX.height, 1))
         layer = ObjectLayer(box=BOX, rgba=rgba, depth=depth)
-        state.values["layer"] = layer
+        state.values.layer = layer
         if not sharp:
-            coc = self.assembly.steps.fit.coc_px(1.0 / depth)
-            state.values["defocused"] = DefocusedLayer(layer=layer, coc_px=coc)
-        state.values["blurred"] = BlurredLayer(box=BOX, rgba=rgba)
+            coc = self.session.executor.fit.coc_px(1.0 / depth)
+            state.values.defocused = DefocusedLayer(layer=layer, coc_px=coc)
+        state.values.blurred = BlurredLayer(box=BOX, rgba=rgba)
         state.frame.picture.over(BOX, rgba)
 
     def done(self, report, state, **nodes):
@@ -271,10 +273,10 @@ def test_a_doubtful_fit_is_a_warning_with_a_remedy(tmp_path, changes, words, rem
     with bench.report() as report:
         state = bench.enter(report)
         bench.measure(state)
-        bench.record.regression = replace(
-            bench.record.regression, fit=replace(bench.record.regression.fit, **changes)
-        )
-        bench.assembly.steps.fit = bench.record.regression.fit
+        regression = bench.shot.found_lens.regression
+        changed = replace(regression, fit=replace(regression.fit, **changes))
+        bench.shot.found_lens = FoundLens(fit=changed.fit, regression=changed)
+        bench.session.executor.fit = changed.fit
         bench.composite(state)
         bench.done(report, state)
         text = bench.finish(report)
@@ -289,8 +291,9 @@ def test_a_constant_blur_is_a_warning_and_says_why_once(tmp_path):
     with bench.report() as report:
         state = bench.enter(report)
         bench.measure(state)
-        bench.record.regression, bench.record.note = None, note
-        bench.assembly.steps.fit = constant_fit(bench.record.plate_coc, bench.record.ground)
+        fit = constant_fit(bench.shot.plate_coc, bench.shot.ground)
+        bench.shot.found_lens = FoundLens(fit=fit, regression=None, doubt=note)
+        bench.session.executor.fit = fit
         bench.composite(state)
         bench.done(report, state)
         page = read(bench.finish(report, (note,)))
@@ -305,7 +308,7 @@ def test_the_page_of_ten_thousand_frames_is_small_and_its_strip_even(tmp_path):
     with bench.report() as report:
         for index in range(10_000):
             state = bench.enter(report, index, small)
-            state.values["blurred"] = blurred
+            state.values.blurred = blurred
             bench.done(report, state)
         assert len(report._plates) <= 1
         text = bench.finish(report)
@@ -351,7 +354,7 @@ def test_the_plan_says_which_effects_and_why(tmp_path):
     bench = Bench(tmp_path / "run")
     reason = "because the <scene> calls for it"
     decisions = (Decision(effect="defocus", wanted=True, reason=reason),)
-    bench.assembly = replace(bench.assembly, decisions=decisions)
+    bench.session = replace(bench.session, decisions=decisions)
     with bench.report() as report:
         text = bench.finish(report)
     assert reason in read(text).text

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.graph.profiler import FrameTiming
+from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.report.thinning import EvenPick, TimingBins
 
 

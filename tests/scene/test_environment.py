@@ -123,20 +123,14 @@ def test_plate_gives_level_tint_and_a_sky_brighter_than_the_ground():
     assert light.lamps[0].posed.direction[1] < 0.0
 
 
-def test_plate_is_looked_at_once_and_only_where_no_file_tells_the_light():
-    looked = []
-
-    def plate():
-        looked.append(1)
-        return np.full((9, 16, 3), 0.4, np.float32)
-
-    guessed, told = SceneLight(0), SceneLight(0, Illumination((), np.zeros((9, 3))))
-    for _ in range(3):
-        guessed.look_at(plate)
-        told.look_at(plate)
-    assert len(looked) == 1
-    assert "estimated from the plate" in guessed.note and "environment map" in told.note
-    assert guessed.on_object(()).lamps and not guessed.on_ground(()).lamps
+def test_light_is_estimated_from_the_plate_only_where_no_file_tells_it():
+    plate_light = Illumination.of_plate(np.full((9, 16, 3), 0.4, np.float32))
+    told = Illumination((), np.ones((9, 3)))
+    guess, environment = SceneLight(0), SceneLight(0, told)
+    assert "estimated from the plate" in guess.note and "environment map" in environment.note
+    assert guess.on_object((), plate_light) is plate_light
+    assert guess.on_object((), plate_light).lamps and not guess.on_ground((), plate_light).lamps
+    assert np.array_equal(environment.on_object((), plate_light).ambient, told.ambient)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
 from nlens_video.core.errors import SceneError
-from nlens_video.graph.nodes.object_source import RenderedObject, View
+from nlens_video.graph.base.object_source import RenderedObject, View
 from nlens_video.scene.scene import Scene
 
 TRIANGLES = 12

@@ -5,7 +5,7 @@ import pytest
 from scene.glb_builder import QUAD, QUAD_FACES, GlbBuilder
 
 from nlens_video.core.errors import SceneError
-from nlens_video.graph.nodes.object_source import RenderedObject, View
+from nlens_video.graph.base.object_source import RenderedObject, View
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 

@@ -286,9 +286,9 @@ def test_views_that_are_drawn_side_by_side_are_those_drawn_one_by_one(tmp_path):
 
 def test_views_are_summed_up_in_their_order_whichever_is_ready_first(tmp_path):
     class Backwards(SoftwareObjectRenderer):
-        def render_views(self, time_s, cameras, margin, use, *, nearest=False):
+        def render_views(self, time_s, cameras, margin, use, **how):
             views = {}
-            super().render_views(time_s, cameras, margin, views.__setitem__, nearest=nearest)
+            super().render_views(time_s, cameras, margin, views.__setitem__, **how)
             for at in sorted(views, reverse=True):
                 use(at, views[at])
 

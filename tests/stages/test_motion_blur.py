@@ -234,7 +234,7 @@ def test_command_smears_a_moving_object_and_leaves_it_sharp_when_told_to(tmp_pat
         assert main([*common, "-q", *words]) == 0
         outputs[name] = cv2.imread(str(out) % 2)
         nodes = json.loads(timings.read_text())["frames"][2]["nodes"]
-        assert ("expose" in nodes) is (name in ("auto", "named"))
+        assert ("render-motion" in nodes) is (name in ("auto", "named"))
     assert np.array_equal(outputs["closed"], outputs["without"])
     assert np.array_equal(outputs["auto"], outputs["named"])
     assert np.abs(outputs["auto"].astype(int) - outputs["closed"]).max() > 30

@@ -18,7 +18,7 @@ from nlens_video.core.layers import (
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.occlusion import cover_of, foreground_light
 from nlens_video.effects.occlusion_estimate import CoverByCoc, CoverByDepth, object_disparity
-from nlens_video.effects.shadow.apply import Darken, Shadow
+from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.stages.composite import Foreground, behind, composite, lay
 from nlens_video.stages.l_reblur import ReblurLayer
@@ -96,7 +96,7 @@ def test_shadow_and_object_behind_one_foreground_make_what_the_layers_make():
         box=FRAME, loss=np.full((HEIGHT, WIDTH, 3), loss, np.float32),
         coc_px=np.zeros((HEIGHT, WIDTH), np.float32),
     )  # fmt: skip
-    Darken(ReblurLayer(scatter=scatter, reach=blur_reach))(picture, shadow, FRAME, cover)
+    ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(picture, shadow, FRAME, cover)
     assert picture.array == pytest.approx(mixed(m, front, (1 - loss) * back), abs=2e-3)
     layer = np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([*(alpha * paint), alpha])
     lay(picture, FRAME, layer, cover)

@@ -127,7 +127,7 @@ def test_the_ground_mirrors_as_schlick_has_it():
 class Wall:
     """Fills the frame at a depth, seen from anywhere."""
 
-    def render(self, time_s, camera, margin=0):
+    def render(self, time_s, camera, margin=0, plate_light=None):
         box = Box(0, 0, camera.width, camera.height).grown(margin)
         rgba = np.ones((box.height, box.width, 4), np.float32)
         return ObjectLayer(

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.apply import Darken, Shadow
+from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.clipped_mesh import Solid
 from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of, mark_covered
@@ -192,7 +192,7 @@ def linear(codes):
 
 def darkened(plate, shadow):
     picture = plate.copy()
-    stage = Darken(ReblurLayer(scatter=scatter, reach=blur_reach))
+    stage = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
     stage(ArrayPicture(picture), shadow, FRAME)
     return picture
 
@@ -302,7 +302,9 @@ def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
     shadow = CastShadow()([Moment(Casters.of(posed, {}), camera)], light, 0.0, None)
     picture = without.copy()
     frame = Box(0, 0, 960, 512)
-    Darken(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(picture), shadow, frame)
+    ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(
+        ArrayPicture(picture), shadow, frame
+    )
     body = cv2.imread(str(folder / "object_rgba.png"), cv2.IMREAD_UNCHANGED)[..., 3] > 0
     away = cv2.dilate(body.astype(np.uint8), np.ones((41, 41))) == 0
     mean = [cv2.blur(p.astype(np.float32), (5, 5)).sum(axis=2) + 1.0 for p in (truth, without)]

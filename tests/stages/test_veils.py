@@ -17,9 +17,9 @@ from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.projection import Moment
 from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
-from nlens_video.graph.nodes.context import LitGround, ShotRecord, Tools
-from nlens_video.graph.nodes.object_source import Placement, RenderedObject, View
-from nlens_video.graph.nodes.shadow import alike, make_darken, make_shadow
+from nlens_video.graph.base.context import NodeContext, ShadowScene
+from nlens_video.graph.base.object_source import Placement, RenderedObject, View
+from nlens_video.graph.nodes.shadow import CompositeShadow, ShadowNode, alike
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, sun
@@ -147,14 +147,14 @@ def test_what_is_stopped_is_as_the_definition_has_it(seed):
 def stages(scene, shutter=STILL):
     """The two nodes of a shadow."""
     view = View(width=WIDTH, height=HEIGHT, placed=looking_down())
-    tools = Tools(
+    context = NodeContext(
         objects=RenderedObject(scene, None, view), shutter=shutter, estimate_coc=lambda: None,
-        ground_y=0.0, fallback_constant=False, pixel_aspect=1.0, record=ShotRecord(),
-        ground=LitGround(
+        ground_y=0.0, fallback_constant=False, pixel_aspect=1.0,
+        shadow_scene=ShadowScene(
             pose=scene.pose, light=SceneLight(scene.light_count), pre_rendered=False, strength=1.0
         ),
     )  # fmt: skip
-    return make_shadow(tools).run, make_darken(tools).run
+    return ShadowNode(context), CompositeShadow(context)
 
 
 def placed(time_s, camera=None):

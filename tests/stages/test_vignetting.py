@@ -6,7 +6,7 @@ import pytest
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_models import Vignetting
 from nlens_video.core.radial import square_radius
-from nlens_video.effects.camera.vignetting_apply import vignetted
+from nlens_video.effects.camera.vignetting import vignetted
 
 FRAME = Box(0, 0, 400, 300)
 

@@ -16,13 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    Float32,
-    Float64,
-    Picture,
-)
+from nlens_video.core.layers import Bool, Box, Float32, Float64, Picture
 from nlens_video.core.lens_models import Bloom
 from nlens_video.effects.camera.bloom_apply import halo_of
 from nlens_video.effects.measurement import Measurement

@@ -12,12 +12,7 @@ import math
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    Float32,
-    Picture,
-)
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 from nlens_video.core.lens_models import Aberration
 from nlens_video.core.radial import from_middle, half_diagonal, square_radius
 

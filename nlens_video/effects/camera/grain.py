@@ -13,12 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    Bool,
-    Float32,
-    Float64,
-    Picture,
-)
+from nlens_video.core.layers import Bool, Float32, Float64, Picture
 from nlens_video.effects.camera.grain_apply import LAGS, GrainModel
 from nlens_video.effects.camera.still_frames import middle_codes, still_run
 from nlens_video.effects.measurement import Measurement

@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Float32, Picture
-from nlens_video.effects.camera.grain_kernels import regrain
-from nlens_video.effects.camera.white_noise import white_noise
+from nlens_video.effects.camera.grain_kernels import regrain, white_noise
 
 LAGS = 3
 """How many pixels away noise may still hang together, each way."""

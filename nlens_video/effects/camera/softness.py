@@ -8,14 +8,15 @@ two such ratios of three blurs agree at a step and disagree in texture.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32, Picture
-from nlens_video.effects.camera.softness_apply import Floor
+from nlens_video.core.layers import BlurredLayer, Bool, Box, DefocusedLayer, Float32, Picture
 from nlens_video.effects.camera.still_frames import middle_codes, still_run
 from nlens_video.effects.measurement import Measurement
 
@@ -102,3 +103,59 @@ def _variance(fine: Float32, coarse: Float32, blurs_px: tuple[float, float]) -> 
         variance = (second**2 - squared * first**2) / (squared - 1.0) - _DIFFERENCE_VARIANCE
     far = np.float32(1e3)  # a lesser ratio is no single edge
     return np.asarray(np.where(squared > 1.0, np.minimum(variance, far), far), np.float32)
+
+
+DRAWN_PX = 0.29  # sigma of a renderer's own antialiasing, a box of a pixel
+NEGLIGIBLE_PX = 0.3
+_SHARPEST_PART = 0.05  # share of the object's pixels that counts as its sharpest part
+_REACH = 3.0  # deviations
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Floor:
+    """How soft the sharpest thing in the plate is.
+
+    Attributes:
+        sigma_px: deviation of its blur, as a Gaussian [px].
+    """
+
+    sigma_px: float
+
+
+def missing_sigma(floor: Floor, defocused: DefocusedLayer | None) -> float:
+    """What the object's sharpest part lacks to the plate's, as a Gaussian [px].
+
+    Args:
+        floor: of the plate.
+        defocused: the object and its CoC, None where it is in focus throughout.
+    """
+    lens_px = 0.0
+    if defocused is not None:
+        covered = defocused.layer.rgba[..., 3] > 0.0
+        if covered.any():
+            lens_px = float(np.quantile(np.abs(defocused.coc_px[covered]), _SHARPEST_PART))
+    variance = floor.sigma_px**2 - DRAWN_PX**2 - (0.25 * lens_px) ** 2
+    return math.sqrt(max(0.0, variance))
+
+
+def softened(blurred: BlurredLayer, sigma_px: float, frame: Box) -> BlurredLayer:
+    """Soften a layer.
+
+    Args:
+        blurred: premultiplied, inside the frame.
+        sigma_px: deviation of the Gaussian; below `NEGLIGIBLE_PX` the very layer comes back [px].
+        frame: the frame's own box.
+    """
+    if blurred.box.empty or sigma_px < NEGLIGIBLE_PX:
+        return blurred
+    reach = math.ceil(_REACH * sigma_px)
+    held, box = blurred.box, blurred.box.grown(reach).intersection(frame)
+    # beyond the frame the object goes on as at its border
+    top, bottom = held.y0 - box.y0, box.y1 - held.y1
+    left, right = held.x0 - box.x0, box.x1 - held.x1
+    wide = cv2.copyMakeBorder(
+        blurred.rgba, top, bottom, left, right, cv2.BORDER_CONSTANT, value=(0, 0, 0, 0)
+    )
+    side = 2 * reach + 1
+    soft = cv2.GaussianBlur(wide, (side, side), sigma_px, borderType=cv2.BORDER_REPLICATE)
+    return BlurredLayer(box=box, rgba=np.asarray(soft, np.float32))

@@ -16,13 +16,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    Box,
-    Float32,
-    Float64,
-    Picture,
-)
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture
 from nlens_video.core.lens_models import Vignetting
+from nlens_video.core.radial import square_radius
 from nlens_video.effects.camera.radial_fit import Windows, fit_radial
 from nlens_video.effects.measurement import Measurement
 
@@ -100,3 +96,20 @@ def _shapes(x: Float64, y: Float64) -> Float64:
     across = [2 * x, 2 * y, 3 * x**2 - 3 * y**2, 6 * x * y, 3 * x**2 + y**2, 2 * x * y]
     down = [-2 * y, 2 * x, -6 * x * y, 3 * x**2 - 3 * y**2, 2 * x * y, x**2 + 3 * y**2]
     return np.stack([np.stack(across, axis=1), np.stack(down, axis=1)], axis=1)
+
+
+def vignetted(layer: BlurredLayer, vignetting: Vignetting, frame: Box) -> BlurredLayer:
+    """A layer with the light that the lens leaves it; what it covers stays covered.
+
+    Args:
+        layer: premultiplied, inside the frame.
+        vignetting: of the lens.
+        frame: the frame's own box.
+    """
+    if layer.box.empty:
+        return layer
+    square = square_radius(layer.box, frame)
+    loss = square * (np.float32(vignetting.square) + np.float32(vignetting.fourth) * square)
+    rgba = layer.rgba.copy()
+    rgba[..., :3] *= np.exp2(-loss)[..., None]
+    return BlurredLayer(box=layer.box, rgba=rgba)

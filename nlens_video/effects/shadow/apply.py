@@ -70,7 +70,7 @@ def enlarged(values: Float32, step: int) -> Float32:
 
 
 @dataclass(frozen=True, slots=True)
-class Darken:
+class ApplyShadow:
     """Lays a shadow on the plate, blurred as the lens blurs the ground.
 
     Attributes:

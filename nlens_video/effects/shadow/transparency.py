@@ -8,12 +8,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.effects.shadow.coverage import (
-    Bits,
-    Int32,
-    edge_functions,
-    extent,
-)
+from nlens_video.effects.shadow.coverage import Bits, Int32, edge_functions, extent
 
 REPEATED, MIRRORED, CLAMPED = 0, 1, 2
 _Texture = tuple[Float32, tuple[int, int], float]

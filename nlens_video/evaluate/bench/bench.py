@@ -8,15 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate.bench.bench_case import Case, built_case, plate_case
-from nlens_video.evaluate.bench.bench_machine import machine
-from nlens_video.evaluate.bench.bench_measure import (
-    FULL,
-    QUICK,
-    Effort,
-    RungRun,
-    run_apart,
-)
-from nlens_video.evaluate.bench.bench_output import Report, plates_table, scenes_table
+from nlens_video.evaluate.bench.bench_measure import FULL, QUICK, Effort, RungRun, run_apart
+from nlens_video.evaluate.bench.bench_output import Report, machine, plates_table, scenes_table
 from nlens_video.evaluate.bench.bench_rungs import Rung, all_rungs
 from nlens_video.evaluate.bench.bench_scenes import BuiltScene, write_scenes
 from nlens_video.evaluate.console import Progress, check_matplotlib, make_folder, tell_and_write
@@ -53,7 +46,7 @@ def bench(plates: Path | None, out: Path | None, *, quick: bool, as_json: bool, 
     effort = QUICK if quick else FULL
     with tempfile.TemporaryDirectory() as folder:
         scenes = write_scenes(Path(folder), effort.size)
-        report = measure(scenes, rendered, all_rungs(Path(folder)), effort, show)
+        report = measure(scenes, rendered, all_rungs(), effort, show)
     text = report.json() if as_json else report.markdown()
     write = None if out is None else partial(report.write, out)
     tell_and_write(text, write, quiet=quiet and not as_json)

@@ -13,7 +13,7 @@ from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.bench_glb import UInt8
 from nlens_video.evaluate.bench.bench_scenes import BuiltScene, plate
-from nlens_video.evaluate.bench_metrics import WINDOW, psnr, ssim
+from nlens_video.evaluate.metrics import WINDOW, psnr, ssim
 from nlens_video.evaluate.plates import Plate, load_plate
 from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene

@@ -19,9 +19,9 @@ from nlens_video.core.errors import NlensError
 from nlens_video.evaluate.bench.bench_case import Case
 from nlens_video.evaluate.bench.bench_glb import UInt8
 from nlens_video.evaluate.bench.bench_rungs import Rung, opened
-from nlens_video.graph.executor import FrameSteps
-from nlens_video.graph.nodes.stream_frame import LoopFrame
-from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.stream_frame import LoopFrame
+from nlens_video.graph.executor import GraphExecutor
 from nlens_video.video.pixels.picture import ArrayPicture
 
 _WARM_UP = 2  # frames that load, compile and fill caches
@@ -129,20 +129,21 @@ def run_rung(rung: Rung, cases: Sequence[Case], effort: Effort, started: float) 
     return RungRun(cases=made, startup_s=startup, peak_mib=_peak_mib())
 
 
-def one_frame(steps: FrameSteps, case: Case, index: int) -> tuple[UInt8, dict[str, float]]:
+def one_frame(steps: GraphExecutor, case: Case, index: int) -> tuple[UInt8, dict[str, float]]:
     """The composite (H, W, 3), and what each node took [ms]."""
     codes = case.plate.copy()
-    state = steps.enter(LoopFrame(index, 0.0, ArrayPicture(codes, "rgb")))
+    state = steps.begin_frame(LoopFrame(index, 0.0, ArrayPicture(codes, "rgb")))
     steps.run(state, steps.graph.nodes)
     return codes, steps.profiler.close_frame(index, index).nodes
 
 
-def _timed(steps: FrameSteps, case: Case, effort: Effort) -> tuple[float, ...]:
+def _timed(steps: GraphExecutor, case: Case, effort: Effort) -> tuple[float, ...]:
     times: list[float] = []
     blurs = {
         node.name
         for node in steps.graph.nodes
-        if node.output == "blurred" or node.stage in ("peel", "views")  # drawn for the blur alone
+        if node.writes == "blurred"
+        or node.name in ("depth-peel", "aperture-views")  # drawn for the blur alone
     }
     end = time.perf_counter() + effort.seconds
     for index in itertools.count(1):

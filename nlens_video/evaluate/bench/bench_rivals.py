@@ -8,12 +8,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32
 from nlens_video.stages.l_reblur import crop_to_frame
 
 SIGMA_PER_COC = 0.25

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from nlens_video.core.layers import DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.evaluate.bench.bench_case import Case
 from nlens_video.evaluate.bench.bench_rivals import RIVALS
+from nlens_video.evaluate.bench.stand_ins import GivenCoc, RivalReblur
+from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.builder import Graph
-from nlens_video.graph.effect_decisions import Plate
-from nlens_video.graph.executor import FrameSteps
-from nlens_video.graph.lens_request import Lens
-from nlens_video.graph.nodes.object_source import View
-from nlens_video.graph.pipeline_file import shipped_pipelines
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.session import assemble
+from nlens_video.graph.effect_decisions import PlatePreview
+from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline, shipped_pipelines
+from nlens_video.graph.session import open_session
 from nlens_video.stages.reblur.lens_sampling import view_count
 
 LENS_VIEWS = (8, 32)
@@ -30,7 +30,6 @@ ObjectCoc = Callable[[ObjectLayer], DefocusedLayer]
 
 _ORDER = ("draft", "realtime", "standard", "paper", "reference")  # the ladder's own
 _SAMPLED, _SCATTER = "reference", "realtime"
-_ACCURACY = re.compile(r"accuracy_db *= *[\d.]+")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,14 +38,16 @@ class Rung:
 
     Attributes:
         name: of its row.
-        preset: the pipeline that runs, a shipped one or a file.
+        preset: the shipped pipeline that runs.
         rival: what stands in for that pipeline's scatter, a key of `RIVALS`; None for nothing.
         needs_views: whether it draws the object from points of the lens.
+        accuracy_db: what its lens sampling is to reach, None for the pipeline's own [dB].
     """
 
     name: str
     preset: str
     rival: str | None = None
+    accuracy_db: float | None = None
     needs_views: bool = False
 
     def can_run(self, case: Case) -> bool:
@@ -54,17 +55,12 @@ class Rung:
         return case.layers is None or not self.needs_views
 
 
-def all_rungs(folder: Path) -> list[Rung]:
-    """Every rung, rivals first, then from the cheapest of ours to the dearest.
-
-    Args:
-        folder: gets the pipeline files of the rungs that no shipped preset is.
-    """
+def all_rungs() -> list[Rung]:
+    """Every rung, rivals first, then from the cheapest of ours to the dearest."""
     rungs = [rival_rung(name) for name in RIVALS]
     for rung in preset_rungs():
         if rung.needs_views:
-            shipped = shipped_pipelines()[rung.preset]
-            rungs += [_sampled(shipped, views, folder) for views in LENS_VIEWS]
+            rungs += [_sampled(rung.preset, views) for views in LENS_VIEWS]
         rungs.append(rung)
     return rungs
 
@@ -84,15 +80,10 @@ def preset_rungs() -> list[Rung]:
     ]
 
 
-def _sampled(shipped: Path, views: int, folder: Path) -> Rung:
+def _sampled(preset: str, views: int) -> Rung:
     """The preset `reference` for the accuracy that takes so many views."""
     accuracy = next(db / 1000 for db in range(30_000, 70_000) if view_count(db / 1000) == views)
-    text, changed = _ACCURACY.subn(f"accuracy_db = {accuracy}", shipped.read_text())
-    if not changed:
-        raise RuntimeError(f"{shipped}: no accuracy_db in it")
-    path = folder / f"lens-{views}.toml"
-    path.write_text(text)
-    return Rung(name=f"lens, {views} views", preset=str(path), needs_views=True)
+    return Rung(name=f"lens, {views} views", preset=preset, accuracy_db=accuracy, needs_views=True)
 
 
 @contextmanager
@@ -102,7 +93,7 @@ def opened(
     profiler: Profiler,
     fit: LensFit | None,
     object_coc: ObjectCoc | None = None,
-) -> Iterator[FrameSteps]:
+) -> Iterator[GraphExecutor]:
     """The graph that runs a rung on a case, ready for frames on this thread.
 
     Args:
@@ -116,25 +107,39 @@ def opened(
         As `assemble`.
     """
     height, width = case.plate.shape[:2]
-    assembly = assemble(
+    session = open_session(
         ObjectSettings(glb=case.glb, layers=None if case.layers is None else str(case.layers)),
-        Lens(preset=rung.preset, effects="defocus", fit=fit),
+        LensRequest(preset=rung.preset, effects="defocus", fit=fit),
         View(width=width, height=height),
         profiler,
-        Plate(lambda: ()),
+        PlatePreview(lambda: ()),
+        _pipeline(rung),
     )
-    stand_ins: dict[str, Callable[..., object]] = {}
+    stand_ins: list[Node] = []
     if rung.rival is not None:
-        stand_ins["scatter"] = RIVALS[rung.rival]
+        stand_ins.append(RivalReblur(RIVALS[rung.rival]))
     if object_coc is not None:
-        stand_ins["object-coc"] = lambda layer, _: object_coc(layer)
-    steps = assembly.steps
+        stand_ins.append(GivenCoc(object_coc))
+    steps = session.executor
     if stand_ins:
-        steps = FrameSteps(_with(stand_ins, assembly.graph), profiler, fit)
-    with assembly.render_context():
+        steps = GraphExecutor(_with(stand_ins, session.graph), profiler, fit)
+    with session.render_context():
         yield steps
 
 
-def _with(stand_ins: Mapping[str, Callable[..., object]], graph: Graph) -> Graph:
-    nodes = tuple(replace(node, run=stand_ins.get(node.stage, node.run)) for node in graph.nodes)
-    return replace(graph, nodes=nodes)
+def _pipeline(rung: Rung) -> PipelineFile:
+    """The rung's pipeline, its lens sampled as accurately as the rung asks."""
+    pipeline = load_pipeline(rung.preset)
+    if rung.accuracy_db is None:
+        return pipeline
+    options: dict[str, object] = {"accuracy_db": rung.accuracy_db}
+    specs = (
+        replace(spec, options=options) if spec.name == "lens-sampling" else spec
+        for spec in pipeline.nodes
+    )
+    return replace(pipeline, nodes=tuple(specs))
+
+
+def _with(stand_ins: Sequence[Node], graph: Graph) -> Graph:
+    by_name = {node.name: node for node in stand_ins}
+    return replace(graph, nodes=tuple(by_name.get(node.name, node) for node in graph.nodes))

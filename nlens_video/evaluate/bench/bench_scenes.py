@@ -16,12 +16,7 @@ import numpy as np
 
 from nlens_video.core.color import transfer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import (
-    Joint,
-    Surface,
-    UInt8,
-    write_glb,
-)
+from nlens_video.evaluate.bench.bench_glb import Joint, Surface, UInt8, write_glb
 from nlens_video.evaluate.bench.bench_shapes import (
     HEIGHT,
     WIDTH,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from nlens_video.core.layers import Float32
-from nlens_video.evaluate.coc.constant import best_constant
 from nlens_video.evaluate.coc.quadratic import nearest_blur, quadratic_coc
 from nlens_video.evaluate.coc.reblur_ratio import edge_blur, reblur_ratio_coc
 from nlens_video.evaluate.plates import Plate
@@ -67,3 +68,11 @@ def what_they_are_told() -> str:
         "that suits the truth of that plate best. A dash: no sharp picture was rendered. "
         "Our estimate and Zhuo & Sim are told nothing."
     )
+
+
+def best_constant(truth: Float32) -> Float32:
+    """The constant map (H, W) with the least RMSE against a true CoC (H, W), its mean [px].
+
+    It is taken from the truth: an estimate has to beat it before it says anything about the plate.
+    """
+    return np.full(truth.shape, truth.mean(), np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from nlens_video.evaluate.bench.bench_machine import machine
+from nlens_video.evaluate.bench.bench_output import machine
 from nlens_video.evaluate.coc.quadratic import nearest_blur, quadratic_coc
 from nlens_video.evaluate.composite.composite_methods import all_methods
 from nlens_video.evaluate.composite.composite_report import Report

@@ -11,19 +11,13 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Float32
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.bench_measure import one_frame
-from nlens_video.evaluate.bench.bench_rungs import (
-    ObjectCoc,
-    Rung,
-    opened,
-    preset_rungs,
-    rival_rung,
-)
+from nlens_video.evaluate.bench.bench_rungs import ObjectCoc, Rung, opened, preset_rungs, rival_rung
 from nlens_video.evaluate.coc.protocol import object_rms
 from nlens_video.evaluate.coc.quadratic import Quadratic, fit_quadratic, nearest_blur
 from nlens_video.evaluate.coc.reblur_ratio import edge_blur
 from nlens_video.evaluate.composite.composite_subject import Subject
 from nlens_video.evaluate.metrics import rms_within
-from nlens_video.graph.profiler import Profiler
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.stages.l_reblur import object_coc
 
 DEFAULT = "standard"

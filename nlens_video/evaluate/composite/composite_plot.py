@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlens_video.evaluate.intervals import LEVEL, Interval
+from nlens_video.evaluate.metrics import LEVEL, Interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ from pathlib import Path
 from nlens_video.evaluate.composite.composite_methods import ABOUT, NAIVE
 from nlens_video.evaluate.composite.composite_plot import Bar, plot
 from nlens_video.evaluate.composite.paper_figures import beside_the_paper
-from nlens_video.evaluate.intervals import LEVEL, Interval, over_scenes
+from nlens_video.evaluate.metrics import LEVEL, Interval, over_scenes
 from nlens_video.evaluate.tables import Column, Table, grid
 from nlens_video.video.atomic_files import replacing
 

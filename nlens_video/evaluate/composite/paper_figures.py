@@ -12,7 +12,7 @@ from nlens_video.evaluate.composite.composite_methods import (
     NAIVE,
     TRUE_COC,
 )
-from nlens_video.evaluate.intervals import Interval
+from nlens_video.evaluate.metrics import Interval
 from nlens_video.evaluate.tables import NONE, grid
 
 QUADRATIC, NETWORK = "disparity to quadratic CoC", "our network"

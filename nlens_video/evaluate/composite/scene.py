@@ -8,12 +8,7 @@ from pathlib import Path
 
 from nlens_video.evaluate.bench.bench_case import codes_of
 from nlens_video.evaluate.composite.drawn import drawn_table, measure_drawn
-from nlens_video.evaluate.composite.shadow import (
-    DEPTH,
-    TRUTH,
-    Shaded,
-    shadow_table,
-)
+from nlens_video.evaluate.composite.shadow import DEPTH, TRUTH, Shaded, shadow_table
 from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
 from nlens_video.evaluate.plates import find_plates, load_plate
 from nlens_video.evaluate.tables import Table

@@ -14,7 +14,7 @@ from nlens_video.check.series import bend
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.bench_glb import UInt8
-from nlens_video.evaluate.bench_metrics import psnr
+from nlens_video.evaluate.metrics import psnr
 
 BLOCK_PX = 4
 """Side of the squares over which errors are averaged where noise is not to count [px]."""

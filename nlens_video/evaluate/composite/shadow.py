@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box
-from nlens_video.effects.shadow.apply import Darken, Shadow
+from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.projection import Moment
 from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.evaluate.bench.bench_case import Case, case_of, codes_of
 from nlens_video.evaluate.bench.bench_glb import UInt8
-from nlens_video.evaluate.bench_metrics import psnr
+from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate
 from nlens_video.evaluate.tables import Column, Entry, Table
 from nlens_video.scene.environment import load_environment
@@ -102,11 +101,10 @@ class Shaded:
         scene = Scene.load(self.case.glb)
         environment = load_environment(folder / MAP, 0.0, 0.0) if (folder / MAP).is_file() else None
         given = SceneLight(scene.light_count, environment)
-        guessed = SceneLight(0)
         frame = Box(0, 0, without.shape[1], without.shape[0])
-        guessed.look_at(partial(ArrayPicture(self.case.plate, "rgb").linear, frame))
+        plate_light = Illumination.of_plate(ArrayPicture(self.case.plate, "rgb").linear(frame))
         by_light = self._cast(scene, given.on_ground(scene.pose(0.0).lights))
-        by_guess = self._cast(scene, guessed.on_ground(()))
+        by_guess = self._cast(scene, SceneLight(0).on_ground((), plate_light))
         best = max(_STRENGTHS, key=lambda strength: self._psnr(by_light(float(strength))))
         rows = ((GIVEN, by_light, 1.0), (BEST, by_light, float(best)), (GUESSED, by_guess, 1.0))
         base = self._psnr(without)
@@ -129,7 +127,7 @@ class Shaded:
         known, without = self.known, self.case.truth
         frame = Box(0, 0, without.shape[1], without.shape[0])
         moment = Moment(Casters.of(scene.pose(0.0), {}), known.camera)
-        darken = Darken(ReblurLayer(scatter=scatter, reach=blur_reach))
+        darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
 
         def picture(strength: float) -> UInt8:
             shadow: Shadow | None = CastShadow(strength=strength)(

@@ -10,13 +10,7 @@ from pathlib import Path
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
-from nlens_video.evaluate.study.analysis import (
-    LEVEL,
-    Answer,
-    MethodResult,
-    analyse,
-    read_answers,
-)
+from nlens_video.evaluate.study.analysis import LEVEL, Answer, MethodResult, analyse, read_answers
 from nlens_video.evaluate.study.page import study_page
 from nlens_video.evaluate.study.stimuli import load_stimuli
 from nlens_video.evaluate.tables import NONE, grid

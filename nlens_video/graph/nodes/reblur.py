@@ -1,174 +1,238 @@
-"""The stages that blur the object, as a pipeline file names them."""
+"""L: the nodes that blur the object as the plate's lens does."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Picture,
-)
-from nlens_video.core.lens_fit import LensFit
-from nlens_video.graph.nodes.context import (
-    Made,
-    Stage,
-    Tools,
-    Unavailable,
-)
-from nlens_video.graph.nodes.object_source import Placement
-from nlens_video.graph.nodes.through_lens import through_lens
-from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.core.errors import UsageError
+from nlens_video.effects.planner import DEFOCUS
+from nlens_video.graph.base.conditions import DEPTH_STEPS, OUT_OF_FOCUS
+from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.graph.nodes import warm_up
+from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame
 
 if TYPE_CHECKING:
+    from nlens_video.core.layers import (
+        BlurredLayer,
+        Box,
+        DefocusedLayer,
+        ObjectLayer,
+        Picture,
+    )  # fmt: skip
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.graph.base.context import NodeContext
+    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.stages.reblur.lens_sampling import Reblur
     from nlens_video.stages.reblur.view_blend import FewViews
 
 
-def make_peel(tools: Tools) -> Made:
-    """What the object hides of itself, drawn."""
-    from nlens_video.stages.reblur.depth_peel import look_behind
+def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
+    """The layered scatter, as several nodes use it.
 
-    if tools.behind is None:
-        raise Unavailable(
-            "pre-rendered layers hold the nearest surfaces only: what they hide of the object is "
-            "guessed from what is seen of it"
-        )
-    renderer = tools.behind
+    Args:
+        context: what nodes are made from.
+        detail: `fine`, or `draft` for what is soft anyway.
 
-    def run(defocused: DefocusedLayer, fit: LensFit, placement: Placement) -> DefocusedLayer:
-        return look_behind(defocused, fit, placement.farthest, renderer)
+    Raises:
+        UsageError: there is no such detail.
+    """
+    from nlens_video.kernels.scatter.scatter import DRAFT, FINE, blur_reach, scatter
 
-    return Made(run, f"depth-peeled second layer, {tools.objects.description}")
-
-
-def make_views(tools: Tools) -> Made:
-    """The object from a few points of the lens."""
-    from nlens_video.stages.reblur.lens_sampling import Shot
-    from nlens_video.stages.reblur.view_blend import VIEWS, SampleSmallDiscs
-
-    if tools.views is None:
-        raise Unavailable(
-            "pre-rendered layers hold one view of the object: the scatter stands where discs are "
-            "small, too"
-        )
-    stage = SampleSmallDiscs(
-        renderer=tools.views, pixel_aspect=tools.pixel_aspect, aperture=tools.aperture
+    details = {"fine": FINE, "draft": DRAFT}
+    if detail not in details:
+        raise UsageError(f"stage 'scatter': no detail {detail!r}; there are {', '.join(details)}")
+    drawn = details[detail]
+    return ReblurLayer(
+        scatter=partial(scatter, aperture=context.aperture, detail=drawn, spread=context.spread),
+        reach=partial(blur_reach, aperture=context.aperture, detail=drawn),
+        pixel_aspect=context.pixel_aspect,
     )
 
-    def run(
-        defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
+
+class ApertureViews(Node):
+    """The object from a few aperture samples, where discs are small."""
+
+    name, writes = "aperture-views", "views"
+    effect, when, skip_if = DEFOCUS, OUT_OF_FOCUS, "moments"
+
+    def __init__(self, context: NodeContext) -> None:
+        from nlens_video.stages.reblur.view_blend import VIEWS, SampleSmallDiscs
+
+        if context.views is None:
+            raise Unavailable(
+                "pre-rendered layers hold one view of the object: the scatter stands where discs "
+                "are small, too"
+            )
+        self._sample = SampleSmallDiscs(
+            renderer=context.views, pixel_aspect=context.pixel_aspect, aperture=context.aperture
+        )
+        self.description = f"{VIEWS} more points of the lens, {context.objects.description}"
+
+    def __call__(
+        self, defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
     ) -> FewViews | None:
-        shot = Shot(time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box)
-        return stage(defocused, shot)
+        from nlens_video.stages.reblur.lens_sampling import Shot
 
-    return Made(run, f"{VIEWS} more points of the lens, {tools.objects.description}")
+        shot = Shot(
+            time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box,
+            plate_light=placement.plate_light,
+        )  # fmt: skip
+        return self._sample(defocused, shot)
 
-
-def make_scatter(tools: Tools, *, detail: str = "fine") -> Made:
-    """Each pixel over its disc."""
-    stage = through_lens(tools, detail)
-
-    def run(defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
-        return stage(defocused, frame_box)
-
-    made_by = "numba" if tools.spread is None else "torch on CUDA"
-    return Made(run, f"L: layered exact-coverage scatter, {detail}, {made_by}")
+    def warm_up(self) -> None:
+        """Compile the blur of small discs."""
+        warm_up.cell()
 
 
-def make_lens(tools: Tools, *, accuracy_db: float = 50.0) -> Made:
-    """The object from many points of the lens."""
-    from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-    from nlens_video.stages.reblur.lens_sampling import (
-        BlurCell,
-        Reblur,
-        SampleLens,
-        Shot,
-        view_count,
-    )
+class LensSampling(Node):
+    """The reference: the object rendered from many points of the aperture."""
 
-    if tools.views is None:
-        raise Unavailable(
-            "pre-rendered layers hold one view of the object, so the lens cannot be sampled: the "
-            "blur of the preset standard stands in"
+    name, writes = "lens-sampling", "blurred"
+    effect, when = DEFOCUS, OUT_OF_FOCUS
+
+    def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
+        from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+        from nlens_video.stages.reblur.lens_sampling import BlurCell, SampleLens, view_count
+
+        if context.views is None:
+            raise Unavailable(
+                "pre-rendered layers hold one view of the object, so the lens cannot be sampled: "
+                "the blur of the preset standard stands in"
+            )
+        count = view_count(accuracy_db)
+        wide = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=context.pixel_aspect)
+        self._sample = SampleLens(
+            renderer=context.views,
+            whole=cast("Reblur", make_reblur(context)),
+            cell=BlurCell(wide, context.pixel_aspect),
+            count=count,
+            aperture=context.aperture,
         )
-    count = view_count(accuracy_db)
-    wide = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=tools.pixel_aspect)
-    stage = SampleLens(
-        renderer=tools.views,
-        whole=cast("Reblur", make_scatter(tools).run),
-        cell=BlurCell(wide, tools.pixel_aspect),
-        count=count,
-        aperture=tools.aperture,
-    )
+        self.description = f"L: the lens sampled at {count} points for {accuracy_db:g} dB"
 
-    def run(
-        defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
+    def __call__(
+        self, defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
     ) -> BlurredLayer:
-        shot = Shot(time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box)
-        return stage(defocused, shot)
+        from nlens_video.stages.reblur.lens_sampling import Shot
 
-    return Made(run, f"L: the lens sampled at {count} points for {accuracy_db:g} dB")
+        shot = Shot(
+            time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box,
+            plate_light=placement.plate_light,
+        )  # fmt: skip
+        return self._sample(defocused, shot)
 
-
-def make_repair(tools: Tools) -> Made:
-    """Order where the CoC steps."""
-    if tools.repair is None:
-        raise Unavailable("this version ships no repair network: the scatter's result stands")
-    return Made(
-        tools.repair,
-        "L: ordered layers at depth steps, weighed by a network where what is hidden is not known",
-    )
+    def warm_up(self) -> None:
+        """Compile scatter and the blur of small discs."""
+        warm_up.scatter_kernels()
+        warm_up.cell()
 
 
-def make_lay_views(tools: Tools) -> Made:
-    """The few views laid in."""
+class Scatter(Node):
+    """The layered scatter: each pixel spread over its disc."""
 
-    def run(blurred: BlurredLayer, views: FewViews) -> BlurredLayer:
+    name, writes = "reblur", "blurred"
+    effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
+
+    def __init__(self, context: NodeContext, *, detail: str = "fine") -> None:
+        self._reblur = make_reblur(context, detail)
+        made_by = "numba" if context.spread is None else "torch on CUDA"
+        self.description = f"L: layered exact-coverage scatter, {detail}, {made_by}"
+
+    def __call__(self, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
+        return self._reblur(defocused, frame_box)
+
+    def warm_up(self) -> None:
+        """Compile the scatter, and fill the tables of this aperture."""
+        warm_up.scatter_kernels()
+        self._reblur(warm_up.sharp_layer(), warm_up.FRAME)
+
+
+class PaperReblur(Node):
+    """The paper's own networks on the naive composite, whole frame."""
+
+    name, writes = "paper-reblur", "blurred"
+    effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
+
+    def __init__(self, context: NodeContext) -> None:
+        from nlens_video.kernels.reblur.paper_scatter import paper_scatter
+        from nlens_video.networks.model_store import find_model
+        from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+        from nlens_video.stages.reblur.l_paper import PaperReblur as Reblur
+
+        arnet, iunet = find_model("paper-arnet").path, find_model("paper-iunet").path
+        self._reblur = Reblur(scatter=paper_scatter, networks=OnnxPaperNetworks(arnet, iunet))
+        self.description = "L: the paper's networks on the whole frame, onnxruntime on the CPU"
+
+    def __call__(self, picture: Picture, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
+        return self._reblur(picture, defocused, frame_box)
+
+
+class CropSharp(Node):
+    """The layer as it is, where nothing blurs it."""
+
+    name, writes = "crop-sharp", "blurred"
+    lane = "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        self.description = "the layer as it is"
+
+    def __call__(self, layer: ObjectLayer, frame_box: Box) -> BlurredLayer:
+        return crop_to_frame(layer, frame_box)
+
+
+class DepthOrder(Node):
+    """Near parts of the object over far ones, where the CoC steps inside it."""
+
+    name, writes = "depth-order", "blurred"
+    effect, lane, when, skip_if = DEFOCUS, "composite", DEPTH_STEPS, "moments"
+
+    def __init__(self, context: NodeContext) -> None:
+        if context.repair is None:
+            raise Unavailable("this version ships no repair network: the scatter's result stands")
+        self._repair = context.repair
+        self._hidden_is_known = context.hidden is not None
+        self.description = (
+            "L: ordered layers at depth steps, weighed by a network where what is hidden is not "
+            "known"
+        )
+
+    def __call__(self, blurred: BlurredLayer, defocused: DefocusedLayer) -> BlurredLayer:
+        return self._repair(defocused, blurred)
+
+    def warm_up(self) -> None:
+        """Compile it, and load the network where hidden surfaces are not rendered."""
+        self._repair(warm_up.sharp_layer(hidden=self._hidden_is_known), warm_up.blurred_layer())
+
+
+class BlendViews(Node):
+    """The aperture views, blended into the scatter where discs are small."""
+
+    name, writes = "blend-views", "blurred"
+    effect, lane = DEFOCUS, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        self.description = "L: the mean of the views where discs are small"
+
+    def __call__(self, blurred: BlurredLayer, views: FewViews) -> BlurredLayer:
         return views.laid_in(blurred)
 
-    return Made(run, "L: the mean of the views where discs are small")
 
+class EdgeParallax(Node):
+    """The plate as the part of the aperture sees it that the object leaves free."""
 
-def make_past_edges(tools: Tools) -> Made:
-    """The plate as the part of the lens sees it that the object leaves free."""
-    from nlens_video.stages.reblur.edge_parallax import past_edges
+    name, writes = "edge-parallax", "blurred"
+    effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
 
-    def run(
-        blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
+    def __init__(self, context: NodeContext) -> None:
+        self._context = context
+        self.description = "the plate from the side of the lens that the object leaves free"
+
+    def __call__(
+        self, blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
         placement: Placement,
     ) -> BlurredLayer:  # fmt: skip
-        return past_edges(blurred, picture, defocused, fit, placement.camera, tools.ground_height())
+        from nlens_video.stages.reblur.edge_parallax import past_edges
 
-    return Made(run, "the plate from the side of the lens that the object leaves free")
-
-
-def make_paper(tools: Tools) -> Made:
-    """The paper's own networks."""
-    from nlens_video.kernels.reblur.paper_scatter import paper_scatter
-    from nlens_video.networks.model_store import find_model
-    from nlens_video.networks.paper_onnx import OnnxPaperNetworks
-    from nlens_video.stages.reblur.l_paper import PaperReblur
-
-    arnet, iunet = find_model("paper-arnet").path, find_model("paper-iunet").path
-    stage = PaperReblur(scatter=paper_scatter, networks=OnnxPaperNetworks(arnet, iunet))
-
-    def run(picture: Picture, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
-        return stage(picture, defocused, frame_box)
-
-    return Made(run, "L: the paper's networks on the whole frame, onnxruntime on the CPU")
-
-
-BLUR: dict[str, Stage] = {
-    "peel": Stage(make_peel, ("defocused", "fit", "placement"), "defocused"),
-    "scatter": Stage(make_scatter, ("defocused", "frame_box"), "blurred"),
-    "lens": Stage(make_lens, ("defocused", "placement", "fit", "frame_box"), "blurred"),
-    "views": Stage(make_views, ("defocused", "placement", "fit", "frame_box"), "views"),
-    "lay-views": Stage(make_lay_views, ("blurred", "views"), "blurred"),
-    "past-edges": Stage(
-        make_past_edges, ("blurred", "picture", "defocused", "fit", "placement"), "blurred"
-    ),
-    "repair": Stage(make_repair, ("defocused", "blurred"), "blurred"),
-    "paper-reblur": Stage(make_paper, ("picture", "defocused", "frame_box"), "blurred"),
-}
-"""The stages of this module, by the names that pipeline files use."""
+        height = self._context.ground_height
+        return past_edges(blurred, picture, defocused, fit, placement.camera, height)

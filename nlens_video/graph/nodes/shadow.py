@@ -1,98 +1,102 @@
-"""The stages of light and shadow, as a pipeline file names them."""
+"""The nodes of the object's shadow on the ground."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    Float64,
-    Picture,
-)
-from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.motion_blur import Motion, sampled_count
-from nlens_video.effects.shadow.apply import Darken, Shadow
+from nlens_video.core.box import Box
+from nlens_video.effects.motion_blur import sampled_count
+from nlens_video.effects.planner import SHADOW
+from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.casters import Casters, Surface
 from nlens_video.effects.shadow.projection import Moment, shadow_places
 from nlens_video.effects.shadow.shadow import CastShadow, ground_blur
-from nlens_video.graph.nodes.context import (
-    LitGround,
-    Made,
-    Tools,
-    Unavailable,
-)
-from nlens_video.graph.nodes.object_source import Placement
-from nlens_video.graph.nodes.through_lens import through_lens
-from nlens_video.scene.gltf.meshes import Geometry
-from nlens_video.scene.illumination import Illumination
-from nlens_video.stages.composite import Foreground
+from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.graph.nodes import warm_up
+from nlens_video.graph.nodes.reblur import make_reblur
+
+if TYPE_CHECKING:
+    from nlens_video.core.layers import BlurredLayer, Float64, Picture
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.effects.motion_blur import Motion
+    from nlens_video.effects.shadow.apply import Shadow
+    from nlens_video.graph.base.context import NodeContext
+    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.scene.gltf.meshes import Geometry
+    from nlens_video.scene.illumination import Illumination
+    from nlens_video.stages.composite import Foreground
 
 
-def make_light(tools: Tools) -> Made:
-    """The light on the object, from the plate where no file tells it."""
-    ground = _ground(tools)
-    if ground.pre_rendered:
-        raise Unavailable("pre-rendered layers bring their light with them")
-    if ground.light.known:
-        raise Unavailable("the light is known")
+class ShadowNode(Node):
+    """The object's shadow on the ground, sampled at several moments where it moves."""
 
-    def run(picture: Picture) -> Illumination:
-        ground.light.look_at(lambda: picture.linear(Box(0, 0, picture.width, picture.height)))
-        return ground.light.on_object(())
+    name, writes = "shadow", "shadow"
+    effect = SHADOW
 
-    return Made(run, "the plate's mean colour and what is above it, once", remembers=True)
+    def __init__(
+        self,
+        context: NodeContext,
+        *,
+        lamp_points: int = 24,
+        ambient_directions: int = 64,
+        most_moments: int = 9,
+    ) -> None:
+        if context.shadow_scene is None:
+            raise Unavailable("nothing tells what light falls on the ground")
+        self._context, self._scene = context, context.shadow_scene
+        self._most_moments = most_moments
+        self._cast = CastShadow(
+            strength=self._scene.strength,
+            lamp_points=lamp_points,
+            ambient_directions=ambient_directions,
+        )
+        self._surfaces: dict[Geometry, Surface] = {}
+        self._last: tuple[tuple[object, ...], Shadow | None] | None = None
+        self.description = (
+            f"triangles cast on the ground, {lamp_points} points a lamp, {ambient_directions} "
+            "directions around, numba; again when something moves, at several moments where it "
+            "moves by a pixel while the shutter is open"
+        )
 
+    def __call__(
+        self, placement: Placement, fit: LensFit | None, motion: Motion | None
+    ) -> Shadow | None:
+        pose = self._scene.pose(placement.time_s)
+        light = self._scene.light.on_ground(pose.lights, placement.plate_light)
+        moments = self._moments(placement, fit, motion, light)
+        given = (moments, light, fit)
+        if self._last is None or not alike(self._last[0], given):
+            self._last = given, self._cast(moments, light, self._context.ground_height, fit)
+        return self._last[1]
 
-def make_shadow(
-    tools: Tools,
-    *,
-    lamp_points: int = 24,
-    ambient_directions: int = 64,
-    most_moments: int = 9,
-) -> Made:
-    """The object's shadow on the ground, blurred by its motion where that shows."""
-    ground = _ground(tools)
-    cast = CastShadow(
-        strength=ground.strength, lamp_points=lamp_points, ambient_directions=ambient_directions
-    )
-    surfaces: dict[Geometry, Surface] = {}
-    before: tuple[tuple[object, ...], Shadow | None] | None = None
+    def _moments(
+        self, placement: Placement, fit: LensFit | None, motion: Motion | None, light: Illumination
+    ) -> tuple[Moment, ...]:
+        """The moments at which the shadow is cast."""
+        still = (self._seen(placement.time_s, placement),)
+        if motion is None:
+            return still
+        shutter, height = self._context.shutter, self._context.ground_height
+        edges = [self._seen(time_s, placement) for time_s in shutter.edges(placement.time_s)]
+        places = shadow_places(edges, light.lamps, height)
+        coc_px, _ = ground_blur(placement.camera, height, _bounds(places[1]), fit)
+        count = sampled_count(list(places), coc_px, self._most_moments)
+        if count <= 1:
+            return still
+        times = shutter.middles(placement.time_s, count)
+        return tuple(self._seen(time_s, placement) for time_s in times)
 
-    def seen(time_s: float, placement: Placement) -> Moment:
+    def _seen(self, time_s: float, placement: Placement) -> Moment:
         own = time_s == placement.time_s
-        camera = placement.camera if own else tools.objects.camera(time_s)
-        return Moment(Casters.of(ground.pose(time_s), surfaces), camera)
-
-    def run(placement: Placement, fit: LensFit | None, motion: Motion | None) -> Shadow | None:
-        nonlocal before
-        height = tools.ground_height()
-        light = ground.light.on_ground(ground.pose(placement.time_s).lights)
-        moments = [seen(placement.time_s, placement)]
-        if motion is not None:
-            edges = [seen(time_s, placement) for time_s in tools.shutter.edges(placement.time_s)]
-            places = shadow_places(edges, light.lamps, height)
-            coc_px, _ = ground_blur(placement.camera, height, _around(places[1]), fit)
-            count = sampled_count(list(places), coc_px, most_moments)
-            times = tools.shutter.middles(placement.time_s, count)
-            moments = [seen(time_s, placement) for time_s in times] if count > 1 else moments
-        given = (tuple(moments), light, fit)
-        if before is None or not alike(before[0], given):
-            before = given, cast(moments, light, height, fit)
-        return before[1]
-
-    points = f"{lamp_points} points a lamp, {ambient_directions} directions around"
-    return Made(
-        run,
-        f"triangles cast on the ground, {points}, numba; again when something moves, at several "
-        "moments where it moves by a pixel while the shutter is open",
-    )
+        camera = placement.camera if own else self._context.objects.camera(time_s)
+        return Moment(Casters.of(self._scene.pose(time_s), self._surfaces), camera)
 
 
-def _around(places: Float64) -> Box:
+def _bounds(places: Float64) -> Box:
     """The least box of pixels round some places (V, 2); empty where there are none."""
     if not len(places):
         return Box(0, 0, 0, 0)
@@ -100,21 +104,28 @@ def _around(places: Float64) -> Box:
     return Box(math.floor(x0), math.floor(y0), math.ceil(x1), math.ceil(y1))
 
 
-def make_darken(tools: Tools) -> Made:
-    """The shadow on the plate."""
-    stage = Darken(through_lens(tools, "draft"))
-    before: tuple[Shadow, BlurredLayer] | None = None  # a resting object's is the same one
+class CompositeShadow(Node):
+    """The plate, darkened by the shadow, which is blurred as the ground."""
 
-    def run(
-        picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None
+    name, writes = "composite-shadow", "picture"
+    effect, lane = SHADOW, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._darken = ApplyShadow(make_reblur(context, "draft"))
+        self._last: tuple[Shadow, BlurredLayer] | None = None  # a resting object's is the same one
+        self.description = "plate times what is left of its light, blurred as the ground"
+
+    def __call__(
+        self, picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None
     ) -> Picture:
-        nonlocal before
-        if before is None or before[0] is not shadow:
-            before = shadow, stage.blurred(shadow, frame_box)
+        if self._last is None or self._last[0] is not shadow:
+            self._last = shadow, self._darken.blurred(shadow, frame_box)
         cover = None if foreground is None else foreground.before_ground
-        return stage.taken(picture, before[1], cover)
+        return self._darken.taken(picture, self._last[1], cover)
 
-    return Made(run, "plate times what is left of its light, blurred as the ground")
+    def warm_up(self) -> None:
+        """Compile the blend."""
+        warm_up.blend()
 
 
 def alike(first: object, second: object) -> bool:
@@ -130,9 +141,3 @@ def alike(first: object, second: object) -> bool:
     if is_dataclass(first):
         return all(alike(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
     return bool(first == second)
-
-
-def _ground(tools: Tools) -> LitGround:
-    if tools.ground is None:
-        raise Unavailable("nothing tells what light falls on the ground")
-    return tools.ground

@@ -12,21 +12,11 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    Float32,
-    Float64,
-)
+from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import coverage, fitted_radius
 from nlens_video.kernels.scatter.extend import Int32
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd_types import (
-    all_sixteen,
-    chosen,
-    put_sixteen,
-    sixteen,
-)
+from nlens_video.kernels.simd_types import all_sixteen, chosen, put_sixteen, sixteen
 
 LARGEST_RADIUS_PX = 8.0
 """Largest radius that is gathered; beyond it a scatter costs less [px]."""

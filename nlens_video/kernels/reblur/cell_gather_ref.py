@@ -6,12 +6,7 @@ import math
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    Float32,
-    Float64,
-)
+from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.kernels.reblur.cell_gather import STEPS, cell_table, ramp
 
 

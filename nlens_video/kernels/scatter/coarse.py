@@ -11,12 +11,7 @@ from numba import njit
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.extend import Band, SourceLayer
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd_types import (
-    all_of,
-    four,
-    put_four,
-    row,
-)
+from nlens_video.kernels.simd_types import all_of, four, put_four, row
 from nlens_video.kernels.thread_pool import share
 
 SUMS = 12

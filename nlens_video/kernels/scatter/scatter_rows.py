@@ -15,14 +15,9 @@ from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.numba_config import kernel
 from nlens_video.kernels.scatter.extend import Band
 from nlens_video.kernels.scatter.levels import Light, RowNumbers
-from nlens_video.kernels.scatter.stamps import (
-    Discs,
-    add_stamps,
-    lay_in,
-    look_up,
-)
-from nlens_video.kernels.simd import add_end
+from nlens_video.kernels.scatter.stamps import Discs, add_stamps, lay_in, look_up
 from nlens_video.kernels.simd_types import (
+    add_end,
     all_of,
     eight_at,
     four_at,

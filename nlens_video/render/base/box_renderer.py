@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,16 +12,12 @@ from types import TracebackType
 from typing import Self
 
 from nlens_video.core.errors import NlensError, SceneError
-from nlens_video.core.layers import (
-    BehindLayer,
-    Box,
-    Float32,
-    ObjectLayer,
-)
+from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.base.peel_layer import BehindPicture, Front
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.extent import extent
+from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -50,14 +47,12 @@ class Sight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Drawn:
-    """The last picture, and all that it was drawn from."""
+class _Source:
+    """All that a picture was drawn from."""
 
-    key: tuple[object, ...]
     posed: PosedScene
     sight: Sight
     lighting: Lighting
-    layer: ObjectLayer
 
 
 class BoxRenderer(ABC):
@@ -80,9 +75,10 @@ class BoxRenderer(ABC):
         self._scene = scene
         self._light = light or SceneLight(scene.light_count)
         self._posed: PosedScene | None = None
-        self._drawn: _Drawn | None = None
+        self._last: tuple[tuple[object, ...], ObjectLayer] | None = None
+        self._sources: dict[int, _Source] = {}  # of the layers in use, by their identity
+        self._on_target: _Source | None = None  # of the picture that was drawn last
         self.notes: list[str] = []
-        self._drawn_last = False  # whether nothing was drawn after `_drawn`
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -107,7 +103,13 @@ class BoxRenderer(ABC):
         return f"{self.name}{f' ({self.reason})' if self.reason else ''}, the object's box only"
 
     def render(
-        self, time_s: float, camera: Camera, margin: int = 0, *, nearest: bool = False
+        self,
+        time_s: float,
+        camera: Camera,
+        margin: int = 0,
+        *,
+        nearest: bool = False,
+        plate_light: Illumination | None = None,
     ) -> ObjectLayer | None:
         """The object at a time, sharp.
 
@@ -120,6 +122,7 @@ class BoxRenderer(ABC):
             camera: where from, on which frame.
             margin: how far beyond the frame the object is still rendered [px].
             nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+            plate_light: lights the object where its file does not; None for a plausible light.
 
         Returns:
             The layer on the box of the object's bounds on the screen, one pixel larger, inside the
@@ -130,18 +133,20 @@ class BoxRenderer(ABC):
                 another thread owns the context.
             SceneError: the animation scales the object beyond all numbers.
         """
-        posed, lighting = self._moment(time_s)
+        posed, lighting = self._moment(time_s, plate_light)
         key = (*_key(posed, camera, lighting), margin)
-        if not nearest and self._drawn is not None and self._drawn.key == key:
-            return self._drawn.layer
+        if not nearest and self._last is not None and self._last[0] == key:
+            return self._last[1]
         sight = sight_of(posed, camera, margin, nearest=nearest)
         if sight is None:
             return None
         rgba, depth = self._draw(posed, sight, lighting)
         layer = ObjectLayer(box=sight.box, rgba=rgba, depth=depth)
-        self._drawn_last = not nearest
+        self._on_target = source = _Source(posed=posed, sight=sight, lighting=lighting)
         if not nearest:
-            self._drawn = _Drawn(key=key, posed=posed, sight=sight, lighting=lighting, layer=layer)
+            self._last = key, layer
+            self._sources[id(layer)] = source
+            weakref.finalize(layer, self._sources.pop, id(layer), None)
         return layer
 
     def render_views(
@@ -152,6 +157,7 @@ class BoxRenderer(ABC):
         use: Callable[[int, ObjectLayer | None], None],
         *,
         nearest: bool = False,
+        plate_light: Illumination | None = None,
     ) -> None:
         """Draw the object from several points, and wait until all are used.
 
@@ -162,6 +168,7 @@ class BoxRenderer(ABC):
             use: gets each camera's number and layer, in order; while it runs on a thread of its
                 own, this one draws the next view.
             nearest: as for `render`.
+            plate_light: likewise.
 
         Raises:
             As `render`, and what `use` raises.
@@ -169,7 +176,9 @@ class BoxRenderer(ABC):
         with ThreadPoolExecutor(1, thread_name_prefix="views") as using:
             before: Future[None] | None = None
             for at, camera in enumerate(cameras):
-                layer = self.render(time_s, camera, margin, nearest=nearest)
+                layer = self.render(
+                    time_s, camera, margin, nearest=nearest, plate_light=plate_light
+                )
                 if before is not None:
                     before.result()
                 before = using.submit(use, at, layer)
@@ -182,7 +191,7 @@ class BoxRenderer(ABC):
         """What the nearest surfaces of a picture hide.
 
         Args:
-            front: the picture that `render` has given last, those with `nearest` left out.
+            front: a picture that `render` has given, without `nearest`.
             region: where to look, a part of its box.
             disparity_step: how much less disparity than the nearest surface what it hides has
                 at least, > 0 [1 / scene unit].
@@ -191,32 +200,32 @@ class BoxRenderer(ABC):
             The layer on the region; None where nothing is hidden.
 
         Raises:
-            NlensError: as `render`, or `front` is not the last picture.
-            ValueError: the region is not within it.
+            NlensError: as `render`.
+            ValueError: `front` is no picture of this renderer, or the region is not within it.
         """
         self._check()
-        if self._drawn is None or self._drawn.layer is not front:
-            raise NlensError(
-                "the object was drawn again before it was looked behind; in the pipeline file put "
-                "the stage 'peel' right after 'object-coc'"
-            )
+        source = self._sources.get(id(front))
+        if source is None:
+            raise ValueError("the layer was not rendered by this renderer")
         if region.empty or region.intersection(front.box) != region:
             raise ValueError(f"{region} is not within {front.box}")
-        drawn = self._drawn
-        if not self._drawn_last:
-            self._draw(drawn.posed, drawn.sight, drawn.lighting)
-            self._drawn_last = True
+        if self._on_target is not source:
+            self._draw(source.posed, source.sight, source.lighting)
+            self._on_target = source
         shown = Front(
             depth=front.depth[region.slices_in(front.box)],
             disparity_step=disparity_step,
             corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
         )
-        sight = replace(drawn.sight, box=region, nearest=False)
-        seen = self._draw_behind(drawn.posed, sight, drawn.lighting, shown)
+        sight = replace(source.sight, box=region, nearest=False)
+        seen = self._draw_behind(source.posed, sight, source.lighting, shown)
         if seen is None:
             return None
         hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
         return BehindLayer(hidden=hidden, front_rgba=seen.front_rgba)
+
+    def warm_up(self) -> None:  # noqa: B027  most renderers compile nothing
+        """Compile what drawing needs; by default nothing."""
 
     @abstractmethod
     def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
@@ -228,12 +237,14 @@ class BoxRenderer(ABC):
     ) -> BehindPicture | None:
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 
-    def _moment(self, time_s: float) -> tuple[PosedScene, Lighting]:
+    def _moment(
+        self, time_s: float, plate_light: Illumination | None
+    ) -> tuple[PosedScene, Lighting]:
         """The object and its light at a time."""
         self._check()
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
-        return self._posed, Lighting.of(self._light.on_object(self._posed.lights))
+        return self._posed, Lighting.of(self._light.on_object(self._posed.lights, plate_light))
 
     def _check(self) -> None:
         """Refuse what can't be drawn here and now."""
@@ -243,7 +254,7 @@ class BoxRenderer(ABC):
     def close(self) -> None:
         """Free what it holds; may be called again."""
         self._closed = True
-        self._posed = self._drawn = None
+        self._posed = self._last = self._on_target = None
 
 
 def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object, ...]:

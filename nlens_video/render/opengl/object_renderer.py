@@ -56,8 +56,10 @@ class PyrenderObjectRenderer(BoxRenderer):
         self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         def picture(drawer: Drawer) -> BehindPicture | None:
-            if self._drew_front is not drawer and self._drawn is not None:
-                drawer.draw(posed, self._drawn.sight, lighting)  # went with the context it was in
+            if self._drew_front is not drawer and self._on_target is not None:
+                drawer.draw(
+                    posed, self._on_target.sight, lighting
+                )  # went with the context it was in
                 self._drew_front = drawer
             return drawer.draw_behind(posed, sight, lighting, front)
 

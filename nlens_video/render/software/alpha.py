@@ -9,12 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import (
-    inlined,
-    kernel,
-    narrow,
-    single,
-)
+from nlens_video.kernels.numba_config import inlined, kernel, narrow, single
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.corners import Mesh, find
 from nlens_video.render.software.deferred import BRIGHTEST, Scene, shade

@@ -12,27 +12,12 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import (
-    inlined,
-    kernel,
-    quick,
-    single,
-)
-from nlens_video.kernels.simd_types import (
-    Float4,
-    all_of,
-    lane,
-    row,
-)
+from nlens_video.kernels.numba_config import inlined, kernel, quick, single
+from nlens_video.kernels.simd_types import Float4, all_of, lane, row
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.filtering import Run
 from nlens_video.render.software.fragment import Int32
-from nlens_video.render.software.triangles import (
-    FACING,
-    PLANES,
-    X0,
-    Y0,
-)
+from nlens_video.render.software.triangles import FACING, PLANES, X0, Y0
 
 Mesh = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]
 """Positions (V, 3), normals (V, 4), the last number of any content, texture coordinates (V, 4),

@@ -15,14 +15,7 @@ from llvmlite import ir
 from numba import types
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import (
-    floor,
-    kernel,
-    narrow,
-    quick,
-    quick_inlined,
-    single,
-)
+from nlens_video.kernels.numba_config import floor, kernel, narrow, quick, quick_inlined, single
 from nlens_video.kernels.simd_types import (
     FLOAT4,
     FLOATS,
@@ -35,13 +28,7 @@ from nlens_video.kernels.simd_types import (
 )
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.fragment import Int32
-from nlens_video.render.software.texture import (
-    CLAMP,
-    LINEAR,
-    MIRROR,
-    Table,
-    Texels,
-)
+from nlens_video.render.software.texture import CLAMP, LINEAR, MIRROR, Table, Texels
 
 Run = tuple[int, int]
 """First point of a block, and one beyond the last."""

@@ -11,13 +11,7 @@ from nlens_video.core.layers import Float32
 from nlens_video.kernels.scratch_buffers import scratch
 from nlens_video.render.base.box_renderer import Sight
 from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.software import (
-    alpha,
-    deferred,
-    nearest,
-    raster,
-    triangles,
-)
+from nlens_video.render.software import alpha, deferred, nearest, raster, triangles
 from nlens_video.render.software.fragment import Int32, new_block
 from nlens_video.render.software.scene_buffers import SoftObject
 from nlens_video.scene import screen_projection

@@ -11,12 +11,7 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import (
-    kernel_of,
-    quick,
-    quick_inlined,
-    single,
-)
+from nlens_video.kernels.numba_config import kernel_of, quick, quick_inlined, single
 from nlens_video.render.software import fragment as at
 
 _N = at.WIDTH

@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import (
-    inlined,
-    kernel,
-    kernel_of,
-    single,
-)
+from nlens_video.kernels.numba_config import inlined, kernel, kernel_of, single
 from nlens_video.render.software.triangles import SAMPLES
 
 _ONE_SURFACE = single(1.005)  # samples of one surface differ by less, seen from the front

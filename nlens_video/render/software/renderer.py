@@ -22,6 +22,7 @@ from nlens_video.render.software.scene_buffers import SoftObject
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry
+from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -111,6 +112,7 @@ class SoftwareObjectRenderer(BoxRenderer):
         use: Callable[[int, ObjectLayer | None], None],
         *,
         nearest: bool = False,
+        plate_light: Illumination | None = None,
     ) -> None:
         """Draw the object from several points, each view on one thread, and wait for all.
 
@@ -123,11 +125,12 @@ class SoftwareObjectRenderer(BoxRenderer):
             use: gets each camera's number and layer, on the thread that has drawn it; views are
                 begun in order.
             nearest: as for `render`.
+            plate_light: likewise.
 
         Raises:
             As `render`, and what `use` raises.
         """
-        posed, lighting = self._moment(time_s)
+        posed, lighting = self._moment(time_s, plate_light)
         shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:
@@ -150,14 +153,18 @@ class SoftwareObjectRenderer(BoxRenderer):
     ) -> BehindPicture | None:
         return self._drawer.draw_behind(posed, sight, lighting, front)
 
+    def warm_up(self) -> None:
+        """Compile the kernels that any object needs, or load them from numba's cache."""
+        _compile_kernels()
+
     def close(self) -> None:
         """Free what it holds; may be called again."""
         super().close()
         self._drawer.close()
 
 
-def make_ready() -> None:
-    """Compile the kernels that any object needs, or load them from numba's cache."""
+def _compile_kernels() -> None:
+    """Draw one triangle."""
     corners = np.array([[0, 0, -1], [1, 0, -1], [0, 1, -1]], np.float32)
     geometry = Geometry(
         name="", positions=corners, normals=corners, faces=np.array([[0, 1, 2]], np.int32),

@@ -8,20 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import (
-    inlined,
-    kernel,
-    quick,
-    single,
-)
+from nlens_video.kernels.numba_config import inlined, kernel, quick, single
 from nlens_video.render.software import fragment as at
-from nlens_video.render.software.corners import (
-    Mesh,
-    Pinhole,
-    find,
-    look,
-    tilt,
-)
+from nlens_video.render.software.corners import Mesh, Pinhole, find, look, tilt
 from nlens_video.render.software.filtering import Run, sample
 from nlens_video.render.software.fragment import Int32
 from nlens_video.render.software.texture import Table, Texels

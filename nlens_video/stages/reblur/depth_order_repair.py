@@ -17,12 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32
 from nlens_video.kernels.reblur.coc_discontinuities import Hidden, Steps, find_steps
 from nlens_video.stages.reblur.depth_order import Candidates, Scatter, candidates
 

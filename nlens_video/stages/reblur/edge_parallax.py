@@ -12,13 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-    Picture,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.coc_discontinuities import carried_out
 from nlens_video.kernels.reblur.edge_parallax import half_hidden

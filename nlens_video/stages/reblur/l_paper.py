@@ -15,13 +15,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-    Picture,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 
 NEURAL_RADIUS_PX = 10.0
 """Largest radius that the networks blur by; larger ones at a fraction of the size [px]."""

@@ -15,17 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.core.aperture import ROUND, Aperture
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-    ObjectLayer,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.cell_gather import LARGEST_RADIUS_PX, blur_cell, cell_reach
 from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.illumination import Illumination
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
 from nlens_video.stages.protocols import ViewRenderer
 from nlens_video.stages.reblur.aperture_samples import LensPoints, lens_points
@@ -97,12 +92,14 @@ class Shot:
         camera: at the centre of the lens.
         fit: the lens, in the pixels of the frame.
         frame: the frame's own box.
+        plate_light: lights the object where its file does not; None for a plausible light.
     """
 
     time_s: float
     camera: Camera
     fit: LensFit
     frame: Box
+    plate_light: Illumination | None = None
 
 
 def lens_views(
@@ -141,7 +138,9 @@ def lens_views(
         mean.add(at, part)
 
     cameras = [lens_camera(shot.camera, shot.fit, u, v) for u, v in points.places.tolist()]
-    renderer.render_views(shot.time_s, cameras, margin, add, nearest=cell is not None)
+    renderer.render_views(
+        shot.time_s, cameras, margin, add, nearest=cell is not None, plate_light=shot.plate_light
+    )
     return mean.layer
 
 

@@ -15,13 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nlens_video.core.aperture import ROUND, Aperture
-from nlens_video.core.layers import (
-    BlurredLayer,
-    Box,
-    DefocusedLayer,
-    Float32,
-    ObjectLayer,
-)
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.cell_gather import blur_cell, cell_reach
 from nlens_video.kernels.reblur.coc_discontinuities import fall_off
@@ -131,7 +125,9 @@ class SampleSmallDiscs:
                 parts[away[at]] = self._blurred(view, radii[away[at]], box)
 
         cameras = [_on(shot, region, *places[n]) for n in away]
-        self.renderer.render_views(shot.time_s, cameras, 0, blur, nearest=True)
+        self.renderer.render_views(
+            shot.time_s, cameras, 0, blur, nearest=True, plate_light=shot.plate_light
+        )
         mean = np.zeros((box.height, box.width, 4), np.float32)
         for n in sorted(parts):
             mean += np.float32(points.weights[n]) * parts[n]

@@ -21,12 +21,7 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from nlens_video.core.errors import InputError, OutputError
-from nlens_video.video.atomic_files import (
-    check_folder,
-    partial_name,
-    publish,
-    sweep,
-)
+from nlens_video.video.atomic_files import check_folder, partial_name, publish, sweep
 from nlens_video.video.chunks.checksums import append_checksums, read_checksums
 from nlens_video.video.chunks.chunk_codec import Carrier, carrier, no_carrier
 from nlens_video.video.chunks.chunk_id import ChunkMark

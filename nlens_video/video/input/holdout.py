@@ -10,13 +10,7 @@ import numpy as np
 
 from nlens_video.core.color import luma
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    DepthMap,
-    Float32,
-    Matte,
-)
+from nlens_video.core.layers import Bool, Box, DepthMap, Float32, Matte
 from nlens_video.video.exr import FAR, ExrImage, read_exr
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import InputHints

@@ -9,12 +9,7 @@ from typing import Self
 
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.packet_index import index_until
-from nlens_video.video.input.source import (
-    AvSource,
-    PacketSink,
-    Source,
-    open_source,
-)
+from nlens_video.video.input.source import AvSource, PacketSink, Source, open_source
 
 INTERLEAVING_S = Fraction(2)
 """How far apart in a file two streams' packets of one moment may lie [s]."""

@@ -19,13 +19,7 @@ from nlens_video.video.output.encoders import (
     not_held,
     some_format,
 )
-from nlens_video.video.output.muxers import (
-    SOUND_ONLY,
-    Muxer,
-    muxer,
-    no_pictures,
-    nothing_writes,
-)
+from nlens_video.video.output.muxers import SOUND_ONLY, Muxer, muxer, no_pictures, nothing_writes
 from nlens_video.video.output.still_sink import ANIMATED, EXTENSIONS, StillSink
 from nlens_video.video.output.stream_output import is_stream
 from nlens_video.video.output.video_sink import VideoSink

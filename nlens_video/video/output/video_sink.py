@@ -19,13 +19,7 @@ from av.video.stream import VideoStream
 from nlens_video.core import signals
 from nlens_video.core.color import FULL_RANGE
 from nlens_video.core.errors import InputError, OutputError, ReaderGone
-from nlens_video.video.atomic_files import (
-    kept_name,
-    left_over,
-    partial_name,
-    publish,
-    sweep,
-)
+from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, sweep
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.output.carried_streams import Carried, sample_entry, set_tags
 from nlens_video.video.output.containers import holds_video

@@ -6,12 +6,7 @@ import numpy as np
 
 from nlens_video.core.color import primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Float64
-from nlens_video.video.pixels.sample_tables import (
-    Axis,
-    Coding,
-    Plane,
-    Samples,
-)
+from nlens_video.video.pixels.sample_tables import Axis, Coding, Plane, Samples
 
 
 def linear(samples: Samples, box: Box) -> Float64:

@@ -9,12 +9,7 @@ from functools import lru_cache
 import av
 from av.video.reformatter import Interpolation
 
-from nlens_video.core.color import (
-    FULL_RANGE,
-    MATRICES,
-    ColorTags,
-    Family,
-)
+from nlens_video.core.color import FULL_RANGE, MATRICES, ColorTags, Family
 from nlens_video.core.errors import InputError
 
 

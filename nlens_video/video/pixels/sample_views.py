@@ -10,12 +10,7 @@ import numpy as np
 from nlens_video.core.color import TRANSFERS, ColorTags
 from nlens_video.core.errors import InputError
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout
-from nlens_video.video.pixels.sample_tables import (
-    Axis,
-    Coding,
-    Plane,
-    Samples,
-)
+from nlens_video.video.pixels.sample_tables import Axis, Coding, Plane, Samples
 
 
 def frame_tags(frame: av.VideoFrame, *, assumed: int = 0, given: str | None = None) -> ColorTags:

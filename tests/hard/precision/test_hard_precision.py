@@ -23,10 +23,9 @@ from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects import exposure_kernels, exposure_ref
+from nlens_video.effects.camera.grain_kernels import reference as noise_reference
 from nlens_video.effects.camera.grain_kernels import reference as regrain_reference
-from nlens_video.effects.camera.grain_kernels import regrain
-from nlens_video.effects.camera.white_noise import reference as noise_reference
-from nlens_video.effects.camera.white_noise import white_noise
+from nlens_video.effects.camera.grain_kernels import regrain, white_noise
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
 from nlens_video.kernels.pull_push import carried_on

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.graph.effect_decisions import Plate
-from nlens_video.graph.lens_request import Lens
-from nlens_video.graph.nodes.object_source import View
-from nlens_video.graph.nodes.stream_frame import LoopFrame
-from nlens_video.graph.profiler import Profiler
-from nlens_video.graph.session import Assembly, assemble
-from nlens_video.graph.warmup import Ahead
+from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.stream_frame import LoopFrame
+from nlens_video.graph.effect_decisions import PlatePreview
+from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.session import Session, open_session
+from nlens_video.graph.warmup import KernelWarmup
 
 if TYPE_CHECKING:
     import av
@@ -36,11 +36,11 @@ class FrameLoop:
     """
 
     objects: ObjectSettings
-    lens: Lens
+    lens: LensRequest
     fps: float
     profiler: Profiler
     last: Picture | None = None
-    _assembly: Assembly | None = None
+    _session: Session | None = None
     _size: tuple[int, int] | None = None
     _first_s: float | None = None
     _count: int = 0
@@ -49,30 +49,30 @@ class FrameLoop:
     @property
     def fit(self) -> LensFit | None:
         """The lens, once found or given."""
-        if self._assembly is None or self._assembly.steps.fit is None:
+        if self._session is None or self._session.executor.fit is None:
             return self.lens.fit
-        return self._assembly.steps.fit
+        return self._session.executor.fit
 
     @property
     def plan(self) -> tuple[str, ...]:
         """What runs on each frame and why, a line each; empty before the first frame."""
-        if self._assembly is None:
+        if self._session is None:
             return ()
         from nlens_video.graph.plan import describe
 
-        return tuple(describe(self._assembly))
+        return tuple(describe(self._session))
 
     def hold(self, fit: LensFit) -> None:
         """Take another lens from the next frame on."""
         self.lens = replace(self.lens, fit=fit)
-        if self._assembly is not None and self._size is not None:
-            self._assembly.steps.hold(fit.for_width(*self._size))
+        if self._session is not None and self._size is not None:
+            self._session.executor.pin_fit(fit.for_width(*self._size))
 
     def swap(self, objects: ObjectSettings) -> None:
         """Composite another object from the next frame on, through the same lens."""
         self.lens = replace(self.lens, fit=self.fit)
         self._stack.close()
-        self.objects, self._assembly = objects, None
+        self.objects, self._session = objects, None
 
     def since_first(self, frame: av.VideoFrame) -> float | None:
         """Time of one of PyAV's frames since the first one, None where it has none [s]."""
@@ -84,11 +84,11 @@ class FrameLoop:
 
     def composite(self, picture: Picture, time: float | None) -> None:
         """Composite in place, at a moment of the animation; None: by the count of frames [s]."""
-        assembly = self._assembled(picture)
-        steps = assembly.steps
+        session = self._assembled(picture)
+        steps = session.executor
         moment = self._count / self.fps if time is None else time
-        state = steps.enter(LoopFrame(self._count, moment, picture))
-        steps.run(state, assembly.graph.nodes)
+        state = steps.begin_frame(LoopFrame(self._count, moment, picture))
+        steps.run(state, session.graph.nodes)
         self.last = picture
         self.profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
         self._count += 1
@@ -97,19 +97,19 @@ class FrameLoop:
         """Free OpenGL and networks."""
         self._stack.close()
 
-    def _assembled(self, picture: Picture) -> Assembly:
+    def _assembled(self, picture: Picture) -> Session:
         size = (picture.width, picture.height)
-        if self._assembly is None:
+        if self._session is None:
             view = View(width=size[0], height=size[1], camera=self.objects.camera)
-            self._assembly = assemble(
-                self.objects, self.lens, view, self.profiler, Plate(lambda: (picture,))
+            self._session = open_session(
+                self.objects, self.lens, view, self.profiler, PlatePreview(lambda: (picture,))
             )
-            self._stack.enter_context(self._assembly.render_context())
-            self._stack.enter_context(Ahead(self._assembly.graph))
+            self._stack.enter_context(self._session.render_context())
+            self._stack.enter_context(KernelWarmup(self._session.graph))
             self._size = size
         if size != self._size:
             raise UsageError(
                 f"a frame of {size[0]}x{size[1]} after frames of {self._size}: one compositor "
                 "takes one size; make another for other frames"
             )
-        return self._assembly
+        return self._session

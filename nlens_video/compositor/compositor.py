@@ -8,24 +8,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
-from nlens_video.core.aperture import Aperture
-from nlens_video.core.errors import UsageError
-from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import NOTHING_SAID, Optics
-from nlens_video.core.settings import (
-    Device,
-    Fallback,
-    ObjectSettings,
-    Occlusion,
-)
-from nlens_video.graph.profiler import Profiler, Summary
-from nlens_video.run.array_frames import (
-    Frames,
-    as_format_of,
-    given_back,
-    taken,
-)
-from nlens_video.run.compositor_options import (
+from nlens_video.compositor.array_frames import Frames, as_format_of, given_back, taken
+from nlens_video.compositor.frame_loop import FrameLoop
+from nlens_video.compositor.options import (
     as_fit,
     as_lens,
     as_moment,
@@ -33,14 +18,19 @@ from nlens_video.run.compositor_options import (
     as_words,
     check_settings,
 )
-from nlens_video.run.frame_loop import FrameLoop
-from nlens_video.run.own_thread import OwnThread
-from nlens_video.run.parameter_names import in_python, naming_parameters
+from nlens_video.compositor.own_thread import OwnThread
+from nlens_video.compositor.parameter_names import in_python, naming_parameters
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.errors import UsageError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.lens_models import NOTHING_SAID, Optics
+from nlens_video.core.settings import Device, Fallback, ObjectSettings, Occlusion
+from nlens_video.graph.base.profiler import Profiler, Summary
 
 if TYPE_CHECKING:
     import av
 
-    from nlens_video.run.notebook import Shown
+    from nlens_video.compositor.notebook import Shown
 
 R = TypeVar("R")
 
@@ -243,7 +233,7 @@ class Compositor:
 
     def show(self) -> Shown:
         """The last composite, the lens and what runs, as a notebook draws them."""
-        from nlens_video.run.notebook import show
+        from nlens_video.compositor.notebook import show
 
         return self._call(lambda: show(self._loop.last, self.fit, self.plan))
 

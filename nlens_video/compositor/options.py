@@ -13,7 +13,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.lens_models import NOTHING_SAID, Optics
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.graph.lens_request import Lens
+from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.options.lens_options import optics as optics_of
 from nlens_video.options.object_options import object_settings
@@ -78,7 +78,7 @@ def as_objects(glb: str | Path | ObjectSettings, words: argparse.Namespace) -> O
 def as_lens(
     words: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
     aperture: Aperture | str, optics: Optics, shutter_deg: float | None,
-) -> Lens:  # fmt: skip
+) -> LensRequest:  # fmt: skip
     """The lens that the words are about; what can be wrong speaks up here, not at a frame.
 
     Args:
@@ -100,7 +100,7 @@ def as_lens(
         raise UsageError("shutter and shutter_deg are the same; leave one of them out")
     if NOTHING_SAID not in (said, optics):
         raise UsageError("optics holds vignetting and distortion; leave those out")
-    return Lens(
+    return LensRequest(
         preset=words.preset, effects=words.effects, fit=None if fit is None else as_fit(fit),
         fallback=words.fallback, device=words.device, frame_s=1.0 / fps,
         shutter_deg=words.shutter if shutter_deg is None else shutter_deg,

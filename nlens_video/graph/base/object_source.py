@@ -1,4 +1,4 @@
-"""Where the object's layers come from: rendered from the GLB here, read from files in `layered`."""
+"""Where the object's layers come from: rendered here, read from files in `prerendered`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from nlens_video.core.placement import ASSUMED_FOCAL_MM, Placing, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.extent import extent, misses, travel_bound_px
+from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.placement_camera import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
@@ -72,6 +73,7 @@ class Placement:
         nearest: least depth of the object in front of the camera [scene unit].
         farthest: greatest depth [scene unit].
         layer: the picture of it, where it was read rather than rendered.
+        plate_light: lights it where its file does not, None for a plausible light.
     """
 
     time_s: float
@@ -80,6 +82,7 @@ class Placement:
     nearest: float
     farthest: float
     layer: ObjectLayer | None = None
+    plate_light: Illumination | None = None
 
 
 def place(view: View, scene: Scene, placing: Placing, focal: float, ground_y: float | None) -> View:
@@ -107,7 +110,9 @@ def place(view: View, scene: Scene, placing: Placing, focal: float, ground_y: fl
     return replace(view, placed=camera)
 
 
-def stand(objects: ObjectSettings, scene: Scene, view: View) -> tuple[View, tuple[str, ...]]:
+def choose_camera(
+    objects: ObjectSettings, scene: Scene, view: View
+) -> tuple[View, tuple[str, ...]]:
     """The camera that sees the object: the file's, or one that sees it where it is placed.
 
     Args:
@@ -171,13 +176,21 @@ class ObjectSource(Protocol):
         """The sharp layer, as far beyond the frame as its blur reaches back into it."""
         ...
 
+    def warm_up(self) -> None:
+        """Compile what rendering needs, if anything."""
+        ...
+
 
 class Renderer(BehindRenderer, ViewRenderer, Protocol):
-    """Draws a scene; see `backends`."""
+    """Draws a scene; see `render.base.box_renderer`."""
 
     @property
     def description(self) -> str:
         """What draws, in words."""
+        ...
+
+    def warm_up(self) -> None:
+        """Compile what drawing needs, if anything."""
         ...
 
 
@@ -234,7 +247,13 @@ class RenderedObject:
             ends = np.array([1 / placement.nearest, 1 / placement.farthest], np.float32)
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
             margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
-        return self.renderer.render(placement.time_s, placement.camera, margin)
+        return self.renderer.render(
+            placement.time_s, placement.camera, margin, plate_light=placement.plate_light
+        )
+
+    def warm_up(self) -> None:
+        """Compile what rendering needs, if anything."""
+        self.renderer.warm_up()
 
 
 def placement_near(scene: Scene, view: View, time_s: float) -> Placement | None:

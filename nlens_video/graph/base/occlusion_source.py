@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.layers import CocMap, Front, Picture
 from nlens_video.core.settings import RealSettings
-from nlens_video.graph.nodes.context import FrontSource
+from nlens_video.graph.base.context import OcclusionSource
 
 if TYPE_CHECKING:
     from nlens_video.video.input.holdout import HoldoutReader
@@ -53,7 +53,7 @@ class CocFront:
 
 def open_front(
     real: RealSettings, size: tuple[int, int], load: Callable[[], Estimator], *, asked_for: bool
-) -> FrontSource | None:
+) -> OcclusionSource | None:
     """What tells of things in front.
 
     Args:
@@ -73,7 +73,7 @@ def open_front(
 
 
 @contextmanager
-def closing(front: FrontSource | None) -> Iterator[None]:
+def closing(front: OcclusionSource | None) -> Iterator[None]:
     """Close a front's file in the end."""
     try:
         yield

@@ -13,7 +13,7 @@ from nlens_video.core.box import Box
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float64, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.graph.nodes.object_source import Placement, View
+from nlens_video.graph.base.object_source import Placement, View
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 
@@ -73,6 +73,9 @@ class LayeredObject:
     def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
         """The layer that was read."""
         return placement.layer
+
+    def warm_up(self) -> None:
+        """Nothing is compiled."""
 
 
 class LayerReader(Protocol):

@@ -1,0 +1,1 @@
+"""The compositor as a streaming class for OpenCV, PyAV and numpy loops."""

@@ -1,0 +1,1 @@
+"""What nodes are made of: ports, conditions, the context, the object on a frame."""

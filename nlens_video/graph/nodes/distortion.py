@@ -1,0 +1,123 @@
+"""The nodes of lens distortion: an overscan to render into, and the warp."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
+
+from nlens_video.core.box import Box
+from nlens_video.core.errors import UsageError
+from nlens_video.core.lens_models import Distortion
+from nlens_video.effects.camera.distortion_apply import Bend, bent, bent_defocused, bent_shadow
+from nlens_video.graph.base.node import Node
+from nlens_video.graph.nodes.camera import model_of
+
+if TYPE_CHECKING:
+    from nlens_video.core.layers import BlurredLayer, DefocusedLayer, Picture
+    from nlens_video.effects.measurement import Measurement
+    from nlens_video.effects.shadow.apply import Shadow
+    from nlens_video.graph.base.context import NodeContext
+    from nlens_video.graph.base.object_source import Placement, View
+    from nlens_video.scene.scene import Scene
+
+_EFFECT = "distortion"
+
+
+def _model(context: NodeContext) -> Distortion:
+    return cast("Distortion", model_of(context, _EFFECT))
+
+
+class AddOverscan(Node):
+    """A frame wide enough for what the lens pulls in from beyond its border."""
+
+    name, writes = "add-overscan", "frame_box"
+    effect = _EFFECT
+
+    def __init__(self, context: NodeContext) -> None:
+        self._distortion = _model(context)
+        self.description = "as far beyond the border as the lens sees"
+
+    def __call__(self, frame_box: Box, placement: Placement) -> Box:
+        return frame_box.grown(Bend.of(self._distortion, placement.camera).margin)
+
+
+class Distort(Node):
+    """The object where the lens puts it."""
+
+    name, writes = "distort", "blurred"
+    effect, lane = _EFFECT, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._distortion = _model(context)
+        self.description = _words(self._distortion)
+
+    def __call__(self, blurred: BlurredLayer, placement: Placement) -> BlurredLayer:
+        return bent(blurred, Bend.of(self._distortion, placement.camera))
+
+
+class DistortShadow(Node):
+    """The shadow where the lens puts it."""
+
+    name, writes = "distort-shadow", "shadow"
+    effect, lane = _EFFECT, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._distortion = _model(context)
+        self.description = _words(self._distortion)
+
+    def __call__(self, shadow: Shadow, placement: Placement) -> Shadow:
+        return bent_shadow(shadow, Bend.of(self._distortion, placement.camera))
+
+
+class DistortReflection(Node):
+    """The mirror image where the lens puts it."""
+
+    name, writes = "distort-reflection", "reflection"
+    effect, lane = _EFFECT, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._distortion = _model(context)
+        self.description = _words(self._distortion)
+
+    def __call__(self, reflection: DefocusedLayer, placement: Placement) -> DefocusedLayer:
+        return bent_defocused(reflection, Bend.of(self._distortion, placement.camera))
+
+
+class RemoveOverscan(Node):
+    """The frame itself again."""
+
+    name, writes = "remove-overscan", "frame_box"
+    effect, lane = _EFFECT, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        _model(context)
+        self.description = "the plate's own"
+
+    def __call__(self, frame_box: Box, picture: Picture) -> Box:
+        return Box(0, 0, picture.width, picture.height).intersection(frame_box)
+
+
+def seen_beyond(scene: Scene, view: View, measured: Mapping[str, Measurement]) -> int:
+    """How far beyond the frame a distorting lens sees, as the camera is at first [px].
+
+    Raises:
+        UsageError: a given distortion leaves corners of the frame empty.
+    """
+    found = measured.get("distortion")
+    if found is None or not isinstance(found.model, Distortion):
+        return 0
+    camera = view.placed or scene.camera(
+        0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
+    )
+    bend = Bend.of(found.model, camera)
+    if bend.folds:
+        raise UsageError(
+            f"--distortion {found.model.k1:g},{found.model.k2:g}: nothing is seen in the frame's "
+            "corners with that; expected coefficients that count in focal lengths, as in OpenCV"
+        )
+    return bend.margin
+
+
+def _words(distortion: Distortion) -> str:
+    unit = "focal lengths" if distortion.of_focal else "half diagonals"
+    return f"k1 {distortion.k1:.3g}, k2 {distortion.k2:.3g}, radius in {unit}"

@@ -1,0 +1,111 @@
+"""The nodes that find the lens: the object's bounds, F, P and R."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from nlens_video.core.errors import LensFitError
+from nlens_video.effects.planner import DEFOCUS
+from nlens_video.graph.base.conditions import IN_FRAME
+from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.values import FoundLens
+from nlens_video.stages.p_projection import GroundProjection, project_to_ground
+from nlens_video.stages.r_regression import FitLens, constant_fit
+
+if TYPE_CHECKING:
+    from nlens_video.core.layers import CocMap, Picture
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.graph.base.context import NodeContext
+    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.stream_frame import StreamFrame
+    from nlens_video.scene.illumination import Illumination
+
+
+class ObjectBounds(Node):
+    """Where the object is on the frame, by camera and depth bounds."""
+
+    name, writes = "object-bounds", "placement"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._objects = context.objects
+        self.description = "camera and depth bounds of the GLB"
+
+    def __call__(self, frame: StreamFrame, plate_light: Illumination | None) -> Placement | None:
+        placement = self._objects.locate(frame.number, frame.time_s)
+        if placement is None or plate_light is None:
+            return placement
+        return replace(placement, plate_light=plate_light)
+
+
+class EstimateCoc(Node):
+    """F: the plate's CoC from its colours alone."""
+
+    name, writes = "estimate-coc", "plate_coc"
+    effect, once, when = DEFOCUS, True, IN_FRAME
+
+    def __init__(self, context: NodeContext) -> None:
+        self._estimate = context.estimate_coc()
+        self.description = "F: CoC network, onnxruntime on the CPU"
+
+    def __call__(
+        self, picture: Picture, placement: Placement, following: tuple[Picture, ...] | None
+    ) -> CocMap:
+        return self._estimate(picture, following or ())
+
+
+class GroundFootprint(Node):
+    """P: the object's footprint on the ground plane."""
+
+    name, writes = "ground-footprint", "ground"
+    effect, once, when = DEFOCUS, True, IN_FRAME
+
+    def __init__(self, context: NodeContext) -> None:
+        self._context = context
+        self.description = "P: footprint cast down on the ground plane"
+
+    def __call__(self, placement: Placement) -> GroundProjection:
+        triangles = self._context.objects.footprint(placement.time_s)
+        return project_to_ground(triangles, placement.camera, self._context.ground_height)
+
+
+class FitNode(Node):
+    """R: the linear lens model, fitted over the ground plane."""
+
+    name, writes = "fit", "found_lens"
+    effect, once, when = DEFOCUS, True, IN_FRAME
+
+    def __init__(
+        self, context: NodeContext, *, whole_plane: bool = True, anchor_weight: float = 0.1
+    ) -> None:
+        self._fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
+        self._fallback_constant = context.fallback_constant
+        self.description = "R: robust V-fit over the ground plane"
+
+    def __call__(
+        self, plate_coc: CocMap, ground: GroundProjection, frame: StreamFrame, placement: Placement
+    ) -> FoundLens:
+        try:
+            regression = self._fit(plate_coc, ground, frame.index)
+        except LensFitError as error:
+            if not self._fallback_constant:
+                raise
+            fit = constant_fit(plate_coc, ground, frame.index)
+            reason = str(error).partition("; give ")[0]  # what it advises is done already
+            return FoundLens(
+                fit=fit, regression=None, doubt=f"constant CoC instead of a fit: {reason}"
+            )
+        return FoundLens(
+            fit=regression.fit, regression=regression, doubt=_doubt(regression.fit, ground)
+        )
+
+
+def _doubt(fit: LensFit, ground: GroundProjection) -> str:
+    """What a person should know about a fit, empty if nothing."""
+    if fit.slope < 2 * fit.slope_stderr:
+        return "the plate's blur hardly changes with depth: so the object's will not either"
+    if fit.sign == "ambiguous":
+        return "the plate does not tell whether the ground lies before or behind the focus"
+    if not ground.mask.any():
+        return "no footprint in view: fitted on the ground plane as a whole"
+    return ""

@@ -1,0 +1,95 @@
+"""The nodes that render the object: light, colour and depth, CoC, hidden surfaces."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nlens_video.core.box import Box
+from nlens_video.effects.planner import DEFOCUS
+from nlens_video.graph.base.conditions import DEPTH_RANGE
+from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.scene.illumination import Illumination
+from nlens_video.stages.l_reblur import object_coc
+
+if TYPE_CHECKING:
+    from nlens_video.core.layers import DefocusedLayer, ObjectLayer, Picture
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.graph.base.context import NodeContext
+    from nlens_video.graph.base.object_source import Placement
+
+
+class EstimateLight(Node):
+    """The light on the object, estimated from the first frame where no file tells it."""
+
+    name, writes = "estimate-light", "plate_light"
+    stateful = True
+
+    def __init__(self, context: NodeContext) -> None:
+        scene = context.shadow_scene
+        if scene is None:
+            raise Unavailable("nothing tells what light falls on the ground")
+        if scene.pre_rendered:
+            raise Unavailable("pre-rendered layers bring their light with them")
+        if scene.light.known:
+            raise Unavailable("the light is known")
+        self._light: Illumination | None = None
+        self.description = "the plate's mean colour and what is above it, once"
+
+    def __call__(self, picture: Picture) -> Illumination:
+        if self._light is None:
+            whole = Box(0, 0, picture.width, picture.height)
+            self._light = Illumination.of_plate(picture.linear(whole))
+        return self._light
+
+
+class Render(Node):
+    """The object, sharp, as far beyond the frame as its blur reaches back into it."""
+
+    name, writes = "render", "layer"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._objects = context.objects
+        self.description = context.objects.description
+
+    def __call__(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+        return self._objects.render(placement, fit)
+
+    def warm_up(self) -> None:
+        """Compile the renderer's kernels, if it has any."""
+        self._objects.warm_up()
+
+
+class ObjectCoc(Node):
+    """The object's CoC: slope * disparity + intercept."""
+
+    name, writes = "object-coc", "defocused"
+    effect = DEFOCUS
+
+    def __init__(self, context: NodeContext) -> None:
+        self.description = "slope * disparity + intercept"
+
+    def __call__(self, layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
+        return object_coc(layer, fit)
+
+
+class DepthPeel(Node):
+    """What the object hides of itself, where the lens looks around its nearest surfaces."""
+
+    name, writes = "depth-peel", "defocused"
+    effect, when, skip_if = DEFOCUS, DEPTH_RANGE, "moments"
+
+    def __init__(self, context: NodeContext) -> None:
+        if context.hidden is None:
+            raise Unavailable(
+                "pre-rendered layers hold the nearest surfaces only: what they hide of the object "
+                "is guessed from what is seen of it"
+            )
+        self._renderer = context.hidden
+        self.description = f"depth-peeled second layer, {context.objects.description}"
+
+    def __call__(
+        self, defocused: DefocusedLayer, fit: LensFit, placement: Placement
+    ) -> DefocusedLayer:
+        from nlens_video.stages.reblur.depth_peel import look_behind
+
+        return look_behind(defocused, fit, placement.farthest, self._renderer)

@@ -1,0 +1,91 @@
+"""Kernels compiled before the first frame needs them, on a thread that ends when told to."""
+
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from nlens_video.graph.builder import Graph
+from nlens_video.graph.warmup import KernelWarmup
+
+PROBE = """
+from nlens_video.core.aperture import ROUND
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.builder import Graph
+from nlens_video.graph.nodes.registry import NODES
+from nlens_video.graph.warmup import KernelWarmup
+from nlens_video.kernels.scatter import scatter_rows
+from nlens_video.render.software import deferred, raster, triangles
+from nlens_video.render.software.renderer import SoftwareObjectRenderer
+from nlens_video.video.pixels import blend
+
+class Objects:
+    description = "software rasteriser"
+    def warm_up(self):
+        SoftwareObjectRenderer.warm_up(None)
+
+context = NodeContext(
+    objects=Objects(), estimate_coc=None, ground_y=None, fallback_constant=False, pixel_aspect=1.0
+)
+nodes = tuple(NODES[name](context) for name in ("render", "reblur", "composite"))
+warmup = KernelWarmup(Graph(pipeline="p", summary="", nodes=nodes, left_out=()))
+with warmup:
+    warmup._thread.join()
+assert len(scatter_rows.scatter_rows.signatures) == 1, scatter_rows.scatter_rows.signatures
+assert blend._compiled.cache_info().currsize == 2, blend._compiled.cache_info()
+assert deferred.shade_rows.signatures and raster.fill.signatures and triangles.set_up.signatures
+print("ready")
+"""
+
+
+class Probe:
+    """A node that only warms up."""
+
+    def __init__(self, warm_up):
+        self.warm_up = warm_up
+
+
+def graph(*steps):
+    nodes = tuple(Probe(step) for step in steps)
+    return Graph(pipeline="p", summary="", nodes=nodes, left_out=())
+
+
+def test_kernels_are_compiled_for_the_nodes_that_need_them():
+    # in a process of its own: here other tests have compiled them long since
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "ready", done.stderr
+
+
+def test_it_ends_after_the_node_at_hand_and_leaves_no_thread():
+    begun, go_on, ran = threading.Event(), threading.Event(), []
+
+    def slow():
+        begun.set()
+        go_on.wait(10.0)
+        ran.append("slow")
+
+    before = threading.active_count()
+    with KernelWarmup(graph(slow, lambda: ran.append("late"))) as warmup:
+        assert begun.wait(10.0)
+        warmup._stop.set()
+        go_on.set()
+    assert ran == ["slow"] and threading.active_count() == before
+
+
+def test_what_goes_wrong_is_left_to_the_frame_that_needs_it():
+    def broken():
+        raise ValueError("no such network")
+
+    with KernelWarmup(graph(broken)) as warmup:
+        warmup._thread.join()
+    assert warmup.notes == ()
+
+
+@pytest.mark.parametrize(("seconds", "lines"), [(0.4, 0), (12.3, 1)])
+def test_only_a_wait_that_is_noticed_is_told_of(seconds, lines):
+    warmup = KernelWarmup(graph())
+    warmup._seconds = seconds
+    assert len(warmup.notes) == lines
