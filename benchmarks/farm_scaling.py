@@ -37,7 +37,7 @@ from nlens_video.farm.shot_tasks import (
     plan,
 )
 from nlens_video.farm.store import Folder
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 from nlens_video.video.chunks.chunk_id import ChunkMark
 
 PICTURE = Path(__file__).parents[1] / "docs" / "farm" / "scaling.png"
@@ -91,7 +91,7 @@ class Footage:
 
 
 @dataclass(slots=True)
-class Worker:
+class SimulatedWorker:
     """Where it is.
 
     Attributes:
@@ -136,14 +136,14 @@ class Simulation:
     workers: int
     now_s: float = 0.0
     store_free_s: float = 0.0
-    idle: list[Worker] = field(init=False)
+    idle: list[SimulatedWorker] = field(init=False)
     waiting: list[tuple[int, int, Task]] = field(default_factory=list)
-    busy: list[tuple[float, int, int, Task, Worker | None]] = field(default_factory=list)
+    busy: list[tuple[float, int, int, Task, SimulatedWorker | None]] = field(default_factory=list)
     followed: dict[int, Followed] = field(default_factory=dict)
     order: Iterator[int] = field(default_factory=count)
 
     def __post_init__(self) -> None:
-        self.idle = [Worker() for _ in range(self.workers)]
+        self.idle = [SimulatedWorker() for _ in range(self.workers)]
 
     def run(self) -> float:
         """Time until the last shot is merged [s]."""
@@ -185,9 +185,9 @@ class Simulation:
 
     def _note(self, shot: int, task: Task, left: int) -> None:
         """A chunk is there: with the last one the end of the merge that follows is known."""
-        if task.work is Workbench.merge:
+        if task.work is Worker.merge:
             self.followed.pop(shot, None)
-        if task.work is not Workbench.chunk:
+        if task.work is not Worker.chunk:
             return
         followed = self.followed[shot]
         followed.ready_s[_pieces(task)[0].first] = self.now_s
@@ -203,14 +203,14 @@ class Simulation:
             ends = max(ends + (frames - last) * merge_s, ready) + last * merge_s
         heapq.heappush(self.busy, (ends, next(self.order), shot, followed.task, None))
 
-    def _ends(self, shot: int, task: Task, worker: Worker) -> float:
+    def _ends(self, shot: int, task: Task, worker: SimulatedWorker) -> float:
         costs, frames = self.costs, self.footage.frames
         begins = self.now_s + (costs.start_s if worker.shot is None else 0.0)
         before, worker.shot = worker.shot, shot
         position, worker.position = worker.position, math.inf
-        if task.work is Workbench.prepare:
+        if task.work is Worker.prepare:
             return begins + costs.fit_s + frames * costs.decode_s
-        if task.work is Workbench.chunk:
+        if task.work is Worker.chunk:
             pieces = _pieces(task)
             first, own = pieces[0].first, sum(length_of(mark, frames) for mark in pieces)
             worker.position = first + own
@@ -218,10 +218,10 @@ class Simulation:
             passed = first - (position if goes_on else 0)
             work = (0.0 if goes_on else costs.open_s) + passed * costs.decode_s
             return self._stored(begins + work + own * costs.render_s, own)
-        if task.work is Workbench.whole:
+        if task.work is Worker.whole:
             encoding = costs.merge_s - costs.decode_s
             return begins + costs.open_s + frames * (costs.render_s + encoding)
-        assert task.work is Workbench.merge
+        assert task.work is Worker.merge
         return self._stored(begins + frames * costs.merge_s, frames)
 
     def _stored(self, ready_s: float, frames: int) -> float:
@@ -231,7 +231,7 @@ class Simulation:
         return max(ready_s, self.store_free_s)
 
     def _answer(self, task: Task) -> object:
-        if task.work is Workbench.prepare:
+        if task.work is Worker.prepare:
             settings, _, piece_s = task.arguments
             assert isinstance(settings, Settings) and isinstance(piece_s, float)
             marks = tuple(
@@ -242,7 +242,7 @@ class Simulation:
                 settings=settings, fit=None, marks=marks, frames=self.footage.frames,
                 frame_s=1 / RATE,
             )  # fmt: skip
-        if task.work in (Workbench.merge, Workbench.whole):
+        if task.work in (Worker.merge, Worker.whole):
             return Merged(output="", frames=self.footage.frames, chunks=0, notes=())
         return None
 

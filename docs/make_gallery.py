@@ -30,7 +30,7 @@ from nlens_video.core.settings import (
 )
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.base.object_source import Placement, View
+from nlens_video.graph.base.object_source import ScreenBounds, View
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.lens_request import LensRequest
@@ -136,7 +136,7 @@ class _UnblurredShadow(Node):
     def __init__(self, shadow: Node) -> None:
         self._shadow = shadow
 
-    def __call__(self, placement: Placement) -> Shadow | None:
+    def __call__(self, placement: ScreenBounds) -> Shadow | None:
         """Cast it."""
         return self._shadow.run(placement, None, None)
 

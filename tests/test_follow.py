@@ -15,14 +15,14 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.options.options import parse
 from nlens_video.options.to_settings import settings
-from nlens_video.run.lens_track_pass import follow
+from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.stages.r_change_detector import (
     CHANGED,
     changed,
     is_cut,
-    look,
+    signature,
 )
-from nlens_video.stages.r_lens_track import FitTrack, Key, with_holds
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
 from nlens_video.stages.r_live_lens import LiveLens
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -41,37 +41,37 @@ def shot(rgb, grain=1.0, seed=0):
 
 @pytest.mark.parametrize("factor", [0.8, 1.2, 1.5])
 def test_watch_sees_a_focus_that_moves(factor):
-    before = look(shot(shots.plate()))
-    after = look(shot(shots.plate(intercept=factor * shots.INTERCEPT), seed=1))
+    before = signature(shot(shots.plate()))
+    after = signature(shot(shots.plate(intercept=factor * shots.INTERCEPT), seed=1))
     assert changed(before, after) > CHANGED
     assert not is_cut(before, after)
 
 
 def test_watch_is_quiet_under_noise_light_and_a_person_walking_by():
     rgb = shots.plate()
-    before = look(shot(rgb))
+    before = signature(shot(rgb))
     person = rgb.copy()
     person[:, 150:230] = 60
     light = np.uint8(np.clip(0.8 * rgb.astype(np.float32), 0, 255))
     for other in (shot(rgb, 4.0, 1), shot(light, seed=2), shot(person, seed=3)):
-        now = look(other)
+        now = signature(other)
         assert changed(before, now) < CHANGED
         assert not is_cut(before, now)
 
 
 def test_watch_sees_a_cut():
     other = np.uint8(0.4 * shots.plate(7))
-    assert is_cut(look(shot(shots.plate())), look(shot(other)))
+    assert is_cut(signature(shot(shots.plate())), signature(shot(other)))
 
 
 def test_plate_without_any_detail_never_changes():
-    assert changed(look(shot(shots.grey(), 0.0)), look(shot(shots.grey(), 0.0))) == 0.0
+    assert changed(signature(shot(shots.grey(), 0.0)), signature(shot(shots.grey(), 0.0))) == 0.0
 
 
 @given(st.lists(st.floats(-30, 30), min_size=2, max_size=9), st.integers(2, 12))
 def test_track_never_jumps_and_stays_between_its_fits(intercepts, spacing):
-    keys = tuple(Key(at * spacing, 0, fit(value)) for at, value in enumerate(intercepts))
-    track = FitTrack(with_holds(keys, spacing, 200), 5.0)
+    keys = tuple(Keyframe(at * spacing, 0, fit(value)) for at, value in enumerate(intercepts))
+    track = FitTrack(hold_segments(keys, spacing, 200), 5.0)
     values = np.array([track.at(index).intercept for index in range(keys[-1].index + 1)])
     span = max(intercepts) - min(intercepts)
     assert np.abs(np.diff(values)).max(initial=0.0) <= 0.75 * span + 1e-9
@@ -80,15 +80,19 @@ def test_track_never_jumps_and_stays_between_its_fits(intercepts, spacing):
 
 
 def test_track_of_a_steady_pull_has_no_lag():
-    keys = tuple(Key(at, 0, fit(-10.0 - 0.1 * at)) for at in range(0, 60, 6))
+    keys = tuple(Keyframe(at, 0, fit(-10.0 - 0.1 * at)) for at in range(0, 60, 6))
     track = FitTrack(keys, 5.0)
     for index in range(54):
         assert track.at(index).intercept == pytest.approx(-10.0 - 0.1 * index, abs=1e-6)
 
 
 def test_track_keeps_a_cut():
-    keys = (Key(0, 0, fit(-10.0)), Key(20, 1, fit(-20.0, 20)), Key(30, 1, fit(-20.0, 30)))
-    track = FitTrack(with_holds(keys, 5, 40), 5.0, cuts=(20,))
+    keys = (
+        Keyframe(0, 0, fit(-10.0)),
+        Keyframe(20, 1, fit(-20.0, 20)),
+        Keyframe(30, 1, fit(-20.0, 30)),
+    )
+    track = FitTrack(hold_segments(keys, 5, 40), 5.0, cuts=(20,))
     assert track.at(19).intercept == pytest.approx(-10.0)
     assert track.at(20).intercept == pytest.approx(-20.0)
 
@@ -113,7 +117,7 @@ def words(folder, *more):
 
 
 def test_focus_pull_is_followed(pulled):
-    track = follow(settings(parse(words(pulled))))
+    track = lens_track_pass(settings(parse(words(pulled))))
     assert track is not None
     there = 0.55  # a disparity of the ground in view
     values = np.array([track.at(index).coc_px(np.float32(there)) for index in range(40)])
@@ -127,10 +131,10 @@ def test_lens_that_stays_is_not_followed(pulled, tmp_path):
     for index in range(12):
         shots.write_png(tmp_path / f"in_{index:04d}.png", shot(shots.plate(), seed=index).array)
     shots.cube_glb(tmp_path / "anim.glb")
-    assert follow(settings(parse(words(tmp_path)))) is None
-    assert follow(settings(parse(words(pulled, "--track-focus", "off")))) is None
+    assert lens_track_pass(settings(parse(words(tmp_path)))) is None
+    assert lens_track_pass(settings(parse(words(pulled, "--track-focus", "off")))) is None
     given = shots.fit_json(tmp_path / "fit.json")
-    assert follow(settings(parse(words(pulled, "--fit", str(given))))) is None
+    assert lens_track_pass(settings(parse(words(pulled, "--fit", str(given))))) is None
 
 
 @pytest.mark.needs_gl
@@ -148,7 +152,7 @@ def test_fit_keeps_a_pull_and_a_run_with_it_is_the_run_that_follows(pulled, tmp_
     kept = tmp_path / "fit.json"
     rate = ("--input-rate", "25", "-q")
     assert main(["fit", plate, glb, str(kept), "--track-focus", "auto", *rate]) == 0
-    followed = follow(settings(parse(words(pulled))))
+    followed = lens_track_pass(settings(parse(words(pulled))))
     assert FitTrack.load(kept) == followed
     assert LensFit.load(kept) == followed.at(0)
     double = followed.for_width(2 * shots.WIDTH, 2 * shots.HEIGHT)

@@ -17,7 +17,7 @@ from nlens_video import Compositor
 from nlens_video.cli.main import main
 from nlens_video.cli.placement_choices import Choice, choices
 from nlens_video.core.errors import UsageError
-from nlens_video.core.placement import Placing, focal_of_fov, fov_of_focal
+from nlens_video.core.placement import Placement, focal_of_fov, fov_of_focal
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.options import options as arguments
 from nlens_video.options import to_settings
@@ -130,7 +130,7 @@ def test_words_that_cannot_be_followed_are_answered_with_one_line(
 
 
 def test_nine_choices_differ_from_the_start_in_one_thing_each():
-    start = Placing(at=(0.5, 0.8), size=0.3, yaw_deg=10.0, horizon=0.75)
+    start = Placement(at=(0.5, 0.8), size=0.3, yaw_deg=10.0, horizon=0.75)
     shown = choices(start, None, 60.0)
     assert len(set(shown)) == 9 and shown[0] == Choice(start, None)
     places = [choice.placing for choice in shown]
@@ -196,7 +196,7 @@ def test_a_sheet_that_cannot_be_written_is_told_first(files, tmp_path, output, c
 
 def test_the_python_interface_takes_a_place_and_an_animation(files):
     objects = ObjectSettings(
-        glb=files / "cube.glb", placing=Placing(at=(0.3, 0.8), size=0.4, horizon=0.2)
+        glb=files / "cube.glb", placing=Placement(at=(0.3, 0.8), size=0.4, horizon=0.2)
     )
     plate = shots.grey()
     with Compositor(objects, effects="none") as lens:

@@ -68,8 +68,8 @@ def evaluate(data: Reservoir, network: OnnxRepairNetwork) -> list[Row]:
         trusted[..., 0] = 1.0
         results = (
             made.scattered,
-            made.mended(trusted, where),
-            made.mended(network(made.geometry), where),
+            made.resolve(trusted, where),
+            made.resolve(network(made.geometry), where),
         )
         scattered, ordered, mended = (psnr(result, truth) for result in results)
         found[CATEGORIES[index % len(CATEGORIES)]].append((scattered, ordered, mended))

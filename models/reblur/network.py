@@ -45,7 +45,7 @@ class RepairNet(nn.Module):
         return torch.cat([torch.sigmoid(answer[:, :1]), 0.5 * torch.tanh(answer[:, 1:])], 1)
 
 
-def mended(parts: dict[str, Tensor], judgement: Tensor) -> Tensor:
+def resolve(parts: dict[str, Tensor], judgement: Tensor) -> Tensor:
     """`Candidates.mended` on batches (N, 4, H, W), without its limits, which have no gradient."""
     share = judgement[:, :1] * parts["where"]
     swapped = parts["near"] - parts["near"][:, 3:] * parts["back"]

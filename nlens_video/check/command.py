@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.check.findings import KINDS, Finding, Verdict
-from nlens_video.check.frame_features import Look, look_at
-from nlens_video.check.frame_pairing import in_step
+from nlens_video.check.frame_features import FrameFeatures, frame_features
+from nlens_video.check.frame_pairing import pair_frames
 from nlens_video.check.judge import (
     judge_frames,
     judge_object,
@@ -31,7 +31,7 @@ from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import SourceSettings
 from nlens_video.core.stdio import print_out
-from nlens_video.run.frame_range import Trim
+from nlens_video.run.frame_range import FrameRange
 from nlens_video.video.atomic_files import check_target_folder
 from nlens_video.video.info import Packet, SourceFrame
 from nlens_video.video.input.source import Source, open_source
@@ -117,8 +117,8 @@ def compare(
         measuring = Measuring(_tick_s(given, made))
         looks = (read[0].looks(), read[1].looks())
         with closing(looks[0]), closing(looks[1]):
-            for met in in_step(*looks):
-                signals.look()
+            for met in pair_frames(*looks):
+                signals.check()
                 measuring.take(met)
         missing = max(0, _audio_count(given) - _audio_count(made))
     if not read[0].count:
@@ -149,12 +149,12 @@ class _Reading:
     first_pts: int | None = None
     streams: list[int] = field(default_factory=list)
 
-    def looks(self) -> Generator[Look]:
+    def looks(self) -> Generator[FrameFeatures]:
         """The frames, numbered from 0."""
         self.streams = [one.index for one in self.source.info.copied if one.type == "audio"]
         early: list[Packet] = []
         first_s = 0.0
-        for item in Trim(self.source, self.frames).items():
+        for item in FrameRange(self.source, self.frames).items():
             if not isinstance(item, SourceFrame):
                 early.append(item)
                 continue
@@ -164,7 +164,7 @@ class _Reading:
             for packet in early:
                 self._take(packet, first_s)
             early.clear()
-            look = look_at(item, self.first_pts)
+            look = frame_features(item, self.first_pts)
             self.count += 1
             yield look
         for packet in early:

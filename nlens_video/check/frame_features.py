@@ -19,7 +19,7 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class FrameFeatures:
     """One frame, as far as the check looks at it.
 
     Attributes:
@@ -37,12 +37,12 @@ class Look:
     detail: Float32
 
 
-def look_at(frame: SourceFrame, first_pts: int) -> Look:
+def frame_features(frame: SourceFrame, first_pts: int) -> FrameFeatures:
     """Measure one frame; `first_pts` is that of the source's first [ticks]."""
     rgb = np.float32(255.0) * frame.picture.srgb()
     luma: Float32 = np.ascontiguousarray(rgb @ _LUMA, np.float32)
     fine, coarse = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in _BAND_PX)
-    return Look(
+    return FrameFeatures(
         index=frame.index,
         time_s=(frame.pts - first_pts) * frame.time_base,
         luma=luma,

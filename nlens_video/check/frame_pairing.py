@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
-from nlens_video.check.frame_features import Look
+from nlens_video.check.frame_features import FrameFeatures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,10 +20,10 @@ class Pair:
         after: the plate's frame after, None at its end.
     """
 
-    plate: Look
-    result: Look
-    before: Look | None
-    after: Look | None
+    plate: FrameFeatures
+    result: FrameFeatures
+    before: FrameFeatures | None
+    after: FrameFeatures | None
 
     @property
     def off_s(self) -> float:
@@ -32,7 +32,7 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Lone:
+class Unpaired:
     """A frame without a partner: the plate's (`dropped`), or one that the result has added."""
 
     index: int
@@ -40,9 +40,11 @@ class Lone:
     dropped: bool
 
 
-def in_step(plate: Iterator[Look], result: Iterator[Look]) -> Iterator[Pair | Lone]:
+def pair_frames(
+    plate: Iterator[FrameFeatures], result: Iterator[FrameFeatures]
+) -> Iterator[Pair | Unpaired]:
     """Pair frames whose times differ by less than half a plate's frame; holds five of them."""
-    before: Look | None = None
+    before: FrameFeatures | None = None
     now, after = next(plate, None), next(plate, None)
     shown = next(result, None)
     step = Fraction(1, 25)
@@ -52,15 +54,15 @@ def in_step(plate: Iterator[Look], result: Iterator[Look]) -> Iterator[Pair | Lo
             yield Pair(now, shown, before, after)
             shown = next(result, None)
         elif shown.time_s < now.time_s:
-            yield Lone(shown.index, float(shown.time_s), dropped=False)
+            yield Unpaired(shown.index, float(shown.time_s), dropped=False)
             shown = next(result, None)
             continue
         else:
-            yield Lone(now.index, float(now.time_s), dropped=True)
+            yield Unpaired(now.index, float(now.time_s), dropped=True)
         before, now, after = now, after, next(plate, None)
     while now is not None:
-        yield Lone(now.index, float(now.time_s), dropped=True)
+        yield Unpaired(now.index, float(now.time_s), dropped=True)
         now, after = after, next(plate, None)
     while shown is not None:
-        yield Lone(shown.index, float(shown.time_s), dropped=False)
+        yield Unpaired(shown.index, float(shown.time_s), dropped=False)
         shown = next(result, None)

@@ -8,7 +8,14 @@ import numpy.typing as npt
 from nlens_video.check.findings import Finding, at, runs
 from nlens_video.check.measure import LEAST_TOLERANCE, NOISE_FACTOR, Measures
 from nlens_video.check.regions import SECTORS, Track
-from nlens_video.check.series import bend, flicker, freezes, pops, standard_error, steps
+from nlens_video.check.series import (
+    flicker,
+    freezes,
+    outliers,
+    second_difference,
+    standard_error,
+    steps,
+)
 from nlens_video.check.sound import LIMIT_S, SoundPair
 from nlens_video.core.layers import Float64
 
@@ -121,11 +128,11 @@ def judge_object(track: Track) -> list[Finding]:
             frames_hit = (int(span[first]), int(span[last]))
             words = f"{name} of the object goes up and down by {amplitude:.1%} (limit {limit:.1%})"
             found.append(at("flicker", frames_hit, amplitude, words))
-        for place, jump in pops(bent, POP, error):
+        for place, jump in outliers(bent, POP, error):
             index = int(span[place])
             words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {POP:.0%})"
             found.append(at("pop", (index, index), jump, words))
-        jumped = {place for place, _ in pops(bent, POP, error)}
+        jumped = {place for place, _ in outliers(bent, POP, error)}
         for place, size in steps(values, least):
             if not jumped & {place - 1, place}:
                 index = int(span[place])
@@ -155,13 +162,17 @@ def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Flo
     How much of an object that touches the frame's edge is covered is the edge's doing: not judged.
     """
     frames = np.array(track.frames, np.int64)
-    sectors = bend(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
+    sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
     sharpness = _on(span, frames, np.array(track.sharpness))
     log_area = np.log(np.maximum(np.array(track.area), 1e-3))
     area = _on(span, frames, np.where(np.array(track.whole, bool), log_area, np.nan))
     return {
-        "sharpness": (sharpness, np.nan_to_num(bend(sharpness)), standard_error(sectors)),
-        "coverage": (area, np.nan_to_num(bend(area)), np.zeros(len(span))),
+        "sharpness": (
+            sharpness,
+            np.nan_to_num(second_difference(sharpness)),
+            standard_error(sectors),
+        ),
+        "coverage": (area, np.nan_to_num(second_difference(area)), np.zeros(len(span))),
     }
 
 

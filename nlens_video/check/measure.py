@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlens_video.check.frame_features import Look, block_mean
-from nlens_video.check.frame_pairing import Lone, Pair
+from nlens_video.check.frame_features import FrameFeatures, block_mean
+from nlens_video.check.frame_pairing import Pair, Unpaired
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.core.layers import Float32, Float64
 
@@ -61,12 +61,12 @@ class Measuring:
     def __init__(self, tick_s: float) -> None:
         self.measures = Measures()
         self._tick_s = tick_s
-        self._last: Look | None = None
+        self._last: FrameFeatures | None = None
 
-    def take(self, met: Pair | Lone) -> None:
+    def take(self, met: Pair | Unpaired) -> None:
         """Measure the next pair, or count a frame that has no partner."""
         found = self.measures
-        if isinstance(met, Lone):
+        if isinstance(met, Unpaired):
             (found.dropped if met.dropped else found.added).append(met.index)
             return
         found.pairs += 1
@@ -97,7 +97,7 @@ class Measuring:
 
 
 def _append(
-    track: Track, result: Look, difference: Float32, gain: float, moved: Float32 | None
+    track: Track, result: FrameFeatures, difference: Float32, gain: float, moved: Float32 | None
 ) -> None:
     weight = np.float32(track.mask) * np.clip(difference / np.float32(_STRONG), 0.0, 1.0)
     area = float(weight.sum())
@@ -156,11 +156,11 @@ def _detail_gain(pair: Pair, plate: Mask) -> float:
     return max(after, 1e-3) / max(before, 1e-3)
 
 
-def _moved(now: Look, before: Look) -> Float32:
+def _moved(now: FrameFeatures, before: FrameFeatures) -> Float32:
     return block_mean(np.abs(now.luma - before.luma))
 
 
-def _misfit(result: Look, plate: Look) -> float:
+def _misfit(result: FrameFeatures, plate: FrameFeatures) -> float:
     """Difference of two frames [level].
 
     Median over the blocks, so that an object on less than half of them does not count.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlens_video.check.frame_features import Look, block_mean, look_at
+from nlens_video.check.frame_features import FrameFeatures, block_mean, frame_features
 from nlens_video.core import signals
 from nlens_video.core.settings import SourceSettings
 from nlens_video.video.input.open import can_be_read_again
@@ -37,7 +37,7 @@ def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
             return None
         frames = iter(made)
         frame = next(frames, None)
-        first = 0 if frame is None else _best(look_at(frame, frame.pts), given)
+        first = 0 if frame is None else _best(frame_features(frame, frame.pts), given)
         return (first, first + 1 + sum(1 for _ in frames)) if first else None
 
 
@@ -50,11 +50,11 @@ def _size(source: Source) -> tuple[int, int]:
     return source.info.width, source.info.height
 
 
-def _best(beginning: Look, given: Source) -> int:
+def _best(beginning: FrameFeatures, given: Source) -> int:
     best, least, own = 0, 0.0, 0.0
     for frame in given:
-        signals.look()
-        off = _misfit(beginning, look_at(frame, frame.pts))
+        signals.check()
+        off = _misfit(beginning, frame_features(frame, frame.pts))
         if frame.index == 0:
             own = least = off
         if off < least:
@@ -64,7 +64,7 @@ def _best(beginning: Look, given: Source) -> int:
     return best if least < _CLEARER * own else 0
 
 
-def _misfit(result: Look, plate: Look) -> float:
+def _misfit(result: FrameFeatures, plate: FrameFeatures) -> float:
     """Mean difference of the blocks; a median would not see the little that moves [level]."""
     off = np.sqrt(block_mean(np.square(result.luma - plate.luma)))
     return float(np.minimum(off, _MOST).mean())

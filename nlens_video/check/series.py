@@ -11,7 +11,7 @@ _WINDOW = 4  # frames to either side that say how restless a series is
 _LEAST_STRETCH = 6  # frames that go up and down; fewer may do so by chance
 
 
-def bend(values: Float64) -> Float64:
+def second_difference(values: Float64) -> Float64:
     """Each value minus the mean of its two neighbours: minus half the second difference.
 
     A steady change gives 0, a single value off by e gives e with -e/2 on both sides, values off by
@@ -55,7 +55,7 @@ def restlessness(bent: Float64) -> Float64:
     return result
 
 
-def pops(bent: Float64, limit: float, error: Float64 | float = 0.0) -> list[tuple[int, float]]:
+def outliers(bent: Float64, limit: float, error: Float64 | float = 0.0) -> list[tuple[int, float]]:
     """Single values that jump out: position and how far, the farthest of neighbours only.
 
     Args:

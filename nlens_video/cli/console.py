@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from nlens_video.core.errors import NlensError
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from nlens_video.effects.planner import Decision
     from nlens_video.farm.chunk import Chunk
     from nlens_video.farm.merge import Merged
-    from nlens_video.run.result import FitOutcome, Outcome
+    from nlens_video.run.result import FitOutcome, RunResult
 
 OnProgress = Callable[[int, int | None], None]
 
 
-class Voice:
+class Console:
     """Speaks on standard error, and on standard output where that is not taken by the video.
 
     Args:
@@ -44,7 +44,7 @@ class Voice:
         self._quiet = quiet
         self._verbose = verbose
         self._json = as_json
-        self._console = Console(file=standard_error(), highlight=False)
+        self._console = RichConsole(file=standard_error(), highlight=False)
         self._progress = progress and not quiet and self._console.is_terminal
         self._results = sys.stderr if stdout_taken else sys.stdout
 
@@ -158,14 +158,14 @@ class Voice:
             elif not self._json and not self._quiet:
                 self.merged(one)
 
-    def outcome(self, outcome: Outcome) -> None:
+    def outcome(self, outcome: RunResult) -> None:
         """Show how a run went."""
         if self._json:
             self._emit(outcome.as_json())
         elif not self._quiet:
             self._summary(outcome)
 
-    def _summary(self, outcome: Outcome) -> None:
+    def _summary(self, outcome: RunResult) -> None:
         timing = outcome.timing
         where = "standard output" if outcome.output == "-" else outcome.output
         self._say("wrote", f"{where}, {timing.frames} frames, {outcome.composited} of them changed")

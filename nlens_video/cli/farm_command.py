@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nlens_video.cli.command_paths import chunks_beside
-from nlens_video.cli.console import Voice
+from nlens_video.cli.console import Console
 from nlens_video.cli.farm_jobs import read_shot_list
 from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.settings import Settings
@@ -23,7 +23,7 @@ from nlens_video.options.to_settings import output_settings, source_settings
 from nlens_video.run.sidecar_outputs import tell_missing
 
 
-def run_merge(words: argparse.Namespace, voice: Voice) -> int:
+def run_merge(words: argparse.Namespace, voice: Console) -> int:
     """`merge`; returns the exit code."""
     with voice.progress_bar("merging") as on_progress:
         merged = merge(source_settings(words), words.chunks, output_settings(words), on_progress)
@@ -31,7 +31,7 @@ def run_merge(words: argparse.Namespace, voice: Voice) -> int:
     return 0
 
 
-def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:
+def run_farm(words: argparse.Namespace, settings: Settings, voice: Console) -> int:
     """`farm` of one shot; returns the exit code.
 
     Raises:
@@ -50,7 +50,7 @@ def run_farm(words: argparse.Namespace, settings: Settings, voice: Voice) -> int
     return 0
 
 
-def run_jobs(words: argparse.Namespace, voice: Voice) -> int:
+def run_jobs(words: argparse.Namespace, voice: Console) -> int:
     """`farm --jobs`; returns the exit code, of the first shot that failed where one did.
 
     Raises:
@@ -83,7 +83,9 @@ def _on_one_device(settings: Settings, words: argparse.Namespace) -> Settings:
     return replace(settings, device="cuda" if here else "cpu")
 
 
-def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Merged | NlensError]:
+def _made(
+    shots: list[Shot], words: argparse.Namespace, voice: Console
+) -> list[Merged | NlensError]:
     try:
         from nlens_video.farm.on_ray import Cluster
     except ImportError as error:
@@ -100,7 +102,7 @@ def _made(shots: list[Shot], words: argparse.Namespace, voice: Voice) -> list[Me
         return cluster.run([plan(shot, progress) for shot in shots])
 
 
-def run_resumable(words: argparse.Namespace, settings: Settings, voice: Voice) -> int:
+def run_resumable(words: argparse.Namespace, settings: Settings, voice: Console) -> int:
     """`render --resume`; returns the exit code.
 
     Raises:
@@ -119,7 +121,7 @@ def run_resumable(words: argparse.Namespace, settings: Settings, voice: Voice) -
     return 0
 
 
-def run_chunk(settings: Settings, folder: Path, voice: Voice) -> int:
+def run_chunk(settings: Settings, folder: Path, voice: Console) -> int:
     """`render --as-chunk`; returns the exit code."""
     with voice.progress_bar() as on_progress:
         chunk = render_chunk(settings, folder, on_progress)

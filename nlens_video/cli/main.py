@@ -21,11 +21,16 @@ from nlens_video.cli.memory import require_memory
 from nlens_video.cli.path_guard import refuse_overwriting
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, ReaderGone
-from nlens_video.core.stdio import kept_from_libraries, let_go, make_ready, standard_error
+from nlens_video.core.stdio import (
+    make_ready,
+    redirect_library_stdout,
+    redirect_to_devnull,
+    standard_error,
+)
 from nlens_video.options import options, to_settings
 
 if TYPE_CHECKING:
-    from nlens_video.cli.console import Voice
+    from nlens_video.cli.console import Console
 
 INTERRUPTED = 130
 _SMALL = ("doctor", "completion", "study")  # load no library that aborts where memory is short
@@ -49,7 +54,7 @@ def _answered(words: list[str]) -> int:
     try:
         return _run(words)
     except ReaderGone:
-        let_go(sys.stdout)
+        redirect_to_devnull(sys.stdout)
         return 0
     except NlensError as error:
         _say(str(error), error, trace=_verbose(words))
@@ -62,7 +67,7 @@ def _answered(words: list[str]) -> int:
     except KeyboardInterrupt as interrupt:
         return _interrupted(interrupt)
     except Exception as error:
-        if not signals.heard.is_set():
+        if not signals.requested.is_set():
             raise
         return _interrupted(error)  # what a library's start makes of an interrupt
 
@@ -97,9 +102,9 @@ def _interruptible() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    signals.heard.clear()
+    signals.requested.clear()
     before = {
-        number: signal.signal(number, signals.hear)
+        number: signal.signal(number, signals.handler)
         for number in signals.ENDING
         if not signals.stays_ignored(number)
     }
@@ -107,7 +112,7 @@ def _interruptible() -> Iterator[None]:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, signal.SIG_IGN if signals.heard.is_set() else handler)
+            signal.signal(number, signal.SIG_IGN if signals.requested.is_set() else handler)
 
 
 def _leave_a_stuck_reader(code: int) -> None:
@@ -128,20 +133,20 @@ def _run(argv: list[str]) -> int:
     settle_existing(words, overwrite=getattr(words, "overwrite", False))
     if words.command in SIDE_COMMANDS:
         return SIDE_COMMANDS[words.command](words)
-    from nlens_video.cli.console import Voice
+    from nlens_video.cli.console import Console
 
-    voice = Voice(
+    voice = Console(
         quiet=words.quiet,
         verbose=words.verbose,
         as_json=words.json,
         progress=not getattr(words, "no_progress", True),
         stdout_taken=getattr(words, "output", None) == "-",
     )
-    with kept_from_libraries():
+    with redirect_library_stdout():
         return _at_work(words, voice)
 
 
-def _at_work(words: argparse.Namespace, voice: Voice) -> int:
+def _at_work(words: argparse.Namespace, voice: Console) -> int:
     """The commands that make pictures, or what belongs to them."""
     if words.command == "place":
         from nlens_video.cli.placement_sheet import write_contact_sheet
@@ -159,7 +164,7 @@ def _at_work(words: argparse.Namespace, voice: Voice) -> int:
     return _composite(words, voice)
 
 
-def _composite(words: argparse.Namespace, voice: Voice) -> int:
+def _composite(words: argparse.Namespace, voice: Console) -> int:
     """The commands that take a plate and an object."""
     run = to_settings.settings(words)
     if getattr(words, "plan", False):

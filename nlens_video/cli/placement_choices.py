@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, replace
 
-from nlens_video.core.placement import Placing
+from nlens_video.core.placement import Placement
 from nlens_video.core.playback import ALL
 from nlens_video.core.settings import ObjectSettings
 
@@ -22,7 +22,7 @@ class Choice:
         fov_deg: across the frame, None for the plate's own or the assumed one [deg].
     """
 
-    placing: Placing
+    placing: Placement
     fov_deg: float | None
 
     def words(self, scene: ObjectSettings) -> tuple[str, ...]:
@@ -41,7 +41,7 @@ class Choice:
             ("--animation-speed", None if played.speed == 1.0 else f"{played.speed:g}"),
             ("--animation-offset", None if played.offset_s == 0.0 else f"{played.offset_s:g}"),
         )
-        place = self.placing.words().split(" --")
+        place = self.placing.describe().split(" --")
         return (
             place[0],
             *(f"--{option}" for option in place[1:]),
@@ -50,7 +50,7 @@ class Choice:
         )
 
 
-def choices(start: Placing, fov_deg: float | None, assumed_fov_deg: float) -> tuple[Choice, ...]:
+def choices(start: Placement, fov_deg: float | None, assumed_fov_deg: float) -> tuple[Choice, ...]:
     """Nine choices: the given one first; then horizon, size, turn and lens changed by a step.
 
     Args:

@@ -15,13 +15,13 @@ from nlens_video.core.errors import OutputError, SceneError, UsageError
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.placement import (
     ASSUMED_FOCAL_MM,
-    Placing,
+    Placement,
     focal_35mm,
     focal_of_fov,
     fov_of_focal,
 )
 from nlens_video.core.settings import PlaceSettings, SourceSettings
-from nlens_video.run.frame_range import Trim
+from nlens_video.run.frame_range import FrameRange
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.placement_camera import contact_point, place_camera
 from nlens_video.scene.scene import Scene
@@ -72,7 +72,7 @@ def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
 def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None]:
     """The plate as small as a choice (H, W, 3), and its 35 mm equivalent focal length."""
     with open_source(source.spec, **source.hints) as opened:
-        for item in Trim(opened, source.frames).items():
+        for item in FrameRange(opened, source.frames).items():
             if isinstance(item, SourceFrame):
                 return _shrunk(item.picture.srgb(), opened.info), focal_35mm(opened.info.metadata)
     raise UsageError(f"--range {source.frames[0]}:{source.frames[1] or ''}: no such frames")
@@ -134,7 +134,7 @@ class _Stand:
         self._draw_object(picture, camera)
         return picture, True
 
-    def _draw_ground(self, picture: Bgr, camera: Camera, placing: Placing) -> None:
+    def _draw_ground(self, picture: Bgr, camera: Camera, placing: Placement) -> None:
         height, width = picture.shape[:2]
         row = round(placing.horizon * height)
         cv2.line(picture, (0, row), (width, row), _LINE, 1)

@@ -23,7 +23,7 @@ from nlens_video.compositor.parameter_names import in_python, naming_parameters
 from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import NOTHING_SAID, Optics
+from nlens_video.core.lens_models import NO_OVERRIDES, LensOverrides
 from nlens_video.core.settings import Device, Fallback, ObjectSettings, Occlusion
 from nlens_video.graph.base.profiler import Profiler, Summary
 
@@ -130,7 +130,7 @@ class Compositor:
         occlusion: Occlusion | None = None,
         reflect: float | None = None,
         shutter_deg: float | None = None,
-        optics: Optics = NOTHING_SAID,
+        optics: LensOverrides = NO_OVERRIDES,
     ) -> None:
         with naming_parameters():
             check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)

@@ -10,7 +10,7 @@ from pathlib import Path
 from nlens_video.core.aperture import Aperture, as_aperture
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import NOTHING_SAID, Optics
+from nlens_video.core.lens_models import NO_OVERRIDES, LensOverrides
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import requested_effects
 from nlens_video.graph.lens_request import LensRequest
@@ -77,7 +77,7 @@ def as_objects(glb: str | Path | ObjectSettings, words: argparse.Namespace) -> O
 
 def as_lens(
     words: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
-    aperture: Aperture | str, optics: Optics, shutter_deg: float | None,
+    aperture: Aperture | str, optics: LensOverrides, shutter_deg: float | None,
 ) -> LensRequest:  # fmt: skip
     """The lens that the words are about; what can be wrong speaks up here, not at a frame.
 
@@ -98,14 +98,14 @@ def as_lens(
     said = optics_of(words)
     if words.shutter is not None and shutter_deg is not None:
         raise UsageError("shutter and shutter_deg are the same; leave one of them out")
-    if NOTHING_SAID not in (said, optics):
+    if NO_OVERRIDES not in (said, optics):
         raise UsageError("optics holds vignetting and distortion; leave those out")
     return LensRequest(
         preset=words.preset, effects=words.effects, fit=None if fit is None else as_fit(fit),
         fallback=words.fallback, device=words.device, frame_s=1.0 / fps,
         shutter_deg=words.shutter if shutter_deg is None else shutter_deg,
         aperture=as_aperture(aperture, words.cat_eye),
-        optics=said if optics == NOTHING_SAID else optics, live=words.track_focus == "auto",
+        optics=said if optics == NO_OVERRIDES else optics, live=words.track_focus == "auto",
     )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ class Box:
         """Whether it holds no pixel."""
         return self.x1 <= self.x0 or self.y1 <= self.y0
 
-    def grown(self, margin: int) -> Box:
+    def expanded(self, margin: int) -> Box:
         """The box with `margin` more pixels on every side [px]."""
         return Box(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
 
@@ -48,7 +48,7 @@ class Box:
         """The box so many pixels farther to the right and down [px]."""
         return Box(self.x0 + columns, self.y0 + rows, self.x1 + columns, self.y1 + rows)
 
-    def joined(self, other: Box) -> Box:
+    def union(self, other: Box) -> Box:
         """The least box that holds both."""
         if self.empty or other.empty:
             return other if self.empty else self

@@ -148,7 +148,7 @@ class BehindLayer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Behind:
+class HiddenLayer:
     """What the object's nearest surfaces hide, as the lens blurs it.
 
     Attributes:
@@ -170,7 +170,7 @@ class Behind:
             raise ValueError(f"arrays of {shapes} do not fit {self.box}")
 
     @classmethod
-    def nothing(cls) -> Behind:
+    def nothing(cls) -> HiddenLayer:
         """It is known that nothing is hidden."""
         none = np.zeros((0, 0, 4), np.float32)
         return cls(box=Box(0, 0, 0, 0), rgba=none, coc_px=none[..., 0], front_rgba=none)
@@ -188,7 +188,7 @@ class DefocusedLayer:
 
     layer: ObjectLayer
     coc_px: Float32
-    behind: Behind | None = None
+    behind: HiddenLayer | None = None
 
     def __post_init__(self) -> None:
         if self.coc_px.shape != self.layer.depth.shape:
@@ -254,5 +254,5 @@ class DepthMap:
     depth: Float32
 
 
-Front = Matte | DepthMap | CocMap
+OcclusionCue = Matte | DepthMap | CocMap
 """What tells where real things hide the object."""

@@ -62,7 +62,7 @@ class Distortion:
 
     k1: float
     k2: float = 0.0
-    of_focal: bool = False
+    focal_normalized: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +79,7 @@ class Bloom:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Optics:
+class LensOverrides:
     """What a person says about the plate's lens; None where it is to be seen from the plate.
 
     Attributes:
@@ -91,4 +91,4 @@ class Optics:
     distortion: tuple[float, float] | None = None
 
 
-NOTHING_SAID = Optics()
+NO_OVERRIDES = LensOverrides()

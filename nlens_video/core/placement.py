@@ -19,7 +19,7 @@ _FOCAL_KEYS = ("focal_length.35mm_equivalent", "focallengthin35mmfilm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Placing:
+class Placement:
     """A place in the frame, in fractions of it, from its upper left corner.
 
     Attributes:
@@ -37,7 +37,7 @@ class Placing:
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon))):
-            raise UsageError(f"--at, --size, --yaw, --horizon must be numbers: {self.words()}")
+            raise UsageError(f"--at, --size, --yaw, --horizon must be numbers: {self.describe()}")
         x, y = self.at
         if max(abs(x - 0.5), abs(y - 0.5)) > _FARTHEST:
             raise UsageError(
@@ -60,7 +60,7 @@ class Placing:
                 "give a greater Y or a smaller --horizon"
             )
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """The same as words of the command line."""
         x, y = self.at
         return f"--at {x:.4g},{y:.4g} --size {self.size:.4g} --yaw {self.yaw_deg:.4g} " + (

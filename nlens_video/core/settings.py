@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from nlens_video.core.aperture import ROUND, Aperture
-from nlens_video.core.lens_models import Optics
-from nlens_video.core.placement import Placing
+from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.placement import Placement
 from nlens_video.core.playback import ONCE, Playback
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -117,7 +117,7 @@ class ObjectSettings:
     layers: str | None = None
     ground_y: float | None = None
     playback: Playback = ONCE
-    placing: Placing | None = None
+    placing: Placement | None = None
     footprint: str | None = None
     light: LightSettings = LightSettings()
     real: RealSettings = RealSettings()
@@ -138,7 +138,7 @@ class PlaceSettings:
 
     source: SourceSettings
     scene: ObjectSettings
-    start: Placing
+    start: Placement
     output: Path
 
 
@@ -199,7 +199,7 @@ class Settings:
     device: Device = "auto"
     aperture: Aperture = ROUND
     shutter_deg: float | None = None
-    optics: Optics = Optics()
+    optics: LensOverrides = LensOverrides()
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"

@@ -13,13 +13,13 @@ from types import FrameType
 ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-heard = threading.Event()
+requested = threading.Event()
 
 
-def hear(number: int, frame: FrameType | None) -> None:
+def handler(number: int, frame: FrameType | None) -> None:
     """A signal handler: the first signal interrupts, later ones do not disturb the cleaning up."""
-    if not heard.is_set():
-        heard.set()
+    if not requested.is_set():
+        requested.set()
         raise KeyboardInterrupt
 
 
@@ -28,11 +28,11 @@ def stays_ignored(number: signal.Signals) -> bool:
     return number.name == "SIGHUP" and signal.getsignal(number) is signal.SIG_IGN
 
 
-def look() -> None:
+def check() -> None:
     """Raise the interrupt that got lost, if there was one.
 
     Raises:
         KeyboardInterrupt: a signal was heard.
     """
-    if heard.is_set():
+    if requested.is_set():
         raise KeyboardInterrupt

@@ -71,13 +71,13 @@ def print_out(text: str, stream: TextIO | None = None) -> None:
     except BrokenPipeError as error:
         raise ReaderGone("standard output: nobody reads it any more") from error
     except OSError as error:
-        let_go(out)
+        redirect_to_devnull(out)
         raise OutputError(
             f"standard output: cannot be written ({error.strerror}); check the disk"
         ) from error
 
 
-def let_go(stream: TextIO) -> None:
+def redirect_to_devnull(stream: TextIO) -> None:
     """Point a stream nowhere: Python would complain once more when it flushes it at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
@@ -114,7 +114,7 @@ class _Forgiving(io.TextIOBase):
                 self._stream.write(text)
                 self._stream.flush()
             except OSError:
-                let_go(self._stream)
+                redirect_to_devnull(self._stream)
         return len(text)
 
     def isatty(self) -> bool:
@@ -144,7 +144,7 @@ class _BytesOnly(io.TextIOBase):
 
 
 @contextmanager
-def kept_from_libraries() -> Iterator[None]:
+def redirect_library_stdout() -> Iterator[None]:
     """What libraries print goes to standard error: pictures or JSON may go to standard output."""
     if sys.stdout is None:  # closed from the start
         yield

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import cast
 
 from nlens_video.core.layers import Picture
-from nlens_video.core.lens_models import Distortion, Optics, Vignetting
+from nlens_video.core.lens_models import Distortion, LensOverrides, Vignetting
 
 PLATE_EFFECTS: Mapping[str, str] = {
     "aberration": "nlens_video.effects.camera.chromatic_aberration",
@@ -75,7 +75,7 @@ def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[
     return found
 
 
-def given(optics: Optics) -> dict[str, Measurement]:
+def given(optics: LensOverrides) -> dict[str, Measurement]:
     """A measurement for each effect that a person has said the strength of, 0 included."""
     told = {}
     if optics.vignetting_stops is not None:
@@ -84,7 +84,7 @@ def given(optics: Optics) -> dict[str, Measurement]:
         told["vignetting"] = _said("vignetting", stops, "stops at the corner", model)
     if optics.distortion is not None:
         k1, k2 = optics.distortion
-        bent = Distortion(k1=k1, k2=k2, of_focal=True) if k1 or k2 else None
+        bent = Distortion(k1=k1, k2=k2, focal_normalized=True) if k1 or k2 else None
         told["distortion"] = _said("distortion", abs(k1) + abs(k2), "of k1 and k2", bent)
     return told
 

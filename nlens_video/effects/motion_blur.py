@@ -202,7 +202,7 @@ def averaged(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:
         count += 1
         if layer is None:
             continue
-        box = held.joined(layer.box)
+        box = held.union(layer.box)
         if box != held:
             wider = np.zeros((box.height, box.width, 4), np.float32)
             known_there = np.zeros((2, box.height, box.width), np.float32)
@@ -231,7 +231,7 @@ def mean_of_blurred(layers: Sequence[BlurredLayer], counts: Sequence[int]) -> Bl
     """
     if len(layers) == 1:
         return layers[0]
-    box = reduce(Box.joined, (layer.box for layer in layers))
+    box = reduce(Box.union, (layer.box for layer in layers))
     total = np.zeros((box.height, box.width, 4), np.float32)
     for layer, count in zip(layers, counts, strict=True):
         total[layer.box.slices_in(box)] += np.float32(count / sum(counts)) * layer.rgba

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32, Picture
-from nlens_video.kernels.pull_push import carried_on
-from nlens_video.stages.composite import Cover
+from nlens_video.kernels.pull_push import inpaint
+from nlens_video.stages.composite import ForegroundMatte
 
 CONTEXT_PX = 48
 """How far around its region the light of foreground and background is looked for [px]."""
@@ -55,11 +55,11 @@ def _carried(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
     """A plate (h, w, 3) carried on from where it is known; what is nowhere near weighs nothing."""
     ones = np.ones((*known.shape, 1), np.float32)
     maps = np.concatenate([plate, ones], axis=2) * known[..., None]
-    carried = carried_on(np.ascontiguousarray(maps, dtype=np.float32), known, corner)
+    carried = inpaint(np.ascontiguousarray(maps, dtype=np.float32), known, corner)
     return np.asarray(carried[..., :3] / np.maximum(carried[..., 3:], np.float32(1e-6)))
 
 
-def cover_of(picture: Picture, region: Box, coverage: Float32) -> Cover | None:
+def cover_of(picture: Picture, region: Box, coverage: Float32) -> ForegroundMatte | None:
     """What covers a region, its light told apart from the background's.
 
     Args:
@@ -74,8 +74,8 @@ def cover_of(picture: Picture, region: Box, coverage: Float32) -> Cover | None:
     seen = coverage[region.slices_in(frame)]
     if region.empty or not (seen > 0.0).any():
         return None
-    wide = region.grown(CONTEXT_PX).intersection(frame)
+    wide = region.expanded(CONTEXT_PX).intersection(frame)
     light = foreground_light(
         picture.linear(wide), coverage[wide.slices_in(frame)], (wide.y0, wide.x0)
     )
-    return Cover(box=region, coverage=seen, light=light[region.slices_in(wide)])
+    return ForegroundMatte(box=region, coverage=seen, light=light[region.slices_in(wide)])

@@ -14,7 +14,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.coc_discontinuities import carried_out
+from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
 from nlens_video.stages.l_reblur import ScatterKernel
 
 NEARER = 0.02
@@ -39,7 +39,7 @@ def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:
         depth = layer.depth[inside]
         known = (layer.rgba[inside][..., 3] > 0.0) & np.isfinite(depth) & (depth > 0.0)
         np.divide(1.0, depth, out=disparity[common.slices_in(frame)], where=known)
-    return carried_out(disparity, disparity > 0.0)
+    return extend_nearest(disparity, disparity > 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ class CoverByDepth:
         largest = float(np.abs(coc_px[near]).max()) * max(1.0, self.pixel_aspect)
         reach = math.ceil(min(0.5 * largest, _REACH_LIMIT_PX)) + 4
         frame = Box(0, 0, near.shape[1], near.shape[0])
-        wide = region.grown(reach)
+        wide = region.expanded(reach)
         inside = wide.intersection(frame)
         # What the frame cuts off goes on beyond it: its edge is no edge of the thing.
         beyond = (
@@ -142,7 +142,7 @@ class CoverByCoc:
         if region.empty or not near.any():
             return out
         frame = Box(0, 0, near.shape[1], near.shape[0])
-        wide = region.grown(4 * self.edge_px).intersection(frame)
+        wide = region.expanded(4 * self.edge_px).intersection(frame)
         at = wide.slices_in(frame)
         soft = _along_edges(near[at], picture[at], self.edge_px)
         out[region.slices_in(frame)] = soft[region.slices_in(wide)]

@@ -44,7 +44,7 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Circumstances:
+class ShotFacts:
     """What a scene calls for.
 
     Attributes:
@@ -92,7 +92,7 @@ def requested_effects(requested: str) -> tuple[str, ...]:
     return request(requested).possible(EFFECTS)
 
 
-def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision, ...]:
+def decide(requested: str, scene: ShotFacts | None = None) -> tuple[Decision, ...]:
     """Resolve `--effects`.
 
     Args:
@@ -103,7 +103,7 @@ def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision
         UsageError: as `request`, or a shadow is asked for by one option and refused by another.
     """
     asked = request(requested)
-    scene = scene or Circumstances()
+    scene = scene or ShotFacts()
     _check_shadow(requested, asked, scene)
     if asked.base == "none":
         return tuple(
@@ -117,7 +117,7 @@ def decide(requested: str, scene: Circumstances | None = None) -> tuple[Decision
     return tuple(_amended(decision, asked) for decision in _called_for(scene))
 
 
-def within(
+def restrict_to_pipeline(
     decisions: tuple[Decision, ...], there: frozenset[str], pipeline: str, requested: str
 ) -> tuple[Decision, ...]:
     """The decisions that a pipeline can carry out.
@@ -147,7 +147,7 @@ def within(
     return tuple(kept)
 
 
-def _called_for(scene: Circumstances) -> tuple[Decision, ...]:
+def _called_for(scene: ShotFacts) -> tuple[Decision, ...]:
     """What the shot calls for, an effect each."""
     reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
     defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
@@ -167,7 +167,7 @@ def _amended(called_for: Decision, asked: EffectRequest) -> Decision:
     return replace(called_for, wanted=True, reason=reason)
 
 
-def _check_shadow(requested: str, asked: EffectRequest, scene: Circumstances) -> None:
+def _check_shadow(requested: str, asked: EffectRequest, scene: ShotFacts) -> None:
     strength = f"--shadow-strength {scene.strength:g}"
     if SHADOW in asked.added and scene.strength <= 0.0:
         raise UsageError(f"--effects {requested} asks for a shadow, {strength} for none; drop one")
@@ -194,7 +194,7 @@ def _measured(effect: str, found: Measurement | None) -> Decision:
     )
 
 
-def _motion_blur(scene: Circumstances) -> Decision:
+def _motion_blur(scene: ShotFacts) -> Decision:
     shutter = scene.shutter
     wanted = False
     if scene.pre_rendered:
@@ -215,7 +215,7 @@ def _motion_blur(scene: Circumstances) -> Decision:
     return Decision(effect=MOTION_BLUR, wanted=wanted, reason=reason)
 
 
-def _exposure(scene: Circumstances) -> Decision:
+def _exposure(scene: ShotFacts) -> Decision:
     if not scene.shutter.frame_s:
         reason = "a still has no later frame"
         return Decision(effect=EXPOSURE, wanted=False, reason=reason)
@@ -228,7 +228,7 @@ def _exposure(scene: Circumstances) -> Decision:
     )
 
 
-def _shadow(scene: Circumstances) -> Decision:
+def _shadow(scene: ShotFacts) -> Decision:
     asked_for = scene.strength_given and scene.strength > 0.0
     lit = scene.lamps or scene.surroundings
     wanted = bool(asked_for or (lit and not scene.pre_rendered))
@@ -254,7 +254,7 @@ def _shadow(scene: Circumstances) -> Decision:
     return Decision(effect=SHADOW, wanted=wanted, reason=reason)
 
 
-def _reflection(scene: Circumstances) -> Decision:
+def _reflection(scene: ShotFacts) -> Decision:
     if scene.reflectance <= 0.0:
         wanted, reason = False, "nothing says that the ground is glossy; --reflect makes it so"
     elif scene.pre_rendered:
@@ -268,7 +268,7 @@ def _reflection(scene: Circumstances) -> Decision:
     return Decision(effect=REFLECTION, wanted=wanted, reason=reason)
 
 
-def _occlusion(scene: Circumstances) -> Decision:
+def _occlusion(scene: ShotFacts) -> Decision:
     if scene.holdout:
         wanted, reason = True, f"--holdout {scene.holdout}"
     elif scene.occlusion_by_coc:

@@ -17,7 +17,7 @@ import numpy as np
 from nlens_video.core.layers import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
-from nlens_video.stages.composite import Cover, lay
+from nlens_video.stages.composite import ForegroundMatte, composite_behind
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.protocols import ViewRenderer
 
@@ -123,7 +123,11 @@ class LayReflection:
     blur: ReblurLayer
 
     def __call__(
-        self, picture: Picture, reflection: DefocusedLayer, frame: Box, cover: Cover | None = None
+        self,
+        picture: Picture,
+        reflection: DefocusedLayer,
+        frame: Box,
+        cover: ForegroundMatte | None = None,
     ) -> Picture:
         """Lay it on in place; the picture itself comes back.
 
@@ -137,5 +141,5 @@ class LayReflection:
         """
         blurred = self.blur(reflection, frame)
         if not blurred.box.empty:
-            lay(picture, blurred.box, blurred.rgba, cover)
+            composite_behind(picture, blurred.box, blurred.rgba, cover)
         return picture

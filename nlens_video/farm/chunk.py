@@ -12,7 +12,7 @@ from nlens_video.farm.folder import make
 from nlens_video.farm.key import job_key, plate_key
 from nlens_video.farm.store import Folder
 from nlens_video.run.render import OnProgress, render
-from nlens_video.run.result import Outcome
+from nlens_video.run.result import RunResult
 from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
 from nlens_video.video.input.open import can_be_read_again
@@ -28,7 +28,7 @@ class Chunk:
     """
 
     path: Path
-    outcome: Outcome | None
+    outcome: RunResult | None
 
 
 def render_chunk(
@@ -102,7 +102,7 @@ def write_chunk(
 def write_chunks(
     settings: Settings, feed: ChunkFeed, folder: Path,
     on_progress: OnProgress = lambda done, total: None,
-) -> Outcome:  # fmt: skip
+) -> RunResult:  # fmt: skip
     """Render chunks in one go, which starts, and reads the plate, once.
 
     Args:

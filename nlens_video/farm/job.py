@@ -172,7 +172,7 @@ def _counted(source: SourceSettings) -> int:
     count = 0
     with opened(source) as plate:
         for frame in plate:
-            signals.look()
+            signals.check()
             count = frame.index + 1
     return count
 

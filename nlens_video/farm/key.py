@@ -18,7 +18,7 @@ from nlens_video.core.version import VERSION
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
 from nlens_video.render.select import renderer_name
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 
 _LENGTH = 16  # hexadecimal digits of a key: 64 bits
 _WHOLE = 16 << 20  # files up to so many bytes are hashed whole
@@ -85,9 +85,9 @@ def _of_spec(spec: str | None) -> str:
     """Of a file or a sequence of files."""
     if spec is None:
         return ""
-    if Path(spec).is_file() or not Numbered.matches(spec):
+    if Path(spec).is_file() or not ImageSequence.matches(spec):
         return _of_file(Path(spec))
-    sequence = Numbered(spec)
+    sequence = ImageSequence(spec)
     files = (f"{number} {_of_file(sequence.path(number))}" for number in sequence.span())
     return _digest("\n".join(files).encode("utf-8", "surrogateescape"))
 

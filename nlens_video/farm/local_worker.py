@@ -6,7 +6,7 @@ import threading
 
 from nlens_video.core.errors import NlensError
 from nlens_video.farm.shot_tasks import Task
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 
 
 class _Stopped(Exception):
@@ -27,7 +27,7 @@ class OwnHand:
 
         def work() -> None:
             try:
-                with Workbench() as bench:
+                with Worker() as bench:
                     self._answer = task.work(bench, *task.arguments, **looking)
             except BaseException as error:  # noqa: BLE001 - handed on by `take`
                 self._answer = error

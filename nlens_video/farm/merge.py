@@ -15,7 +15,7 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import OutputSettings, SourceSettings
 from nlens_video.farm.key import plate_key
 from nlens_video.farm.store import Store
-from nlens_video.run.frame_range import Trim
+from nlens_video.run.frame_range import FrameRange
 from nlens_video.run.open_run import opened
 from nlens_video.run.render import OnProgress, telling_what_is_kept
 from nlens_video.video.chunks.chunk_file import ChunkFile, fill
@@ -117,8 +117,8 @@ def _join(
         )  # fmt: skip
         with telling_what_is_kept(sink), sink:
             rendered = _Rendered(files)
-            for item in Trim(plate, (0, None)).items():
-                signals.look()
+            for item in FrameRange(plate, (0, None)).items():
+                signals.check()
                 if not isinstance(item, SourceFrame):
                     sink.write_packet(item)
                     continue

@@ -27,7 +27,7 @@ from nlens_video.farm.local_worker import OwnHand
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.shot_tasks import Plan
 from nlens_video.farm.task_queue import TaskQueue, Waiting
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 from nlens_video.render.select import VARIABLE, renderer_name
 
 _CPUS = 2  # of a worker: a run keeps about two busy
@@ -64,7 +64,7 @@ class Cluster:
         """
         # a client has no such files
         near = self.address is None or not self.address.startswith("ray://")
-        crew = _Crew(TaskQueue(plans), OwnHand() if near else None, int(self.gpus))
+        crew = WorkerPool(TaskQueue(plans), OwnHand() if near else None, int(self.gpus))
         try:
             if self.address is None:
                 crew.begin()
@@ -87,7 +87,7 @@ class _Worker:
     """Does one task after the other, in a process of its own."""
 
     def __init__(self) -> None:
-        self._bench = Workbench()
+        self._bench = Worker()
 
     def do(self, work: Callable[..., object], arguments: tuple[object, ...]) -> object:
         try:
@@ -96,7 +96,7 @@ class _Worker:
             return _Failed(error)
 
 
-class _Crew:
+class WorkerPool:
     """Workers, and who of them does what; one task is done here, where that is of use."""
 
     def __init__(self, queue: TaskQueue, hand: OwnHand | None, gpus: int) -> None:
@@ -122,7 +122,7 @@ class _Crew:
         self._queue.begin(len(self._queue))
         while self._needed():
             self._start()
-            signals.look()
+            signals.check()
             for reference in self._ready():
                 self._take(reference)
             self._look_at_hand()
@@ -130,7 +130,7 @@ class _Crew:
     def finish(self) -> list[Merged | NlensError]:
         """Do here what is left, without Ray: the end of the merge that follows the last worker."""
         while self._hand is not None and self._at_hand is not None:
-            signals.look()
+            signals.check()
             self._look_at_hand(_SHORT_S)
         return self._queue.results()
 

@@ -12,7 +12,7 @@ from nlens_video.core.settings import Settings
 from nlens_video.farm.job import PIECE_S, Prepared, check, length_of
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.store import Store
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 from nlens_video.video.chunks.chunk_id import ChunkMark
 
 
@@ -99,7 +99,7 @@ def plan(shot: Shot, progress: Progress) -> Plan:
     name = shot.settings.source.spec
     pieces = max(1, round(shot.chunk_s / PIECE_S))
     asked = (shot.settings, shot.store, shot.chunk_s / pieces)
-    (counted,) = yield [Task(f"the fit of {name}", Workbench.prepare, asked)]
+    (counted,) = yield [Task(f"the fit of {name}", Worker.prepare, asked)]
     prepared = cast("Prepared", counted)
     marks = prepared.marks
     names = shot.store.there(mark.file_name for mark in marks)
@@ -114,7 +114,7 @@ def plan(shot: Shot, progress: Progress) -> Plan:
         return cast("Merged", whole)
     merging = Task(
         f"the merge of {name}",
-        Workbench.merge,
+        Worker.merge,
         (shot.settings.source, marks, shot.store, shot.settings.output),
         _result(shot.settings),
         follows=True,
@@ -127,7 +127,7 @@ def plan(shot: Shot, progress: Progress) -> Plan:
 def _whole(prepared: Prepared, store: Store, progress: Progress) -> Task:
     return Task(
         prepared.settings.source.spec,
-        Workbench.whole,
+        Worker.whole,
         (prepared.settings, prepared.fit, prepared.frames, store),
         _result(prepared.settings),
         lambda answer: progress.rendered(prepared.frames),
@@ -140,7 +140,7 @@ def _chunk(
     frames = sum(length_of(mark, prepared.frames) for mark in pieces)
     return Task(
         f"frames {pieces[0].first} to {pieces[-1].end} of {prepared.settings.source.spec}",
-        Workbench.chunk,
+        Worker.chunk,
         (prepared.settings, prepared.fit, pieces, store),
         tuple(store.local / mark.file_name for mark in pieces),
         lambda answer: progress.rendered(frames),

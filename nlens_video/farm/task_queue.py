@@ -10,7 +10,7 @@ from heapq import heappop, heappush
 from nlens_video.core.errors import NlensError
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.shot_tasks import Plan, Task
-from nlens_video.video.atomic_files import sweep
+from nlens_video.video.atomic_files import remove_stale
 
 _MOST_TRIES = 3  # of one task, before it counts as what kills its workers
 
@@ -109,7 +109,7 @@ class TaskQueue:
         """Have a task done again whose worker is gone; after three times its shot has failed."""
         task = waiting.task
         for file in task.files:
-            sweep(file)  # what it has left
+            remove_stale(file)  # what it has left
         self._losses[waiting.shot, task.words] += 1
         if self._losses[waiting.shot, task.words] < _MOST_TRIES:
             self._shots[waiting.shot].notes += (f"{task.words}: done again ({reason})",)

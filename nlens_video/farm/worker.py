@@ -21,7 +21,7 @@ from nlens_video.run.render import render
 from nlens_video.video.chunks.chunk_id import ChunkMark
 
 
-class Workbench:
+class Worker:
     """One at a time: the tasks of a farm; a shot's run stays open for the chunks that follow."""
 
     def __init__(self) -> None:
@@ -92,7 +92,7 @@ class Workbench:
 
     def merge(
         self, source: SourceSettings, marks: Sequence[ChunkMark], store: Store,
-        output: OutputSettings, look: Callable[[], None] = signals.look,
+        output: OutputSettings, look: Callable[[], None] = signals.check,
     ) -> Merged:  # fmt: skip
         """Join chunks as they come, as `merge.merge_arriving`."""
         self.close()

@@ -44,7 +44,7 @@ class Graph:
     @property
     def find_lens(self) -> tuple[Node, ...]:
         """The nodes that find the lens, and the object's bounds before them."""
-        return tuple(node for node in self.nodes if node.once or node.writes == "placement")
+        return tuple(node for node in self.nodes if node.once or node.writes == "bounds")
 
     def lane(self, name: Lane) -> tuple[Node, ...]:
         """The nodes of one lane."""

@@ -6,17 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from nlens_video.core.layers import Picture
-from nlens_video.core.lens_models import Optics
+from nlens_video.core.lens_models import LensOverrides
 from nlens_video.core.settings import RealSettings
 from nlens_video.core.shutter import Shutter
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, given, measure_plate
 from nlens_video.effects.planner import (
     MOTION_BLUR,
-    Circumstances,
     Decision,
+    ShotFacts,
     decide,
     requested_effects,
-    within,
+    restrict_to_pipeline,
 )
 from nlens_video.graph.base.context import ShadowScene
 from nlens_video.graph.base.profiler import Profiler
@@ -69,7 +69,7 @@ class ShotContext:
     plate: PlatePreview
     real: RealSettings
     front: str
-    optics: Optics = Optics()
+    optics: LensOverrides = LensOverrides()
 
 
 def decide_effects(
@@ -99,7 +99,9 @@ def decide_effects(
             if reads_shutter:
                 shutter = _read_shutter(shutter, pictures)
     wanted = decide(requested, _circumstances(shot, shutter, measured))
-    return EffectPlan(within(wanted, there, pipeline.name, requested), measured, shutter)
+    return EffectPlan(
+        restrict_to_pipeline(wanted, there, pipeline.name, requested), measured, shutter
+    )
 
 
 def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
@@ -114,13 +116,13 @@ def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
 
 def _circumstances(
     shot: ShotContext, shutter: Shutter, measured: Mapping[str, Measurement]
-) -> Circumstances:
+) -> ShotFacts:
     """What the scene, as it is at first, calls for."""
     ground = shot.ground
     posed = ground.pose(0.0)
     height = float(posed.bounds()[0, 1]) if shot.ground_y is None else shot.ground_y
     light = ground.light.on_ground(posed.lights)
-    return Circumstances(
+    return ShotFacts(
         lamps=sum(reaches(lamp, height) for lamp in light.lamps),
         surroundings=ground.light.known and light.ambient is not None,
         pre_rendered=ground.pre_rendered,

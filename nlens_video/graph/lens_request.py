@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import Optics
+from nlens_video.core.lens_models import LensOverrides
 from nlens_video.core.settings import Device, Fallback
 from nlens_video.core.shutter import ASSUMED_ANGLE_DEG, Shutter
 from nlens_video.stages.r_lens_track import FitTrack
@@ -39,7 +39,7 @@ class LensRequest:
     aperture: Aperture = ROUND
     shutter_deg: float | None = None
     frame_s: float = 0.0
-    optics: Optics = Optics()
+    optics: LensOverrides = LensOverrides()
     track: FitTrack | None = None
     live: bool = False
     hold_budget: bool = False

@@ -24,7 +24,7 @@ from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.quality_control import BudgetControl
 from nlens_video.graph.quality_executor import QualityExecutor, check_level, lower_levels
 from nlens_video.graph.scheduler import Worker
-from nlens_video.networks.device import Chosen, choose
+from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_live_lens import LiveLens
 
@@ -48,7 +48,7 @@ class Session:
     graph: Graph
     executor: GraphExecutor
     decisions: tuple[Decision, ...]
-    device: Chosen
+    device: DeviceChoice
     quality: QualityExecutor | None
     render_context: Callable[[], AbstractContextManager[object]]
     notes: Callable[[], tuple[str, ...]]
@@ -161,9 +161,9 @@ def open_session(
             *graph.notes,
             *notes(),
             *_doubt(executor),
-            *([lens.track.words()] if lens.track is not None else []),
+            *([lens.track.describe()] if lens.track is not None else []),
             *(quality.describe() if quality is not None else ()),
-            *([live.words()] if live is not None and live.fits > 1 else []),
+            *([live.describe()] if live is not None and live.fits > 1 else []),
         ),
     )
 

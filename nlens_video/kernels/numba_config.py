@@ -22,7 +22,7 @@ _INLINED: dict[str, Any] = {**_COMMON, "forceinline": True}
 _QUICK: dict[str, Any] = {"fastmath": {"contract", "arcp", "afn"}}
 
 
-def single(value: float) -> float:
+def f32(value: float) -> float:
     """A float32 constant: with a float64 one all arithmetic would be float64."""
     return np.float32(value)  # type: ignore[return-value]
 
@@ -32,7 +32,7 @@ def kernel(function: _Function) -> _Function:
     return cast(_Function, njit(**_KERNEL)(function))
 
 
-def quick(function: _Function) -> _Function:
+def fastmath_kernel(function: _Function) -> _Function:
     """Compile a function likewise, with arithmetic that is exact to about 1e-7."""
     return cast(_Function, njit(**{**_KERNEL, **_QUICK})(function))
 
@@ -51,13 +51,13 @@ def inlined(function: _Function) -> _Function:
     return cast(_Function, njit(**_INLINED)(function))
 
 
-def quick_inlined(function: _Function) -> _Function:
+def fastmath_inlined(function: _Function) -> _Function:
     """Compile a function into its callers, with arithmetic that is exact to about 1e-7."""
     return cast(_Function, njit(**{**_INLINED, **_QUICK})(function))
 
 
 @inlined
-def narrow(value: float) -> float:
+def to_f32(value: float) -> float:
     """A number as float32."""
     return np.float32(value)  # type: ignore[return-value]
 

@@ -12,7 +12,7 @@ from numba import njit
 from nlens_video.core.layers import Bool, Float32
 
 
-def carried_on(values: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
+def inpaint(values: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
     """Fill unknown pixels from coarser and coarser means of the known ones.
 
     Args:

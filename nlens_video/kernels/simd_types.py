@@ -121,13 +121,13 @@ def _write(kind: _Lanes, name: str) -> Any:
     return instruction(write)
 
 
-four_at, put_four = _read(FLOAT4, "four_at"), _write(FLOAT4, "put_four")
+four_at, store4 = _read(FLOAT4, "four_at"), _write(FLOAT4, "store4")
 eight_at = _read(FLOAT8, "eight_at")
 sixteen, put_sixteen = _read(FLOAT16, "sixteen"), _write(FLOAT16, "put_sixteen")
 
 
 @instruction
-def all_of(_: Any, value: Any) -> Generator:
+def splat(_: Any, value: Any) -> Generator:
     """Compile: a number four times."""
 
     def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
@@ -181,7 +181,7 @@ def lower(_: Any, numbers: Any) -> Generator:
 
 
 @instruction
-def widened(_: Any, numbers: Any) -> Generator:
+def to_f64(_: Any, numbers: Any) -> Generator:
     """Compile: eight numbers as float64."""
 
     def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
@@ -201,7 +201,7 @@ def narrowed(_: Any, numbers: Any) -> Generator:
 
 
 @instruction
-def chosen(_: Any, one: Any, other: Any, if_greater: Any, if_not: Any) -> Generator:
+def select_gt(_: Any, one: Any, other: Any, if_greater: Any, if_not: Any) -> Generator:
     """Compile: lane by lane, `if_greater` where `one` > `other`, else `if_not`."""
 
     def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:

@@ -26,7 +26,7 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-def share(work: Callable[[T], None], items: Iterable[T], workers: int | None = None) -> None:
+def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | None = None) -> None:
     """Do `work` on all items, in any order and side by side; wait until all is done.
 
     The calling thread is one of the workers, and no helper that did not start is waited for. So
@@ -59,20 +59,20 @@ def share(work: Callable[[T], None], items: Iterable[T], workers: int | None = N
         future.result()
 
 
-def mapped(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
+def parallel_map(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
     """What `work` makes of each item, in their order, made side by side as by `share`."""
     made: dict[int, R] = {}
 
     def do(at: int) -> None:
         made[at] = work(items[at])
 
-    share(do, range(len(items)))
+    parallel_for(do, range(len(items)))
     return [made[at] for at in range(len(items))]
 
 
 def run_all(jobs: Iterable[Callable[[], None]], workers: int | None = None) -> None:
     """Run jobs of several kinds as `share` does work on items: one wait for all of them."""
-    share(_run, jobs, workers)
+    parallel_for(_run, jobs, workers)
 
 
 def _run(job: Callable[[], None]) -> None:

@@ -8,7 +8,7 @@ from types import TracebackType
 import numpy as np
 
 from nlens_video.core.layers import CocMap, CocPrior, Float32
-from nlens_video.networks.device import CPU, Chosen
+from nlens_video.networks.device import CPU, DeviceChoice
 from nlens_video.networks.onnx_session import Session
 
 THREADS = 2
@@ -32,7 +32,7 @@ class OnnxCocNetwork:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
-    def __init__(self, path: Path, threads: int = THREADS, device: Chosen = CPU) -> None:
+    def __init__(self, path: Path, threads: int = THREADS, device: DeviceChoice = CPU) -> None:
         session = Session(
             path, (INPUT,), OUTPUTS, threads=threads, made_by="models/coc/export.py", device=device
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.networks.device import CPU, Chosen
+from nlens_video.networks.device import CPU, DeviceChoice
 from nlens_video.networks.onnx_session import Session
 from nlens_video.stages.reblur.depth_order import CHANNELS
 from nlens_video.stages.reblur.depth_order_repair import CELL
@@ -31,7 +31,7 @@ class OnnxRepairNetwork:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
-    def __init__(self, path: Path, threads: int = THREADS, device: Chosen = CPU) -> None:
+    def __init__(self, path: Path, threads: int = THREADS, device: DeviceChoice = CPU) -> None:
         self._session = Session(
             path,
             (INPUT,),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class DeviceChoice:
     """A device.
 
     Attributes:
@@ -38,10 +38,10 @@ class Chosen:
         return TorchSpread(self.name, self.notes)
 
 
-CPU = Chosen("cpu", "nothing else was asked for")
+CPU = DeviceChoice("cpu", "nothing else was asked for")
 
 
-def choose(device: Device) -> Chosen:
+def choose(device: Device) -> DeviceChoice:
     """Choose where networks and kernels run.
 
     Args:
@@ -51,13 +51,13 @@ def choose(device: Device) -> Chosen:
         UsageError: `cuda` is asked for and cannot be used.
     """
     if device == "cpu":
-        return Chosen("cpu", "as asked for")
+        return DeviceChoice("cpu", "as asked for")
     missing = _why_no_cuda()
     if not missing:
-        return Chosen("cuda", "as asked for" if device == "cuda" else "a GPU is there")
+        return DeviceChoice("cuda", "as asked for" if device == "cuda" else "a GPU is there")
     if device == "cuda":
         raise UsageError(f"--device cuda: {missing}; use --device cpu")
-    return Chosen("cpu", missing)
+    return DeviceChoice("cpu", missing)
 
 
 def _why_no_cuda() -> str:

@@ -15,7 +15,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as states
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Float32
-from nlens_video.networks.device import CPU, Chosen
+from nlens_video.networks.device import CPU, DeviceChoice
 
 onnxruntime.disable_telemetry_events()  # what does that on Windows
 _GPU_FAILED = (
@@ -53,7 +53,7 @@ class Session:
         *,
         threads: int,
         made_by: str,
-        device: Chosen = CPU,
+        device: DeviceChoice = CPU,
     ) -> None:
         self._path = path
         self._outputs = list(outputs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from nlens_video.core.lens_models import Optics
+from nlens_video.core.lens_models import LensOverrides
 from nlens_video.core.settings import TrackFocus
 
 
@@ -32,9 +32,9 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def optics(words: argparse.Namespace) -> Optics:
+def optics(words: argparse.Namespace) -> LensOverrides:
     """What is known of the lens beside its focus."""
-    return Optics(
+    return LensOverrides(
         vignetting_stops=getattr(words, "vignetting", None),
         distortion=getattr(words, "distortion", None),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from nlens_video.core.errors import UsageError
-from nlens_video.core.placement import LEVEL, Placing
+from nlens_video.core.placement import LEVEL, Placement
 from nlens_video.core.playback import ALL, Playback
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.options.light_options import light
@@ -95,9 +95,9 @@ def playback(words: argparse.Namespace) -> Playback:
 
 def placing(
     words: argparse.Namespace, at: tuple[float, float], size: float, horizon: float
-) -> Placing:
+) -> Placement:
     """Where the object stands, and what stands in for words that were not given."""
-    return Placing(
+    return Placement(
         at=at if words.at is None else words.at,
         size=size if words.size is None else words.size,
         yaw_deg=0.0 if words.yaw is None else words.yaw,
@@ -105,7 +105,7 @@ def placing(
     )
 
 
-def _own_place(words: argparse.Namespace) -> Placing | None:
+def _own_place(words: argparse.Namespace) -> Placement | None:
     given = (words.at, words.size, words.yaw, words.horizon)
     if given == (None,) * 4:
         if words.fov is not None:

@@ -15,7 +15,7 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.report.findings import Findings, Shown, StripFrame
 from nlens_video.report.pictures import Image, copied, shown, thumbnail
 from nlens_video.report.thinning import EvenPick, TimingBins
-from nlens_video.video.atomic_files import replacing, sweep
+from nlens_video.video.atomic_files import remove_stale, replacing
 
 if TYPE_CHECKING:
     from nlens_video.graph.session import Session
@@ -51,7 +51,7 @@ class Report:
             ) from error
         self.what = f"--report {folder}"
         self._path = folder / PAGE
-        sweep(self._path)
+        remove_stale(self._path)
         self._info = info
         self._session = session
         self._output = output
@@ -75,7 +75,7 @@ class Report:
     ) -> None:
         self._plates.clear()
 
-    def entering(self, state: FrameState) -> None:
+    def on_frame_start(self, state: FrameState) -> None:
         """Copy the plate, as long as it may be the one that is shown."""
         if self._shown is not None or (self._awaits_fit and self._session.executor.fit is not None):
             return

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 
-class Part(ABC):
+class SourceSlice(ABC):
     """Reads a source, whose first frames may be looked at whatever part of it is asked for.
 
     Args:
@@ -35,7 +35,7 @@ class Part(ABC):
     """
 
     def __init__(self, source: Source) -> None:
-        self.passed_over: Callable[[SourceFrame], None] = lambda frame: None
+        self.on_skipped: Callable[[SourceFrame], None] = lambda frame: None
         self.skip_to: Callable[[int], None] = lambda number: None
         self._frames = iter(source)
         self._ahead: deque[SourceFrame] = deque()
@@ -58,7 +58,7 @@ class Part(ABC):
         yield from self._frames
 
 
-class ChunkTrim(Part):
+class ChunkRange(SourceSlice):
     """Lets through the frames of chunks, at the source's own times; no packets.
 
     Args:
@@ -79,12 +79,12 @@ class ChunkTrim(Part):
             if mark is None:
                 return
             if frame.index < mark.first:
-                self.passed_over(frame)
+                self.on_skipped(frame)
             else:
                 yield frame
 
 
-class Trim(Part):
+class FrameRange(SourceSlice):
     """Lets through what a range asks for; its first frame is at time 0.
 
     Args:
@@ -115,7 +115,7 @@ class Trim(Part):
                     break
             yield from self._released(moment)
             if frame.index < self._first:
-                self.passed_over(frame)
+                self.on_skipped(frame)
             elif self._end_s is None:
                 if self._start_s is None:
                     self._start_pts, self._start_s = frame.pts, moment

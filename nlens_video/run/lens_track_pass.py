@@ -17,9 +17,9 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import requested_effects
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.run.open_run import frame_s, opened, taken_in
-from nlens_video.stages.r_change_detector import CHANGED, Look, changed, is_cut, look
-from nlens_video.stages.r_lens_track import FitTrack, Key, with_holds
+from nlens_video.run.open_run import frame_s, open_run, opened
+from nlens_video.stages.r_change_detector import CHANGED, Signature, changed, is_cut, signature
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import Source
@@ -33,7 +33,7 @@ _SURE = 3.0  # standard errors by which a fit of doubtful sign may differ from t
 
 
 @dataclass(frozen=True, slots=True)
-class Need:
+class FitRequest:
     """A frame on which the lens must be found.
 
     Attributes:
@@ -45,7 +45,7 @@ class Need:
     shot: int
 
 
-def follow(
+def lens_track_pass(
     settings: Settings, on_counted: Callable[[int], None] = lambda frames: None
 ) -> FitTrack | None:
     """Find the lens of a file all along it.
@@ -88,7 +88,7 @@ def follow(
     cuts = [need.index for before, need in zip(needs[:-1], needs[1:], strict=True)
             if need.shot != before.shot]  # fmt: skip
     return FitTrack(
-        with_holds(keys, spacing, seen.count), max(1.0, _STRETCH_S / seconds), tuple(cuts)
+        hold_segments(keys, spacing, seen.count), max(1.0, _STRETCH_S / seconds), tuple(cuts)
     )
 
 
@@ -117,51 +117,53 @@ class _Seen:
         for frame in self._source:
             if self._end is not None and frame.index >= self._end:
                 return
-            signals.look()
+            signals.check()
             self.count = frame.index + 1
             yield frame.index, frame.picture
 
 
 def _needs(
     pictures: Iterator[tuple[int, Picture]], times: _Times, every: int | None
-) -> Iterator[Need]:
+) -> Iterator[FitRequest]:
     """Frames on which the lens must be found: the first, after cuts, and where the blur changed."""
     shot, last = 0, 0
     reference = before = None
     skipped: list[tuple[int, Picture]] = []
     for index, picture in pictures:
         if reference is None or before is None:
-            reference = before = look(picture)
+            reference = before = signature(picture)
             last = index
-            yield Need(index, shot)
+            yield FitRequest(index, shot)
             continue
         if (index - last) % _EVERY and every is None:
             skipped.append((index, picture))
             continue
-        now = look(picture)
+        now = signature(picture)
         if is_cut(before, now):
             shot, last = shot + 1, _first_after_cut(before, now, skipped, index)
             reference = now
-            yield Need(last, shot)
+            yield FitRequest(last, shot)
         elif _asks(reference, now, index - last, times, every):
             reference, last = now, index
-            yield Need(index, shot)
+            yield FitRequest(index, shot)
         before = now
         skipped.clear()
 
 
 def _first_after_cut(
-    before: Look, after: Look, skipped: list[tuple[int, Picture]], index: int
+    before: Signature, after: Signature, skipped: list[tuple[int, Picture]], index: int
 ) -> int:
     """Of the frames between two looks and the latter, the first of the new shot."""
     for at, picture in skipped:
-        here = look(picture)
+        here = signature(picture)
         if abs(here.light - after.light).mean() < abs(here.light - before.light).mean():
             return at
     return index
 
 
-def _asks(reference: Look, now: Look, since: int, times: _Times, every: int | None) -> bool:
+def _asks(
+    reference: Signature, now: Signature, since: int, times: _Times, every: int | None
+) -> bool:
     if every is not None:
         return since >= every
     change = changed(reference, now)
@@ -170,19 +172,19 @@ def _asks(reference: Look, now: Look, since: int, times: _Times, every: int | No
     return since >= times.spacing and change > CHANGED
 
 
-def _keys(settings: Settings, needs: tuple[Need, ...]) -> Iterator[Key]:
+def _keys(settings: Settings, needs: tuple[FitRequest, ...]) -> Iterator[Keyframe]:
     """The lens at each frame that needs it; where it cannot be found there is none."""
     wanted = {need.index: need for need in needs}
     ranged = replace(settings.source, frames=(0, max(wanted) + 1))
     run = replace(settings, source=ranged, effects="defocus", fallback="none")
     known: LensFit | None = None
-    with taken_in(run, Profiler()) as intake:
+    with open_run(run, Profiler()) as intake:
         steps = intake.session.executor
         # no frames ahead: their mean would lag behind a lens that changes
-        for item, _ in intake.frames.with_following(lambda: False):
+        for item, _ in intake.frames.iterate(lambda: False):
             if not isinstance(item, SourceFrame) or item.index not in wanted:
                 continue
-            signals.look()
+            signals.check()
             state = steps.begin_frame(item)
             try:
                 fit = steps.find_lens(state)
@@ -194,7 +196,7 @@ def _keys(settings: Settings, needs: tuple[Need, ...]) -> Iterator[Key]:
                 continue
             known = fit
             need = wanted[item.index]
-            yield Key(need.index, need.shot, fit)
+            yield Keyframe(need.index, need.shot, fit)
 
 
 def _doubtful(known: LensFit, fit: LensFit) -> bool:

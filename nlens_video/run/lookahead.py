@@ -27,9 +27,7 @@ class LookAhead(Generic[Item]):
         self._ahead: deque[Item] = deque()
         self._pictures: deque[Picture] = deque()  # of the frames among them
 
-    def with_following(
-        self, wanted: Callable[[], bool]
-    ) -> Iterator[tuple[Item, tuple[Picture, ...]]]:
+    def iterate(self, wanted: Callable[[], bool]) -> Iterator[tuple[Item, tuple[Picture, ...]]]:
         """Each item and the pictures of the frames that come after it.
 
         Args:

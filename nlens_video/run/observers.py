@@ -18,13 +18,13 @@ from nlens_video.core.settings import OutputSettings, Settings
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.executor import FrameState
 from nlens_video.graph.session import Session
-from nlens_video.video.atomic_files import check_folder, replacing, sweep
+from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import SourceInfo
 
 
 @dataclass(frozen=True, slots=True)
-class Started:
+class RunContext:
     """What is known when a run begins."""
 
     info: SourceInfo
@@ -41,7 +41,7 @@ class Observer(AbstractContextManager["Observer"], Protocol):
 
     what: str
 
-    def entering(self, state: FrameState) -> None:
+    def on_frame_start(self, state: FrameState) -> None:
         """A frame comes in, not yet touched (on the decoding thread)."""
         ...
 
@@ -55,7 +55,7 @@ class Observer(AbstractContextManager["Observer"], Protocol):
 
 
 def observers(
-    settings: Settings, started: Started, output: OutputSettings | None
+    settings: Settings, started: RunContext, output: OutputSettings | None
 ) -> list[Observer]:
     """Those that the settings ask for.
 
@@ -82,7 +82,7 @@ def observers(
     return watching
 
 
-class Watching:
+class BaseObserver:
     """What most observers leave as it is."""
 
     what = ""
@@ -98,7 +98,7 @@ class Watching:
     ) -> None:
         return None
 
-    def entering(self, state: FrameState) -> None:
+    def on_frame_start(self, state: FrameState) -> None:
         """Nothing to do."""
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
@@ -108,12 +108,12 @@ class Watching:
         """Nothing to do."""
 
 
-class SavedFit(Watching):
+class SavedFit(BaseObserver):
     """`--save-fit`: the lens, where the object was in view."""
 
-    def __init__(self, path: Path, started: Started) -> None:
+    def __init__(self, path: Path, started: RunContext) -> None:
         check_folder(path)
-        sweep(path)
+        remove_stale(path)
         self.what = f"--save-fit {path}"
         self._path = path
         self._steps = started.session.executor
@@ -134,12 +134,12 @@ def save_fit(fit: LensFit, path: Path) -> None:
         partial.write_text(fit.to_json())
 
 
-class TimingRows(Watching):
+class TimingRows(BaseObserver):
     """`--timings`: one row per frame, written as it comes, so that memory stays the same."""
 
-    def __init__(self, path: Path, settings: Settings, started: Started) -> None:
+    def __init__(self, path: Path, settings: Settings, started: RunContext) -> None:
         check_folder(path)
-        sweep(path)
+        remove_stale(path)
         self.what = f"--timings {path}"
         self._path = path
         self._stack = ExitStack()
@@ -187,17 +187,17 @@ class TimingRows(Watching):
         self._stack.close()
 
 
-class AovLayers(Watching):
+class AovLayers(BaseObserver):
     """`--aov`: what the nodes made of each frame, as multi-channel OpenEXR."""
 
-    def __init__(self, folder: Path, started: Started) -> None:
+    def __init__(self, folder: Path, started: RunContext) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(
                 f"{folder}: cannot be made ({error}); give a writable folder"
             ) from error
-        sweep(folder / "any.exr", whole_folder=True)
+        remove_stale(folder / "any.exr", whole_folder=True)
         self.what = f"--aov {folder}"
         self._folder = folder
         self._frame = Box(0, 0, started.info.width, started.info.height)

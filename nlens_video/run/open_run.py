@@ -20,7 +20,7 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
-from nlens_video.run.frame_range import ChunkTrim, Part, Trim
+from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice
 from nlens_video.run.lookahead import LookAhead
 from nlens_video.run.observers import Observer
 from nlens_video.stages.r_lens_track import FitTrack
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Intake:
+class RunInput:
     """A source that is open, and the graph that will take its frames.
 
     Attributes:
@@ -64,7 +64,7 @@ class Intake:
         """Frames as the graph takes them, and packets, in the source's order."""
         steps = self.session.executor
         foresees = self.foresight and steps.graph.has("estimate-coc")
-        for item, following in self.frames.with_following(lambda: foresees and steps.fit is None):
+        for item, following in self.frames.iterate(lambda: foresees and steps.fit is None):
             if not isinstance(item, SourceFrame):
                 yield item
                 continue
@@ -72,7 +72,7 @@ class Intake:
                 self.profiler.arrived(item.index)
             state = steps.begin_frame(item, following)
             for observer in watching:
-                observer.entering(state)
+                observer.on_frame_start(state)
             yield state
 
     def may_drop(self, item: object) -> bool:
@@ -83,7 +83,7 @@ class Intake:
 
 
 @contextmanager
-def taken_in(settings: Settings, profiler: Profiler) -> Iterator[Intake]:
+def open_run(settings: Settings, profiler: Profiler) -> Iterator[RunInput]:
     """Open the source and build the graph for it; the source closes at the end.
 
     Args:
@@ -103,7 +103,7 @@ def take_in(
     profiler: Profiler,
     track: FitTrack | None = None,
     chunks: ChunkFeed | None = None,
-) -> Intake:
+) -> RunInput:
     """Build the graph for a source that is open.
 
     Args:
@@ -121,12 +121,14 @@ def take_in(
             f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
             "out, or pipe it in"
         )
-    part = Trim(source, settings.source.frames) if chunks is None else ChunkTrim(source, chunks)
+    part = (
+        FrameRange(source, settings.source.frames) if chunks is None else ChunkRange(source, chunks)
+    )
     session = _assembled(settings, source.info, profiler, part, track)
-    part.passed_over = session.executor.observe_skipped
+    part.on_skipped = session.executor.observe_skipped
     if isinstance(source, Sought) and not session.graph.stateful:
         part.skip_to = source.skip_to
-    return Intake(
+    return RunInput(
         source,
         LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
         session,
@@ -170,7 +172,11 @@ def opened(given: SourceSettings) -> Iterator[Source]:
 
 
 def _assembled(
-    settings: Settings, info: SourceInfo, profiler: Profiler, part: Part, track: FitTrack | None
+    settings: Settings,
+    info: SourceInfo,
+    profiler: Profiler,
+    part: SourceSlice,
+    track: FitTrack | None,
 ) -> Session:
     lens = LensRequest(
         preset=settings.preset,
@@ -223,7 +229,9 @@ def frame_s(info: SourceInfo) -> float:
     return float(1 / info.average_rate)
 
 
-def _decoded(part: Part, profiler: Profiler, *, live: bool) -> Iterator[SourceFrame | Packet]:
+def _decoded(
+    part: SourceSlice, profiler: Profiler, *, live: bool
+) -> Iterator[SourceFrame | Packet]:
     """The source's items; the time that each frame took goes to the profiler.
 
     Waiting for a live source is no cost of a frame: else a camera of 30 frames a second would

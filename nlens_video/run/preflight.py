@@ -19,7 +19,7 @@ from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, check_target_folder
 from nlens_video.video.info import SourceInfo
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 from nlens_video.video.output.sink import Sink, check_output, open_sink
 
 _ESTIMATE = 0.95
@@ -121,7 +121,7 @@ def _check_files(objects: ObjectSettings) -> None:
         ("--holdout", objects.real.holdout),
         ("--env", objects.light.env),
     ):
-        if spec is not None and not Numbered.matches(str(spec)) and not Path(spec).is_file():
+        if spec is not None and not ImageSequence.matches(str(spec)) and not Path(spec).is_file():
             raise InputError(f"{option} {spec}: no such file")
 
 

@@ -16,16 +16,16 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.graph.plan import describe
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.warmup import KernelWarmup
-from nlens_video.run.lens_track_pass import follow
-from nlens_video.run.observers import Started, observers, save_fit
-from nlens_video.run.open_run import frame_s, opened, take_in, taken_in
+from nlens_video.run.lens_track_pass import lens_track_pass
+from nlens_video.run.observers import RunContext, observers, save_fit
+from nlens_video.run.open_run import frame_s, open_run, opened, take_in
 from nlens_video.run.preflight import check_shot, check_words, check_written, open_result
-from nlens_video.run.result import FitOutcome, Outcome
+from nlens_video.run.result import FitOutcome, RunResult
 from nlens_video.run.sidecar_outputs import Beside, telling_what_is_complete
 from nlens_video.run.zoom_check import ZoomCheck
-from nlens_video.video.atomic_files import check_folder, replacing, sweep
+from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
-from nlens_video.video.chunks.chunk_writer import ChunkRow
+from nlens_video.video.chunks.chunk_writer import ChunkWriter
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.source import Source
@@ -52,7 +52,7 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
     Raises:
         NlensError: as `render`.
     """
-    with taken_in(settings, Profiler(settings.budget_ms)) as intake:
+    with open_run(settings, Profiler(settings.budget_ms)) as intake:
         return (*_describe_source(intake.info), *describe(intake.session, all_reasons=all_reasons))
 
 
@@ -76,17 +76,17 @@ def find_fit(
     if settings.save_fit is None:
         raise UsageError("no file for the fit was named")
     check_folder(settings.save_fit)
-    sweep(settings.save_fit)
-    track = follow(settings, on_counted)
+    remove_stale(settings.save_fit)
+    track = lens_track_pass(settings, on_counted)
     if track is not None:
         with replacing(settings.save_fit) as partial:
             partial.write_text(track.to_json())
-        return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.words(),))
+        return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.describe(),))
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
-        intake = stack.enter_context(taken_in(settings, profiler))
+        intake = stack.enter_context(open_run(settings, profiler))
         session = intake.session
-        started = Started(intake.info, session, profiler)
+        started = RunContext(intake.info, session, profiler)
         beside = stack.enter_context(Beside(observers(settings, started, None)))
         shot = session.graph.find_lens
         seen = 0
@@ -94,7 +94,7 @@ def find_fit(
             if not isinstance(state, FrameState):
                 continue
             seen += 1
-            signals.look()
+            signals.check()
             session.executor.run(state, shot)
             frame = cast("SourceFrame", state.frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
@@ -122,7 +122,7 @@ def render(
     settings: Settings,
     on_progress: OnProgress = lambda done, total: None,
     chunks: ChunkFeed | None = None,
-) -> Outcome:
+) -> RunResult:
     """Composite a whole source, or chunks of it.
 
     Args:
@@ -152,11 +152,11 @@ def render(
         stack.enter_context(telling_what_is_kept(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        intake = take_in(source, settings, profiler, follow(settings), chunks)
+        intake = take_in(source, settings, profiler, lens_track_pass(settings), chunks)
         session = intake.session
         ahead = stack.enter_context(KernelWarmup(*session.graphs))
         zoom = ZoomCheck(frame_s(source.info))
-        started = Started(source.info, session, profiler)
+        started = RunContext(source.info, session, profiler)
         beside = stack.enter_context(Beside(observers(settings, started, settings.output)))
         watching = (beside, zoom)
         total = _expected(source.info, settings)
@@ -165,7 +165,7 @@ def render(
         items = run_workers(intake.items(watching), lanes, may_drop=may_drop)
         stack.callback(_close, items, chunks)
         for item in items:
-            signals.look()
+            signals.check()
             if not isinstance(item, FrameState):
                 sink.write_packet(cast("Packet", item))
                 continue
@@ -182,12 +182,12 @@ def render(
             on_progress(written, total)
         check_written(settings, source.info, written, changed=changed or chunks is not None)
         timing_of_all = profiler.summary()
-        outcome = Outcome(
+        outcome = RunResult(
             output=output.spec, fit=session.executor.fit, decisions=session.decisions,
             timing=timing_of_all, composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
-                *source.mishaps(),
+                *source.warnings(),
                 *session.notes(),
                 *session.device.notes,
                 *ahead.notes,
@@ -212,7 +212,7 @@ def _open_result(
     output: OutputSettings, info: SourceInfo, settings: Settings, chunks: ChunkFeed | None
 ) -> Sink:
     if chunks is not None:
-        return ChunkRow(Path(output.spec), info, chunks)
+        return ChunkWriter(Path(output.spec), info, chunks)
     return open_result(output, info, settings.source)
 
 

@@ -12,7 +12,7 @@ from nlens_video.graph.base.profiler import Summary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class RunResult:
     """How a run went.
 
     Attributes:

@@ -10,10 +10,10 @@ from typing import Self
 from nlens_video.core.errors import OutputError
 from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.run.observers import Observer, Watching
+from nlens_video.run.observers import BaseObserver, Observer
 
 
-class Beside(Watching):
+class Beside(BaseObserver):
     """Observers that write, as one; what cannot be written any more is left out from then on.
 
     Args:
@@ -45,10 +45,10 @@ class Beside(Watching):
     ) -> None:
         self._stack.__exit__(kind, error, trace)
 
-    def entering(self, state: FrameState) -> None:
+    def on_frame_start(self, state: FrameState) -> None:
         """A frame comes in, not yet touched (on the decoding thread)."""
         for one in self._watching:
-            one.entering(state)
+            one.on_frame_start(state)
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
         """A frame was written."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState
-from nlens_video.run.observers import Watching
+from nlens_video.run.observers import BaseObserver
 from nlens_video.scene.camera import Camera
 
 _EVERY_S = 0.5
@@ -21,7 +21,7 @@ _TOLERATED = 0.03  # of the size; a zoom is seen from there on, and breathing of
 _AT_REST = 1e-3  # of the way to the object: a camera that moves on makes things larger as well
 
 
-class ZoomCheck(Watching):
+class ZoomCheck(BaseObserver):
     """An `Observer` that compares the plate's size with the camera's focal length.
 
     Where the GLB's camera moves nothing is said, for then the plate grows by right.
@@ -50,7 +50,7 @@ class ZoomCheck(Watching):
             "if the real camera moved)",
         )
 
-    def entering(self, state: FrameState) -> None:
+    def on_frame_start(self, state: FrameState) -> None:
         """Look at the plate."""
         if state.frame.index % self._every:
             return
@@ -64,7 +64,7 @@ class ZoomCheck(Watching):
             zoom = self._seen.pop(state.frame.index, None)
             for late in [index for index in self._seen if index < state.frame.index]:
                 del self._seen[late]  # frames that were left out
-        placement = state.values.placement
+        placement = state.values.bounds
         if zoom is None or placement is None:
             return
         if self._first is None or self._first[1].shot != zoom.shot:

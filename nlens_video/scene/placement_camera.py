@@ -8,7 +8,7 @@ import numpy as np
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, Placing
+from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, Placement
 from nlens_video.scene.camera import Camera
 
 # What lies this close above the ground, as a share of the object's height, stands on it.
@@ -34,7 +34,7 @@ def contact_point(vertices: Float32, ground_y: float | None = None) -> Float64:
 def place_camera(
     vertices: Float32,
     contact: Float64,
-    placing: Placing,
+    placing: Placement,
     focal_35mm: float,
     frame: tuple[int, int],
     pixel_aspect: float = 1.0,
@@ -68,7 +68,7 @@ def place_camera(
     nearest = depth - float(local[:, 2].max())
     if not nearest > 1e-3 * depth or not rise.max() > 0.0:
         raise SceneError(
-            f"{placing.words()}: the object would reach behind the camera; "
+            f"{placing.describe()}: the object would reach behind the camera; "
             "give a smaller --size or a higher horizon"
         )
     pose = np.eye(4)

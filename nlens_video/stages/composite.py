@@ -10,7 +10,7 @@ from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cover:
+class ForegroundMatte:
     """Something real before a layer, on a box of the frame; nothing is known beyond.
 
     Attributes:
@@ -33,11 +33,13 @@ class Foreground:
         before_ground: what stands nearer than the ground that the plate would show.
     """
 
-    before_object: Cover | None
-    before_ground: Cover | None
+    before_object: ForegroundMatte | None
+    before_ground: ForegroundMatte | None
 
 
-def lay(picture: Picture, box: Box, rgba: Float32, cover: Cover | None) -> None:
+def composite_behind(
+    picture: Picture, box: Box, rgba: Float32, cover: ForegroundMatte | None
+) -> None:
     """Composite a layer on the plate, behind what covers it.
 
     Where nothing covers it this is `Picture.over`; what is covered wholly keeps its samples.
@@ -95,5 +97,5 @@ def composite(
     """
     if not blurred.box.empty:
         cover = None if foreground is None else foreground.before_object
-        lay(picture, blurred.box, blurred.rgba, cover)
+        composite_behind(picture, blurred.box, blurred.rgba, cover)
     return picture

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import CocMap, Float32, Picture
-from nlens_video.stages.f_temporal_mean import pooled
+from nlens_video.stages.f_temporal_mean import temporal_mean
 from nlens_video.stages.protocols import CocNetwork
 
 WORKING_SIDE_PX = 960
@@ -45,10 +45,10 @@ class EstimateCoc:
             following: later frames of the same size; those that a still camera saw are averaged
                 with it against noise (`f_pool`).
         """
-        working, used = _worked(picture.srgb(), self.pixel_aspect), 1
+        working, used = to_working_size(picture.srgb(), self.pixel_aspect), 1
         if following:
-            later = (_worked(frame.srgb(), self.pixel_aspect) for frame in following)
-            working, used = pooled(working, later)
+            later = (to_working_size(frame.srgb(), self.pixel_aspect) for frame in following)
+            working, used = temporal_mean(working, later)
         coc = _read(self.network, working, (picture.width, picture.height))
         return replace(coc, frames=used)
 
@@ -69,7 +69,7 @@ def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -
     """
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.size == 0:
         raise ValueError(f"{rgb.shape = } must be (H, W, 3) with at least one pixel")
-    working = _worked(np.asarray(rgb, dtype=np.float32), pixel_aspect)
+    working = to_working_size(np.asarray(rgb, dtype=np.float32), pixel_aspect)
     return _read(network, working, (rgb.shape[1], rgb.shape[0]))
 
 
@@ -100,7 +100,7 @@ def _flat(rgb: Float32) -> Float32:
     return np.asarray(spread < FLAT**2, dtype=np.float32)
 
 
-def _worked(rgb: Float32, pixel_aspect: float) -> Float32:
+def to_working_size(rgb: Float32, pixel_aspect: float) -> Float32:
     """The picture in square pixels, its longer side `WORKING_SIDE_PX` as far as that is of use."""
     height, width = rgb.shape[:2]
     # the side with the finer pixels is reduced, rather than the other one enlarged

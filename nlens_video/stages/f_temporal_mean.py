@@ -24,7 +24,7 @@ LUMA = np.array([0.3, 0.6, 0.1], np.float32)
 """Weights of red, green and blue in a picture's brightness."""
 
 
-def pooled(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
+def temporal_mean(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
     """The mean of a picture and those after it that show the same.
 
     Args:

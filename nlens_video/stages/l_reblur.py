@@ -93,7 +93,7 @@ class ReblurLayer:
         if defocused.largest_coc_px < NEGLIGIBLE_COC_PX:
             return crop_to_frame(layer, frame)
         margin = self.reach(defocused.coc_px, layer.rgba[..., 3], self.pixel_aspect)
-        wide = layer.box.grown(margin)
+        wide = layer.box.expanded(margin)
         rgba = np.pad(layer.rgba, ((margin, margin), (margin, margin), (0, 0)))
         coc = np.pad(defocused.coc_px, margin)
         seen = Box(frame.x0 - wide.x0, frame.y0 - wide.y0, frame.x1 - wide.x0, frame.y1 - wide.y0)

@@ -31,7 +31,7 @@ _FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Signature:
     """What a frame looks like to the watch.
 
     Attributes:
@@ -44,7 +44,7 @@ class Look:
     light: Float64
 
 
-def look(picture: Picture) -> Look:
+def signature(picture: Picture) -> Signature:
     """Look at a frame; it is left as it is."""
     side = int(min(max(_PATCH_SHARE * picture.width, _SMALLEST_PX), _LARGEST_PX))
     side = min(side, picture.width, picture.height)
@@ -56,7 +56,7 @@ def look(picture: Picture) -> Look:
         patches[..., at] = picture.linear(Box(x, y, x + side, y + side))[..., 1]
     root = np.sqrt(np.maximum(patches, 0.0))
     grid = (_ROWS, _COLUMNS)
-    return Look(_octaves(root).reshape(*grid, -1), root.mean(axis=(0, 1)).reshape(grid))
+    return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(0, 1)).reshape(grid))
 
 
 def _octaves(patches: Float32) -> Float64:
@@ -75,7 +75,7 @@ def _octaves(patches: Float32) -> Float64:
     return np.asarray(ratios)
 
 
-def changed(reference: Look, now: Look) -> float:
+def changed(reference: Signature, now: Signature) -> float:
     """How far the blur has changed, in log-ratios of octaves [1].
 
     The second largest of the rows' median changes: a change of the lens shows at most depths.
@@ -92,6 +92,6 @@ def changed(reference: Look, now: Look) -> float:
     return rows[-2] if len(rows) >= 2 else 0.0
 
 
-def is_cut(before: Look, now: Look) -> bool:
+def is_cut(before: Signature, now: Signature) -> bool:
     """Whether another shot begins between two neighbouring frames."""
     return float(np.abs(now.light - before.light).mean()) > CUT

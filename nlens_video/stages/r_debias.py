@@ -19,7 +19,7 @@ _LEAST_SAID = 0.8  # a belief as wide as this share of the prior's width says no
 _LAPLACE = math.sqrt(2.0)  # deviation of a Laplace distribution by its mean absolute error
 
 
-def evidence(coc_px: Float64, sigma_px: Float64, prior: CocPrior) -> tuple[Float64, Float64]:
+def remove_prior(coc_px: Float64, sigma_px: Float64, prior: CocPrior) -> tuple[Float64, Float64]:
     """Take the training pictures' pull back from an estimate.
 
     Args:

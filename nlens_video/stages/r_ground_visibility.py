@@ -16,7 +16,7 @@ NONE, ALL = 0.25, 0.75
 """Shares of agreeing samples up to which nothing, and from which all, is taken for ground [1]."""
 
 
-def ground_seen(
+def ground_visibility(
     disparity: Float64, coc_px: Float64, sigma_px: Float64, expected_px: Float64
 ) -> tuple[tuple[float, float], ...]:
     """Where the plate is as blurred as the ground plane would be.

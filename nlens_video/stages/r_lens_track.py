@@ -18,7 +18,7 @@ _MOST_FRAMES = 1 << 40  # of a film that a file may speak of
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class Keyframe:
     """The lens at one frame.
 
     Attributes:
@@ -45,7 +45,7 @@ class FitTrack:
         cuts: first frame of every shot but the first [1].
     """
 
-    keys: tuple[Key, ...]
+    keys: tuple[Keyframe, ...]
     stretch: float
     cuts: tuple[int, ...] = ()
 
@@ -72,7 +72,7 @@ class FitTrack:
         slope = max(values["slope"], 0.0)
         return replace(nearest, slope=slope, intercept=values["intercept"], frame=index)
 
-    def _nearest(self, index: int) -> Key:
+    def _nearest(self, index: int) -> Keyframe:
         return min(self.keys, key=lambda key: abs(key.index - index))
 
     def for_width(self, width: int, height: int) -> FitTrack:
@@ -98,7 +98,7 @@ class FitTrack:
             return None
         try:
             keys = tuple(
-                Key(
+                Keyframe(
                     int(key["index"]), int(key["shot"]),
                     LensFit.from_json(json.dumps(key["fit"]), str(path)),
                 )
@@ -118,7 +118,7 @@ class FitTrack:
                 f"{path}: its track of a lens that changes makes no sense ({error}); fit again"
             ) from error
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """What a person should know of it."""
         focus = [key.fit.focus_disparity for key in self.keys]
         ends = [1.0 / d if d > 0.0 else float("inf") for d in (focus[0], focus[-1])]
@@ -130,7 +130,7 @@ class FitTrack:
         )
 
 
-def with_holds(keys: Sequence[Key], spacing: int, end: int) -> tuple[Key, ...]:
+def hold_segments(keys: Sequence[Keyframe], spacing: int, end: int) -> tuple[Keyframe, ...]:
     """Keys, and where the watch saw no change for a while, the same lens again and again.
 
     Args:
@@ -138,7 +138,7 @@ def with_holds(keys: Sequence[Key], spacing: int, end: int) -> tuple[Key, ...]:
         spacing: least distance of two keys [frames].
         end: number of frames in all [1].
     """
-    held: list[Key] = []
+    held: list[Keyframe] = []
     for at, key in enumerate(keys):
         held.append(key)
         last = at + 1 == len(keys)

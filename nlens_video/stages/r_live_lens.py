@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.stages.r_change_detector import CHANGED, Look, changed, is_cut, look
+from nlens_video.stages.r_change_detector import CHANGED, Signature, changed, is_cut, signature
 
 EVERY = 3
 """Frames from one look at the plate to the next."""
@@ -30,8 +30,8 @@ class LiveLens:
     def __init__(self, frame_s: float) -> None:
         self._share = 1.0 - math.exp(-frame_s / _SOFTNESS_S)
         self._spacing = max(EVERY, round(_SPACING_S / frame_s))
-        self._reference: Look | None = None
-        self._before: Look | None = None
+        self._reference: Signature | None = None
+        self._before: Signature | None = None
         self._since = 0
         self._cut = False
         self._target: LensFit | None = None
@@ -48,7 +48,7 @@ class LiveLens:
         self._since += 1
         if self._reference is not None and index % EVERY:
             return False
-        seen = look(picture)
+        seen = signature(picture)
         before, self._before = self._before, seen
         if self._reference is None or before is None:
             self._reference = seen
@@ -80,6 +80,6 @@ class LiveLens:
         self._now = replace(target, **values)
         return self._now
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """What a person should know of it."""
         return f"the lens changes: followed by {self.fits} fits as they were found"

@@ -17,9 +17,9 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Bool, CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.stages.p_projection import GroundProjection
-from nlens_video.stages.r_debias import evidence
-from nlens_video.stages.r_ground_visibility import ground_seen
-from nlens_video.stages.r_robust_v import Lens, VFit
+from nlens_video.stages.r_debias import remove_prior
+from nlens_video.stages.r_ground_visibility import ground_visibility
+from nlens_video.stages.r_robust_v import VCandidate, VFit
 
 GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
 MIN_SAMPLES = 48
@@ -130,14 +130,14 @@ class FitLens:
             sign=sign,
             sign_margin=margin,
             method=f"robust V-fit over {self._where(samples)}{_of_frames(coc)}",
-            ground_seen=ground_seen(
+            ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),
         )
         _check(fit, covariance, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))
 
-    def _solved(self, samples: FitSamples, width: int) -> tuple[VFit, Lens | None]:
+    def _solved(self, samples: FitSamples, width: int) -> tuple[VFit, VCandidate | None]:
         """The lens; most of the plane may be something else, but not the footprint."""
         problem = samples.problem(self.anchor_weight, width)
         lens = problem.solve()
@@ -157,7 +157,7 @@ class FitLens:
         return "the whole ground plane, anchored by the footprint"
 
 
-def _agreeing(problem: VFit, lens: Lens, samples: FitSamples) -> float:
+def _agreeing(problem: VFit, lens: VCandidate, samples: FitSamples) -> float:
     """What the loss leaves of the footprint, 0 to 1; 1 where there is none."""
     return float(problem.kept(lens)[samples.anchor].mean()) if samples.anchor.any() else 1.0
 
@@ -218,7 +218,7 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
     patch = step * _CLUSTER_SAMPLES
     said, error = values[use].astype(np.float64), sigma[use].astype(np.float64)
     if coc.prior is not None:
-        said, error = evidence(said, error, coc.prior)
+        said, error = remove_prior(said, error, coc.prior)
     return FitSamples(
         disparity=disparity[use].astype(np.float64),
         coc_px=said,
@@ -229,7 +229,7 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
     )
 
 
-def _sign(problem: VFit, lens: Lens) -> tuple[Sign, float]:
+def _sign(problem: VFit, lens: VCandidate) -> tuple[Sign, float]:
     """Whether the data tell on which side of the focus the ground under the object lies."""
     if abs(problem.coc_at_median(lens)) < 1.0:
         return "resolved", 1.0  # in focus there: either sign makes the same picture

@@ -26,7 +26,7 @@ _PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in 
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
+class VCandidate:
     """A candidate: slope [px * scene unit] > 0 and focus disparity [1 / scene unit] >= 0."""
 
     slope: float
@@ -51,21 +51,21 @@ class VFit:
     share: Float64
     infinity_px: float = np.inf
 
-    def solve(self) -> Lens | None:
+    def solve(self) -> VCandidate | None:
         """The best candidate, None where no slope above zero fits at all."""
         return self._within(0.0, np.inf)
 
-    def cost(self, lens: Lens) -> float:
+    def cost(self, lens: VCandidate) -> float:
         """Geman-McClure (quadratic for small residuals, constant for large ones) and the prior."""
         squared = self._squared(lens)
         robust = float(np.sum(self.share * squared / (squared + CUTOFF**2)))
         return robust + float(self._prior(np.array(lens.slope), lens.focus))
 
-    def kept(self, lens: Lens) -> Float64:
+    def kept(self, lens: VCandidate) -> Float64:
         """What the loss leaves of each sample (N,), 1 for an inlier, 0 for an outlier."""
         return np.asarray((CUTOFF**2 / (self._squared(lens) + CUTOFF**2)) ** 2)
 
-    def sign_margin(self, lens: Lens) -> float:
+    def sign_margin(self, lens: VCandidate) -> float:
         """Relative cost by which the best lens of the other sign fits worse; inf if there is none.
 
         The sign is that of the CoC at the weighted median of the disparities.
@@ -80,11 +80,13 @@ class VFit:
         cost = self.cost(lens)
         return max(0.0, (self.cost(other) - cost) / max(cost, 1e-6))
 
-    def coc_at_median(self, lens: Lens) -> float:
+    def coc_at_median(self, lens: VCandidate) -> float:
         """Signed CoC at the weighted median of the disparities [px]."""
         return lens.slope * (_weighted_median(self.disparity, self.share) - lens.focus)
 
-    def covariance(self, lens: Lens, cluster: npt.NDArray[np.int64], independent: float) -> Float64:
+    def covariance(
+        self, lens: VCandidate, cluster: npt.NDArray[np.int64], independent: float
+    ) -> Float64:
         """Covariance of (slope, intercept), (2, 2): of local errors and of those all share.
 
         What neighbours err alike shows in the residuals (cluster-robust, a sandwich). What a whole
@@ -115,7 +117,7 @@ class VFit:
         shared = np.linalg.pinv(design.T @ (design * weight[:, None]) + prior) / independent
         return np.asarray((bread @ meat @ bread + shared) / np.outer(scale, scale))
 
-    def _within(self, low: float, high: float) -> Lens | None:
+    def _within(self, low: float, high: float) -> VCandidate | None:
         """The best candidate with its focus between two disparities."""
         start = self._thinned()._scan(low, high)
         if start is None:
@@ -127,12 +129,12 @@ class VFit:
         """Cost of the CoC at infinity, in the scale of the robust cost's quadratic part."""
         return np.asarray(_PRIOR_SHARE * (slope * focus / self.infinity_px) ** 2 / CUTOFF**2)
 
-    def _squared(self, lens: Lens) -> Float64:
+    def _squared(self, lens: VCandidate) -> Float64:
         """Squared residuals in expected errors (N,)."""
         residual = lens.slope * np.abs(self.disparity - lens.focus) - self.coc_px
         return np.asarray((residual / self.error_px) ** 2)
 
-    def _design(self, lens: Lens) -> Float64:
+    def _design(self, lens: VCandidate) -> Float64:
         """Derivative of the unsigned CoC by slope and intercept (N, 2)."""
         sign = np.where(self.disparity >= lens.focus, 1.0, -1.0)
         return np.stack([sign * self.disparity, sign], axis=1)
@@ -153,7 +155,7 @@ class VFit:
             share=even,
         )
 
-    def _scan(self, low: float, high: float) -> Lens | None:
+    def _scan(self, low: float, high: float) -> VCandidate | None:
         """The best of a grid over focus disparities and, for each, quantiles of the slope."""
         top = float(self.disparity.max())
         # beyond the nearest sample only one arm is seen: a geometric scale is fine enough
@@ -170,10 +172,10 @@ class VFit:
             costs = (squared / (squared + CUTOFF**2)) @ self.share + self._prior(slopes, focus)
             at = int(np.argmin(costs))
             if costs[at] < best_cost and slopes[at] > 0:
-                best, best_cost = Lens(float(slopes[at]), float(focus)), float(costs[at])
+                best, best_cost = VCandidate(float(slopes[at]), float(focus)), float(costs[at])
         return best
 
-    def _refine(self, lens: Lens) -> Lens:
+    def _refine(self, lens: VCandidate) -> VCandidate:
         """Iteratively reweighted least squares from a grid point, while the cost falls."""
         cost = self.cost(lens)
         for _ in range(_STEPS):
@@ -184,7 +186,7 @@ class VFit:
             lens, cost = candidate, new_cost
         return lens
 
-    def _least_squares(self, design: Float64, weight: Float64) -> Lens | None:
+    def _least_squares(self, design: Float64, weight: Float64) -> VCandidate | None:
         normal = design.T @ (design * weight[:, None])
         normal[1, 1] += _PRIOR_SHARE / self.infinity_px**2
         scale = np.sqrt(np.diag(normal)) + 1e-300
@@ -194,11 +196,11 @@ class VFit:
         if slope <= 0:
             return None
         if intercept <= 0:
-            return Lens(slope, -intercept / slope)
+            return VCandidate(slope, -intercept / slope)
         # the nearest lens that optics allows is focused at infinity: a line through the origin
         x = self.disparity
         slope = float((weight * x * self.coc_px).sum() / (weight * x * x).sum())
-        return Lens(slope, 0.0) if slope > 0 else None
+        return VCandidate(slope, 0.0) if slope > 0 else None
 
 
 def _weighted_median(values: Float64, weights: Float64) -> float:

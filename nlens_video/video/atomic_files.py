@@ -63,7 +63,7 @@ def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
     return sorted(one for one, match in names if match and not _runs(int(match[1])))
 
 
-def sweep(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
+def remove_stale(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
     """Remove what `left_over` finds; a note on each."""
     notes = []
     for found in left_over(path, whole_folder=whole_folder):

@@ -13,7 +13,7 @@ import OpenEXR
 from nlens_video.core.errors import InputError, OutputError
 from nlens_video.core.layers import MOST_PIXELS, Box, Float32, ObjectLayer, too_large
 from nlens_video.video.atomic_files import replacing
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 
 FAR = 1e9
 """Depths from here on mean that nothing is there; renderers write 1e10 or so [scene unit]."""
@@ -118,8 +118,8 @@ class LayerReader:
 
     def __init__(self, spec: str, size: tuple[int, int]) -> None:
         self._size = size
-        self._single = None if Numbered.matches(spec) else Path(spec)
-        self._files = Numbered(spec)
+        self._single = None if ImageSequence.matches(spec) else Path(spec)
+        self._files = ImageSequence(spec)
         self._first = 0 if self._single else self._files.first()
 
     def read(self, index: int) -> ObjectLayer:

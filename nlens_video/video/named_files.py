@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 
 _FILE = "file:"
 
@@ -75,9 +75,11 @@ class NamedFiles:
         return bool(self.inside) or self._sequence is not None
 
     @property
-    def _sequence(self) -> Numbered | None:
+    def _sequence(self) -> ImageSequence | None:
         name = str(self.path)
-        return Numbered(name) if Numbered.matches(name) and not self.path.is_file() else None
+        return (
+            ImageSequence(name) if ImageSequence.matches(name) and not self.path.is_file() else None
+        )
 
     def _is_inside(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.inside)

@@ -11,7 +11,7 @@ from nlens_video.core.errors import InputError
 _NUMBER = re.compile(r"%(?:0?(\d+))?d")
 
 
-class Numbered:
+class ImageSequence:
     """A pattern with one number in the file's name.
 
     Args:

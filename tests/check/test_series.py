@@ -5,58 +5,70 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.check.series import bend, flicker, freezes, pops, standard_error, steps
+from nlens_video.check.series import (
+    flicker,
+    freezes,
+    outliers,
+    second_difference,
+    standard_error,
+    steps,
+)
 
 SMOOTH = 0.3 * np.sin(np.arange(60) / 9.0)
 NOISE = 0.01 * np.random.default_rng(3).normal(size=60)
 
 
 def test_steady_change_has_no_bend():
-    assert np.allclose(bend(np.linspace(3, -5, 20)), 0)
+    assert np.allclose(second_difference(np.linspace(3, -5, 20)), 0)
 
 
 def test_single_value_bends_by_what_it_is_off_and_its_neighbours_by_half_of_it():
     values = np.zeros(9)
     values[4] = 0.4
-    assert bend(values)[3:6] == pytest.approx([-0.2, 0.4, -0.2])
+    assert second_difference(values)[3:6] == pytest.approx([-0.2, 0.4, -0.2])
 
 
 @given(at=st.integers(2, 57), size=st.floats(0.3, 2.0), up=st.booleans())
 def test_jump_of_one_value_is_found_where_it_is(at, size, up):
     values = SMOOTH + NOISE
     values[at] += size if up else -size
-    ((place, jump),) = pops(bend(values), 0.15)
+    ((place, jump),) = outliers(second_difference(values), 0.15)
     assert place == at and jump == pytest.approx(size if up else -size, abs=0.06)
 
 
 def test_steady_series_has_neither_jump_nor_flicker():
-    assert pops(bend(SMOOTH + NOISE), 0.15) == [] and flicker(bend(SMOOTH + NOISE), 0.02) == []
+    assert (
+        outliers(second_difference(SMOOTH + NOISE), 0.15) == []
+        and flicker(second_difference(SMOOTH + NOISE), 0.02) == []
+    )
 
 
 def test_flicker_is_found_with_its_stretch_and_amplitude_and_is_no_jump():
     values = SMOOTH + NOISE
     values[20:40] += 0.2 * (-1.0) ** np.arange(20)
-    ((first, last, amplitude),) = flicker(bend(values), 0.02)
+    ((first, last, amplitude),) = flicker(second_difference(values), 0.02)
     assert 16 <= first <= 22 and 37 <= last <= 43
     assert amplitude == pytest.approx(0.2, rel=0.15)
-    assert pops(bend(values[21:39]), 0.15) == []
+    assert outliers(second_difference(values[21:39]), 0.15) == []
 
 
 def test_what_each_part_does_for_itself_is_no_flicker_and_what_all_do_is():
     own = 0.15 * np.random.default_rng(5).normal(size=(60, 8))
     shared = 0.03 * ((-1.0) ** np.arange(60))[:, None]
-    error = standard_error(bend(own))
+    error = standard_error(second_difference(own))
     assert np.median(error) == pytest.approx(0.15 * 1.22 / np.sqrt(8), rel=0.3)
-    assert flicker(bend(own.mean(axis=1)), 0.015, error) == []
+    assert flicker(second_difference(own.mean(axis=1)), 0.015, error) == []
     steady = 0.1 * own + shared
-    assert flicker(bend(steady.mean(axis=1)), 0.015, standard_error(bend(steady)))
+    assert flicker(
+        second_difference(steady.mean(axis=1)), 0.015, standard_error(second_difference(steady))
+    )
 
 
 def test_standard_error_goes_by_the_parts_that_are_known():
     parts = np.random.default_rng(5).normal(size=(20, 8))
     parts[:, 4:] = np.nan
     parts[7] = np.nan
-    error = standard_error(bend(parts))
+    error = standard_error(second_difference(parts))
     assert np.isfinite(error).all() and error[7] == 0 and error[3] > 0
 
 
@@ -67,7 +79,7 @@ def test_change_of_level_is_a_step_and_no_jump_and_a_jump_is_no_step():
     assert place == 30 and size == pytest.approx(0.2, abs=0.03)
     single = SMOOTH + 0.2 * NOISE
     single[30] += 0.4
-    assert steps(single, 0.1) == [] and pops(bend(single), 0.15)
+    assert steps(single, 0.1) == [] and outliers(second_difference(single), 0.15)
     assert steps(SMOOTH + 0.2 * NOISE, 0.1) == []
 
 

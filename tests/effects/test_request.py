@@ -3,11 +3,17 @@
 import pytest
 
 from nlens_video.core.errors import UsageError
-from nlens_video.effects.planner import EFFECTS, Circumstances, decide, requested_effects, within
+from nlens_video.effects.planner import (
+    EFFECTS,
+    ShotFacts,
+    decide,
+    requested_effects,
+    restrict_to_pipeline,
+)
 
 
 def decisions(requested, **scene):
-    return {one.effect: one for one in decide(requested, Circumstances(**scene))}
+    return {one.effect: one for one in decide(requested, ShotFacts(**scene))}
 
 
 @pytest.mark.parametrize("text", ["auto,shadow", "auto,+shadow", "+shadow", "shadow,auto"])
@@ -39,7 +45,7 @@ def test_names_alone_are_the_whole_list():
 
 def test_all_asks_for_every_effect_and_leaves_out_what_the_pipeline_lacks():
     assert all(one.wanted for one in decisions("all").values())
-    kept = within(decide("all"), frozenset({"defocus"}), "draft", "all")
+    kept = restrict_to_pipeline(decide("all"), frozenset({"defocus"}), "draft", "all")
     assert [one.effect for one in kept if one.wanted] == ["defocus"]
     assert requested_effects("all") == EFFECTS
 
@@ -65,7 +71,9 @@ def test_a_request_without_sense_says_what_to_write(text, words):
 
 def test_an_effect_added_by_name_that_a_pipeline_lacks_is_an_error():
     with pytest.raises(UsageError, match="no node for shadow; use --preset standard"):
-        within(decide("auto,+shadow"), frozenset({"defocus"}), "draft", "auto,+shadow")
+        restrict_to_pipeline(
+            decide("auto,+shadow"), frozenset({"defocus"}), "draft", "auto,+shadow"
+        )
 
 
 def test_a_strength_that_is_said_asks_for_a_shadow_without_lights():

@@ -14,7 +14,7 @@ from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
 from nlens_video.farm.persistent_run import OpenRun
 from nlens_video.farm.store import Bucket, Folder
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 from nlens_video.options.options import parse
 from nlens_video.options.to_settings import settings
 
@@ -80,7 +80,7 @@ def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
 
 @pytest.mark.needs_gl
 def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(run, tmp_path):
-    bench = Workbench()
+    bench = Worker()
     late, early, missing = marks(run, (5, 7), (2, 4), (40, 50))
     before = threading.active_count()
     bench.chunk(run, None, (late,), Folder(tmp_path))
@@ -132,7 +132,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
         args=(run.source, parts, Folder(tmp_path), output, lambda: looks.append(time.monotonic())),
     )
     merging.start()
-    bench = Workbench()
+    bench = Worker()
     for mark in parts[::-1]:
         assert merging.is_alive() and not (tmp_path / "followed.mkv").exists()
         bench.chunk(run, None, (mark,), Folder(tmp_path))
@@ -145,7 +145,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
 @pytest.mark.needs_gl
 def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
-    with Workbench() as bench:
+    with Worker() as bench:
         bench.chunk(run, None, (parts[0],), Folder(tmp_path))
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     looked = []
@@ -163,7 +163,7 @@ def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
 @pytest.mark.needs_gl
 def test_merge_refuses_a_file_that_is_not_the_chunk_its_name_says(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
-    with Workbench() as bench:
+    with Worker() as bench:
         bench.chunk(run, None, (one,), Folder(tmp_path))
     (tmp_path / other.file_name).write_bytes((tmp_path / one.file_name).read_bytes())
     assert not Folder(tmp_path).has(other.file_name)  # there it would be rendered again

@@ -14,7 +14,7 @@ from nlens_video.farm.folder import make
 from nlens_video.farm.job import absolute
 from nlens_video.farm.shot_tasks import Progress, Shot, plan
 from nlens_video.farm.store import Bucket, Folder, store_of
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 from nlens_video.options.options import parse
 from nlens_video.options.to_settings import settings
 
@@ -115,7 +115,7 @@ def test_shot_by_way_of_a_url_has_the_single_runs_bits_and_nothing_stays_here(
     url = urls(tmp_path)[which]
     run = absolute(settings(parse(["farm", *words(shot, tmp_path / "out.mkv")])))
     asked = plan(Shot(settings=run, store=store_of(url), chunk_s=0.2), Progress(1, lambda *a: None))
-    bench, answers = Workbench(), None
+    bench, answers = Worker(), None
     with store_of(url).held():
         while True:
             try:

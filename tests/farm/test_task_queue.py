@@ -25,7 +25,7 @@ from nlens_video.farm.shot_tasks import (
 )
 from nlens_video.farm.store import Folder
 from nlens_video.farm.task_queue import TaskQueue
-from nlens_video.farm.worker import Workbench
+from nlens_video.farm.worker import Worker
 from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.chunks.chunk_id import ChunkMark
 
@@ -109,9 +109,9 @@ def test_only_pieces_that_are_missing_are_rendered(tmp_path):
 
 def test_shot_of_one_chunk_is_rendered_at_once_unless_pieces_of_it_are_there(tmp_path):
     (whole,), _, _ = planned(10.0, 240, tmp_path)
-    assert whole.work is Workbench.whole
+    assert whole.work is Worker.whole
     rendering, merging = planned(10.0, 240, tmp_path, (48,))[0]
-    assert (rendering.work, merging.work) == (Workbench.chunk, Workbench.merge)
+    assert (rendering.work, merging.work) == (Worker.chunk, Worker.merge)
     assert spans(rendering) == [(0, 48), (96, 144), (144, 192), (192, 240)]
 
 

@@ -14,7 +14,7 @@ from nlens_video.core.layers import (
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import decide
 from nlens_video.graph.base.context import NodeContext
-from nlens_video.graph.base.object_source import Placement
+from nlens_video.graph.base.object_source import ScreenBounds
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.builder import build
 from nlens_video.graph.executor import GraphExecutor
@@ -36,7 +36,7 @@ class Slab:
     def locate(self, index, time_s):
         if not self.visible(index):
             return None
-        return Placement(
+        return ScreenBounds(
             time_s=time_s, camera=shots.camera(), box=BOX, nearest=self.near, farthest=self.far
         )
 
@@ -143,7 +143,7 @@ def test_effects_none_builds_no_node_of_defocus():
 def test_pixels_of_the_plate_out_of_reach_are_untouched():
     runner, _ = steps(fit=FIT)
     state = run(runner, 0)
-    reach = BOX.grown(12)
+    reach = BOX.expanded(12)
     before, after = shots.plate(), state.frame.picture.array
     outside = np.ones(before.shape[:2], bool)
     outside[reach.y0 : reach.y1, reach.x0 : reach.x1] = False

@@ -3,13 +3,15 @@
 import pytest
 
 from nlens_video.core.errors import UsageError
-from nlens_video.effects.planner import Circumstances, decide, within
+from nlens_video.effects.planner import ShotFacts, decide, restrict_to_pipeline
 
-SUNLIT = Circumstances(lamps=1)
+SUNLIT = ShotFacts(lamps=1)
 
 
 def test_pipeline_without_a_shadow_leaves_it_out_and_says_so():
-    decided = within(decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto")
+    decided = restrict_to_pipeline(
+        decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto"
+    )
     by_name = {decision.effect: decision for decision in decided}
     assert by_name["defocus"].wanted and not by_name["shadow"].wanted
     assert "realtime" in by_name["shadow"].reason
@@ -18,23 +20,26 @@ def test_pipeline_without_a_shadow_leaves_it_out_and_says_so():
 def test_effect_asked_for_by_name_that_a_pipeline_lacks_is_an_error():
     asked = "defocus,shadow"
     with pytest.raises(UsageError, match="shadow; use --preset standard"):
-        within(decide(asked, SUNLIT), frozenset({"defocus"}), "realtime", asked)
+        restrict_to_pipeline(decide(asked, SUNLIT), frozenset({"defocus"}), "realtime", asked)
 
 
 def test_pipeline_with_every_node_changes_no_decision():
     decisions = decide("auto", SUNLIT)
-    assert within(decisions, frozenset({"defocus", "shadow"}), "standard", "auto") == decisions
+    assert (
+        restrict_to_pipeline(decisions, frozenset({"defocus", "shadow"}), "standard", "auto")
+        == decisions
+    )
 
 
 @pytest.mark.parametrize(
     ("scene", "effect", "wanted", "reason"),
     [
-        (Circumstances(), "reflection", False, "--reflect makes it so"),
-        (Circumstances(reflectance=0.2), "reflection", True, "mirrors 0.2"),
-        (Circumstances(reflectance=0.2, pre_rendered=True), "reflection", False, "not drawn"),
-        (Circumstances(), "occlusion", False, "give --holdout PATH or --occlusion auto"),
-        (Circumstances(holdout="m.png, by its alpha"), "occlusion", True, "m.png, by its alpha"),
-        (Circumstances(occlusion_by_coc=True), "occlusion", True, "certainly of nearer things"),
+        (ShotFacts(), "reflection", False, "--reflect makes it so"),
+        (ShotFacts(reflectance=0.2), "reflection", True, "mirrors 0.2"),
+        (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "not drawn"),
+        (ShotFacts(), "occlusion", False, "give --holdout PATH or --occlusion auto"),
+        (ShotFacts(holdout="m.png, by its alpha"), "occlusion", True, "m.png, by its alpha"),
+        (ShotFacts(occlusion_by_coc=True), "occlusion", True, "certainly of nearer things"),
     ],
 )
 def test_what_the_plates_own_things_do_is_decided_by_what_is_said_of_them(

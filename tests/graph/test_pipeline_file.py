@@ -66,7 +66,7 @@ def test_value_that_may_be_missing_need_not_be_written_at_all(tmp_path):
         ("3", "no list 'nodes'"),
         ('["sparkle"]', "no node 'sparkle'"),
         ("[7]", "7 in 'nodes' is neither"),
-        ('["render"]', "'render' reads 'placement', which none above it writes"),
+        ('["render"]', "'render' reads 'bounds', which none above it writes"),
         ('["object-bounds", "object-bounds"]', "'object-bounds' stands twice"),
         ('[{ node = "object-bounds", radius = 3 }]', "has no option 'radius'"),
         (

@@ -25,7 +25,7 @@ from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
 from nlens_video.stages.reblur.depth_order_repair import RepairLayer
-from nlens_video.stages.reblur.depth_peel import look_behind
+from nlens_video.stages.reblur.depth_peel import depth_peel
 from nlens_video.stages.reblur.lens_sampling import BlurCell, SampleLens, Shot
 from nlens_video.stages.reblur.view_blend import SampleSmallDiscs
 
@@ -139,12 +139,12 @@ def through(
             return whole(stage(centre, shot))
         if rung == "standard":
             depth = float(layer.depth[np.isfinite(layer.depth)].max())
-            centre = look_behind(centre, fit, depth, renderer)
+            centre = depth_peel(centre, fit, depth, renderer)
             few = SampleSmallDiscs(renderer=renderer)(centre, shot)
     blurred = spread(centre, FRAME)
     if rung == "standard":
         blurred = repair()(centre, blurred)
-    return whole(blurred if few is None else few.laid_in(blurred))
+    return whole(blurred if few is None else few.blend_into(blurred))
 
 
 @cache

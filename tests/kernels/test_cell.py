@@ -62,7 +62,7 @@ def test_a_card_of_one_coc_is_blurred_as_the_scatter_blurs_it(coc):
     margin = cell_reach(abs(coc))
     wide = np.pad(rgba, ((margin, margin), (margin, margin), (0, 0)))
     other = scatter(wide, np.pad(cocs, margin))
-    target = Box(0, 0, 50, 40).grown(margin)
+    target = Box(0, 0, 50, 40).expanded(margin)
     assert np.abs(blurred(rgba, cocs, target) - other).max() < 0.035
     assert np.sqrt(np.mean((blurred(rgba, cocs, target) - other) ** 2)) < 0.006
 
@@ -76,7 +76,7 @@ def test_alpha_is_one_inside_however_the_coc_varies_and_zero_out_of_reach():
     rgba, coc = card()
     coc[:] = np.random.default_rng(0).uniform(-8.0, 8.0, coc.shape)
     reach = cell_reach(8.0)
-    alpha = blurred(rgba, coc, Box(0, 0, 50, 40).grown(reach + 3))[..., 3]
+    alpha = blurred(rgba, coc, Box(0, 0, 50, 40).expanded(reach + 3))[..., 3]
     inside = alpha[2 * reach + 3 : -2 * reach - 3, 2 * reach + 3 : -2 * reach - 3]
     np.testing.assert_allclose(inside, 1.0, atol=1e-5)
     assert not alpha[:3].any() and not alpha[:, -3:].any() and alpha.max() <= 1.0 + 1e-5

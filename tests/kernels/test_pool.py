@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from nlens_video.kernels.thread_pool import processors, share
+from nlens_video.kernels.thread_pool import parallel_for, processors
 
 needs_affinity = pytest.mark.skipif(
     not hasattr(os, "sched_setaffinity"), reason="this system binds no process to processors"
@@ -17,19 +17,19 @@ needs_affinity = pytest.mark.skipif(
 @pytest.mark.parametrize("workers", [None, 1, 2, 5])
 def test_every_item_is_worked_on_once(workers):
     done = []
-    share(done.append, range(100), workers)
+    parallel_for(done.append, range(100), workers)
     assert sorted(done) == list(range(100))
 
 
 def test_nothing_to_do_is_done_at_once():
-    share(lambda _: pytest.fail("there is no item"), [])
+    parallel_for(lambda _: pytest.fail("there is no item"), [])
 
 
 def test_threads_are_made_once():
-    share(lambda _: None, range(100), 3)
+    parallel_for(lambda _: None, range(100), 3)
     before = threading.active_count()
     for _ in range(5):
-        share(lambda _: None, range(100), 3)
+        parallel_for(lambda _: None, range(100), 3)
     assert threading.active_count() == before
 
 
@@ -38,12 +38,12 @@ def test_an_error_of_any_worker_reaches_the_caller():
         raise ValueError(f"item {item}")
 
     with pytest.raises(ValueError, match="item"):
-        share(fail, range(9), 2)
+        parallel_for(fail, range(9), 2)
 
 
 def test_work_may_share_work_itself():
     done = []
-    share(lambda _: share(done.append, range(10), 4), range(10), 4)
+    parallel_for(lambda _: parallel_for(done.append, range(10), 4), range(10), 4)
     assert len(done) == 100
 
 

@@ -73,7 +73,7 @@ def test_an_aperture_that_is_a_picture_is_spread_by_torch_too(tmp_path):
 
 def test_auto_takes_the_cpu_where_there_is_no_cuda_and_says_why(monkeypatch):
     monkeypatch.setattr(device, "_why_no_cuda", lambda: "there is no NVIDIA driver")
-    assert device.choose("auto") == device.Chosen("cpu", "there is no NVIDIA driver")
+    assert device.choose("auto") == device.DeviceChoice("cpu", "there is no NVIDIA driver")
     assert device.choose("auto").spread is None
     with pytest.raises(UsageError, match="no NVIDIA driver; use --device cpu"):
         device.choose("cuda")
@@ -97,7 +97,7 @@ def test_a_gpu_out_of_memory_leaves_its_pictures_to_the_cpu_with_a_word(monkeypa
 
     monkeypatch.setattr(torch, "zeros", full)
     rgba, coc = layer(-9, 14, 20)
-    where = device.Chosen("cuda", "a test")
+    where = device.DeviceChoice("cuda", "a test")
     filled = TorchSpread("cpu", where.notes)
     for _ in range(2):
         np.testing.assert_array_equal(scatter(rgba, coc, spread=filled), scatter(rgba, coc))

@@ -7,20 +7,20 @@ from hypothesis.extra.numpy import arrays
 
 from nlens_video.kernels.numba_config import kernel
 from nlens_video.kernels.simd_types import (
-    all_of,
     all_sixteen,
-    chosen,
     eight_at,
     four,
     four_at,
     lane,
     lower,
     narrowed,
-    put_four,
     put_sixteen,
     row,
+    select_gt,
     sixteen,
-    widened,
+    splat,
+    store4,
+    to_f64,
 )
 
 NUMBERS = st.floats(-1000.0, 1000.0, width=32)
@@ -29,25 +29,25 @@ NUMBERS = st.floats(-1000.0, 1000.0, width=32)
 @kernel
 def of_fours(values, factor, out):
     one, other = row(values, 1), four_at(values, 2)
-    put_four(out, 0, one + other)
-    put_four(out, 4, one - other)
-    put_four(out, 8, one * all_of(factor))
-    put_four(out, 12, one / all_of(factor))
-    put_four(out, 16, four(lane(one, 3), lane(one, 2), lane(one, 1), factor))
+    store4(out, 0, one + other)
+    store4(out, 4, one - other)
+    store4(out, 8, one * splat(factor))
+    store4(out, 12, one / splat(factor))
+    store4(out, 16, four(lane(one, 3), lane(one, 2), lane(one, 1), factor))
 
 
 @kernel
 def of_eights(values, out):
-    total = widened(eight_at(values, 1)) + widened(eight_at(values, 2))
+    total = to_f64(eight_at(values, 1)) + to_f64(eight_at(values, 2))
     found = narrowed(total)
-    put_four(out, 0, lower(found))
+    store4(out, 0, lower(found))
     out[4], out[5] = lane(found, 4), lane(found, 7)
 
 
 @kernel
 def of_sixteens(values, limit, out):
     numbers, most = sixteen(values, 3), all_sixteen(limit)
-    put_sixteen(out, 1, chosen(numbers, most, most, numbers))
+    put_sixteen(out, 1, select_gt(numbers, most, most, numbers))
 
 
 @settings(deadline=None)

@@ -9,7 +9,7 @@ from nlens_video.kernels.reblur.coc_discontinuities import (
     SPARE_PX,
     STEP_PX,
     Hidden,
-    carried_out,
+    extend_nearest,
     find_steps,
 )
 from nlens_video.kernels.reblur.depth_layers import split_at_steps
@@ -136,7 +136,7 @@ def test_values_are_carried_out_from_the_nearest_known_pixel(seed, height, width
     values = rng.random((height, width), dtype=np.float32)
     known = rng.random((height, width)) < 0.3
     known[rng.integers(height), rng.integers(width)] = True
-    found = carried_out(values, known)
+    found = extend_nearest(values, known)
     places = np.argwhere(known)
     for y, x in np.argwhere(~known):
         distance = np.hypot(*(places - (y, x)).T)

@@ -135,7 +135,7 @@ def test_the_plate_stays_as_it_was_out_of_the_objects_reach(networks):
     layer = stage(picture, sharp(), FRAME)
     assert set(np.unique(layer.rgba[..., 3])) == {0.0, 1.0}
     picture.over(layer.box, layer.rgba)
-    reach = Box(44, 34, 86, 66).grown(10).slices_in(FRAME)
+    reach = Box(44, 34, 86, 66).expanded(10).slices_in(FRAME)
     outside = np.ones((96, 128), bool)
     outside[reach] = False
     assert np.array_equal(picture.array[outside], plate[outside])

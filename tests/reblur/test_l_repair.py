@@ -100,7 +100,7 @@ def test_pixels_out_of_reach_of_a_step_keep_the_scatters_bits(repair):
     before = scattered(sharp)
     after = repair(sharp, before)
     far_off = np.ones(before.rgba.shape[:2], bool)
-    reach = Box(140, 96, 191, 165).grown(14).slices_in(before.box)
+    reach = Box(140, 96, 191, 165).expanded(14).slices_in(before.box)
     far_off[reach] = False
     assert np.array_equal(before.rgba[far_off], after.rgba[far_off])
     assert not np.array_equal(before.rgba[reach], after.rgba[reach])

@@ -23,7 +23,7 @@ from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
 from nlens_video.stages.reblur.aperture_samples import bare_points
 from nlens_video.stages.reblur.depth_order_repair import RepairLayer
-from nlens_video.stages.reblur.depth_peel import look_behind
+from nlens_video.stages.reblur.depth_peel import depth_peel
 from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
@@ -71,7 +71,7 @@ class Seen:
     def peeled(self, camera=None, fit=FIT):
         front = self.renderer.render(0.0, camera or self.camera, 20)
         depth = self.camera.to_camera(self.scene.pose(0.0).vertices().astype(float))[:, 2]
-        return look_behind(object_coc(front, fit), fit, float(-depth.min()), self.renderer)
+        return depth_peel(object_coc(front, fit), fit, float(-depth.min()), self.renderer)
 
     def blurred(self, camera=None, fit=FIT):
         """What the scatter and what the repair makes of it, on the frame."""
@@ -209,7 +209,7 @@ def test_an_earlier_picture_can_be_looked_behind_as_well_as_the_last(see):
     with pytest.raises(ValueError, match="not rendered by this renderer"):
         seen.renderer.render_behind(replace(last), last.box, 0.01)
     with pytest.raises(ValueError, match="within"):
-        seen.renderer.render_behind(last, last.box.grown(1), 0.01)
+        seen.renderer.render_behind(last, last.box.expanded(1), 0.01)
     assert seen.renderer.render_behind(last, last.box, 0.01) is not None
     seen.renderer.close()
     with pytest.raises(NlensError):

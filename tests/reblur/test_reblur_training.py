@@ -138,7 +138,7 @@ def test_the_loss_mends_as_the_program_does(reservoir):
     judgement = np.random.default_rng(2).random((*maps["where"].shape[1:3], 2), dtype=np.float32)
     names = ("scattered", "near", "back", "covariance", "geometry")
     made = Candidates(**{name: maps[name][0] for name in names})
-    expected = made.mended(judgement, maps["where"][0, ..., 0])
+    expected = made.resolve(judgement, maps["where"][0, ..., 0])
     batch = torch.from_numpy(judgement).permute(2, 0, 1)[None]
     found = mended(to_tensors(maps), batch)[0].permute(1, 2, 0).clamp_min(0).numpy()
     found[..., 3] = np.minimum(found[..., 3], 1.0)

@@ -83,7 +83,7 @@ class Bench:
                 picture=picture,
             )
         )  # fmt: skip
-        report.entering(state)
+        report.on_frame_start(state)
         return state
 
     def measure(self, state):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nlens_video.core.errors import InputError
-from nlens_video.effects.planner import SHADOW, Circumstances, decide
+from nlens_video.effects.planner import SHADOW, ShotFacts, decide
 from nlens_video.scene.environment import load_environment, reduce_environment
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.scene_light import SceneLight
@@ -136,11 +136,11 @@ def test_light_is_estimated_from_the_plate_only_where_no_file_tells_it():
 @pytest.mark.parametrize(
     ("scene", "wanted", "words"),
     [
-        (Circumstances(lamps=2), True, "2 lights"),
-        (Circumstances(lamps=0), False, "no light is known"),
-        (Circumstances(lamps=0, surroundings=True), True, "light around"),
-        (Circumstances(lamps=1, pre_rendered=True), False, "layers"),
-        (Circumstances(lamps=1, strength=0.0), False, "--shadow-strength 0"),
+        (ShotFacts(lamps=2), True, "2 lights"),
+        (ShotFacts(lamps=0), False, "no light is known"),
+        (ShotFacts(lamps=0, surroundings=True), True, "light around"),
+        (ShotFacts(lamps=1, pre_rendered=True), False, "layers"),
+        (ShotFacts(lamps=1, strength=0.0), False, "--shadow-strength 0"),
     ],
 )
 def test_auto_casts_a_shadow_only_by_a_light_that_is_known(scene, wanted, words):
@@ -149,6 +149,6 @@ def test_auto_casts_a_shadow_only_by_a_light_that_is_known(scene, wanted, words)
 
 
 def test_a_shadow_can_be_asked_for_and_left_out():
-    layers = Circumstances(lamps=1, pre_rendered=True)
+    layers = ShotFacts(lamps=1, pre_rendered=True)
     for asked, wanted in (("defocus,shadow", True), ("defocus", False), ("none", False)):
         assert [d.wanted for d in decide(asked, layers) if d.effect == SHADOW] == [wanted]

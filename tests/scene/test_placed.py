@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlens_video.core.errors import SceneError, UsageError
-from nlens_video.core.placement import Placing, focal_35mm
+from nlens_video.core.placement import Placement, focal_35mm
 from nlens_video.scene.placement_camera import contact_point, place_camera
 
 BOX = np.array([[x, y, z] for x in (1.0, 2.0) for y in (3.0, 5.0) for z in (-1.0, 1.0)], np.float32)
@@ -16,7 +16,7 @@ FOOT = np.array([1.5, 3.0, 0.0])
 
 
 def place(at=(0.5, 0.8), size=0.3, *, vertices=BOX, focal=35.0, frame=(96, 54), aspect=1.0, **k):
-    placing = Placing(at=at, size=size, **k)
+    placing = Placement(at=at, size=size, **k)
     return place_camera(vertices, contact_point(vertices), placing, focal, frame, aspect)
 
 
@@ -97,7 +97,7 @@ def test_legs_stand_round_the_contact_point():
 )
 def test_a_place_that_makes_no_sense_is_a_usage_error(wrong, line):
     with pytest.raises(UsageError, match=line):
-        Placing(**wrong)
+        Placement(**wrong)
 
 
 def test_an_object_that_would_reach_behind_the_camera_is_refused():

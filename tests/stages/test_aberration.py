@@ -5,7 +5,7 @@ import pytest
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_models import Aberration
-from nlens_video.effects.camera.chromatic_aberration_apply import fringed
+from nlens_video.effects.camera.chromatic_aberration_apply import displace_channels
 from nlens_video.video.pixels.picture import SRGB, ArrayPicture
 
 FRAME = Box(0, 0, 240, 160)
@@ -42,7 +42,7 @@ def plate():
 def test_every_channel_is_the_shape_drawn_displaced_over_the_plate():
     picture = ArrayPicture(plate(), "rgb")
     before = picture.linear(FRAME)
-    out = fringed(layer_of(disc()), LENS, picture, FRAME)
+    out = displace_channels(layer_of(disc()), LENS, picture, FRAME)
     at = out.box.slices_in(FRAME)
     result = out.rgba[..., :3] + (1 - out.rgba[..., 3:]) * before[at]
     for channel, displacement in enumerate((LENS.red, (0.0, 0.0), LENS.blue)):
@@ -56,7 +56,7 @@ def test_every_channel_is_the_shape_drawn_displaced_over_the_plate():
 def test_composite_fringes_at_the_edge_only():
     picture, bare = ArrayPicture(plate(), "rgb"), ArrayPicture(plate(), "rgb")
     layer = layer_of(disc(), Box(155, 15, 215, 75))
-    out = fringed(layer, LENS, picture, FRAME)
+    out = displace_channels(layer, LENS, picture, FRAME)
     picture.over(out.box, out.rgba)
     bare.over(layer.box, layer.rgba)
     changed = np.abs(picture.array.astype(int) - bare.array).max(axis=2)
@@ -74,14 +74,14 @@ def test_object_that_the_frame_cuts_stays_whole_at_the_border():
     cover[40:120, 160:] = 1.0
     picture = ArrayPicture(np.full((FRAME.height, FRAME.width, 3), 200, np.uint8), "rgb")
     lens = Aberration(red=(-2.0, -1.0), blue=(-2.0, -1.0))
-    out = fringed(layer_of(cover, Box(160, 40, 240, 120)), lens, picture, FRAME)
+    out = displace_channels(layer_of(cover, Box(160, 40, 240, 120)), lens, picture, FRAME)
     inside = out.rgba[60 - out.box.y0 : 100 - out.box.y0, -30:]
     assert np.allclose(inside[..., :3], COLOUR, atol=1e-3)
 
 
 def test_layer_out_of_view_comes_back_itself():
     empty = BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
-    assert fringed(empty, LENS, ArrayPicture(plate(), "rgb", SRGB), FRAME) is empty
+    assert displace_channels(empty, LENS, ArrayPicture(plate(), "rgb", SRGB), FRAME) is empty
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

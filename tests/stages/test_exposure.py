@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.shutter import Shutter
 from nlens_video.effects.exposure import Exposure, MeasureExposure, follow
-from nlens_video.effects.planner import EXPOSURE, Circumstances, decide
+from nlens_video.effects.planner import EXPOSURE, ShotFacts, decide
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE = (360, 640)
@@ -108,6 +108,6 @@ def test_levels_are_those_of_mid_grey():
 
 def test_still_has_nothing_to_follow():
     (still,) = (one for one in decide("auto") if one.effect == EXPOSURE)
-    moving = Circumstances(shutter=Shutter(frame_s=0.04))
+    moving = ShotFacts(shutter=Shutter(frame_s=0.04))
     (video,) = (one for one in decide("auto", moving) if one.effect == EXPOSURE)
     assert not still.wanted and video.wanted

@@ -30,8 +30,8 @@ from nlens_video.stages.reblur.view_blend import (
     LARGE_COC_PX,
     SMALL_COC_PX,
     SPARE_PX,
-    FewViews,
     SampleSmallDiscs,
+    ViewBlend,
     share_of_views,
 )
 
@@ -75,7 +75,7 @@ class Seen:
         sharp = self.sharp()
         scattered = SCATTER(sharp, FRAME)
         views = self.stage(sharp, self.shot)
-        return scattered, scattered if views is None else views.laid_in(scattered)
+        return scattered, scattered if views is None else views.blend_into(scattered)
 
     def truth(self):
         return lens_views(self.renderer, self.shot, bare_points(400))
@@ -152,7 +152,7 @@ def test_nothing_pops_while_the_focus_passes_through(see):
         fit = replace(FIT, intercept=FIT.intercept + float(shift))
         shot, defocused = replace(seen.shot, fit=fit), object_coc(sharp, fit)
         views = seen.stage(defocused, shot)
-        results.append(whole(views.laid_in(SCATTER(defocused, FRAME))))
+        results.append(whole(views.blend_into(SCATTER(defocused, FRAME))))
     jumps = np.abs(np.diff(np.stack(results), axis=0)).max(axis=(1, 2, 3))
     second = np.abs(np.diff(np.stack(results), n=2, axis=0))
     assert jumps.max() < 0.15
@@ -230,9 +230,9 @@ def test_points_of_a_picture_lie_where_it_is_lit(tmp_path):
 def test_views_beside_the_blurred_layer_leave_it_as_it_is():
     sharp = layer_of(np.zeros((4, 4), np.float32))
     blurred = SCATTER(sharp, Box(0, 0, 20, 20))
-    views = FewViews(
+    views = ViewBlend(
         box=Box(15, 15, 20, 20),
         rgba=np.ones((5, 5, 4), np.float32),
         share=np.ones((5, 5), np.float32),
     )
-    assert views.laid_in(blurred) is blurred
+    assert views.blend_into(blurred) is blurred

@@ -24,7 +24,7 @@ from nlens_video.effects.motion_blur import (
     smeared,
     way_kernel,
 )
-from nlens_video.effects.planner import MOTION_BLUR, Circumstances, decide
+from nlens_video.effects.planner import MOTION_BLUR, ShotFacts, decide
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 
@@ -86,11 +86,11 @@ def test_fast_parts_that_are_out_of_focus_take_no_more_moments_than_slow_ones_in
 @pytest.mark.parametrize(
     ("scene", "wanted", "words"),
     [
-        (Circumstances(moves=True, shutter=Shutter(frame_s=0.04)), True, "180 degrees, assumed"),
-        (Circumstances(moves=False, shutter=Shutter(frame_s=0.04)), False, "moves"),
-        (Circumstances(moves=True, shutter=Shutter()), False, "still"),
-        (Circumstances(moves=True, shutter=Shutter(angle_deg=0, frame_s=1)), False, "--shutter 0"),
-        (Circumstances(moves=True, pre_rendered=True), False, "layers"),
+        (ShotFacts(moves=True, shutter=Shutter(frame_s=0.04)), True, "180 degrees, assumed"),
+        (ShotFacts(moves=False, shutter=Shutter(frame_s=0.04)), False, "moves"),
+        (ShotFacts(moves=True, shutter=Shutter()), False, "still"),
+        (ShotFacts(moves=True, shutter=Shutter(angle_deg=0, frame_s=1)), False, "--shutter 0"),
+        (ShotFacts(moves=True, pre_rendered=True), False, "layers"),
     ],
 )
 def test_motion_blur_is_decided_from_the_scene(scene, wanted, words):

@@ -20,7 +20,7 @@ from nlens_video.effects.occlusion import cover_of, foreground_light
 from nlens_video.effects.occlusion_estimate import CoverByCoc, CoverByDepth, object_disparity
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-from nlens_video.stages.composite import Foreground, behind, composite, lay
+from nlens_video.stages.composite import Foreground, behind, composite, composite_behind
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.input.exr_source import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -99,7 +99,7 @@ def test_shadow_and_object_behind_one_foreground_make_what_the_layers_make():
     ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(picture, shadow, FRAME, cover)
     assert picture.array == pytest.approx(mixed(m, front, (1 - loss) * back), abs=2e-3)
     layer = np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([*(alpha * paint), alpha])
-    lay(picture, FRAME, layer, cover)
+    composite_behind(picture, FRAME, layer, cover)
     truth = mixed(m, front, alpha * paint + (1 - alpha) * (1 - loss) * back)
     assert picture.array == pytest.approx(truth, abs=3e-3)
 
@@ -110,9 +110,9 @@ def test_what_is_covered_keeps_its_bits_and_what_is_free_is_the_same_as_without(
     layer = rng.random((HEIGHT, WIDTH, 4), np.float32)
     m = ramp(width=20.0)
     hidden, plain = plate.copy(), plate.copy()
-    lay(ArrayPicture(plain), FRAME, layer, None)
+    composite_behind(ArrayPicture(plain), FRAME, layer, None)
     picture = ArrayPicture(hidden)
-    lay(picture, FRAME, layer, cover_of(picture, FRAME, m))
+    composite_behind(picture, FRAME, layer, cover_of(picture, FRAME, m))
     assert np.array_equal(hidden[m == 1.0], plate[m == 1.0])
     assert np.array_equal(hidden[m == 0.0], plain[m == 0.0])
     assert (hidden != plain)[(m > 0.3) & (m < 0.7)].mean() > 0.5

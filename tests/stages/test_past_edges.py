@@ -19,9 +19,9 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.edge_parallax import free_table, half_hidden
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.r_ground_visibility import ground_seen
+from nlens_video.stages.r_ground_visibility import ground_visibility
 from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.edge_parallax import past_edges
+from nlens_video.stages.reblur.edge_parallax import edge_parallax
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE = 120, 90
@@ -141,7 +141,7 @@ def looked_at(disparity, wall_beyond=0.0):
     """What a plate says of the ground; a wall of another blur hides what is farther off."""
     expected = np.abs(FIT.coc_px(disparity.astype(np.float32))).astype(np.float64)
     said = np.where(disparity > wall_beyond, expected, expected + 9.0)
-    return ground_seen(disparity, said, np.full_like(said, 1.0), expected)
+    return ground_visibility(disparity, said, np.full_like(said, 1.0), expected)
 
 
 def test_ground_is_seen_as_far_as_the_plate_is_as_blurred_as_it():
@@ -186,13 +186,13 @@ def test_only_half_covered_pixels_over_seen_ground_change():
     defocused, blurred = layer()
     rng = np.random.default_rng(1)
     picture = ArrayPicture(rng.integers(0, 255, (SIZE[1], SIZE[0], 3), dtype=np.uint8), "rgb")
-    found = past_edges(blurred, picture, defocused, FIT, camera, 0.0)
+    found = edge_parallax(blurred, picture, defocused, FIT, camera, 0.0)
     partly = (blurred.rgba[..., 3] > 0.0) & (blurred.rgba[..., 3] < 1.0)
     changed = (found.rgba != blurred.rgba).any(axis=2)
     assert changed.sum() > 0.5 * partly.sum() and not changed[~partly].any()
     for unknown in ((), ((0.05, 0.0), (0.9, 0.0))):
         fit = replace(FIT, ground_seen=unknown)
-        assert past_edges(blurred, picture, defocused, fit, camera, 0.0) is blurred
+        assert edge_parallax(blurred, picture, defocused, fit, camera, 0.0) is blurred
 
 
 def test_above_the_horizon_nothing_changes():
@@ -200,7 +200,7 @@ def test_above_the_horizon_nothing_changes():
     assert camera.plane_disparity(0.0).max() < 0.0
     defocused, blurred = layer()
     picture = ArrayPicture(np.full((SIZE[1], SIZE[0], 3), 90, np.uint8), "rgb")
-    assert past_edges(blurred, picture, defocused, FIT, camera, 0.0) is blurred
+    assert edge_parallax(blurred, picture, defocused, FIT, camera, 0.0) is blurred
 
 
 def test_the_border_of_the_frame_is_no_obstacle():
@@ -208,7 +208,7 @@ def test_the_border_of_the_frame_is_no_obstacle():
     defocused, blurred = layer()
     picture = ArrayPicture(np.full((SIZE[1], SIZE[0], 3), 90, np.uint8), "rgb")
     low = BlurredLayer(box=Box(30, 40, 80, 90), rgba=blurred.rgba[40:90, 30:80])
-    found = past_edges(low, picture, defocused, FIT, camera, 0.0)
+    found = edge_parallax(low, picture, defocused, FIT, camera, 0.0)
     np.testing.assert_allclose(found.rgba, low.rgba, atol=1e-6)  # an even plate stays even
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nlens_video.run.lookahead import FRAMES, LookAhead
-from nlens_video.stages.f_temporal_mean import pooled
+from nlens_video.stages.f_temporal_mean import temporal_mean
 
 HEIGHT, WIDTH = 120, 160
 
@@ -27,7 +27,7 @@ def noisy(rng, picture, deviation=0.02):
 
 def test_mean_of_eight_still_frames_has_a_third_of_the_noise(rng, scene):
     frames = [noisy(rng, scene) for _ in range(8)]
-    mean, used = pooled(frames[0], frames[1:])
+    mean, used = temporal_mean(frames[0], frames[1:])
     assert used == 8
     assert np.std(mean - scene) < 0.4 * np.std(frames[0] - scene)
 
@@ -41,7 +41,7 @@ def test_frames_after_the_camera_moved_are_not_even_read(rng, scene):
         pytest.fail("read on after the camera had moved")
 
     first = noisy(rng, scene)
-    mean, used = pooled(first, following())
+    mean, used = temporal_mean(first, following())
     assert used == 2
     assert np.std(mean - scene) < np.std(first - scene)
 
@@ -53,7 +53,7 @@ def test_what_moves_keeps_the_samples_of_the_first_frame(rng, scene):
         picture = noisy(rng, scene, 0.012)
         picture[40:52, 20 + 10 * shift : 32 + 10 * shift] = 1.0
         later.append(picture)
-    mean, used = pooled(first, later)
+    mean, used = temporal_mean(first, later)
     assert used == 6
     # at every pixel at most the frames without the bright patch are averaged
     assert np.abs(mean - scene).max() < 0.07
@@ -65,24 +65,24 @@ def test_plate_without_noise_is_read_from_one_frame(rng, scene):
         pytest.fail("read on though there is no noise to be averaged")
 
     first = noisy(rng, scene, 0.001)
-    mean, used = pooled(first, following())
+    mean, used = temporal_mean(first, following())
     assert used == 1
     assert np.array_equal(mean, first)
 
 
 def test_change_of_light_as_a_whole_is_not_taken_for_motion(rng, scene):
     frames = [noisy(rng, scene + 0.01 * step, 0.01) for step in range(4)]
-    mean, used = pooled(frames[0], frames[1:])
+    mean, used = temporal_mean(frames[0], frames[1:])
     assert used == 4
     assert np.std(mean - mean.mean() - (scene - scene.mean())) < 0.7 * 0.01
 
 
 def test_plate_of_nothing_is_pooled_or_left_without_harm():
     flat = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
-    mean, _ = pooled(flat, [flat.copy()] * 3)
+    mean, _ = temporal_mean(flat, [flat.copy()] * 3)
     assert np.array_equal(mean, flat)
     tiny = np.zeros((2, 3, 3), np.float32)
-    assert pooled(tiny, [tiny])[1] == 1
+    assert temporal_mean(tiny, [tiny])[1] == 1
 
 
 def frame(index):
@@ -108,7 +108,7 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
             yield f"packet {index}"
 
     seen, ahead = [], {}
-    for item, following in LookAhead(items()).with_following(lambda: 2 not in ahead):
+    for item, following in LookAhead(items()).iterate(lambda: 2 not in ahead):
         if isinstance(item, str):
             seen.append(item)
             assert following == ()
@@ -124,5 +124,5 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
 
 def test_foresight_at_the_end_of_a_clip_shows_what_is_left():
     frames = LookAhead(frame(i) for i in range(3))
-    lengths = [len(following) for _, following in frames.with_following(lambda: True)]
+    lengths = [len(following) for _, following in frames.iterate(lambda: True)]
     assert lengths == [2, 1, 0]

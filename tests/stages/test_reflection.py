@@ -128,7 +128,7 @@ class Wall:
     """Fills the frame at a depth, seen from anywhere."""
 
     def render(self, time_s, camera, margin=0, plate_light=None):
-        box = Box(0, 0, camera.width, camera.height).grown(margin)
+        box = Box(0, 0, camera.width, camera.height).expanded(margin)
         rgba = np.ones((box.height, box.width, 4), np.float32)
         return ObjectLayer(
             box=box, rgba=rgba, depth=np.full((box.height, box.width), 1e6, np.float32)

@@ -18,7 +18,7 @@ from nlens_video.effects.shadow.projection import Moment
 from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
 from nlens_video.graph.base.context import NodeContext, ShadowScene
-from nlens_video.graph.base.object_source import Placement, RenderedObject, View
+from nlens_video.graph.base.object_source import RenderedObject, ScreenBounds, View
 from nlens_video.graph.nodes.shadow import CompositeShadow, ShadowNode, alike
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
@@ -158,7 +158,7 @@ def stages(scene, shutter=STILL):
 
 
 def placed(time_s, camera=None):
-    return Placement(
+    return ScreenBounds(
         time_s=time_s, camera=camera or looking_down(), box=FRAME, nearest=8.0, farthest=9.0
     )
 

@@ -16,7 +16,7 @@ def told(path):
     """What is said of a file once it was read to its end, and how many frames it gave."""
     with open_source(str(path)) as source:
         count = sum(1 for _ in source)
-        return count, " ".join(source.mishaps())
+        return count, " ".join(source.warnings())
 
 
 def later(folder, ending):

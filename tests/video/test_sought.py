@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nlens_video.cli.main import main
-from nlens_video.run.frame_range import Trim
+from nlens_video.run.frame_range import FrameRange
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.seek import Sought, open_sought
 from nlens_video.video.input.source import open_source
@@ -77,10 +77,10 @@ def write_moving(path, codec, options):
 def read(source, first, end, *, skip=False):
     """Index, time and samples of each frame of a range; and whether frames were left out."""
     with source:
-        trim = Trim(source, (first, end))
+        trim = FrameRange(source, (first, end))
         trim.peek(3)  # as a run does
         passed = []
-        trim.passed_over = lambda frame: passed.append(frame.index)
+        trim.on_skipped = lambda frame: passed.append(frame.index)
         if skip:
             trim.skip_to = source.skip_to
         found = []
@@ -120,7 +120,7 @@ def test_frames_are_left_out_where_that_is_certain_and_nowhere_else(clip, kind):
 def packets(source, *, skip):
     """What travels along with frames 120 to 139."""
     with source:
-        trim = Trim(source, (120, 140))
+        trim = FrameRange(source, (120, 140))
         if skip:
             trim.skip_to = source.skip_to
         return [

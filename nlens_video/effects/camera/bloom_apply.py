@@ -32,7 +32,7 @@ def bloomed(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
     if layer.box.empty or float(layer.rgba[..., :3].max()) <= WHITE:
         return layer
     margin = math.ceil(min(_REACH_LENGTHS * bloom.length_px, _MARGIN_LIMIT_PX))
-    wide = layer.box.grown(margin)
+    wide = layer.box.expanded(margin)
     box = wide.intersection(frame)
     excess = np.clip(layer.rgba[..., :3] - np.float32(WHITE), 0.0, np.float32(WHITE))
     around = np.pad(excess, ((margin, margin), (margin, margin), (0, 0)))

@@ -44,7 +44,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     for name, at in (("red", 0), ("blue", 2)):
         fit = _displacement(rgb[..., 1], rgb[..., at])
         channels[name] = fit
-        words.append(f"{name} {fit.at_corner * step:+.2f} px at the corner ({fit.words})")
+        words.append(f"{name} {fit.at_corner * step:+.2f} px at the corner ({fit.describe()})")
     cost_ms = _MS_PER_MEGAPIXEL * 0.2 * picture.width * picture.height / 1e6
     model = None
     if any(fit.consistent for fit in channels.values()):

@@ -17,7 +17,7 @@ from nlens_video.core.lens_models import Aberration
 from nlens_video.core.radial import from_middle, half_diagonal, square_radius
 
 
-def fringed(
+def displace_channels(
     layer: BlurredLayer, aberration: Aberration, picture: Picture, frame: Box
 ) -> BlurredLayer:
     """A layer as a lens draws it that does not bring all colours to the same place.
@@ -34,7 +34,7 @@ def fringed(
     if layer.box.empty:
         return layer
     margin = math.ceil(_most(aberration))
-    wide = layer.box.grown(margin)
+    wide = layer.box.expanded(margin)
     box = wide.intersection(frame)
     source = _grown(layer, margin, frame)
     out = np.ascontiguousarray(source[box.slices_in(wide)])

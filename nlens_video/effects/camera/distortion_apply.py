@@ -24,7 +24,7 @@ _NOWHERE = -1e4  # a place that no layer covers [px]
 
 
 @dataclass(frozen=True, slots=True)
-class Bend:
+class DistortionMap:
     """A distortion in the pixels of one camera.
 
     Attributes:
@@ -40,10 +40,10 @@ class Bend:
     frame: Box
 
     @classmethod
-    def of(cls, model: Distortion, camera: Camera) -> Bend:
+    def of(cls, model: Distortion, camera: Camera) -> DistortionMap:
         """The distortion as a camera's frame shows it."""
         frame = Box(0, 0, camera.width, camera.height)
-        if model.of_focal:
+        if model.focal_normalized:
             return cls(model, (camera.cx, camera.cy), (camera.fx, camera.fy), frame)
         half = half_diagonal(frame)
         return cls(model, (0.5 * frame.width, 0.5 * frame.height), (half, half), frame)
@@ -96,7 +96,7 @@ class Bend:
             box: in the ideal camera's frame.
             beyond: how far from the frame it still matters [px].
         """
-        seen = box.intersection(self.frame.grown(self.margin + beyond))
+        seen = box.intersection(self.frame.expanded(self.margin + beyond))
         if seen.empty:
             return Box(0, 0, 0, 0)
         x, y = _outline(seen)
@@ -118,7 +118,7 @@ class Bend:
         return columns.astype(np.float32), rows.astype(np.float32)
 
 
-def bent(layer: BlurredLayer, bend: Bend) -> BlurredLayer:
+def distort(layer: BlurredLayer, bend: DistortionMap) -> BlurredLayer:
     """A blurred layer where the lens puts it.
 
     Args:
@@ -136,7 +136,7 @@ def bent(layer: BlurredLayer, bend: Bend) -> BlurredLayer:
     return BlurredLayer(box=box, rgba=rgba)
 
 
-def bent_shadow(shadow: Shadow, bend: Bend) -> Shadow:
+def distort_shadow(shadow: Shadow, bend: DistortionMap) -> Shadow:
     """A shadow where the lens puts it."""
     shadow = shadow.fine
     box = bend.reached(shadow.box, _reach(shadow.coc_px))
@@ -148,7 +148,7 @@ def bent_shadow(shadow: Shadow, bend: Bend) -> Shadow:
     )
 
 
-def bent_defocused(defocused: DefocusedLayer, bend: Bend) -> DefocusedLayer:
+def distort_defocused(defocused: DefocusedLayer, bend: DistortionMap) -> DefocusedLayer:
     """A layer that is still to be blurred, where the lens puts it."""
     held = defocused.layer.box
     box = bend.reached(held, _reach(defocused.coc_px))

@@ -65,7 +65,7 @@ class AddGrain:
 
     def unit_noise(self, blurred: BlurredLayer, index: int) -> Float32:
         """Noise (h, w, 3) of unit deviation at every level, on the layer's box."""
-        box = blurred.box.grown(LAGS)
+        box = blurred.box.expanded(LAGS)
         size = (box.height, box.width)
         shares = past_shares(self.model.persistence)
         parts = []

@@ -50,8 +50,7 @@ class RadialFit:
         alike = least > _LEAST_IN_QUADRANT * abs(self.at_corner)
         return alike and self.certainty >= LEAST_CERTAINTY
 
-    @property
-    def words(self) -> str:
+    def describe(self) -> str:
         """How sure it is."""
         alike = "alike in all quadrants" if self.consistent else "not alike in all quadrants"
         return f"{self.certainty:.0f} standard errors in {self.count} windows, {alike}"

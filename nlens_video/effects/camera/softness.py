@@ -149,7 +149,7 @@ def softened(blurred: BlurredLayer, sigma_px: float, frame: Box) -> BlurredLayer
     if blurred.box.empty or sigma_px < NEGLIGIBLE_PX:
         return blurred
     reach = math.ceil(_REACH * sigma_px)
-    held, box = blurred.box, blurred.box.grown(reach).intersection(frame)
+    held, box = blurred.box, blurred.box.expanded(reach).intersection(frame)
     # beyond the frame the object goes on as at its border
     top, bottom = held.y0 - box.y0, box.y1 - held.y1
     left, right = held.x0 - box.x0, box.x1 - held.x1

@@ -46,7 +46,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     if fit.consistent and fit.at_corner > LEAST_RATIO * scene:
         model = Vignetting(square=0.5 * fit.linear, fourth=0.25 * fit.cubic)
     evidence = (
-        f"loss of light by radius: {fit.at_corner:.2f} stops at the corner ({fit.words}), "
+        f"loss of light by radius: {fit.at_corner:.2f} stops at the corner ({fit.describe()}), "
         f"other shapes of the scene {scene:.2f} stops"
     )
     return Measurement(

@@ -15,7 +15,7 @@ from nlens_video.core.layers import (  # fmt: skip
     ObjectLayer,
     Picture,
 )
-from nlens_video.stages.composite import Cover
+from nlens_video.stages.composite import ForegroundMatte
 from nlens_video.stages.l_reblur import ReblurLayer
 
 _MEAN_WITHOUT = np.hstack([np.diag([-1, -1, -1, 0]), np.ones((4, 1))])[:, [0, 1, 2, 4]].astype(
@@ -80,7 +80,7 @@ class ApplyShadow:
     blur: ReblurLayer
 
     def __call__(
-        self, picture: Picture, shadow: Shadow, frame: Box, cover: Cover | None = None
+        self, picture: Picture, shadow: Shadow, frame: Box, cover: ForegroundMatte | None = None
     ) -> Picture:
         """Multiply the plate in place by what the shadow leaves; the picture itself comes back.
 
@@ -92,7 +92,9 @@ class ApplyShadow:
         """
         return self.taken(picture, self.blurred(shadow, frame), cover)
 
-    def taken(self, picture: Picture, blurred: BlurredLayer, cover: Cover | None) -> Picture:
+    def taken(
+        self, picture: Picture, blurred: BlurredLayer, cover: ForegroundMatte | None
+    ) -> Picture:
         """Take a blurred shadow's light from the plate, in place; the picture itself comes back.
 
         Args:
@@ -128,7 +130,7 @@ class ApplyShadow:
         return BlurredLayer(box=box, rgba=np.ascontiguousarray(rgba))
 
 
-def _behind(loss: Float32, plate: Float32, box: Box, cover: Cover) -> Float32:
+def _behind(loss: Float32, plate: Float32, box: Box, cover: ForegroundMatte) -> Float32:
     """Loss and its mean (h, w, 4) on a box, where only what lies behind the cover loses light."""
     common = box.intersection(cover.box)
     if common.empty:

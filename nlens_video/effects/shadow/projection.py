@@ -14,7 +14,7 @@ from nlens_video.effects.shadow.casters import Casters, Opacity
 from nlens_video.effects.shadow.clipped_mesh import Solid
 from nlens_video.effects.shadow.coverage import PROJECTIONS, mark_covered
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Lamp
 
@@ -62,7 +62,7 @@ class Grid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
+class ShadowQuery:
     """What is to be found: which part of some lights is hidden from each pixel's ground.
 
     Attributes:
@@ -90,7 +90,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class Occluder:
     """A body over a ground before a camera, at one moment.
 
     Attributes:
@@ -108,7 +108,7 @@ class Stage:
     bounds: Float64
 
     @classmethod
-    def of(cls, moment: Moment, ground_y: float) -> Stage | None:
+    def of(cls, moment: Moment, ground_y: float) -> Occluder | None:
         """What of a moment's casters stands above the ground; None where nothing does."""
         casters = moment.casters
         solid = Solid.above(casters.vertices, casters.faces, casters.edges, ground_y)
@@ -130,7 +130,9 @@ class Stage:
         if not len(lights):
             return Box(0, 0, 0, 0)
         corners = np.array([[*corner, 1.0] for corner in product(*self.bounds.T)])
-        places = corners @ thrown(lights, self.ground_y, self.camera).swapaxes(1, 2)  # (N, 8, 3)
+        places = corners @ project_along_light(lights, self.ground_y, self.camera).swapaxes(
+            1, 2
+        )  # (N, 8, 3)
         beside = (lights[:, 3] > 0.0) & (lights[:, 1] <= self.bounds[1, 1])
         if beside.any() or (places[..., 2] <= 0.0).any():
             return seen
@@ -141,7 +143,7 @@ class Stage:
         )  # fmt: skip
 
 
-def thrown(lights: Float64, ground_y: float, camera: Camera) -> Float64:
+def project_along_light(lights: Float64, ground_y: float, camera: Camera) -> Float64:
     """Where lights (N, 4) throw the world's points on the ground, and so on the screen.
 
     Homogeneous pixel positions (N, 3, 4), the last coordinate positive before the camera, for
@@ -174,7 +176,7 @@ def shadow_places(moments: Sequence[Moment], lamps: Sequence[Lamp], ground_y: fl
     seen = np.array(
         [
             np.column_stack([points, np.ones(len(points))])
-            @ thrown(lights, ground_y, moment.camera).swapaxes(1, 2)
+            @ project_along_light(lights, ground_y, moment.camera).swapaxes(1, 2)
             for points, moment in zip(some, moments, strict=True)
         ]
     ).reshape(len(moments), -1, 3)
@@ -189,7 +191,7 @@ def _some_points(casters: Casters) -> Float64:
 
 
 def hidden(
-    stages: Sequence[Stage | None], asked: Sequence[Asked], threads: int | None = None
+    stages: Sequence[Occluder | None], asked: Sequence[ShadowQuery], threads: int | None = None
 ) -> list[Float32]:
     """Which share of lights a body hides from each pixel's ground, for each that is asked.
 
@@ -211,14 +213,14 @@ def hidden(
     def count(part: tuple[int, int]) -> None:
         done[part] = _counts(stages, asked[part[0]], part[1])
 
-    share(count, work, threads)
+    parallel_for(count, work, threads)
     counts = [np.zeros(one.grid.shape, np.float32) for one in asked]
     for part in work:  # in this order, whichever was ready first
         counts[part[0]] += done[part]
     return [number / np.float32(one.count) for number, one in zip(counts, asked, strict=True)]
 
 
-def _counts(stages: Sequence[Stage | None], asked: Asked, first: int) -> Float32:
+def _counts(stages: Sequence[Occluder | None], asked: ShadowQuery, first: int) -> Float32:
     """How many of some lights in a row, as many as an array of bits holds, are hidden."""
     height, width = asked.grid.shape
     bits = np.zeros((height, width), np.uint8)
@@ -228,7 +230,7 @@ def _counts(stages: Sequence[Stage | None], asked: Asked, first: int) -> Float32
         stage = stages[number % len(stages)]
         if stage is None or light[1] <= light[3] * stage.ground_y:
             continue
-        (matrix,) = thrown(light[None], stage.ground_y, asked.grid.view(stage.camera))
+        (matrix,) = project_along_light(light[None], stage.ground_y, asked.grid.view(stage.camera))
         at = (((number + 1) * _R2[0]) % 1.0, ((number + 1) * _R2[1]) % 1.0)
         solid = stage.solid if light[3] == 0.0 else stage.solid.below(light[1])
         mark_covered(bits, bit, (solid.vertices, solid.faces, solid.edges), matrix, at)
@@ -242,7 +244,7 @@ def _counts(stages: Sequence[Stage | None], asked: Asked, first: int) -> Float32
     return np.bitwise_count(bits).astype(np.float32) + veiled.taken
 
 
-def around(directions: int) -> Float64:
+def hemisphere(directions: int) -> Float64:
     """Directions (N, 4) to light from around, as many on a piece of the ground's cosine each.
 
     Those nearest to the horizon, which reach far and weigh little, are left out.

@@ -20,11 +20,11 @@ from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import Shadow, enlarged, pixels_of
 from nlens_video.effects.shadow.projection import (
-    Asked,
     Grid,
     Moment,
-    Stage,
-    around,
+    Occluder,
+    ShadowQuery,
+    hemisphere,
     hidden,
     lamp_points,
 )
@@ -75,7 +75,7 @@ class CastShadow:
         camera = moments[len(moments) // 2].camera
         if camera.world_from_camera[1, 3] <= ground_y or self.strength <= 0.0:
             return None
-        stages = [Stage.of(moment, ground_y) for moment in moments]
+        stages = [Occluder.of(moment, ground_y) for moment in moments]
         standing = [stage for stage in stages if stage is not None]
         if not standing:
             return None
@@ -84,26 +84,28 @@ class CastShadow:
         ambient = from_around(light, middle * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0))
         lights = [lamp_points(lamp, middle, self.lamp_points) for lamp in lamps]
         if ambient.any():
-            lights.append(around(self.ambient_directions))
+            lights.append(hemisphere(self.ambient_directions))
         frame = Box(0, 0, camera.width, camera.height)
         _, most = ground_blur(camera, ground_y, frame, fit)
-        seen = frame.grown(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
+        seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
         boxes = [
-            reduce(Box.joined, (stage.reached(own, seen) for stage in standing)) for own in lights
+            reduce(Box.union, (stage.reached(own, seen) for stage in standing)) for own in lights
         ]
-        lit = reduce(Box.joined, boxes[: len(lamps)], Box(0, 0, 0, 0))
+        lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))
         least, _ = ground_blur(camera, ground_y, lit, fit)
         step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
-        asked = [Asked(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
+        asked = [ShadowQuery(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
         if ambient.any():
-            asked.append(Asked(lights[-1], self.ambient_directions, Grid.on(boxes[-1], _COARSE)))
+            asked.append(
+                ShadowQuery(lights[-1], self.ambient_directions, Grid.on(boxes[-1], _COARSE))
+            )
         found = [
             _Share(share, one.grid)
             for one, share in zip(asked, hidden(stages, asked, self.threads), strict=True)
         ]
         if ambient.any():
             found[-1] = found[-1].contact(self.ambient_directions)
-        inner = reduce(Box.joined, (one.bounds for one in found), Box(0, 0, 0, 0))
+        inner = reduce(Box.union, (one.bounds for one in found), Box(0, 0, 0, 0))
         if inner.empty:
             return None
         grid = Grid.on(inner, step)

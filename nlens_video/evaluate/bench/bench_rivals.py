@@ -62,7 +62,7 @@ def _padded(defocused: DefocusedLayer, sigma_px: float) -> tuple[Float32, Float3
     """Colour and CoC with room for a Gaussian around them."""
     margin = math.ceil(_REACH * sigma_px) + 1
     rgba = np.pad(defocused.layer.rgba, ((margin, margin), (margin, margin), (0, 0)))
-    return rgba, np.pad(defocused.coc_px, margin), defocused.layer.box.grown(margin)
+    return rgba, np.pad(defocused.coc_px, margin), defocused.layer.box.expanded(margin)
 
 
 def _blurred(rgba: Float32, sigma_px: float) -> Float32:

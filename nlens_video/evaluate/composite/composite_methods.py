@@ -38,7 +38,7 @@ ABOUT = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
+class MethodInputs:
     """What a method is told of the lens.
 
     Attributes:
@@ -64,7 +64,7 @@ class Method:
 
     name: str
     rung: Rung
-    told: Callable[[Subject], Told]
+    told: Callable[[Subject], MethodInputs]
 
     def measure(self, subject: Subject) -> dict[str, float]:
         """All figures on a plate; none where the plate tells no lens."""
@@ -92,24 +92,26 @@ def all_methods() -> list[Method]:
         Method(name=NAIVE, rung=rival_rung("naive"), told=_no_blur),
         Method(name=BLIND, rung=layered, told=_quadratic),
         Method(name=GAUSSIAN, rung=layered, told=_true_coc),
-        *(Method(name=rung.name, rung=rung, told=lambda _: Told()) for rung in presets),
-        Method(name=TRUE_FIT, rung=default, told=lambda subject: Told(fit=subject.case.fit)),
+        *(Method(name=rung.name, rung=rung, told=lambda _: MethodInputs()) for rung in presets),
+        Method(
+            name=TRUE_FIT, rung=default, told=lambda subject: MethodInputs(fit=subject.case.fit)
+        ),
         Method(name=TRUE_COC, rung=default, told=_true_coc),
     ]
 
 
-def _no_blur(subject: Subject) -> Told:
+def _no_blur(subject: Subject) -> MethodInputs:
     known = subject.known
     nothing = np.zeros_like(known.object_coc_px)
     rms = rms_within(nothing, known.object_coc_px, known.solid)
-    return Told(fit=subject.case.fit, rms_px=rms)
+    return MethodInputs(fit=subject.case.fit, rms_px=rms)
 
 
-def _true_coc(subject: Subject) -> Told:
-    return Told(fit=subject.case.fit, defocus=subject.truly_defocused, rms_px=0.0)
+def _true_coc(subject: Subject) -> MethodInputs:
+    return MethodInputs(fit=subject.case.fit, defocus=subject.truly_defocused, rms_px=0.0)
 
 
-def _quadratic(subject: Subject) -> Told:
+def _quadratic(subject: Subject) -> MethodInputs:
     """Their model of the plate, asked at the object's true depth."""
     known, fit = subject.known, subject.case.fit
     if known.sharp is None:
@@ -123,7 +125,7 @@ def _quadratic(subject: Subject) -> Told:
         np.abs(known.object_coc_px),
         known.solid,
     )
-    return Told(fit=fit, defocus=lambda layer: object_coc(layer, law), rms_px=rms)
+    return MethodInputs(fit=fit, defocus=lambda layer: object_coc(layer, law), rms_px=rms)
 
 
 @dataclass(frozen=True, slots=True)

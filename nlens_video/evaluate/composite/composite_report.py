@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nlens_video.evaluate.composite.composite_methods import ABOUT, NAIVE
 from nlens_video.evaluate.composite.composite_plot import Bar, plot
-from nlens_video.evaluate.composite.paper_figures import beside_the_paper
+from nlens_video.evaluate.composite.paper_figures import paper_comparison
 from nlens_video.evaluate.metrics import LEVEL, Interval, over_scenes
 from nlens_video.evaluate.tables import Column, Table, grid
 from nlens_video.video.atomic_files import replacing
@@ -104,7 +104,7 @@ class Report:
         heading.append("\n".join(f"- {name}: {value}" for name, value in self.machine.items()))
         parts = [
             "\n\n".join(heading) + "\n",
-            beside_the_paper(self.intervals()),
+            paper_comparison(self.intervals()),
             self._over_scenes(),
             self.composites.markdown(),
             self.plates_coc.markdown(),

@@ -79,7 +79,7 @@ TABLES = {
 }
 
 
-def beside_the_paper(found: Mapping[tuple[str, str], Interval]) -> str:
+def paper_comparison(found: Mapping[tuple[str, str], Interval]) -> str:
     """Both tables as Markdown.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from nlens_video.check.series import bend
+from nlens_video.check.series import second_difference
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.bench_glb import UInt8
@@ -115,7 +115,7 @@ def _block_psnr(picture: UInt8, truth: UInt8, reach: Bool) -> float:
 
 def _flicker(detail: Float64) -> float:
     """Root mean square of how far each frame's detail lies off its neighbours' mean [1]."""
-    bent = bend(detail)[1:-1]
+    bent = second_difference(detail)[1:-1]
     return math.sqrt(_over(np.mean, bent**2))
 
 

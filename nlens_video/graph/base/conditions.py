@@ -10,13 +10,13 @@ from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 if TYPE_CHECKING:
     from nlens_video.core.layers import Box, DefocusedLayer
     from nlens_video.core.lens_fit import LensFit
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
 
 STEP_PX = 2.0  # between neighbours: with smaller steps parts of the object do not visibly overlap
 
 
-def _in_frame(placement: Placement, frame_box: Box) -> bool:
-    return not placement.box.intersection(frame_box).empty
+def _in_frame(bounds: ScreenBounds, frame_box: Box) -> bool:
+    return not bounds.box.intersection(frame_box).empty
 
 
 def _depth_steps(defocused: DefocusedLayer) -> bool:
@@ -24,8 +24,8 @@ def _depth_steps(defocused: DefocusedLayer) -> bool:
     return hides or defocused.largest_step_px >= STEP_PX
 
 
-def _depth_range(placement: Placement, fit: LensFit) -> bool:
-    return fit.slope * (1.0 / placement.nearest - 1.0 / placement.farthest) >= STEP_PX
+def _depth_range(bounds: ScreenBounds, fit: LensFit) -> bool:
+    return fit.slope * (1.0 / bounds.nearest - 1.0 / bounds.farthest) >= STEP_PX
 
 
 def _out_of_focus(defocused: DefocusedLayer) -> bool:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Protocol
 
 from nlens_video.core.aperture import ROUND, Aperture
-from nlens_video.core.layers import CocMap, Front, Picture
+from nlens_video.core.layers import CocMap, OcclusionCue, Picture
 from nlens_video.core.shutter import Shutter
 from nlens_video.effects.measurement import Measurement
 from nlens_video.graph.base.object_source import ObjectSource
@@ -45,7 +45,7 @@ class OcclusionSource(Protocol):
         """What tells it, in words."""
         ...
 
-    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
+    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
         """What is known of a frame, its picture as it was decoded.
 
         Args:

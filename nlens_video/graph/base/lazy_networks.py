@@ -7,14 +7,14 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, Picture
-from nlens_video.networks.device import Chosen
+from nlens_video.networks.device import DeviceChoice
 from nlens_video.stages.protocols import ReblurNetwork
 
 if TYPE_CHECKING:
     from nlens_video.stages.reblur.depth_order_repair import RepairNetwork
 
 
-def lazy_depth_order(pixel_aspect: float, device: Chosen) -> ReblurNetwork:
+def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> ReblurNetwork:
     """The ordering at depth steps, made by the first frame that has one.
 
     Args:
@@ -48,7 +48,7 @@ def lazy_depth_order(pixel_aspect: float, device: Chosen) -> ReblurNetwork:
 
 
 def lazy_coc_estimator(
-    pixel_aspect: float, device: Chosen
+    pixel_aspect: float, device: DeviceChoice
 ) -> Callable[[Picture, Sequence[Picture]], CocMap]:
     """F, whose network is loaded by the first picture.
 

@@ -12,7 +12,7 @@ import numpy as np
 from nlens_video.core.errors import UsageError
 from nlens_video.core.layers import Box, Float64, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.placement import ASSUMED_FOCAL_MM, Placing, focal_of_fov
+from nlens_video.core.placement import ASSUMED_FOCAL_MM, Placement, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.extent import extent, misses, travel_bound_px
@@ -63,7 +63,7 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Placement:
+class ScreenBounds:
     """The object at one moment, known to be near the frame.
 
     Attributes:
@@ -85,7 +85,9 @@ class Placement:
     plate_light: Illumination | None = None
 
 
-def place(view: View, scene: Scene, placing: Placing, focal: float, ground_y: float | None) -> View:
+def place(
+    view: View, scene: Scene, placing: Placement, focal: float, ground_y: float | None
+) -> View:
     """A view whose camera sees the object, as it is at first, where it is to stand.
 
     Args:
@@ -139,7 +141,7 @@ def choose_camera(
         known = f"by --fov {objects.fov_deg:g}"
     unused = "; the file's own camera is not used" if scene.camera_names else ""
     return place(view, scene, objects.placing, focal, objects.ground_y), (
-        f"placed by {objects.placing.words()}, focal length {focal:.4g} mm "
+        f"placed by {objects.placing.describe()}, focal length {focal:.4g} mm "
         f"(35 mm equivalent, {known}){unused}",
     )
 
@@ -152,7 +154,7 @@ class ObjectSource(Protocol):
         """What makes the layers, in words."""
         ...
 
-    def locate(self, index: int, time_s: float) -> Placement | None:
+    def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Where the object is on a frame; None when it is out of view."""
         ...
 
@@ -172,7 +174,7 @@ class ObjectSource(Protocol):
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         ...
 
-    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+    def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
         """The sharp layer, as far beyond the frame as its blur reaches back into it."""
         ...
 
@@ -232,7 +234,7 @@ class RenderedObject:
             [self.camera(moment) for moment in moments],
         )
 
-    def locate(self, index: int, time_s: float) -> Placement | None:
+    def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
         return placement_near(self.scene, self.view, time_s)
 
@@ -240,15 +242,15 @@ class RenderedObject:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         return self.scene.triangles(time_s, self.standing)
 
-    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+    def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
         """Render with a margin for what the lens spreads into the frame from outside."""
         margin = self.view.beyond
         if fit is not None:
-            ends = np.array([1 / placement.nearest, 1 / placement.farthest], np.float32)
+            ends = np.array([1 / bounds.nearest, 1 / bounds.farthest], np.float32)
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
             margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
         return self.renderer.render(
-            placement.time_s, placement.camera, margin, plate_light=placement.plate_light
+            bounds.time_s, bounds.camera, margin, plate_light=bounds.plate_light
         )
 
     def warm_up(self) -> None:
@@ -256,10 +258,10 @@ class RenderedObject:
         self.renderer.warm_up()
 
 
-def placement_near(scene: Scene, view: View, time_s: float) -> Placement | None:
+def placement_near(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
     """Where an object is at a moment [s]; None when it misses the frame and all that blurs in."""
     camera = view.camera_at(scene, time_s)
-    surroundings = view.box.grown(MARGIN_LIMIT_PX)
+    surroundings = view.box.expanded(MARGIN_LIMIT_PX)
     if misses(scene.hull(time_s), camera, surroundings):
         return None  # without moving a vertex
     bounds = _bounds(scene.pose(time_s), camera)
@@ -268,7 +270,7 @@ def placement_near(scene: Scene, view: View, time_s: float) -> Placement | None:
     box, nearest, farthest = bounds
     if box.intersection(surroundings).empty:
         return None
-    return Placement(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
+    return ScreenBounds(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
 
 
 def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:

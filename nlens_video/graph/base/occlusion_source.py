@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from nlens_video.core.layers import CocMap, Front, Picture
+from nlens_video.core.layers import CocMap, OcclusionCue, Picture
 from nlens_video.core.settings import RealSettings
 from nlens_video.graph.base.context import OcclusionSource
 
@@ -28,7 +28,7 @@ class FileFront:
         """What tells it, in words."""
         return self.reader.description
 
-    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
+    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
         """The matte or the depth of a frame."""
         return self.reader.read(index)
 
@@ -44,7 +44,7 @@ class CocFront:
         """What tells it, in words."""
         return "F: CoC network on each frame, onnxruntime on the CPU"
 
-    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> Front:
+    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
         """The CoC of a frame, of that one alone: the fit's may be the mean of several."""
         if plate_coc is not None and plate_coc.frames == 1:
             return plate_coc

@@ -13,7 +13,7 @@ from nlens_video.core.box import Box
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float64, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.graph.base.object_source import Placement, View
+from nlens_video.graph.base.object_source import ScreenBounds, View
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 
@@ -46,7 +46,7 @@ class LayeredObject:
         """Not known from a picture."""
         return math.inf
 
-    def locate(self, index: int, time_s: float) -> Placement | None:
+    def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Read the frame's layer, cut to what it covers."""
         layer = covered_part(self.layers.read(index))
         if layer is None:
@@ -57,7 +57,7 @@ class LayeredObject:
                 f"layer of frame {index}: alpha without depth anywhere; expected camera-space "
                 "depth in channel Z"
             )
-        return Placement(
+        return ScreenBounds(
             time_s=time_s,
             camera=self.camera(time_s),
             box=layer.box,
@@ -70,9 +70,9 @@ class LayeredObject:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         return self.scene.triangles(time_s, self.standing)
 
-    def render(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
+    def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
         """The layer that was read."""
-        return placement.layer
+        return bounds.layer
 
     def warm_up(self) -> None:
         """Nothing is compiled."""

@@ -11,21 +11,21 @@ if TYPE_CHECKING:
         Box,
         CocMap,
         DefocusedLayer,
-        Front,
         ObjectLayer,
+        OcclusionCue,
         Picture,
     )  # fmt: skip
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.exposure import Exposure
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.shadow.apply import Shadow
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.graph.base.stream_frame import StreamFrame
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
     from nlens_video.stages.p_projection import GroundProjection
     from nlens_video.stages.r_regression import Regression
-    from nlens_video.stages.reblur.view_blend import FewViews
+    from nlens_video.stages.reblur.view_blend import ViewBlend
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,7 @@ class FrameValues:
         following: pictures of later frames, where the source may be read ahead; given.
         fit: the lens, once it is known; given, or from `found_lens`.
         plate_light: the light on the object, estimated from the plate.
-        placement: the object's time, camera and bounds.
+        bounds: the object's time, camera and bounds.
         plate_coc: the plate's CoC (F).
         ground: footprint of the object and ground plane (P).
         found_lens: the lens fit of this frame (R).
@@ -77,7 +77,7 @@ class FrameValues:
     following: tuple[Picture, ...] | None = None
     fit: LensFit | None = None
     plate_light: Illumination | None = None
-    placement: Placement | None = None
+    bounds: ScreenBounds | None = None
     plate_coc: CocMap | None = None
     ground: GroundProjection | None = None
     found_lens: FoundLens | None = None
@@ -86,10 +86,10 @@ class FrameValues:
     moments: Motion | None = None
     layer: ObjectLayer | None = None
     defocused: DefocusedLayer | None = None
-    views: FewViews | None = None
+    views: ViewBlend | None = None
     shadow: Shadow | None = None
     reflection: DefocusedLayer | None = None
-    occlusion_cue: Front | None = None
+    occlusion_cue: OcclusionCue | None = None
     foreground: Foreground | None = None
     blurred: BlurredLayer | None = None
 

@@ -125,9 +125,9 @@ class ChromaticAberration(Node):
         self.description = f"red and blue displaced by up to {self._model.at_corner_px:.2g} px"
 
     def __call__(self, blurred: BlurredLayer, picture: Picture, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.chromatic_aberration_apply import fringed
+        from nlens_video.effects.camera.chromatic_aberration_apply import displace_channels
 
-        return fringed(blurred, self._model, picture, frame_box)
+        return displace_channels(blurred, self._model, picture, frame_box)
 
 
 class Grain(Node):

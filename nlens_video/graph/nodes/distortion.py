@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, cast
 from nlens_video.core.box import Box
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_models import Distortion
-from nlens_video.effects.camera.distortion_apply import Bend, bent, bent_defocused, bent_shadow
+from nlens_video.effects.camera.distortion_apply import (
+    DistortionMap,
+    distort,
+    distort_defocused,
+    distort_shadow,
+)
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.nodes.camera import model_of
 
@@ -17,7 +22,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.measurement import Measurement
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement, View
+    from nlens_video.graph.base.object_source import ScreenBounds, View
     from nlens_video.scene.scene import Scene
 
 _EFFECT = "distortion"
@@ -37,8 +42,8 @@ class AddOverscan(Node):
         self._distortion = _model(context)
         self.description = "as far beyond the border as the lens sees"
 
-    def __call__(self, frame_box: Box, placement: Placement) -> Box:
-        return frame_box.grown(Bend.of(self._distortion, placement.camera).margin)
+    def __call__(self, frame_box: Box, bounds: ScreenBounds) -> Box:
+        return frame_box.expanded(DistortionMap.of(self._distortion, bounds.camera).margin)
 
 
 class Distort(Node):
@@ -51,8 +56,8 @@ class Distort(Node):
         self._distortion = _model(context)
         self.description = _words(self._distortion)
 
-    def __call__(self, blurred: BlurredLayer, placement: Placement) -> BlurredLayer:
-        return bent(blurred, Bend.of(self._distortion, placement.camera))
+    def __call__(self, blurred: BlurredLayer, bounds: ScreenBounds) -> BlurredLayer:
+        return distort(blurred, DistortionMap.of(self._distortion, bounds.camera))
 
 
 class DistortShadow(Node):
@@ -65,8 +70,8 @@ class DistortShadow(Node):
         self._distortion = _model(context)
         self.description = _words(self._distortion)
 
-    def __call__(self, shadow: Shadow, placement: Placement) -> Shadow:
-        return bent_shadow(shadow, Bend.of(self._distortion, placement.camera))
+    def __call__(self, shadow: Shadow, bounds: ScreenBounds) -> Shadow:
+        return distort_shadow(shadow, DistortionMap.of(self._distortion, bounds.camera))
 
 
 class DistortReflection(Node):
@@ -79,8 +84,8 @@ class DistortReflection(Node):
         self._distortion = _model(context)
         self.description = _words(self._distortion)
 
-    def __call__(self, reflection: DefocusedLayer, placement: Placement) -> DefocusedLayer:
-        return bent_defocused(reflection, Bend.of(self._distortion, placement.camera))
+    def __call__(self, reflection: DefocusedLayer, bounds: ScreenBounds) -> DefocusedLayer:
+        return distort_defocused(reflection, DistortionMap.of(self._distortion, bounds.camera))
 
 
 class RemoveOverscan(Node):
@@ -109,7 +114,7 @@ def seen_beyond(scene: Scene, view: View, measured: Mapping[str, Measurement]) -
     camera = view.placed or scene.camera(
         0.0, view.width, view.height, name=view.camera, pixel_aspect=view.pixel_aspect
     )
-    bend = Bend.of(found.model, camera)
+    bend = DistortionMap.of(found.model, camera)
     if bend.folds:
         raise UsageError(
             f"--distortion {found.model.k1:g},{found.model.k2:g}: nothing is seen in the frame's "
@@ -119,5 +124,5 @@ def seen_beyond(scene: Scene, view: View, measured: Mapping[str, Measurement]) -
 
 
 def _words(distortion: Distortion) -> str:
-    unit = "focal lengths" if distortion.of_focal else "half diagonals"
+    unit = "focal lengths" if distortion.focal_normalized else "half diagonals"
     return f"k1 {distortion.k1:.3g}, k2 {distortion.k2:.3g}, radius in {unit}"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import CocMap, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.graph.base.stream_frame import StreamFrame
     from nlens_video.scene.illumination import Illumination
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 class ObjectBounds(Node):
     """Where the object is on the frame, by camera and depth bounds."""
 
-    name, writes = "object-bounds", "placement"
+    name, writes = "object-bounds", "bounds"
 
     def __init__(self, context: NodeContext) -> None:
         self._objects = context.objects
         self.description = "camera and depth bounds of the GLB"
 
-    def __call__(self, frame: StreamFrame, plate_light: Illumination | None) -> Placement | None:
-        placement = self._objects.locate(frame.number, frame.time_s)
-        if placement is None or plate_light is None:
-            return placement
-        return replace(placement, plate_light=plate_light)
+    def __call__(self, frame: StreamFrame, plate_light: Illumination | None) -> ScreenBounds | None:
+        bounds = self._objects.locate(frame.number, frame.time_s)
+        if bounds is None or plate_light is None:
+            return bounds
+        return replace(bounds, plate_light=plate_light)
 
 
 class EstimateCoc(Node):
@@ -49,7 +49,7 @@ class EstimateCoc(Node):
         self.description = "F: CoC network, onnxruntime on the CPU"
 
     def __call__(
-        self, picture: Picture, placement: Placement, following: tuple[Picture, ...] | None
+        self, picture: Picture, bounds: ScreenBounds, following: tuple[Picture, ...] | None
     ) -> CocMap:
         return self._estimate(picture, following or ())
 
@@ -64,9 +64,9 @@ class GroundFootprint(Node):
         self._context = context
         self.description = "P: footprint cast down on the ground plane"
 
-    def __call__(self, placement: Placement) -> GroundProjection:
-        triangles = self._context.objects.footprint(placement.time_s)
-        return project_to_ground(triangles, placement.camera, self._context.ground_height)
+    def __call__(self, bounds: ScreenBounds) -> GroundProjection:
+        triangles = self._context.objects.footprint(bounds.time_s)
+        return project_to_ground(triangles, bounds.camera, self._context.ground_height)
 
 
 class FitNode(Node):
@@ -83,7 +83,11 @@ class FitNode(Node):
         self.description = "R: robust V-fit over the ground plane"
 
     def __call__(
-        self, plate_coc: CocMap, ground: GroundProjection, frame: StreamFrame, placement: Placement
+        self,
+        plate_coc: CocMap,
+        ground: GroundProjection,
+        frame: StreamFrame,
+        bounds: ScreenBounds,
     ) -> FoundLens:
         try:
             regression = self._fit(plate_coc, ground, frame.index)

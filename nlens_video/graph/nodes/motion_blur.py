@@ -28,7 +28,7 @@ from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object
 if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
 
 
 class MeasureMotion(Node):
@@ -42,8 +42,8 @@ class MeasureMotion(Node):
         self._most_moments = most_moments
         self.description = f"vertices on the screen, shutter {context.shutter.angle_deg:g} degrees"
 
-    def __call__(self, placement: Placement, fit: LensFit | None) -> Motion | None:
-        moments = self._shutter.edges(placement.time_s)
+    def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> Motion | None:
+        moments = self._shutter.edges(bounds.time_s)
         if self._objects.travel_bound_px(moments) < NEGLIGIBLE_SPAN_PX:
             return None
         seen = [self._objects.places(moment) for moment in moments]
@@ -80,17 +80,17 @@ class RenderMotion(Node):
         self.description = "the mean of several moments, through the lens"
 
     def __call__(
-        self, placement: Placement, moments: Motion, layer: ObjectLayer, frame_box: Box,
+        self, bounds: ScreenBounds, moments: Motion, layer: ObjectLayer, frame_box: Box,
         fit: LensFit | None,
     ) -> BlurredLayer:  # fmt: skip
-        times = self._shutter.middles(placement.time_s, len(moments.ways))
+        times = self._shutter.middles(bounds.time_s, len(moments.ways))
 
         def rendered(numbers: range) -> Iterator[ObjectLayer | None]:
             for number in numbers:
                 if number == len(times) // 2:
                     yield layer
                 else:
-                    yield self._rendered(times[number], placement, fit)
+                    yield self._rendered(times[number], bounds, fit)
 
         layers = [
             self._blurred(averaged(rendered(numbers)), frame_box, fit) for numbers in moments.parts
@@ -99,12 +99,12 @@ class RenderMotion(Node):
         return smeared(mean, moments.ways.mean(axis=0), frame_box)
 
     def _rendered(
-        self, time_s: float, placement: Placement, fit: LensFit | None
+        self, time_s: float, bounds: ScreenBounds, fit: LensFit | None
     ) -> ObjectLayer | None:
         there = self._objects.locate(0, time_s)
         if there is None:
             return None
-        return self._objects.render(replace(there, plate_light=placement.plate_light), fit)
+        return self._objects.render(replace(there, plate_light=bounds.plate_light), fit)
 
     def _blurred(
         self, mean: ObjectLayer | None, frame_box: Box, fit: LensFit | None

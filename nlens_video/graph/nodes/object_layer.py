@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import DefocusedLayer, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
 
 
 class EstimateLight(Node):
@@ -51,8 +51,8 @@ class Render(Node):
         self._objects = context.objects
         self.description = context.objects.description
 
-    def __call__(self, placement: Placement, fit: LensFit | None) -> ObjectLayer | None:
-        return self._objects.render(placement, fit)
+    def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
+        return self._objects.render(bounds, fit)
 
     def warm_up(self) -> None:
         """Compile the renderer's kernels, if it has any."""
@@ -88,8 +88,8 @@ class DepthPeel(Node):
         self.description = f"depth-peeled second layer, {context.objects.description}"
 
     def __call__(
-        self, defocused: DefocusedLayer, fit: LensFit, placement: Placement
+        self, defocused: DefocusedLayer, fit: LensFit, bounds: ScreenBounds
     ) -> DefocusedLayer:
-        from nlens_video.stages.reblur.depth_peel import look_behind
+        from nlens_video.stages.reblur.depth_peel import depth_peel
 
-        return look_behind(defocused, fit, placement.farthest, self._renderer)
+        return depth_peel(defocused, fit, bounds.farthest, self._renderer)

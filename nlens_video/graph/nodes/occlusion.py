@@ -22,14 +22,14 @@ if TYPE_CHECKING:
         CocMap,
         DefocusedLayer,
         Float32,
-        Front,
         ObjectLayer,
+        OcclusionCue,
         Picture,
     )  # fmt: skip
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.graph.base.stream_frame import StreamFrame
 
 _NOTHING_TELLS = "nothing tells what stands in front"
@@ -37,7 +37,7 @@ _SOFTENED_PX = 16  # what later nodes may spread the object by [px]
 _SPREAD_PX = 16  # beyond half a CoC: what discs on coarser pixels take more [px]
 
 
-class OcclusionCue(Node):
+class OcclusionCueNode(Node):
     """What is known of real things in front: a matte, depth, or the plate's CoC."""
 
     name, writes = "occlusion-cue", "occlusion_cue"
@@ -50,8 +50,12 @@ class OcclusionCue(Node):
         self.description = context.occlusion.description
 
     def __call__(
-        self, frame: StreamFrame, picture: Picture, placement: Placement, plate_coc: CocMap | None
-    ) -> Front:
+        self,
+        frame: StreamFrame,
+        picture: Picture,
+        bounds: ScreenBounds,
+        plate_coc: CocMap | None,
+    ) -> OcclusionCue:
         return self._source.read(frame.index, picture, plate_coc)
 
 
@@ -76,16 +80,16 @@ class ForegroundNode(Node):
         )
 
     def __call__(
-        self, occlusion_cue: Front, picture: Picture, placement: Placement, frame_box: Box,
-        fit: LensFit | None, layer: ObjectLayer | None, blurred: BlurredLayer | None,
-        shadow: Shadow | None, reflection: DefocusedLayer | None,
+        self, occlusion_cue: OcclusionCue, picture: Picture, bounds: ScreenBounds,
+        frame_box: Box, fit: LensFit | None, layer: ObjectLayer | None,
+        blurred: BlurredLayer | None, shadow: Shadow | None, reflection: DefocusedLayer | None,
     ) -> Foreground | None:  # fmt: skip
         object_region = Box(0, 0, 0, 0)
         if blurred is not None and not blurred.box.empty:
-            object_region = blurred.box.grown(_SOFTENED_PX).intersection(frame_box)
+            object_region = blurred.box.expanded(_SOFTENED_PX).intersection(frame_box)
         ground_region = _on_ground(shadow, reflection, frame_box)
         if isinstance(occlusion_cue, Matte):
-            region = object_region.joined(ground_region)
+            region = object_region.union(ground_region)
             cover = cover_of(picture, region, occlusion_cue.coverage)
             return None if cover is None else Foreground(before_object=cover, before_ground=cover)
         over_object = over_ground = None
@@ -95,7 +99,7 @@ class ForegroundNode(Node):
             over_object = cover_of(picture, object_region, share)
         if not ground_region.empty:
             height = self._context.ground_height
-            surface = placement.camera.plane_disparity(height).astype(np.float32)
+            surface = bounds.camera.plane_disparity(height).astype(np.float32)
             share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
             over_ground = cover_of(picture, ground_region, share)
         return Foreground(before_object=over_object, before_ground=over_ground)
@@ -120,5 +124,5 @@ def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: 
     ):
         if coc is not None:
             reach = math.ceil(0.5 * float(np.abs(coc).max(initial=0.0))) + _SPREAD_PX
-            found = found.joined(box.grown(reach).intersection(frame))
+            found = found.union(box.expanded(reach).intersection(frame))
     return found

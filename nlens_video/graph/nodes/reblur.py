@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     )  # fmt: skip
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.stages.reblur.lens_sampling import Reblur
-    from nlens_video.stages.reblur.view_blend import FewViews
+    from nlens_video.stages.reblur.view_blend import ViewBlend
 
 
 def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
@@ -70,13 +70,13 @@ class ApertureViews(Node):
         self.description = f"{VIEWS} more points of the lens, {context.objects.description}"
 
     def __call__(
-        self, defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
-    ) -> FewViews | None:
+        self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
+    ) -> ViewBlend | None:
         from nlens_video.stages.reblur.lens_sampling import Shot
 
         shot = Shot(
-            time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box,
-            plate_light=placement.plate_light,
+            time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
+            plate_light=bounds.plate_light,
         )  # fmt: skip
         return self._sample(defocused, shot)
 
@@ -112,13 +112,13 @@ class LensSampling(Node):
         self.description = f"L: the lens sampled at {count} points for {accuracy_db:g} dB"
 
     def __call__(
-        self, defocused: DefocusedLayer, placement: Placement, fit: LensFit, frame_box: Box
+        self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> BlurredLayer:
         from nlens_video.stages.reblur.lens_sampling import Shot
 
         shot = Shot(
-            time_s=placement.time_s, camera=placement.camera, fit=fit, frame=frame_box,
-            plate_light=placement.plate_light,
+            time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
+            plate_light=bounds.plate_light,
         )  # fmt: skip
         return self._sample(defocused, shot)
 
@@ -214,8 +214,8 @@ class BlendViews(Node):
     def __init__(self, context: NodeContext) -> None:
         self.description = "L: the mean of the views where discs are small"
 
-    def __call__(self, blurred: BlurredLayer, views: FewViews) -> BlurredLayer:
-        return views.laid_in(blurred)
+    def __call__(self, blurred: BlurredLayer, views: ViewBlend) -> BlurredLayer:
+        return views.blend_into(blurred)
 
 
 class EdgeParallax(Node):
@@ -230,9 +230,9 @@ class EdgeParallax(Node):
 
     def __call__(
         self, blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
-        placement: Placement,
+        bounds: ScreenBounds,
     ) -> BlurredLayer:  # fmt: skip
-        from nlens_video.stages.reblur.edge_parallax import past_edges
+        from nlens_video.stages.reblur.edge_parallax import edge_parallax
 
         height = self._context.ground_height
-        return past_edges(blurred, picture, defocused, fit, placement.camera, height)
+        return edge_parallax(blurred, picture, defocused, fit, bounds.camera, height)

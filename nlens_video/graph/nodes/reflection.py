@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.stages.composite import Foreground
 
 
@@ -40,21 +40,21 @@ class Reflect(Node):
         )
 
     def __call__(
-        self, placement: Placement, fit: LensFit | None, motion: Motion | None
+        self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None
     ) -> DefocusedLayer | None:
         context = self._context
         # The virtual image lies farther off than the object: up to infinity, to be on the safe side
-        ends = np.array([1.0 / placement.nearest, 0.0], np.float32)
+        ends = np.array([1.0 / bounds.nearest, 0.0], np.float32)
         reach = 0.0 if fit is None else 0.5 * float(np.abs(fit.coc_px(ends)).max())
         reach *= max(1.0, context.pixel_aspect)
 
         def rendered(time_s: float) -> ObjectLayer | None:
-            own = time_s == placement.time_s
-            camera = placement.camera if own else context.objects.camera(time_s)
-            return self._render(time_s, camera, context.ground_height, reach, placement.plate_light)
+            own = time_s == bounds.time_s
+            camera = bounds.camera if own else context.objects.camera(time_s)
+            return self._render(time_s, camera, context.ground_height, reach, bounds.plate_light)
 
-        count = 1 if motion is None else self._moments(placement.time_s, fit)
-        times = context.shutter.middles(placement.time_s, min(count, self._most_moments))
+        count = 1 if motion is None else self._moments(bounds.time_s, fit)
+        times = context.shutter.middles(bounds.time_s, min(count, self._most_moments))
         layer = averaged(rendered(time_s) for time_s in times)
         if layer is None:
             return None

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import Placement
+    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.scene.gltf.meshes import Geometry
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
@@ -63,36 +63,40 @@ class ShadowNode(Node):
         )
 
     def __call__(
-        self, placement: Placement, fit: LensFit | None, motion: Motion | None
+        self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None
     ) -> Shadow | None:
-        pose = self._scene.pose(placement.time_s)
-        light = self._scene.light.on_ground(pose.lights, placement.plate_light)
-        moments = self._moments(placement, fit, motion, light)
+        pose = self._scene.pose(bounds.time_s)
+        light = self._scene.light.on_ground(pose.lights, bounds.plate_light)
+        moments = self._moments(bounds, fit, motion, light)
         given = (moments, light, fit)
         if self._last is None or not alike(self._last[0], given):
             self._last = given, self._cast(moments, light, self._context.ground_height, fit)
         return self._last[1]
 
     def _moments(
-        self, placement: Placement, fit: LensFit | None, motion: Motion | None, light: Illumination
+        self,
+        bounds: ScreenBounds,
+        fit: LensFit | None,
+        motion: Motion | None,
+        light: Illumination,
     ) -> tuple[Moment, ...]:
         """The moments at which the shadow is cast."""
-        still = (self._seen(placement.time_s, placement),)
+        still = (self._seen(bounds.time_s, bounds),)
         if motion is None:
             return still
         shutter, height = self._context.shutter, self._context.ground_height
-        edges = [self._seen(time_s, placement) for time_s in shutter.edges(placement.time_s)]
+        edges = [self._seen(time_s, bounds) for time_s in shutter.edges(bounds.time_s)]
         places = shadow_places(edges, light.lamps, height)
-        coc_px, _ = ground_blur(placement.camera, height, _bounds(places[1]), fit)
+        coc_px, _ = ground_blur(bounds.camera, height, _bounds(places[1]), fit)
         count = sampled_count(list(places), coc_px, self._most_moments)
         if count <= 1:
             return still
-        times = shutter.middles(placement.time_s, count)
-        return tuple(self._seen(time_s, placement) for time_s in times)
+        times = shutter.middles(bounds.time_s, count)
+        return tuple(self._seen(time_s, bounds) for time_s in times)
 
-    def _seen(self, time_s: float, placement: Placement) -> Moment:
-        own = time_s == placement.time_s
-        camera = placement.camera if own else self._context.objects.camera(time_s)
+    def _seen(self, time_s: float, bounds: ScreenBounds) -> Moment:
+        own = time_s == bounds.time_s
+        camera = bounds.camera if own else self._context.objects.camera(time_s)
         return Moment(Casters.of(self._scene.pose(time_s), self._surfaces), camera)
 
 

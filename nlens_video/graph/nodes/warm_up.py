@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.box import Box
-from nlens_video.core.layers import Behind, BlurredLayer, DefocusedLayer, ObjectLayer
+from nlens_video.core.layers import BlurredLayer, DefocusedLayer, HiddenLayer, ObjectLayer
 
 _SIDE = 24
 FRAME = Box(0, 0, _SIDE, _SIDE)
@@ -22,7 +22,9 @@ def sharp_layer(*, hidden: bool = False) -> DefocusedLayer:
     coc = np.repeat(np.linspace(-44.0, 0.0, _SIDE, dtype=np.float32)[:, None], _SIDE, axis=1)
     coc[:, _SIDE // 2 :] = 3.0
     layer = ObjectLayer(box=FRAME, rgba=rgba, depth=np.ones_like(coc))
-    behind = Behind(box=FRAME, rgba=rgba, coc_px=coc - 5.0, front_rgba=rgba) if hidden else None
+    behind = (
+        HiddenLayer(box=FRAME, rgba=rgba, coc_px=coc - 5.0, front_rgba=rgba) if hidden else None
+    )
     return DefocusedLayer(layer=layer, coc_px=coc, behind=behind)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Bool, Float32
-from nlens_video.kernels.simd_types import all_of, put_four, row
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.simd_types import row, splat, store4
+from nlens_video.kernels.thread_pool import parallel_for
 
 BAND_ROWS = 8
 """Rows that a thread takes at a time."""
@@ -69,7 +69,7 @@ def _rows(
         for x in range(wanted.shape[1]):
             if not wanted[y, x]:
                 continue
-            total = both = all_of(np.float32(0.0))  # light, and its product with the coverage
+            total = both = splat(np.float32(0.0))  # light, and its product with the coverage
             covered = np.float32(0.0)
             for k in range(points.shape[0]):
                 ux, uy = half * points[k, 0], tall * points[k, 1]
@@ -77,7 +77,7 @@ def _rows(
                 a = _cover(near[0], px, py)
                 px, py = _seen(back[1], (x, y), ux, uy, 1)
                 i, j = np.int32(px), np.int32(py)
-                along, down = all_of(px - np.float32(i)), all_of(py - np.float32(j))
+                along, down = splat(px - np.float32(i)), splat(py - np.float32(j))
                 first, beside = j * columns + i, min(i + 1, columns - 1) - i
                 below = (min(j + 1, rows - 1) - j) * columns
                 above = row(light, first)
@@ -85,10 +85,10 @@ def _rows(
                 under = row(light, first + below)
                 under = under + along * (row(light, first + below + beside) - under)
                 seen = above + down * (under - above)
-                total, both = total + seen, both + all_of(a) * seen
+                total, both = total + seen, both + splat(a) * seen
                 covered += a
-            found = all_of(scale) * (both - all_of(scale * covered) * total)
-            put_four(out, 4 * (y * columns + x), found)
+            found = splat(scale) * (both - splat(scale * covered) * total)
+            store4(out, 4 * (y * columns + x), found)
 
 
 def aperture_covariance(
@@ -123,5 +123,5 @@ def aperture_covariance(
         ]
         light = np.ascontiguousarray(back[0], dtype=np.float32)
         work = partial(_rows, near, (light, back[1]), points, pixel_aspect, wanted, out)
-        share(work, bands, threads)
+        parallel_for(work, bands, threads)
     return out

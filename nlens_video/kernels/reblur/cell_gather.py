@@ -16,7 +16,7 @@ from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import coverage, fitted_radius
 from nlens_video.kernels.scatter.extend import Int32
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd_types import all_sixteen, chosen, put_sixteen, sixteen
+from nlens_video.kernels.simd_types import all_sixteen, put_sixteen, select_gt, sixteen
 
 LARGEST_RADIUS_PX = 8.0
 """Largest radius that is gathered; beyond it a scatter costs less [px]."""
@@ -231,10 +231,12 @@ def _gather(
                 coc = sixteen(planes, there + _COC * stride)
                 radius = sixteen(planes, there + _RADIUS * stride) + all_sixteen(_HALF)
                 share = sixteen(planes, there + _SHARE * stride)
-                covered = chosen(coc, mine, radius, my_radius) - away
-                covered = chosen(covered, zero, covered, zero)
-                weight = chosen(covered, one, one, covered) * chosen(coc, mine, share, my_share)
-                before = chosen(coc, mine, weight, zero)
+                covered = select_gt(coc, mine, radius, my_radius) - away
+                covered = select_gt(covered, zero, covered, zero)
+                weight = select_gt(covered, one, one, covered) * select_gt(
+                    coc, mine, share, my_share
+                )
+                before = select_gt(coc, mine, weight, zero)
                 light = sixteen(planes, there)
                 r, near_r = r + weight * light, near_r + before * light
                 light = sixteen(planes, there + stride)
@@ -245,11 +247,11 @@ def _gather(
                 a, near_a = a + weight * light, near_a + before * light
                 weights, near = weights + weight, near + before
             # What lies before is laid over the rest, seen as far as that leaves room.
-            room = chosen(one, near, one - near, zero)
+            room = select_gt(one, near, one - near, zero)
             rest = weights - near
-            behind = chosen(rest, zero, room / chosen(rest, zero, rest, one), zero)
-            behind = chosen(mine, all_sixteen(_NOWHERE), behind, zero)
-            scale = one / chosen(near, one, near, one)
+            behind = select_gt(rest, zero, room / select_gt(rest, zero, rest, one), zero)
+            behind = select_gt(mine, all_sixteen(_NOWHERE), behind, zero)
+            scale = one / select_gt(near, one, near, one)
             put_sixteen(of_tile, 0, scale * near_r + behind * (r - near_r))
             put_sixteen(of_tile, _LANES, scale * near_g + behind * (g - near_g))
             put_sixteen(of_tile, 2 * _LANES, scale * near_b + behind * (b - near_b))

@@ -148,7 +148,7 @@ def _sweep(reach: Float32, straight: float, diagonal: float) -> None:
             reach[y, x] = best
 
 
-def fall_off(reach: Float32) -> None:
+def chamfer(reach: Float32) -> None:
     """Carry the largest reach (h, w) around, less its distance, which is 4.5 % off at most [px].
 
     Args:
@@ -171,7 +171,7 @@ class Steps:
     split_px: Float32
 
 
-def carried_out(values: Float32, known: Bool) -> Float32:
+def extend_nearest(values: Float32, known: Bool) -> Float32:
     """Give every pixel the value of the nearest known one (h, w); as they are where none is."""
     if not known.any():
         return values
@@ -230,13 +230,13 @@ def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> 
         )
     found = _find_steps(coc, alpha, away, (*limits, BESIDE_PX), reach, split)
     if hidden is not None:
-        nearest = (carried_out(hidden.coc_px, there), away)
+        nearest = (extend_nearest(hidden.coc_px, there), away)
         found |= _find_rims(coc, alpha, nearest, limits, reach, split)
     if not found:
         return None
     marked = reach > 0.0
     if not marked.any():
         return None
-    split = carried_out(split, marked)
-    fall_off(reach)
+    split = extend_nearest(split, marked)
+    chamfer(reach)
     return Steps(inside_px=reach, split_px=split)

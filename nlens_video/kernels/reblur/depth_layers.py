@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Bool, Float32
-from nlens_video.kernels.pull_push import carried_on
+from nlens_video.kernels.pull_push import inpaint
 from nlens_video.kernels.reblur.coc_discontinuities import Steps
 
 
@@ -109,7 +109,7 @@ def split_at_steps(
     values = np.zeros((*coc_px.shape, 5), dtype=np.float32)
     values[..., :4] = np.where(known[..., None], rgba, np.float32(0.0))
     values[..., 4] = np.where(known & covered, coc_px * rgba[..., 3], np.float32(0.0))
-    filled = carried_on(values, known, corner)
+    filled = inpaint(values, known, corner)
     near_rgba = np.where(near[..., None], rgba, np.float32(0.0))
     _take_back_out(near_rgba, near, covered & known, filled)
     alpha = filled[..., 3]

@@ -15,7 +15,7 @@ from numba import njit
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.scatter.extend import Band, bands
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.thread_pool import parallel_for
 
 BAND_ROWS = 32
 """Rows that a thread takes at a time."""
@@ -135,5 +135,5 @@ def half_hidden(
     work = partial(
         _rows, rgba, plate, (object_coc_px, plate_coc_px), trust, free_table(), numbers, out
     )
-    share(work, bands(rgba.shape[0], BAND_ROWS), threads)
+    parallel_for(work, bands(rgba.shape[0], BAND_ROWS), threads)
     return out

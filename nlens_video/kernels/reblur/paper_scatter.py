@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.thread_pool import parallel_for
 
 BAND_ROWS = 16
 """Rows of the result that a thread takes at a time."""
@@ -110,5 +110,5 @@ def paper_scatter(
     out, dilated = np.zeros_like(light), np.zeros_like(radius_px)
     bands = [(top, min(top + BAND_ROWS, height)) for top in range(0, height, BAND_ROWS)]
     work = partial(_rows, light, radius_px, (_rim(), _RIM_PX, _STEPS), out, dilated)
-    share(work, bands, threads)
+    parallel_for(work, bands, threads)
     return out, dilated

@@ -14,7 +14,7 @@ from nlens_video.kernels.scatter.extend import BAND_ROWS, Band, bands
 from nlens_video.kernels.scatter.levels import Level
 from nlens_video.kernels.scatter.scatter_rows import place_spans
 from nlens_video.kernels.scatter.stamps import Discs
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.thread_pool import parallel_for
 
 # `levels` has the same: a number from there would go stale in the cache.
 RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
@@ -96,4 +96,4 @@ def cut_by_barrel(
         float(size),
     )
     work = partial(_cut, level.light[1], discs, place, (per_px, aspect))
-    share(work, bands(level.box.height, BAND_ROWS), threads)
+    parallel_for(work, bands(level.box.height, BAND_ROWS), threads)

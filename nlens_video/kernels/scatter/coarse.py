@@ -11,8 +11,8 @@ from numba import njit
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.extend import Band, SourceLayer
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd_types import all_of, four, put_four, row
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.simd_types import four, row, splat, store4
+from nlens_video.kernels.thread_pool import parallel_for
 
 SUMS = 12
 """Sums of a coarse pixel: premultiplied colour and alpha, mass, radius, signed radius, skew along
@@ -53,7 +53,7 @@ def _gather(
         begin = ((band[0] + corner[1]) >> (k + 1)) - top
         end = ((band[1] + corner[1] - 1) >> (k + 1)) - top + 1
         for i in range(start + begin * columns * _ROWS, start + end * columns * _ROWS):
-            put_four(sums, 4 * i, all_of(zero))
+            store4(sums, 4 * i, splat(zero))
     for y in range(band[0], band[1]):
         for x in range(width):
             radius = abs(radii[y, x])
@@ -71,10 +71,10 @@ def _gather(
                 start, columns, left, top = places[n - 1]
                 at = ((y + corner[1]) >> n) - top
                 at = start + (at * columns + ((x + corner[0]) >> n) - left) * _ROWS
-                share_ = all_of(part if k == 0 else one - part)
-                put_four(sums, 4 * at, row(sums, at) + share_ * light)
-                put_four(sums, 4 * at + 4, row(sums, at + 1) + share_ * disc)
-                put_four(sums, 4 * at + 8, row(sums, at + 2) + share_ * skew)
+                share_ = splat(part if k == 0 else one - part)
+                store4(sums, 4 * at, row(sums, at) + share_ * light)
+                store4(sums, 4 * at + 4, row(sums, at + 1) + share_ * disc)
+                store4(sums, 4 * at + 8, row(sums, at + 2) + share_ * skew)
 
 
 def gather_coarse(
@@ -110,7 +110,7 @@ def gather_coarse(
     edges = [0, *range(step - corner[1] % step, height, step), height]
     source = (layer.rgba, layer.radius_px, layer.skew)
     work = partial(_gather, source, sums, places, corner, starts)
-    share(work, zip(edges[:-1], edges[1:], strict=True), threads)
+    parallel_for(work, zip(edges[:-1], edges[1:], strict=True), threads)
     return [
         sums[first : first + count].reshape(box.height, box.width, SUMS)
         for first, count, box in zip(firsts, counts, boxes, strict=True)

@@ -19,7 +19,7 @@ from numba import njit
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.disc import MAX_COC_PX
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.thread_pool import run_all, share
+from nlens_video.kernels.thread_pool import parallel_for, run_all
 
 Int32 = npt.NDArray[np.int32]
 Band = tuple[int, int]
@@ -111,7 +111,9 @@ def survey(rgba: Float32, coc_px: Float32, threads: int | None) -> Silhouette:
     rows = rgba.shape[0]
     first, last = np.empty(rows, np.int32), np.empty(rows, np.int32)
     largest = np.empty(rows, np.float32)
-    share(partial(_survey, rgba, coc_px, first, last, largest), bands(rows, BAND_ROWS), threads)
+    parallel_for(
+        partial(_survey, rgba, coc_px, first, last, largest), bands(rows, BAND_ROWS), threads
+    )
     if np.isnan(largest).any():
         raise ValueError(
             "the layer holds colours or, where it is covered, CoCs that are not finite"
@@ -257,11 +259,11 @@ def lay_out(
         margin: how far the object reaches beyond it [px].
         threads: how many share the work at most.
     """
-    box = bounds.grown(2 * margin + 1)
+    box = bounds.expanded(2 * margin + 1)
     corner = (box.y0, box.x0)
     away = scratch("away", (box.height, box.width), np.uint8)
     coc, parts = scratch("coc", away.shape), bands(box.height, BAND_ROWS)
-    share(partial(_cut, rgba, coc_px, corner, coc, away), parts, threads)
+    parallel_for(partial(_cut, rgba, coc_px, corner, coc, away), parts, threads)
     distance, labels = scratch("distance", away.shape), scratch("labels", away.shape, np.int32)
     colours = scratch("colours", (*away.shape, 4))
     radii = scratch("radii", away.shape)
@@ -274,5 +276,7 @@ def lay_out(
     own = partial(_lay_out_object, rgba, coc, away, made, corner, limits)
     run_all([find, *(partial(own, part) for part in parts)], threads)
     nearest = labels, places, distance
-    share(partial(_lay_out_background, rgba, nearest, away, made, corner, limits), parts, threads)
+    parallel_for(
+        partial(_lay_out_background, rgba, nearest, away, made, corner, limits), parts, threads
+    )
     return SourceLayer(box=box, rgba=colours, radius_px=radii, skew=skews)

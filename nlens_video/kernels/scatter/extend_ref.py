@@ -143,7 +143,7 @@ def prepare(
     largest = 0.5 * min(float(np.abs(coc_px[covered]).max()), MAX_COC_PX)
     weights = coverage(aperture, largest * max(1.0, pixel_aspect), 1.0)
     margin = max(weights.shape) // 2
-    box = Box.of(covered).grown(2 * margin + 1)
+    box = Box.of(covered).expanded(2 * margin + 1)
     inside = box.intersection(whole)
     source, within = inside.slices_in(whole), inside.slices_in(box)
     shape = (box.height, box.width)
@@ -158,7 +158,7 @@ def prepare(
     radius = np.clip(np.float32(0.5) * coc.ravel()[nearest], -limit, limit)
     radius[_beyond_covered(mask, within) | (distance > 2 * margin + 1)] = np.nan
     skew = coc_skew(coc)  # even where the object is not: the CoC is carried on as it is
-    target = Box.of(covered).grown(margin).intersection(whole)
+    target = Box.of(covered).expanded(margin).intersection(whole)
     return SourceLayer(
         box=box, target=target, margin=margin, rgba=colour, radius_px=radius, skew=skew
     )

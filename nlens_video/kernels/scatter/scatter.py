@@ -23,7 +23,7 @@ from nlens_video.kernels.scatter.scatter_rows import scatter_rows
 from nlens_video.kernels.scatter.stamps import Discs
 from nlens_video.kernels.scatter.tables import SPAN_STEPS, DiscTables, tables
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.thread_pool import parallel_for
 
 __all__ = ["DRAFT", "FINE", "blur_reach", "scatter"]
 
@@ -160,7 +160,7 @@ def scatter(
     layer = lay_out(rgba, coc_px, bounds, margin, threads)
     whole = Box(0, 0, rgba.shape[1], rgba.shape[0])
     frame = whole if frame is None else frame
-    target = bounds.grown(margin).intersection(whole if wanted is None else Box.of(wanted))
+    target = bounds.expanded(margin).intersection(whole if wanted is None else Box.of(wanted))
     if target.empty:
         return out
     outer = discs.outer * SKEW_REACH
@@ -187,7 +187,7 @@ def scatter(
     sums = (spread or spread_levels)(levels, at, compiled, columns, rim, threads)
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
     view = out[target.y0 : target.y1, target.x0 : target.x1]
-    share(partial(normalise, sums, columns, origin, view), bands(target.height, 32), threads)
+    parallel_for(partial(normalise, sums, columns, origin, view), bands(target.height, 32), threads)
     return out
 
 
@@ -206,7 +206,7 @@ def spread_levels(
         size = 1 << n
         here = target
         if n > 0:  # and the pixels beside it that the next finer level interpolates between
-            here = on_level(target, n).grown(2)
+            here = on_level(target, n).expanded(2)
             height = level.box.height
             reached = np.zeros(height), np.full(height, float(level.box.width))
         else:
@@ -230,6 +230,6 @@ def spread_levels(
             origin,
         )
         small = inner.width * inner.height < _SMALL_PX
-        share(work, bands(inner.height, max(4, BAND_ROWS // size)), 1 if small else threads)
+        parallel_for(work, bands(inner.height, max(4, BAND_ROWS // size)), 1 if small else threads)
         sums, start = made, (here.y0, here.x0)
     return sums

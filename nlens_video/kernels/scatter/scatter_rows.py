@@ -18,14 +18,14 @@ from nlens_video.kernels.scatter.levels import Light, RowNumbers
 from nlens_video.kernels.scatter.stamps import Discs, add_stamps, lay_in, look_up
 from nlens_video.kernels.simd_types import (
     add_end,
-    all_of,
     eight_at,
     four_at,
     lane,
     lower,
     narrowed,
-    put_four,
-    widened,
+    splat,
+    store4,
+    to_f64,
 )
 
 # `levels` has the same: a number from there would go stale in the cache.
@@ -121,13 +121,13 @@ def _finish(spans: Float32, start: int, sums: Float32) -> None:
     if start == 0:
         sums[:] = np.float32(0.0)
         return
-    total = widened(eight_at(spans, 0)) - widened(eight_at(spans, 0))  # in float64
+    total = to_f64(eight_at(spans, 0)) - to_f64(eight_at(spans, 0))  # in float64
     for i in range(1, start + sums.shape[0]):
-        ends = widened(eight_at(spans, 16 * i)) + widened(eight_at(spans, 16 * i - 8))
+        ends = to_f64(eight_at(spans, 16 * i)) + to_f64(eight_at(spans, 16 * i - 8))
         total = total + ends
         if i >= start:
             found = narrowed(total)
-            put_four(sums, 5 * (i - start), lower(found))
+            store4(sums, 5 * (i - start), lower(found))
             sums[i - start, 4] = lane(found, 4)
 
 
@@ -151,7 +151,7 @@ def _add_coarse(
     one, other, mixed = coarse[near].reshape(-1), coarse[far].reshape(-1), line.reshape(-1)
     for i in range(mixed.shape[0]):
         mixed[i] = quarter * (three * one[i] + quarter * other[i])
-    near_part, far_part = all_of(three), all_of(quarter)
+    near_part, far_part = splat(three), splat(quarter)
     for x in range(sums.shape[0]):
         column = x - offset[1]
         here = column >> 1
@@ -159,8 +159,8 @@ def _add_coarse(
         # Colour and alpha, then the weight with them: it must be rounded as alpha is.
         light = four_at(sums, 5 * x) + near_part * four_at(line, 5 * here)
         others = four_at(sums, 5 * x + 1) + near_part * four_at(line, 5 * here + 1)
-        put_four(sums, 5 * x, light + far_part * four_at(line, 5 * beside))
-        put_four(sums, 5 * x + 1, others + far_part * four_at(line, 5 * beside + 1))
+        store4(sums, 5 * x, light + far_part * four_at(line, 5 * beside))
+        store4(sums, 5 * x + 1, others + far_part * four_at(line, 5 * beside + 1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -73,7 +73,7 @@ class TorchSpread:
         sums = torch.zeros((0, 0, 5), device=self.device)
         start = (0, 0)
         for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
-            here = target if n == 0 else on_level(target, n).grown(2)
+            here = target if n == 0 else on_level(target, n).expanded(2)
             inner = here.intersection(level.box)
             made = torch.zeros((here.height, here.width, 5), device=self.device)
             rows, across = inner.slices_in(here)

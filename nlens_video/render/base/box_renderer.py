@@ -28,7 +28,7 @@ _NEAR_SHARE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sight:
+class ViewSetup:
     """What is drawn.
 
     Attributes:
@@ -51,7 +51,7 @@ class _Source:
     """All that a picture was drawn from."""
 
     posed: PosedScene
-    sight: Sight
+    sight: ViewSetup
     lighting: Lighting
 
 
@@ -137,7 +137,7 @@ class BoxRenderer(ABC):
         key = (*_key(posed, camera, lighting), margin)
         if not nearest and self._last is not None and self._last[0] == key:
             return self._last[1]
-        sight = sight_of(posed, camera, margin, nearest=nearest)
+        sight = view_setup(posed, camera, margin, nearest=nearest)
         if sight is None:
             return None
         rgba, depth = self._draw(posed, sight, lighting)
@@ -228,12 +228,14 @@ class BoxRenderer(ABC):
         """Compile what drawing needs; by default nothing."""
 
     @abstractmethod
-    def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+    def _draw(
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""
 
     @abstractmethod
     def _draw_behind(
-        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 
@@ -269,7 +271,9 @@ def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object,
     )
 
 
-def sight_of(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -> Sight | None:
+def view_setup(
+    posed: PosedScene, camera: Camera, margin: int, *, nearest: bool
+) -> ViewSetup | None:
     """The box that the object covers, with near and far depth; None if it is out of view."""
     seen = extent(posed, camera)
     lowest, highest = seen.nearest, seen.farthest
@@ -280,13 +284,13 @@ def sight_of(posed: PosedScene, camera: Camera, margin: int, *, nearest: bool) -
         return None
     lowest *= 1.0 - 1e-4
     near = max(lowest, _NEAR_SHARE * far)
-    limit = Box(0, 0, camera.width, camera.height).grown(margin)
+    limit = Box(0, 0, camera.width, camera.height).expanded(margin)
     box = limit
     if lowest >= near:  # else a triangle may cross the near plane and cover anything
         box = _outward(seen.low, seen.high, limit)
     if box.empty:
         return None
-    return Sight(camera=camera, box=box, near=near, far=far, nearest=nearest)
+    return ViewSetup(camera=camera, box=box, near=near, far=far, nearest=nearest)
 
 
 def _outward(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from nlens_video.core.layers import Float32
-from nlens_video.render.base.box_renderer import Sight
+from nlens_video.render.base.box_renderer import ViewSetup
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.base.peel_layer import BehindPicture, Front
 from nlens_video.scene.posed import PosedScene
@@ -26,7 +26,9 @@ class DrawerLostError(Exception):
 class Drawer(Protocol):
     """Draws one object, moment by moment."""
 
-    def draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+    def draw(
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is.
 
         Raises:
@@ -36,7 +38,7 @@ class Drawer(Protocol):
         ...
 
     def draw_behind(
-        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         """What lies behind a part of the picture that `draw` has drawn last; None for nothing.
 

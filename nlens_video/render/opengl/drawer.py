@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.render.base.box_renderer import Sight
+from nlens_video.render.base.box_renderer import ViewSetup
 from nlens_video.render.base.drawer import DrawerLostError
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.base.peel_layer import BehindPicture, Front
@@ -40,20 +40,22 @@ class GlDrawer:
             self._platform.delete_context()
             raise
 
-    def draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+    def draw(
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
         """The picture; see `Drawer`."""
         with self._drawing(sight):
             return self._renderer.draw(posed, _view(sight), lighting, nearest=sight.nearest)
 
     def draw_behind(
-        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         """What it hides; see `Drawer`."""
         with self._drawing(sight):
             return self._renderer.draw_behind(posed, _view(sight), lighting, front)
 
     @contextmanager
-    def _drawing(self, sight: Sight) -> Iterator[None]:
+    def _drawing(self, sight: ViewSetup) -> Iterator[None]:
         size = f"{sight.box.width}x{sight.box.height}"
         with self._platform.at_work(
             f"cannot draw a picture of {size} pixels", "use a smaller frame"
@@ -70,7 +72,7 @@ class GlDrawer:
         self._platform.delete_context()
 
 
-def _view(sight: Sight) -> View:
+def _view(sight: ViewSetup) -> View:
     return View(
         camera_from_world=sight.camera.camera_from_world,
         eye=sight.camera.world_from_camera[:3, 3],
@@ -82,7 +84,7 @@ def _view(sight: Sight) -> View:
     )
 
 
-def _projection(sight: Sight) -> Float64:
+def _projection(sight: ViewSetup) -> Float64:
     """Clip space of a box of the frame (4, 4); row 0 of the box lies at clip y = -1."""
     camera, box, near, far = sight.camera, sight.box, sight.near, sight.far
     matrix = np.zeros((4, 4))

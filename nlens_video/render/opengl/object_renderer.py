@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Float32
-from nlens_video.render.base.box_renderer import BoxRenderer, Sight
+from nlens_video.render.base.box_renderer import BoxRenderer, ViewSetup
 from nlens_video.render.base.drawer import Drawer, DrawerLostError
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.base.peel_layer import BehindPicture, Front
@@ -44,7 +44,9 @@ class PyrenderObjectRenderer(BoxRenderer):
         self._lost = False
         self._thread = 0
 
-    def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+    def _draw(
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
         def picture(drawer: Drawer) -> tuple[Float32, Float32]:
             drawn = drawer.draw(posed, sight, lighting)
             self._drew_front = drawer
@@ -53,7 +55,7 @@ class PyrenderObjectRenderer(BoxRenderer):
         return self._drawn_by_whoever_can(posed, picture)
 
     def _draw_behind(
-        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         def picture(drawer: Drawer) -> BehindPicture | None:
             if self._drew_front is not drawer and self._on_target is not None:

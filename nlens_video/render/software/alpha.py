@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import inlined, kernel, narrow, single
+from nlens_video.kernels.numba_config import f32, inlined, kernel, to_f32
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.corners import Mesh, find
 from nlens_video.render.software.deferred import BRIGHTEST, Scene, shade
@@ -19,8 +19,8 @@ from nlens_video.render.software.surface import Paint, base_colors, same_materia
 from nlens_video.render.software.triangles import SAMPLES, Shape, disparity_at
 
 _CUTOFF = 7  # of a material's numbers
-_FLAT = single(1e-4)
-_HALF, _ZERO, _ONE = single(0.5), single(0.0), single(1.0)
+_FLAT = f32(1e-4)
+_HALF, _ZERO, _ONE = f32(0.5), f32(0.0), f32(1.0)
 _PATTERNS = (0, 1, 9, 11, 15)  # samples of a pixel that is covered by so many quarters
 Runs = tuple[tuple[int, int], tuple[int, int], tuple[int, int], tuple[int, int]]
 Where = tuple[int, int, int]
@@ -135,8 +135,8 @@ def cut_out(
                     continue
                 for k in range(3):  # here, a column on, a row on
                     whole[at.TRIANGLE + count + k] = t
-                    numbers[at.X + count + k] = narrow(x + px + (k == 1))
-                    numbers[at.Y + count + k] = narrow(y + py + (k == 2))
+                    numbers[at.X + count + k] = to_f32(x + px + (k == 1))
+                    numbers[at.Y + count + k] = to_f32(y + py + (k == 2))
                 whole[at.PIXEL + count], whole[at.MASK + count] = y * width + x, mask
                 count += 3
                 if count > at.WIDTH - 3:
@@ -218,7 +218,7 @@ def blend(
                     continue
                 whole[at.TRIANGLE + count], whole[at.PIXEL + count] = t, y * width + x
                 whole[at.MASK + count] = mask
-                numbers[at.X + count], numbers[at.Y + count] = narrow(x + px), narrow(y + py)
+                numbers[at.X + count], numbers[at.Y + count] = to_f32(x + px), to_f32(y + py)
                 count += 1
                 if count == at.WIDTH:
                     _lay_under(numbers, whole, count, width, scene, passed, front, rgba)

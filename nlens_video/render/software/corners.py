@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import inlined, kernel, quick, single
-from nlens_video.kernels.simd_types import Float4, all_of, lane, row
+from nlens_video.kernels.numba_config import f32, fastmath_kernel, inlined, kernel
+from nlens_video.kernels.simd_types import Float4, lane, row, splat
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.filtering import Run
 from nlens_video.render.software.fragment import Int32
@@ -27,8 +27,8 @@ Pinhole = Float32
 Corners = tuple[int, int, int]
 Vector = tuple[float, float, float]
 _U = np.uint64  # of an index: one that might be negative is counted from the end
-_ZERO, _ONE, _TWO = (single(v) for v in (0.0, 1.0, 2.0))
-_LEAST = single(1e-30)
+_ZERO, _ONE, _TWO = (f32(v) for v in (0.0, 1.0, 2.0))
+_LEAST = f32(1e-30)
 
 
 @inlined
@@ -43,9 +43,9 @@ def _of(values: Float32, corners: Corners, w: Float4) -> Float4:
     """The corners' rows of values (V, 4), weighted."""
     i, j, k = corners
     return (
-        row(values, i) * all_of(lane(w, 0))
-        + row(values, j) * all_of(lane(w, 1))
-        + row(values, k) * all_of(lane(w, 2))
+        row(values, i) * splat(lane(w, 0))
+        + row(values, j) * splat(lane(w, 1))
+        + row(values, k) * splat(lane(w, 2))
     )
 
 
@@ -55,11 +55,11 @@ def _weights(planes: Float32, t: int, x: float, y: float) -> tuple[Float4, Float
     start = t * (PLANES // 4)
     a, b, c = row(planes, start), row(planes, start + 1), row(planes, start + 2)
     dx, dy = x - planes[t, X0], y - planes[t, Y0]
-    shares = a * all_of(dx) + b * all_of(dy) + c  # weights divided by depth; their sum, 1 / depth
+    shares = a * splat(dx) + b * splat(dy) + c  # weights divided by depth; their sum, 1 / depth
     depth = _ONE / _sum(shares)
-    every = all_of(depth)
+    every = splat(depth)
     w = shares * every
-    return w, (a - w * all_of(_sum(a))) * every, (b - w * all_of(_sum(b))) * every, depth
+    return w, (a - w * splat(_sum(a))) * every, (b - w * splat(_sum(b))) * every, depth
 
 
 @inlined
@@ -85,10 +85,10 @@ def find(block: Float32, whole: Int32, count: int, mesh: Mesh) -> None:
         _store(block, at.COORDINATES, i, _of(uv, corners, w))
         _store(block, at.COORDINATES + 4 * at.WIDTH, i, _of(uv, corners, across))
         _store(block, at.COORDINATES + 8 * at.WIDTH, i, _of(uv, corners, down))
-        n = _of(normals, corners, w) * all_of(planes[t, FACING])
+        n = _of(normals, corners, w) * splat(planes[t, FACING])
         block[at.NORMAL_X + i], block[at.NORMAL_Y + i] = lane(n, 0), lane(n, 1)
         block[at.NORMAL_Z + i] = lane(n, 2)
-        base = _of(colors, corners, w) if len(colors) else all_of(_ONE)
+        base = _of(colors, corners, w) if len(colors) else splat(_ONE)
         _store(block, at.BASE_R, i, base)
 
 
@@ -161,7 +161,7 @@ def tilt(block: Float32, whole: Int32, run: Run, mesh: Mesh, strength: float) ->
         block[at.NORMAL_Z + i] = side * z
 
 
-@quick
+@fastmath_kernel
 def look(block: Float32, lens: Pinhole) -> None:
     """Unit normals, directions to the eye and distances."""
     for i in range(at.WIDTH):

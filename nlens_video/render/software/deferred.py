@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import inlined, kernel, single
+from nlens_video.kernels.numba_config import f32, inlined, kernel
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.corners import Mesh, Pinhole
 from nlens_video.render.software.fragment import Block, Int32
@@ -22,7 +22,7 @@ from nlens_video.render.software.triangles import FACING, SAMPLES
 Lamps = tuple[Float32, int, Float32]
 """Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4)."""
 Scene = tuple[Mesh, Paint, Pinhole, Lamps]
-BRIGHTEST = single(60000.0)
+BRIGHTEST = f32(60000.0)
 """As much as the OpenGL backend's half floats hold: nothing overflows in the blur."""
 
 

@@ -15,15 +15,22 @@ from llvmlite import ir
 from numba import types
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import floor, kernel, narrow, quick, quick_inlined, single
+from nlens_video.kernels.numba_config import (
+    f32,
+    fastmath_inlined,
+    fastmath_kernel,
+    floor,
+    kernel,
+    to_f32,
+)
 from nlens_video.kernels.simd_types import (
     FLOAT4,
     FLOATS,
     FUSED,
     Generator,
-    all_of,
     instruction,
     lane,
+    splat,
     spread,
 )
 from nlens_video.render.software import fragment as at
@@ -40,10 +47,10 @@ shrunk; whether enlarging and shrinking are linear, whether one level serves."""
 _FIRST, _COUNT, _MAG, _MIN, _WRAP_S, _WRAP_T = range(6)
 _NEAREST_OF_NEAREST, _LINEAR_OF_NEAREST, _NEAREST_OF_TWO = 9984, 9985, 9986
 _U = np.uint64  # of an index: one that might be negative is counted from the end
-_ZERO, _HALF, _ONE, _TWO = (single(v) for v in (0.0, 0.5, 1.0, 2.0))
-_FAR, _LEAST = single(1e6), single(1e-30)
-_ROOT, _OF_ODD = single(math.sqrt(2.0)), single(2.0 / math.log(2.0))
-_THIRD, _FIFTH, _SEVENTH = single(1.0 / 3.0), single(1.0 / 5.0), single(1.0 / 7.0)
+_ZERO, _HALF, _ONE, _TWO = (f32(v) for v in (0.0, 0.5, 1.0, 2.0))
+_FAR, _LEAST = f32(1e6), f32(1e-30)
+_ROOT, _OF_ODD = f32(math.sqrt(2.0)), f32(2.0 / math.log(2.0))
+_THIRD, _FIFTH, _SEVENTH = f32(1.0 / 3.0), f32(1.0 / 5.0), f32(1.0 / 7.0)
 _BIAS, _FRACTION_BITS = 127, 23  # of a float32
 # `Any` throughout: llvmlite's code generators have no types of their own.
 _FLOAT, _INT = ir.FloatType(), ir.IntType(32)
@@ -115,7 +122,7 @@ def _half_to(_: Any, power: Any) -> Generator:
     return types.float32(types.float32), generate
 
 
-@quick_inlined
+@fastmath_inlined
 def _log2(value: float) -> float:
     """Of a positive number, to 1e-6: libm's takes one number at a time."""
     part = _fraction(value)
@@ -128,7 +135,7 @@ def _log2(value: float) -> float:
     return found
 
 
-@quick_inlined
+@fastmath_inlined
 def _wrapped(u: float, wrap: int) -> float:
     """A coordinate as one in [0, 1]; 0 where it is too large to have a fraction."""
     u = u if abs(u) < _FAR else _ZERO
@@ -140,7 +147,7 @@ def _wrapped(u: float, wrap: int) -> float:
     return clamped if wrap == CLAMP else (mirrored if wrap == MIRROR else repeated)
 
 
-@quick
+@fastmath_kernel
 def _choose_levels(block: Float32, run: Run, rule: Rule) -> None:
     """Fill in which level each point of a run reads, and the share of the next."""
     width, height, last, edge, mag, least, single_level = rule
@@ -161,7 +168,7 @@ def _choose_levels(block: Float32, run: Run, rule: Rule) -> None:
         block[_U(at.SMOOTH + i)] = _ONE if (least if shrunk else mag) else _ZERO
 
 
-@quick
+@fastmath_kernel
 def _choose_texels(
     block: Float32, whole: Int32, run: Run, rule: Rule, wrap: tuple[int, int]
 ) -> None:
@@ -169,7 +176,7 @@ def _choose_texels(
     width, height, last = rule[0], rule[1], rule[2]
     for k in range(2):
         for i in range(run[0], run[1]):
-            level = block[_U(at.LEVEL + i)] + narrow(k)
+            level = block[_U(at.LEVEL + i)] + to_f32(k)
             level = level if level < last else last
             scale = _half_to(level)
             columns, rows = floor(width * scale), floor(height * scale)
@@ -204,7 +211,7 @@ def _read(
             here = levels[min(level + 1, table[1]), 0] + whole[at.TEXEL + j]
             below = here + whole[at.STRIDE + j]
             coarser = _blend(texels, here, below, block[at.ACROSS + j], block[at.DOWN + j])
-            rgba = rgba + (coarser - rgba) * all_of(part)
+            rgba = rgba + (coarser - rgba) * splat(part)
         block[at.TEXEL_R + i], block[at.TEXEL_G + i] = lane(rgba, 0), lane(rgba, 1)
         block[at.TEXEL_B + i], block[at.TEXEL_A + i] = lane(rgba, 2), lane(rgba, 3)
 
@@ -231,7 +238,7 @@ def sample(
     smooth = least == LINEAR or least == _LINEAR_OF_NEAREST or least > _NEAREST_OF_TWO
     one = least == _NEAREST_OF_NEAREST or least == _LINEAR_OF_NEAREST
     rule = (
-        narrow(levels[base, 1]), narrow(levels[base, 2]), narrow(last), edge, mag == LINEAR,
+        to_f32(levels[base, 1]), to_f32(levels[base, 2]), to_f32(last), edge, mag == LINEAR,
         smooth, one,
     )  # fmt: skip
     _choose_levels(block, run, rule)

@@ -9,11 +9,11 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.render.base.box_renderer import Sight
+from nlens_video.render.base.box_renderer import ViewSetup
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.software import alpha, deferred, nearest, raster, triangles
 from nlens_video.render.software.fragment import Int32, new_block
-from nlens_video.render.software.scene_buffers import SoftObject
+from nlens_video.render.software.scene_buffers import SceneBuffers
 from nlens_video.scene import screen_projection
 from nlens_video.scene.extent import lens_of
 
@@ -22,7 +22,7 @@ _NONE = np.empty((0, 0), np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SoftPicture:
+class Framebuffer:
     """One picture being drawn: all that its steps read and write."""
 
     shape: triangles.Shape
@@ -41,8 +41,8 @@ class SoftPicture:
 
     @classmethod
     def of(
-        cls, shown: SoftObject, sight: Sight, lighting: Lighting, *, behind: bool = False
-    ) -> SoftPicture:
+        cls, shown: SceneBuffers, sight: ViewSetup, lighting: Lighting, *, behind: bool = False
+    ) -> Framebuffer:
         """Project the vertices and find the triangles to be drawn.
 
         Args:

@@ -11,33 +11,33 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import kernel_of, quick, quick_inlined, single
+from nlens_video.kernels.numba_config import f32, fastmath_inlined, fastmath_kernel, kernel_of
 from nlens_video.render.software import fragment as at
 
 _N = at.WIDTH
 _U = (
     np.uint64
 )  # of an index: one that might be negative is counted from the end, and not vectorised
-_PI = single(math.pi)
-_ONE, _ZERO, _HALF = single(1.0), single(0.0), single(0.5)
-_LEAST_NV, _LEAST = single(1e-4), single(1e-30)
-_LEAST_ALPHA = single(0.002)
+_PI = f32(math.pi)
+_ONE, _ZERO, _HALF = f32(1.0), f32(0.0), f32(0.5)
+_LEAST_NV, _LEAST = f32(1e-4), f32(1e-30)
+_LEAST_ALPHA = f32(0.002)
 
 
 # Not max and min: loops with those are not vectorised here.
-@quick_inlined
+@fastmath_inlined
 def larger(a: float, b: float) -> float:
     """The larger of two numbers; `b` if either is none."""
     return a if a > b else b
 
 
-@quick_inlined
+@fastmath_inlined
 def smaller(a: float, b: float) -> float:
     """The smaller of two numbers; `b` if either is none."""
     return a if a < b else b
 
 
-@quick_inlined
+@fastmath_inlined
 def _reflect(
     block: Float32, i: int, toward: tuple[float, float, float], strength: tuple[float, float, float]
 ) -> None:
@@ -75,7 +75,7 @@ def _reflect(
     block[_U(at.BLUE + i)] += nl * strength[2] * blue
 
 
-@quick
+@fastmath_kernel
 def _by_sun(block: Float32, lamp: Float32) -> None:
     toward = lamp[8], lamp[9], lamp[10]
     strength = lamp[0], lamp[1], lamp[2]
@@ -83,7 +83,7 @@ def _by_sun(block: Float32, lamp: Float32) -> None:
         _reflect(block, i, toward, strength)
 
 
-@quick
+@fastmath_kernel
 def _by_lamp(block: Float32, lamp: Float32) -> None:
     px, py, pz, reach = lamp[4], lamp[5], lamp[6], lamp[7]
     ax, ay, az = lamp[8], lamp[9], lamp[10]
@@ -103,7 +103,7 @@ def _by_lamp(block: Float32, lamp: Float32) -> None:
         _reflect(block, i, (x, y, z), (part * lamp[0], part * lamp[1], part * lamp[2]))
 
 
-@quick_inlined
+@fastmath_inlined
 def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
     """One channel of `Illumination.ambient` on a unit normal."""
     x, y, z = n
@@ -116,7 +116,7 @@ def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
     )  # fmt: skip
 
 
-@quick
+@fastmath_kernel
 def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int, sum_: int) -> None:
     for i in range(_N):
         n = block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]

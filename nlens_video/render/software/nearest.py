@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import inlined, kernel, kernel_of, single
+from nlens_video.kernels.numba_config import f32, inlined, kernel, kernel_of
 from nlens_video.render.software.triangles import SAMPLES
 
-_ONE_SURFACE = single(1.005)  # samples of one surface differ by less, seen from the front
-_STEEPER = single(1.5)
+_ONE_SURFACE = f32(1.005)  # samples of one surface differ by less, seen from the front
+_STEEPER = f32(1.5)
 
 
 @inlined

@@ -13,12 +13,12 @@ from functools import partial
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, ObjectLayer
-from nlens_video.kernels.thread_pool import processors, share
-from nlens_video.render.base.box_renderer import BoxRenderer, Sight, sight_of
+from nlens_video.kernels.thread_pool import parallel_for, processors
+from nlens_video.render.base.box_renderer import BoxRenderer, ViewSetup, view_setup
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.base.peel_layer import BehindPicture, Front
-from nlens_video.render.software.framebuffer import Rows, SoftPicture
-from nlens_video.render.software.scene_buffers import SoftObject
+from nlens_video.render.software.framebuffer import Framebuffer, Rows
+from nlens_video.render.software.scene_buffers import SceneBuffers
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry
@@ -40,45 +40,47 @@ class Rasteriser:
 
     def __init__(self, threads: int | None = None) -> None:
         self._threads = threads
-        self._object: SoftObject | None = None
+        self._object: SceneBuffers | None = None
 
-    def draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+    def draw(
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
         """The picture; see `Drawer`."""
-        picture = SoftPicture.of(self.moved(posed), sight, lighting)
+        picture = Framebuffer.of(self.moved(posed), sight, lighting)
         self._run(picture, *picture.steps)
         return picture.rgba, picture.depth
 
     def draw_behind(
-        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         """What it hides; see `Drawer`."""
-        hidden = SoftPicture.of(self.moved(posed), sight, lighting, behind=True)
+        hidden = Framebuffer.of(self.moved(posed), sight, lighting, behind=True)
         self._run(hidden, partial(hidden.see_behind, front.most_disparity()))
         if not hidden.shows_anything:
             return None
         self._run(hidden, hidden.light, hidden.measure)
         # The picture before is drawn once more: samples take more memory than they take time.
-        before = SoftPicture.of(self.moved(posed), sight, lighting)
+        before = Framebuffer.of(self.moved(posed), sight, lighting)
         blend = (before.blend,) if len(before.blended) else ()
         self._run(before, before.see, *blend)
         before.keep_nearest(front.disparity_step)
         self._run(before, *blend, before.light)
         return BehindPicture(rgba=hidden.rgba, depth=hidden.depth, front_rgba=before.rgba)
 
-    def moved(self, posed: PosedScene) -> SoftObject:
+    def moved(self, posed: PosedScene) -> SceneBuffers:
         """The object as it is drawn, at another moment."""
         if self._object is None:
-            self._object = SoftObject(posed)
+            self._object = SceneBuffers(posed)
         self._object.move(posed)
         return self._object
 
-    def _run(self, picture: SoftPicture, *steps: Callable[[Rows], None]) -> None:
+    def _run(self, picture: Framebuffer, *steps: Callable[[Rows], None]) -> None:
         count = self._threads or processors()
         height = len(picture.rgba)
         edges = np.linspace(0, height, min(height, _BANDS * count) + 1).astype(int).tolist()
         bands = list(zip(edges[:-1], edges[1:], strict=True))
         for step in steps:
-            share(step, bands, count)
+            parallel_for(step, bands, count)
 
     def close(self) -> None:
         """Free what it holds; may be called again."""
@@ -134,22 +136,24 @@ class SoftwareObjectRenderer(BoxRenderer):
         shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:
-            sight = sight_of(posed, cameras[at], margin, nearest=nearest)
+            sight = view_setup(posed, cameras[at], margin, nearest=nearest)
             if sight is None:
                 use(at, None)
                 return
-            picture = SoftPicture.of(shown, sight, lighting)
+            picture = Framebuffer.of(shown, sight, lighting)
             for step in picture.steps:
                 step((0, sight.box.height))
             use(at, ObjectLayer(box=sight.box, rgba=picture.rgba, depth=picture.depth))
 
-        share(draw, range(len(cameras)), self._threads)
+        parallel_for(draw, range(len(cameras)), self._threads)
 
-    def _draw(self, posed: PosedScene, sight: Sight, lighting: Lighting) -> tuple[Float32, Float32]:
+    def _draw(
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
         return self._drawer.draw(posed, sight, lighting)
 
     def _draw_behind(
-        self, posed: PosedScene, sight: Sight, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
     ) -> BehindPicture | None:
         return self._drawer.draw_behind(posed, sight, lighting, front)
 
@@ -176,9 +180,9 @@ def _compile_kernels() -> None:
     camera = Camera(
         world_from_camera=np.eye(4), fx=8, fy=8, cx=0, cy=8, width=box.width, height=box.height
     )
-    sight = Sight(camera=camera, box=box, near=0.5, far=2.0, nearest=False)
-    shown = SoftObject(posed)
+    sight = ViewSetup(camera=camera, box=box, near=0.5, far=2.0, nearest=False)
+    shown = SceneBuffers(posed)
     shown.move(posed)
-    picture = SoftPicture.of(shown, sight, Lighting((), None))
+    picture = Framebuffer.of(shown, sight, Lighting((), None))
     for step in picture.steps:
         step((0, box.height))

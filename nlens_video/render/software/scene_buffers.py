@@ -20,7 +20,7 @@ _ORDER = ("OPAQUE", "MASK", "BLEND")
 _BACK, _MIRRORED = 1, 2
 
 
-class SoftObject:
+class SceneBuffers:
     """All that stays, packed once; positions and normals are written in place.
 
     Attributes:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import inlined, kernel, quick, single
+from nlens_video.kernels.numba_config import f32, fastmath_kernel, inlined, kernel
 from nlens_video.render.software import fragment as at
 from nlens_video.render.software.corners import Mesh, Pinhole, find, look, tilt
 from nlens_video.render.software.filtering import Run, sample
@@ -23,7 +23,7 @@ BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE = range(5)
 UNLIT, OPAQUE = 1, 2
 _UV_ROWS = 16
 _U = np.uint64  # of an index: one that might be negative is counted from the end
-_ZERO, _HALF, _ONE = (single(v) for v in (0.0, 0.5, 1.0))
+_ZERO, _HALF, _ONE = (f32(v) for v in (0.0, 0.5, 1.0))
 
 
 @inlined
@@ -35,7 +35,7 @@ def same_material(whole: Int32, first: int, count: int) -> Run:
     return first, last
 
 
-@quick
+@fastmath_kernel
 def _map(block: Float32, run: Run, use: Float32) -> None:
     """Coordinates in a texture's own picture; `use` is (a, b, c, uv set, d, e, f, strength)."""
     pair = at.COORDINATES if use[3] < _HALF else at.COORDINATES + 2 * at.WIDTH
@@ -63,14 +63,14 @@ def _sampled(
     return True
 
 
-@quick
+@fastmath_kernel
 def _times(block: Float32, run: Run, field: int, other: int, factor: float) -> None:
     """Multiply a field by a number and another one."""
     for i in range(run[0], run[1]):
         block[_U(field + i)] *= factor * block[_U(other + i)]
 
 
-@quick
+@fastmath_kernel
 def _set(block: Float32, run: Run, field: int, value: float) -> None:
     for i in range(run[0], run[1]):
         block[_U(field + i)] = value
@@ -90,7 +90,7 @@ def base_colors(block: Float32, whole: Int32, run: Run, paint: Paint) -> None:
                 block[field + i] *= factor
 
 
-@quick
+@fastmath_kernel
 def _clip(block: Float32, run: Run, field: int) -> None:
     """Keep a field within [0, 1]."""
     for i in range(run[0], run[1]):

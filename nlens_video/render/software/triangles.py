@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.kernels.numba_config import inlined, kernel, narrow
+from nlens_video.kernels.numba_config import inlined, kernel, to_f32
 from nlens_video.scene.screen_projection import in_camera
 
 Int32 = npt.NDArray[np.int32]
@@ -166,7 +166,7 @@ def disparity_plane(planes: Float32, t: int) -> tuple[float, float, float, float
 def on_plane(plane: tuple[float, float, float, float, float], x: float, y: float) -> float:
     """Disparity at a position on the screen."""
     across, down, x0, y0, start = plane
-    return across * (narrow(x) - x0) + down * (narrow(y) - y0) + start
+    return across * (to_f32(x) - x0) + down * (to_f32(y) - y0) + start
 
 
 @inlined

@@ -10,10 +10,10 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
-from nlens_video.kernels.reblur.coc_discontinuities import Hidden, Steps, carried_out
+from nlens_video.kernels.reblur.coc_discontinuities import Hidden, Steps, extend_nearest
 from nlens_video.kernels.reblur.depth_layers import split_at_steps
 from nlens_video.kernels.reblur.known_layers import split_before
-from nlens_video.kernels.thread_pool import mapped
+from nlens_video.kernels.thread_pool import parallel_map
 from nlens_video.stages.reblur.aperture_samples import even_points
 
 CHANNELS = 11
@@ -48,7 +48,7 @@ class Candidates:
     covariance: Float32
     geometry: Float32 | None = None
 
-    def mended(self, judgement: Float32 | None, where: Float32) -> Float32:
+    def resolve(self, judgement: Float32 | None, where: Float32) -> Float32:
         """The result (h, w, 4).
 
         Args:
@@ -98,10 +98,10 @@ def candidates(
     drawn = partial(scatter, pixel_aspect=pixel_aspect, wanted=reached)
 
     def spread(part: tuple[Float32, Float32]) -> tuple[Float32, Float32]:
-        return drawn(*part), carried_out(part[1], part[0][..., 3] > 0.0)
+        return drawn(*part), extend_nearest(part[1], part[0][..., 3] > 0.0)
 
     # Side by side: what is done on a single thread for one goes on beside the other.
-    (back, back_coc), (near, near_coc) = mapped(
+    (back, back_coc), (near, near_coc) = parallel_map(
         spread, [(parts.back_rgba, parts.back_coc_px), (parts.near_rgba, parts.near_coc_px)]
     )
     near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])

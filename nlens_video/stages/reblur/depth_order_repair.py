@@ -72,17 +72,17 @@ class RepairLayer:
         """
         layer = defocused.layer
         margin = self.reach(defocused.coc_px, layer.rgba[..., 3], self.pixel_aspect)
-        whole = layer.box.grown(margin + 1)
+        whole = layer.box.expanded(margin + 1)
         rgba, coc = _on(whole, layer.box, layer.rgba), _on(whole, layer.box, defocused.coc_px)
         hidden = _hidden_on(whole, defocused, rgba)
         steps = find_steps(rgba, coc, hidden)
         if steps is None or blurred.box.empty:
             return blurred
-        reached = _reached(steps, whole).intersection(blurred.box.grown(HALO_PX))
+        reached = _reached(steps, whole).intersection(blurred.box.expanded(HALO_PX))
         touched = reached.intersection(blurred.box)
         if touched.empty:
             return blurred
-        source = reached.grown(margin + 1)
+        source = reached.expanded(margin + 1)
         made = candidates(
             (_on(source, whole, rgba), _on(source, whole, coc)),
             _on(source, blurred.box, blurred.rgba),
@@ -95,7 +95,7 @@ class RepairLayer:
             corner=(source.y0, source.x0),
             hidden=None if hidden is None else _hidden_part(hidden, source, whole),
         )
-        seen = _in_cells(touched.grown(HALO_PX))
+        seen = _in_cells(touched.expanded(HALO_PX))
         judgement = None
         if made.geometry is not None:
             judged = self.network(_on(seen, reached, made.geometry[reached.slices_in(source)]))
@@ -119,7 +119,7 @@ class RepairLayer:
             covariance=made.covariance[inside],
         )
         where = fade(steps.inside_px[touched.slices_in(whole)])
-        mended = part.mended(judgement, where)
+        mended = part.resolve(judgement, where)
         rgba = blurred.rgba.copy()
         target = rgba[touched.slices_in(blurred.box)]
         np.copyto(target, mended, where=(where > 0.0)[..., None])

@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlens_video.core.layers import Behind, Box, DefocusedLayer
+from nlens_video.core.layers import Box, DefocusedLayer, HiddenLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.coc_discontinuities import STEP_PX
 from nlens_video.stages.l_reblur import object_coc
 from nlens_video.stages.protocols import BehindRenderer
 
 
-def look_behind(
+def depth_peel(
     defocused: DefocusedLayer, fit: LensFit, farthest: float, renderer: BehindRenderer
 ) -> DefocusedLayer:
     """The layer, and what it hides by a step of the CoC and more.
@@ -34,8 +34,8 @@ def look_behind(
     if not region.empty:
         seen = renderer.render_behind(defocused.layer, region, STEP_PX / fit.slope)
     if seen is None:
-        return replace(defocused, behind=Behind.nothing())
-    behind = Behind(
+        return replace(defocused, behind=HiddenLayer.nothing())
+    behind = HiddenLayer(
         box=region,
         rgba=seen.hidden.rgba,
         coc_px=object_coc(seen.hidden, fit).coc_px,

@@ -14,7 +14,7 @@ import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.coc_discontinuities import carried_out
+from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
 from nlens_video.kernels.reblur.edge_parallax import half_hidden
 from nlens_video.scene.camera import Camera
 
@@ -22,7 +22,7 @@ MARGIN_PX = 48
 """The farthest that the plate is displaced [px]."""
 
 
-def past_edges(
+def edge_parallax(
     blurred: BlurredLayer,
     picture: Picture,
     defocused: DefocusedLayer,
@@ -56,7 +56,7 @@ def past_edges(
     aspect = camera.fy / camera.fx
     farthest = 0.5 * float(np.abs(plate_coc[share > 0.0]).max()) * max(1.0, aspect)
     margin = math.ceil(min(farthest, MARGIN_PX)) + 1
-    wide = box.grown(margin)
+    wide = box.expanded(margin)
     inside = wide.intersection(frame)
     plate = np.pad(
         picture.linear(inside),
@@ -77,9 +77,9 @@ def past_edges(
 def _around(defocused: DefocusedLayer, box: Box) -> Float32:
     """The CoC of the object's nearest covered pixel (h, w), on a box."""
     held = defocused.layer.box
-    whole = held.joined(box)
+    whole = held.union(box)
     coc = np.zeros((whole.height, whole.width), np.float32)
     covered = np.zeros(coc.shape, np.bool_)
     coc[held.slices_in(whole)] = defocused.coc_px
     covered[held.slices_in(whole)] = defocused.layer.rgba[..., 3] > 0.0
-    return np.ascontiguousarray(carried_out(coc, covered)[box.slices_in(whole)])
+    return np.ascontiguousarray(extend_nearest(coc, covered)[box.slices_in(whole)])

@@ -143,7 +143,7 @@ class PaperReblur:
         """
         layer = defocused.layer
         reach = int(np.ceil(0.5 * defocused.largest_coc_px)) + SPARE_PX
-        box = layer.box.grown(reach).intersection(frame)
+        box = layer.box.expanded(reach).intersection(frame)
         if box.empty:
             return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
         plate = picture.linear(frame)

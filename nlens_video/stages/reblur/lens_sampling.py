@@ -202,7 +202,7 @@ class BlurCell:
             return crop_to_frame(layer, frame)
         if largest > 2.0 * LARGEST_RADIUS_PX:
             return self.scatter(defocused, frame)
-        box = layer.box.grown(cell_reach(largest, self.pixel_aspect)).intersection(frame)
+        box = layer.box.expanded(cell_reach(largest, self.pixel_aspect)).intersection(frame)
         x, y = layer.box.x0, layer.box.y0
         target = Box(box.x0 - x, box.y0 - y, max(box.x0, box.x1) - x, max(box.y0, box.y1) - y)
         rgba = blur_cell(

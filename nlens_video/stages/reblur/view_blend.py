@@ -18,9 +18,9 @@ from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.cell_gather import blur_cell, cell_reach
-from nlens_video.kernels.reblur.coc_discontinuities import fall_off
+from nlens_video.kernels.reblur.coc_discontinuities import chamfer
 from nlens_video.kernels.scatter.extend import Band, bands
-from nlens_video.kernels.thread_pool import share
+from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, object_coc
 from nlens_video.stages.protocols import ViewRenderer
@@ -47,7 +47,7 @@ VIEWS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FewViews:
+class ViewBlend:
     """What a few points of the lens see.
 
     Attributes:
@@ -60,7 +60,7 @@ class FewViews:
     rgba: Float32
     share: Float32
 
-    def laid_in(self, blurred: BlurredLayer) -> BlurredLayer:
+    def blend_into(self, blurred: BlurredLayer) -> BlurredLayer:
         """The layer (h, w, 4) with its share of the views; what lies beside `blurred` is lost."""
         common = self.box.intersection(blurred.box)
         if common.empty:
@@ -84,11 +84,11 @@ class SampleSmallDiscs:
     renderer: ViewRenderer
     pixel_aspect: float = 1.0
     aperture: Aperture = ROUND
-    _last: tuple[ObjectLayer, LensFit, Box, FewViews | None] | None = field(
+    _last: tuple[ObjectLayer, LensFit, Box, ViewBlend | None] | None = field(
         default=None, init=False
     )
 
-    def __call__(self, defocused: DefocusedLayer, shot: Shot) -> FewViews | None:
+    def __call__(self, defocused: DefocusedLayer, shot: Shot) -> ViewBlend | None:
         """Look from a few points of the lens.
 
         Args:
@@ -105,13 +105,15 @@ class SampleSmallDiscs:
         self._last = (layer, shot.fit, shot.frame, seen)
         return seen
 
-    def _sampled(self, defocused: DefocusedLayer, shot: Shot) -> FewViews | None:
+    def _sampled(self, defocused: DefocusedLayer, shot: Shot) -> ViewBlend | None:
         whole = min((defocused.largest_coc_px - NEGLIGIBLE_COC_PX) / NEGLIGIBLE_COC_PX, 1.0)
         box, part = share_of_views(defocused, shot.frame)
         if whole <= 0.0 or box.empty:
             return None
         points = points_around(VIEWS, self.aperture)
-        region = box.grown(cell_reach(LARGE_COC_PX * float(points.radii.max()), self.pixel_aspect))
+        region = box.expanded(
+            cell_reach(LARGE_COC_PX * float(points.radii.max()), self.pixel_aspect)
+        )
         places, radii = points.places.tolist(), points.radii.tolist()
         away = [n for n, (u, v) in enumerate(places) if u != 0.0 or v != 0.0]
         parts = {
@@ -132,7 +134,7 @@ class SampleSmallDiscs:
         for n in sorted(parts):
             mean += np.float32(points.weights[n]) * parts[n]
         np.minimum(mean[..., 3], 1.0, out=mean[..., 3])  # weights sum to 1 but for their rounding
-        return FewViews(box=box, rgba=mean, share=part * np.float32(whole))
+        return ViewBlend(box=box, rgba=mean, share=part * np.float32(whole))
 
     def _blurred(self, view: DefocusedLayer, radius: float, box: Box) -> Float32:
         """A view over the disc of its cell (h, w, 4), larger discs than count cut short."""
@@ -148,7 +150,7 @@ class SampleSmallDiscs:
                 pixel_aspect=self.pixel_aspect,
             )  # fmt: skip
 
-        share(rows, bands(box.height, BAND_ROWS), None)
+        parallel_for(rows, bands(box.height, BAND_ROWS), None)
         return out
 
 
@@ -179,13 +181,13 @@ def share_of_views(defocused: DefocusedLayer, frame: Box) -> tuple[Box, Float32]
     covered = defocused.layer.rgba[..., 3] > 0.0
     found = Box.of(covered & (size < LARGE_COC_PX))
     held = defocused.layer.box
-    box = found.moved(held.x0, held.y0).grown(math.ceil(LARGE_COC_PX)).intersection(frame)
+    box = found.moved(held.x0, held.y0).expanded(math.ceil(LARGE_COC_PX)).intersection(frame)
     if found.empty or box.empty:
         return Box(0, 0, 0, 0), np.zeros((0, 0), np.float32)
     large = np.clip((size - SMALL_COC_PX) / (LARGE_COC_PX - SMALL_COC_PX), 0.0, 1.0)
-    around = box.joined(held)
+    around = box.union(held)
     reach = np.zeros((around.height, around.width), np.float32)
     reach[held.slices_in(around)] = np.where(covered, large * (0.5 * size + SPARE_PX), 0.0)
-    fall_off(reach)
+    chamfer(reach)
     share = 1.0 - np.minimum(reach[box.slices_in(around)] / np.float32(FADE_PX), np.float32(1.0))
     return box, np.asarray(share, np.float32)

@@ -21,7 +21,7 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from nlens_video.core.errors import InputError, OutputError
-from nlens_video.video.atomic_files import check_folder, partial_name, publish, sweep
+from nlens_video.video.atomic_files import check_folder, partial_name, publish, remove_stale
 from nlens_video.video.chunks.checksums import append_checksums, read_checksums
 from nlens_video.video.chunks.chunk_codec import Carrier, carrier, no_carrier
 from nlens_video.video.chunks.chunk_id import ChunkMark
@@ -58,7 +58,7 @@ class ChunkSink:
         self._stream: VideoStream | None = None
         self._checksums: list[int] = []
         check_folder(path)
-        self.notes = sweep(path)
+        self.notes = remove_stale(path)
         self._partial = partial_name(path)
         with self._writing():
             self._container = av.open(f"file:{self._partial}", "w", format="nut")

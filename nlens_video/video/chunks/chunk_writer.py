@@ -12,7 +12,7 @@ from nlens_video.video.chunks.chunk_queue import ChunkFeed
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 
 
-class ChunkRow:
+class ChunkWriter:
     """Writes the chunks that a feed has given; what was whole stays when a run is cut off.
 
     Args:

@@ -16,7 +16,7 @@ from nlens_video.core.layers import Box
 from nlens_video.video.exr import read_exr
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.input.open import DEFAULT_RATE
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 from nlens_video.video.pixels.picture import ArrayPicture
 
 MOST_UNREADABLE = 8
@@ -36,7 +36,7 @@ class ExrSource:
     def __init__(self, spec: str, rate: str | None) -> None:
         self.damaged = 0
         self.packet_sink: Callable[[Packet], None] | None = None
-        self._pattern = Numbered(spec) if Numbered.matches(spec) else None
+        self._pattern = ImageSequence(spec) if ImageSequence.matches(spec) else None
         numbers = self._pattern.span() if self._pattern else range(1)
         self._start, count = numbers.start, len(numbers)
         self._path = Path(spec)
@@ -86,7 +86,7 @@ class ExrSource:
                 time_s=float(number * info.time_base), duration=1, picture=picture, lost=lost,
             )  # fmt: skip
 
-    def mishaps(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged files."""
         return self._ended_early
 

@@ -15,7 +15,7 @@ from nlens_video.video.exr import FAR, ExrImage, read_exr
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import InputHints
 from nlens_video.video.input.source import AvSource
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.sample_tables import Samples
 from nlens_video.video.pixels.sample_views import frame_samples
@@ -121,7 +121,7 @@ class ExrHoldout:
     def __init__(self, spec: str, size: tuple[int, int]) -> None:
         self._size = size
         self._spec = spec
-        self._files = Numbered(spec) if Numbered.matches(spec) else None
+        self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
         self._start = self._files.first() if self._files else 0
         first = self._image(0)
         channels = first.channels

@@ -15,7 +15,7 @@ from av.video.codeccontext import VideoCodecContext
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS
 from nlens_video.video.info import Kind
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 
 DEFAULT_RATE = "24"
 """Frames per second of an image sequence that nothing is said about."""
@@ -55,7 +55,7 @@ def can_be_read_again(spec: str) -> bool:
     """Whether a source is a file or a sequence of files: a pipe or a camera shows itself once."""
     if spec == "-" or "://" in spec or spec.startswith("/dev/"):
         return False
-    return Path(spec).is_file() or Numbered.matches(spec)
+    return Path(spec).is_file() or ImageSequence.matches(spec)
 
 
 def _standard_input() -> BinaryIO:
@@ -86,8 +86,8 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         # what is there is meant: no pattern though it has a %d, no protocol though it has a colon
         _check_file(spec)
         file = f"file:{spec}"
-    elif Numbered.matches(spec):
-        first = Numbered(spec).span().start
+    elif ImageSequence.matches(spec):
+        first = ImageSequence(spec).span().start
         format_, kind = "image2", "sequence"
         options |= {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
     else:

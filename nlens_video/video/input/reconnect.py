@@ -59,9 +59,9 @@ class Reconnecting:
         """Packets and frames that were damaged so far."""
         return self._damaged_before + self._connection.damaged
 
-    def mishaps(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
-        return (*self._mishaps_before, *self._connection.mishaps())
+        return (*self._mishaps_before, *self._connection.warnings())
 
     def __enter__(self) -> Self:
         return self
@@ -127,7 +127,7 @@ class Reconnecting:
                     return False
                 continue
             self._damaged_before += self._connection.damaged
-            self._mishaps_before += self._connection.mishaps()
+            self._mishaps_before += self._connection.warnings()
             self._connection = again
             self._check(again.info)
             self._shift = None

@@ -56,9 +56,9 @@ class Sought:
         """Packets and frames that were damaged so far."""
         return self._damaged_before + self._now.damaged
 
-    def mishaps(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
-        return (*self._mishaps_before, *self._now.mishaps())
+        return (*self._mishaps_before, *self._now.warnings())
 
     def __enter__(self) -> Self:
         return self
@@ -89,7 +89,7 @@ class Sought:
         before, self._now = self._now, later
         later.packet_sink = before.packet_sink
         self._damaged_before += before.damaged
-        self._mishaps_before += before.mishaps()
+        self._mishaps_before += before.warnings()
         before.__exit__(None, None, None)
 
     def _opened_at(self, number: int, here: int) -> AvSource | None:

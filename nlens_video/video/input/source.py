@@ -48,7 +48,7 @@ class Source(Protocol):
         """Packets and frames that were damaged so far."""
         ...
 
-    def mishaps(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
         ...
 
@@ -206,7 +206,7 @@ class AvSource:
         self._index = number
         for time in pts[:number]:
             self._clock.tick(time)
-        return not self._clock.mended
+        return not self._clock.resolve
 
     def _decode(self) -> Generator[av.VideoFrame, None, None]:
         """The frames of the video stream; hands on the packets of the others."""
@@ -251,9 +251,9 @@ class AvSource:
         self._ended_early = (f"given up after {errors} failed reads in a row",)
         yield None
 
-    def mishaps(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
-        mended = self._clock.mended
+        mended = self._clock.resolve
         frames = "frame" if mended == 1 else "frames"
         times = f"{mended} {frames} without a time stamp that makes sense: each follows the last"
         return (*self._conform.notes(), *((times,) if mended else ()), *self._ended_early)

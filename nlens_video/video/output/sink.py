@@ -10,7 +10,7 @@ from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.video.atomic_files import check_folder
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.named_files import NamedFiles, local_path
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 from nlens_video.video.output.containers import holds_video
 from nlens_video.video.output.encoders import (
     check_crf,
@@ -87,10 +87,10 @@ def open_sink(
         if plate is not None and NamedFiles(path).meets(NamedFiles(plate)):
             raise OutputError(f"{spec}: is the input as well; give the result another name")
         animated = path.suffix.lower() in ANIMATED and info.kind != "still" and not one_frame
-        if animated and not Numbered.matches(spec):
+        if animated and not ImageSequence.matches(spec):
             return VideoSink(spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt)
         if path.suffix.lower() in EXTENSIONS:
-            if not (info.kind == "still" or one_frame or Numbered.matches(spec)):
+            if not (info.kind == "still" or one_frame or ImageSequence.matches(spec)):
                 raise OutputError(
                     f"{spec}: is one picture, the plate is a {info.kind}; give --frame N, a video "
                     "or a sequence such as out_%04d.png"

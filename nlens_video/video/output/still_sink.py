@@ -13,10 +13,10 @@ import av
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import OutputError
-from nlens_video.video.atomic_files import partial_name, publish, sweep
+from nlens_video.video.atomic_files import partial_name, publish, remove_stale
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
-from nlens_video.video.numbered import Numbered
+from nlens_video.video.numbered import ImageSequence
 from nlens_video.video.output.encoding import choose_encoding
 from nlens_video.video.pixels.convert import picture_channels, picture_frame, upright_frame
 from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
@@ -50,7 +50,7 @@ class StillSink:
         self.notes: tuple[str, ...] = ()
         self._info = info
         self._path = Path(spec)
-        self._numbered = Numbered(spec) if Numbered.matches(spec) else None
+        self._numbered = ImageSequence(spec) if ImageSequence.matches(spec) else None
         self._first = _first_number(info.name)
         self._keep = keep_partial
         self._written: list[Path] = []
@@ -65,7 +65,7 @@ class StillSink:
                 pix_fmt=pix_fmt,
             )
             self._format, self.notes = encoding.pixel_format, encoding.reasons
-        self.notes = (*self.notes, *sweep(self._path))
+        self.notes = (*self.notes, *remove_stale(self._path))
         self._folder = partial_name(self._path)
         try:
             self._folder.mkdir(exist_ok=True)
@@ -154,4 +154,4 @@ class StillSink:
 
 
 def _first_number(source: str) -> int:
-    return Numbered(source).first() if Numbered.matches(source) else 0
+    return ImageSequence(source).first() if ImageSequence.matches(source) else 0

@@ -19,7 +19,7 @@ from av.video.stream import VideoStream
 from nlens_video.core import signals
 from nlens_video.core.color import FULL_RANGE
 from nlens_video.core.errors import InputError, OutputError, ReaderGone
-from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, sweep
+from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, remove_stale
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.output.carried_streams import Carried, sample_entry, set_tags
 from nlens_video.video.output.containers import holds_video
@@ -166,7 +166,7 @@ class VideoSink:
                 kept = kept_name(self._path)
                 max(found, key=lambda one: one.stat().st_mtime).replace(kept)
                 notes = (f"what a killed run has left is now {kept}",)
-        return (*notes, *sweep(self._path))
+        return (*notes, *remove_stale(self._path))
 
     def _discard(self) -> None:
         if self._open:
@@ -184,7 +184,7 @@ class VideoSink:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-            signals.look()  # one that came while FFmpeg wrote
+            signals.check()  # one that came while FFmpeg wrote
         except BrokenPipeError as error:
             raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
         except (av.FFmpegError, OSError, ValueError) as error:

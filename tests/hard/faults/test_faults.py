@@ -24,7 +24,7 @@ from nlens_video.core.errors import NlensError, OutputError
 from nlens_video.farm.folder import alone_in, remove
 from nlens_video.networks import model_store
 from nlens_video.run import preflight as preflight_module
-from nlens_video.video.atomic_files import left_over, partial_name, sweep
+from nlens_video.video.atomic_files import left_over, partial_name, remove_stale
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
 
@@ -257,7 +257,7 @@ def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
     for path in (mine, dead, elsewhere, other):
         path.write_bytes(b"x")
     assert left_over(out) == [dead]
-    (note,) = sweep(out)
+    (note,) = remove_stale(out)
     assert dead.name in note
     assert set(tmp_path.iterdir()) == {mine, elsewhere, other}
 

@@ -14,7 +14,7 @@ from nlens_video.core.errors import NlensError
 from nlens_video.networks import onnx_session
 from nlens_video.networks.coc_onnx import OnnxCocNetwork
 from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
-from nlens_video.networks.device import Chosen
+from nlens_video.networks.device import DeviceChoice
 from nlens_video.networks.model_store import find_model
 from nlens_video.stages.reblur.depth_order import CHANNELS
 
@@ -51,7 +51,7 @@ def small_gpu(monkeypatch):
     monkeypatch.setattr(onnx_session.onnxruntime, "InferenceSession", SmallGpu)
     there = ["CUDAExecutionProvider", "CPUExecutionProvider"]
     monkeypatch.setattr(onnx_session.onnxruntime, "get_available_providers", lambda: there)
-    return Chosen("cuda", "a test")
+    return DeviceChoice("cuda", "a test")
 
 
 def test_the_cpu_runs_what_the_gpu_has_no_memory_for_and_says_so_once(small_gpu):

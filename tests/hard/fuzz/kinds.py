@@ -77,7 +77,7 @@ def _use_fit(path: Path) -> None:
         track = track.for_width(960, 540)
         for index in (0, 3, 10**6):
             track.at(index)
-        track.words()
+        track.describe()
 
 
 def _use_pipeline(path: Path) -> None:

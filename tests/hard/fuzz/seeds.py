@@ -17,11 +17,11 @@ from video.clips import noise_frame, write_clip
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.pipeline_file import shipped_pipelines
-from nlens_video.run.frame_range import ChunkTrim
-from nlens_video.stages.r_lens_track import FitTrack, Key
+from nlens_video.run.frame_range import ChunkRange
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe
 from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
-from nlens_video.video.chunks.chunk_writer import ChunkRow
+from nlens_video.video.chunks.chunk_writer import ChunkWriter
 from nlens_video.video.exr import write_layers
 from nlens_video.video.input.source import open_source
 
@@ -66,7 +66,7 @@ def loose_scenes(folder: Path) -> list[Path]:
 def fits(folder: Path) -> list[Path]:
     """One lens, and one that changes over two shots."""
     fit = LensFit(slope=24.0, intercept=-12.0, slope_stderr=0.3, width=480, height=270, n=900)
-    keys = tuple(Key(at, at // 20, fit) for at in (0, 9, 18, 24, 33))
+    keys = tuple(Keyframe(at, at // 20, fit) for at in (0, 9, 18, 24, 33))
     track = FitTrack(keys, 12.0, (20,))
     (folder / "fit.json").write_text(fit.to_json())
     (folder / "track.json").write_text(track.to_json())
@@ -141,7 +141,7 @@ def chunks(folder: Path) -> list[Path]:
     marks = [ChunkMark(key="0" * 16, plate="p", first=at, end=at + 3) for at in (0, 3)]
     feed = ChunkFeed(marks)
     feed.end()
-    with open_source(str(clip)) as source, ChunkRow(folder, source.info, feed) as row:
-        for frame in ChunkTrim(source, feed).items():
+    with open_source(str(clip)) as source, ChunkWriter(folder, source.info, feed) as row:
+        for frame in ChunkRange(source, feed).items():
             row.write(frame)
     return [folder / mark.file_name for mark in marks]

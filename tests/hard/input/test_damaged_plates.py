@@ -77,7 +77,7 @@ def test_packets_that_noise_has_corrupted_leave_the_others_at_their_times(tmp_pa
     # a decoder may give a picture twice; the second follows at once, which is said
     odd = {round(time_s, 3) for time_s, _ in frames} - usual
     assert len(odd) <= 2
-    assert len(plate.mishaps()) == bool(odd)
+    assert len(plate.warnings()) == bool(odd)
 
 
 def test_pictures_that_are_lost_leave_a_gap_in_time_and_in_numbers(tmp_path):
@@ -115,11 +115,11 @@ def test_damaged_openexr_files_are_passed_and_their_numbers_stay_free(tmp_path, 
         frames = [(frame.index, frame.number, frame.pts) for frame in plate]
     kept = [0, 1, 2, *range(5, 12)]
     assert frames == [(at, number, number) for at, number in enumerate(kept)]
-    assert (plate.damaged, plate.mishaps()) == (2, ())
+    assert (plate.damaged, plate.warnings()) == (2, ())
     monkeypatch.setattr(exr_source, "MOST_UNREADABLE", 2)
     with open_source(str(tmp_path / "p_%02d.exr")) as plate:
         assert sum(1 for _ in plate) == 3
-    assert plate.mishaps() == ("given up after 2 unreadable files in a row",)
+    assert plate.warnings() == ("given up after 2 unreadable files in a row",)
 
 
 def test_a_plate_that_stays_undecodable_ends_at_a_stated_limit(tmp_path, monkeypatch):
@@ -132,7 +132,7 @@ def test_a_plate_that_stays_undecodable_ends_at_a_stated_limit(tmp_path, monkeyp
     (tmp_path / "bad.mov").write_bytes(data)
     frames, plate = read(tmp_path / "bad.mov")
     assert (len(frames), plate.damaged) == (8, 10)
-    assert plate.mishaps() == ("given up after 10 undecodable packets in a row",)
+    assert plate.warnings() == ("given up after 10 undecodable packets in a row",)
 
 
 def test_frames_of_another_size_or_format_are_brought_to_the_firsts(tmp_path):
@@ -151,7 +151,7 @@ def test_frames_of_another_size_or_format_are_brought_to_the_firsts(tmp_path):
     assert {one[:3] for one in found} == {(64, 48, "yuv420p")}
     times = [one[3] for one in found]
     assert times == sorted(set(times))
-    (said, *_) = plate.mishaps()
+    (said, *_) = plate.warnings()
     assert "another form" in said and "64x48 yuv420p" in said
 
 
@@ -202,7 +202,7 @@ def test_time_stamps_that_make_no_sense_are_mended_where_they_stand(stamps, time
 def test_a_time_stamp_far_beyond_the_stated_length_is_not_believed():
     ticking = clock(length_s=2.0)
     assert [ticking.tick(pts) for pts in (0, 40, 600_000, 120)] == [0, 40, 80, 120]
-    assert ticking.mended == 2
+    assert ticking.resolve == 2
 
 
 stamps = st.lists(st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1), st.integers(0, 4000)))

@@ -23,12 +23,15 @@ from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects import exposure_kernels, exposure_ref
-from nlens_video.effects.camera.grain_kernels import reference as noise_reference
-from nlens_video.effects.camera.grain_kernels import reference as regrain_reference
-from nlens_video.effects.camera.grain_kernels import regrain, white_noise
+from nlens_video.effects.camera.grain_kernels import (
+    regrain,
+    regrain_reference,
+    white_noise,
+    white_noise_reference,
+)
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
-from nlens_video.kernels.pull_push import carried_on
+from nlens_video.kernels.pull_push import inpaint
 from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
 from nlens_video.kernels.reblur.cell_gather import blur_cell
 from nlens_video.kernels.reblur.cell_gather_ref import blur_cell_ref
@@ -131,8 +134,8 @@ def _blurs() -> dict[str, tuple[float, float]]:
     made["the paper's scatter"] = (away, 1e-3)
     known = rng.random((40, 44)) < 0.1
     values = np.where(known[..., None], rng.random((40, 44, 3)), 0.0)
-    single = carried_on(values.astype(np.float32), known, (3, 5))
-    made["pull-push"] = (np.abs(single - carried_on(values, known, (3, 5))).max(), 1e-6)
+    single = inpaint(values.astype(np.float32), known, (3, 5))
+    made["pull-push"] = (np.abs(single - inpaint(values, known, (3, 5))).max(), 1e-6)
     return made
 
 
@@ -321,7 +324,7 @@ def _light() -> dict[str, tuple[float, float]]:
     singles = [v.astype(np.float32) for v in (layer, plate, noise, deviation)]
     exact = regrain_reference(*(v.astype(np.float64) for v in singles))
     made["grain on a layer"] = (np.abs(regrain(*singles) - exact).max(), 1e-5)
-    away = white_noise((3, 5), (20, 24), 7, 11) - noise_reference((3, 5), (20, 24), 7, 11)
+    away = white_noise((3, 5), (20, 24), 7, 11) - white_noise_reference((3, 5), (20, 24), 7, 11)
     made["white noise"] = (np.abs(away).max(), 1e-5)
     fit = LensFit(slope=2000.0, intercept=-800.0, width=3840, height=2160)
     disparity = rng.uniform(0.1, 1.0, 1000)
