@@ -31,7 +31,9 @@ gst-inspect-1.0 --exists y4menc 2>/dev/null || missing="$$missing gstreamer1.0-p
 $(INSTALL_MISSING)
 endef
 
+# ldconfig lies in /sbin, which is not on the PATH of an ordinary user of Debian.
 define FIND_SYSTEM
+PATH="$$PATH:/usr/sbin:/sbin"; \
 ldconfig -p 2>/dev/null | grep -q 'libEGL\.so\.1' || missing="$$missing libegl1"; \
 ldconfig -p 2>/dev/null | grep -q 'libGL\.so\.1' || missing="$$missing libgl1"; \
 $(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv";

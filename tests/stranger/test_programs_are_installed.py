@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -51,4 +52,14 @@ def test_missing_programs_are_named_to_a_user_without_the_right_to_install(tmp_p
 @pytest.mark.needs_programs("ffmpeg", "ffprobe", "gst-launch-1.0")
 def test_nothing_is_installed_where_all_is_there():
     run = make_programs(os.environ["PATH"])
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+@pytest.mark.needs_gl
+def test_libraries_are_found_by_a_user_whose_path_has_no_sbin():
+    path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
+    run = subprocess.run(
+        ["make", "-C", ROOT, "--no-print-directory", "system", f"PYTHON={sys.executable}"],
+        env={"PATH": path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
