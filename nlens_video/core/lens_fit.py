@@ -14,11 +14,10 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Float32
 
 Sign = Literal["resolved", "assumed", "ambiguous"]
-_LARGEST = 1e18  # of a number in a file: its square is still a float32
 MODEL = "coc_px = slope * disparity + intercept"
 LARGEST_COC_PX = 1e9
 """Where a CoC stops growing: larger than any frame, and its square is still a float32 [px]."""
-_LARGEST = float(np.finfo(np.float32).max)
+_LARGEST = 1e18  # magnitude of any number of a fit: its square is still a float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,10 +58,10 @@ class LensFit:
     ground_seen: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        if not max(abs(self.slope), abs(self.intercept)) <= _LARGEST:  # nor where one is NaN
+        if not (abs(self.slope) <= _LARGEST and abs(self.intercept) <= _LARGEST):  # or NaN
             raise LensFitError(
-                f"lens fit is not finite (slope {self.slope}, intercept {self.intercept}); "
-                "give --fit FILE.json or --fallback constant"
+                f"lens fit out of range (slope {self.slope}, intercept {self.intercept}; at most "
+                f"{_LARGEST:g}); give --fit FILE.json or --fallback constant"
             )
         if self.slope < 0:
             raise LensFitError(
