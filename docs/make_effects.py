@@ -11,19 +11,19 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from effects.sensor_rows import SENSOR_ROWS  # noqa: E402
-from effects.shot_table import ROWS, UNITS, UNSEEN, Verdict, judge  # noqa: E402
+from support.effects.sensor_rows import SENSOR_ROWS  # noqa: E402
+from support.effects.shot_table import ROWS, UNITS, UNSEEN, Verdict, judge  # noqa: E402
 
 INTRODUCTION = """\
 # Which effects a shot calls for
 
 Shots of known scenes, taken by a simulated camera with known effects and, but for a few, encoded
 by H.264, on which a run's own measurements decide (`python docs/make_effects.py` makes this page
-from `tests/effects/shot_table.py`). A strength is that which would be simulated; in brackets the
-true one. Effects in *italics* are there, but the plate hardly shows them (compression wipes faint
-fringes away, a scene of its own shades hides vignetting, short lines tell no distortion): there
-silence is right, and `--vignetting` or `--distortion` say it instead. Thresholds were chosen on the
-first rows; those called *unseen* are on scenes made afterwards.
+from `tests/support/effects/shot_table.py`). A strength is that which would be simulated; in
+brackets the true one. Effects in *italics* are there, but the plate hardly shows them (compression
+wipes faint fringes away, a scene of its own shades hides vignetting, short lines tell no
+distortion): there silence is right, and `--vignetting` or `--distortion` say it instead. Thresholds
+were chosen on the first rows; those called *unseen* are on scenes made afterwards.
 """
 
 

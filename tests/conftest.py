@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 from support.disks import why_no_mount
+from support.folders import ROOT
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX Runtime themselves
-SHARED = Path(__file__).parents[2] / "shared"
+SHARED = ROOT.parent / "shared"
 
 
 @functools.cache

@@ -1,13 +1,12 @@
 """What is written for people is finished and true."""
 
 import re
-from pathlib import Path
 
 import pytest
+from support.folders import ROOT
 
 from nlens_video.options.options import COMMANDS, parser_of
 
-ROOT = Path(__file__).parents[1]
 PAGES = [
     path
     for path in sorted(ROOT.rglob("*.md"))

@@ -10,9 +10,9 @@ import sys
 import cv2
 import numpy as np
 import pytest
-import shots
-from scene.glb_builder import GlbBuilder
+from support import shots
 from support.documents import PAGES, ROOT, commands
+from support.glb_builder import GlbBuilder
 
 from nlens_video.cli.main import main
 
@@ -23,7 +23,7 @@ ELSEWHERE = {
     "/dev/video": IN_A_SHELL,
     "nlens-video farm": "tests/farm",
     "nlens-video merge": IN_A_SHELL,
-    "nlens-video study make --demo": "tests/study; it renders for a minute",
+    "nlens-video study make --demo": "tests/evaluate; it renders for a minute",
     "nlens-video study make PICTURES": IN_A_SHELL,
     "nlens-video study analyse": IN_A_SHELL,
 }

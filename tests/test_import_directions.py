@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.folders import ROOT
 
-PACKAGE = Path(__file__).parents[1] / "nlens_video"
+PACKAGE = ROOT / "nlens_video"
 
 FOLDERS = """
 core

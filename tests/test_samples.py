@@ -7,7 +7,6 @@ import struct
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import av
 import numpy as np
@@ -15,10 +14,10 @@ import pygltflib
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from support.folders import SAMPLES
 
 from nlens_video.core.lens_fit import LensFit
 
-SAMPLES = Path(__file__).parents[1] / "samples"
 PAIRS = [("in.mp4", "anim.glb", "terrace"), ("in2.mp4", "anim2.glb", "park")]
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 TYPES = {5121: np.uint8, 5123: np.uint16, 5126: np.float32}

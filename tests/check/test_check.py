@@ -6,8 +6,7 @@ from array import array
 import cv2
 import numpy as np
 import pytest
-import shots
-import takes
+from support import shots, takes
 
 from nlens_video.check.command import compare
 from nlens_video.check.judge import judge_plate, objects_among, tolerance

@@ -5,8 +5,8 @@ import json
 import cv2
 import numpy as np
 import pytest
-import shots
-from effects.shots_of_effects import HEIGHT, WIDTH, noise, pictures, scene
+from support import shots
+from support.effects.synthetic_frames import HEIGHT, WIDTH, noise, pictures, scene
 
 from nlens_video.cli.main import main
 from nlens_video.core.layers import BlurredLayer, Box

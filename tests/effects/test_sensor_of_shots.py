@@ -1,8 +1,8 @@
 """Grain, softness and a pan's smear, found on shots that are known to have them."""
 
 import pytest
-from effects.sensor_rows import SENSOR_ROWS
-from effects.shot_table import judge
+from support.effects.sensor_rows import SENSOR_ROWS
+from support.effects.shot_table import judge
 
 LOOKED_AT = [row for row in SENSOR_ROWS if "one frame" in row.name or "cards" in row.name]
 

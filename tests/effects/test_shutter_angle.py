@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-import shots
-from effects.shots_of_effects import panned, pictures, scene
+from support import shots
+from support.effects.synthetic_frames import panned, pictures, scene
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.camera.grain_kernels import to_code, to_linear

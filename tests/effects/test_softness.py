@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from effects.shots_of_effects import HEIGHT, WIDTH, noise, pictures, scene
+from support.effects.synthetic_frames import HEIGHT, WIDTH, noise, pictures, scene
 
 from nlens_video.core.layers import (
     BlurredLayer,

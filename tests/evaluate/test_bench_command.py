@@ -1,5 +1,3 @@
-import contextlib
-import io
 import json
 import math
 from types import SimpleNamespace
@@ -7,9 +5,9 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from evaluate.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, write_rendered
+from support.command import nlens, one_line
+from support.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, write_rendered
 
-from nlens_video.cli.main import main
 from nlens_video.core.layers import Box
 from nlens_video.evaluate.bench import bench
 from nlens_video.evaluate.bench.bench_case import built_case, plate_case
@@ -20,13 +18,6 @@ from nlens_video.evaluate.bench.bench_scenes import write_scenes
 
 TINY = Effort(size=(240, 128), views=64, frames=3, seconds=0.1)
 RUN = ("naive", "realtime", "lens, 8 views")
-
-
-def nlens(*words):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main([str(word) for word in words])
-    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue().strip())
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +32,8 @@ def measured(tmp_path_factory):
         )
         patch.setattr(bench, "write_scenes", lambda to, size: write_scenes(to, size)[:2])
         run = nlens("bench", home / "plates", "--quick", "--out", home / "deep" / "out", "--json")
-    assert run.code == 0, run.err
-    return SimpleNamespace(figures=json.loads(run.out), out=home / "deep" / "out")
+    assert run.returncode == 0, run.stderr
+    return SimpleNamespace(figures=json.loads(run.stdout), out=home / "deep" / "out")
 
 
 def rows(measured, table):
@@ -139,12 +130,6 @@ def test_the_front_holds_what_none_beats_in_both():
         Point("bad", 5.0, 39.0, ours=False),
     )  # fmt: skip
     assert pareto([slow, bad, quick]) == [quick, slow]
-
-
-def one_line(run, code):
-    assert run.code == code, run.err
-    assert run.err.startswith("nlens-video: ") and "\n" not in run.err and run.out == ""
-    return run.err
 
 
 def test_a_folder_that_is_not_there_is_one_line(tmp_path):

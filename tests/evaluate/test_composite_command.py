@@ -1,6 +1,4 @@
-import contextlib
 import importlib.util
-import io
 import json
 import math
 from types import SimpleNamespace
@@ -8,11 +6,11 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from evaluate.truth_folder import write_rendered
 from hypothesis import given
 from hypothesis import strategies as st
+from support.command import nlens, one_line
+from support.truth_folder import write_rendered
 
-from nlens_video.cli.main import main
 from nlens_video.evaluate.composite import composite
 from nlens_video.evaluate.composite.composite_methods import (
     BLIND,
@@ -27,13 +25,6 @@ from nlens_video.evaluate.composite.composite_subject import load_subject
 from nlens_video.evaluate.metrics import over_scenes
 
 ROWS = [NAIVE, BLIND, GAUSSIAN, "draft", DEFAULT, TRUE_FIT, TRUE_COC]
-
-
-def nlens(*words):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main([str(word) for word in words])
-    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue().strip())
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +43,8 @@ def measured(folder, tmp_path_factory):
         kept = [method for method in all_methods() if method.name in ROWS]
         patch.setattr(composite, "all_methods", lambda: kept)
         run = nlens("evaluate", "composite", folder, "--out", out, "--json")
-    assert run.code == 0, run.err
-    return SimpleNamespace(figures=json.loads(run.out), out=out)
+    assert run.returncode == 0, run.stderr
+    return SimpleNamespace(figures=json.loads(run.stdout), out=out)
 
 
 def rows(measured):
@@ -151,7 +142,7 @@ def test_figures_agree_with_an_independent_scorer_of_finished_pictures(shared, t
         plate / "bg.png", plate / "object.glb", out, "--layers", plate / "object.exr",
         "--save-fit", fit, "--effects", "defocus", "-q",
     )  # fmt: skip
-    assert run.code == 0, run.err
+    assert run.returncode == 0, run.stderr
     theirs = score.score(plate, out, fit)
     methods = {method.name: method for method in all_methods()}
     subject = load_subject(plate)
@@ -160,12 +151,6 @@ def test_figures_agree_with_an_independent_scorer_of_finished_pictures(shared, t
     assert ours["object_rms_px"] == pytest.approx(theirs["coc_rms"], abs=1e-3)
     # the scorer pastes the 8-bit picture in display code, we lay the layer over in linear light
     assert naive["psnr_db"] == pytest.approx(theirs["naive"][0], abs=0.2)
-
-
-def one_line(run, code):
-    assert run.code == code, run.err
-    assert run.err.startswith("nlens-video: ") and "\n" not in run.err and run.out == ""
-    return run.err
 
 
 @pytest.mark.parametrize("name", ["object.exr", "gt_noshadow.png", "object_depth.npz"])

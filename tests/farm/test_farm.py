@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shots
+from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import UsageError

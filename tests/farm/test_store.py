@@ -6,7 +6,7 @@ import sys
 import fsspec
 import numpy as np
 import pytest
-import shots
+from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, OutputError, UsageError

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Literal
 
 from PIL.Image import Image
+from support.folders import ROOT
 
-PAGE = Path(__file__).parents[2] / "docs" / "hard.md"
+PAGE = ROOT / "docs" / "hard.md"
 Rule = Literal["at most", "at least", "is"]
 
 

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import shots
-from scene.glb_builder import GlbBuilder
+from support import shots
+from support.glb_builder import GlbBuilder
 
 from nlens_video import Compositor
 from nlens_video.core.lens_fit import LensFit

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scene.glb_builder import QUAD_FACES, QUAD_UV, GlbBuilder
+from support.glb_builder import QUAD_FACES, QUAD_UV, GlbBuilder
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_fit import LensFit

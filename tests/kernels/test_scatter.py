@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lens_truth import Slab, lens, pinhole, psnr_over_plate
+from support.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.core.layers import Box
 from nlens_video.kernels.scatter import (

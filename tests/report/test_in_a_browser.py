@@ -7,7 +7,7 @@ import subprocess
 from html import unescape
 
 import pytest
-import shots
+from support import shots
 
 from nlens_video.cli.main import main
 

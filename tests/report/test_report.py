@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from report.page_reader import read, without_pictures
-from shots import (
+from support.page_reader import read, without_pictures
+from support.shots import (
     HEIGHT,
     INTERCEPT,
     SLOPE,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene.glb_builder import GlbBuilder
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene.gltf import document

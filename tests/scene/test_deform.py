@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from scene.glb_builder import QUAD, GlbBuilder
+from support.glb_builder import QUAD, GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene

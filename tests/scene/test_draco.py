@@ -3,7 +3,7 @@
 import DracoPy
 import numpy as np
 import pytest
-from scene.glb_builder import GlbBuilder
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene.glb_builder import QUAD, GlbBuilder
+from support.glb_builder import QUAD, GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene.glb_builder import GlbBuilder
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.graph.base.object_source import RenderedObject, View

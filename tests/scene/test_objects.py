@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scene.glb_builder import QUAD, QUAD_FACES, GlbBuilder
+from support.glb_builder import QUAD, QUAD_FACES, GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.graph.base.object_source import RenderedObject, View

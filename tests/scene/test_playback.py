@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scene.glb_builder import GlbBuilder
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError, UsageError
 from nlens_video.core.playback import Playback

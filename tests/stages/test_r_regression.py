@@ -2,24 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.planes import HEIGHT, WIDTH, ground
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import CocMap
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import FitLens, constant_fit
 from nlens_video.stages.r_robust_v import VFit
-
-HEIGHT, WIDTH = 128, 240
-
-
-def ground(footprint=(slice(70, 90), slice(90, 150)), near=1.0, far=0.0):
-    """A plane whose disparity falls from the lower border to the horizon at row 20."""
-    rows = (np.arange(HEIGHT) - 20) / (HEIGHT - 20)
-    disparity = np.repeat((far + (near - far) * rows)[:, None], WIDTH, axis=1)
-    mask = np.zeros((HEIGHT, WIDTH), bool)
-    if footprint is not None:
-        mask[footprint] = True
-    return GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
 
 
 def plate(plane, slope, focus, sigma=0.5):

@@ -183,7 +183,7 @@ INPUT = Row(sense=("in.png",), nonsense=(*NO_FILE, "anim.glb", "plate_%04d.png",
             codes=(2, 3, 6))  # fmt: skip
 RESULTS = ("", "folder", "missing/out.png", "out.xyz", "text.txt/out.png", "in.png", "x" * 300)
 OUTPUT = Row(sense=("{tmp}/out.png",), nonsense=RESULTS, codes=(2, 6))
-EVALUATE = "tests/evaluate/test_evaluate_command.py"
+EVALUATE = "tests/evaluate/test_coc_command.py"
 JOB = "tests/farm/test_farm.py"
 
 TALK_ELSEWHERE = {

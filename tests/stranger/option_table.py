@@ -34,6 +34,11 @@ from stranger.option_rows import (
     option,
 )
 
+BENCH, STUDY_PAGE, STUDY_DEMO, STUDY_ANALYSIS = (
+    f"tests/evaluate/test_{name}.py"
+    for name in ("bench_command", "study_page", "study_demo", "study_analysis")
+)
+
 COMMANDS = {
     "render": Command(
         words=("render", "in.png", "anim.glb", "{tmp}/out.png", "--preset", "draft", "--fit",
@@ -44,7 +49,7 @@ COMMANDS = {
             **EFFECTS, **RUN, **{name: replace(row, words=VIDEO) for name, row in ENCODING.items()},
             "input_format": replace(PLATE["input_format"], words=STREAM),
             "as_chunk": option("--as-chunk", words=(*VIDEO[:3], "{tmp}/chunks", *VIDEO[4:])),
-                        "resume": option("--resume", words=VIDEO),
+            "resume": option("--resume", words=VIDEO),
         },
     ),
     "fit": Command(
@@ -126,10 +131,10 @@ COMMANDS = {
         rows={
             **TALK_ELSEWHERE,
             "folder": Row(nonsense=NO_FILE, codes=(2, 3),
-                          elsewhere="tests/evaluate/test_bench_command.py"),
+                          elsewhere=BENCH),
             "out": option(nonsense=("", "text.txt", "x" * 300, "{tmp}/new"), codes=(2, 3, 6),
-                          elsewhere="tests/evaluate/test_bench_command.py"),
-            "quick": option(elsewhere="tests/evaluate/test_bench_command.py"),
+                          elsewhere=BENCH),
+            "quick": option(elsewhere=BENCH),
         },
     ),
     "study make": Command(
@@ -137,25 +142,25 @@ COMMANDS = {
         places={"folder": 2, "page": 3},
         rows={
             "help": TALK["help"],
-            "folder": Row(nonsense=NO_FILE, codes=(2, 3), elsewhere="tests/study/test_page.py"),
+            "folder": Row(nonsense=NO_FILE, codes=(2, 3), elsewhere=STUDY_PAGE),
             "page": Row(nonsense=("", "folder", "x" * 300), codes=(2, 3, 6),
-                        elsewhere="tests/study/test_page.py"),
-            "overwrite": option(elsewhere="tests/study/test_page.py"),
-            "demo": option(elsewhere="tests/study/test_demo.py"),
+                        elsewhere=STUDY_PAGE),
+            "overwrite": option(elsewhere=STUDY_PAGE),
+            "demo": option(elsewhere=STUDY_DEMO),
             "choices": option(nonsense=("", ","), codes=(2, 3),
-                              elsewhere="tests/study/test_page.py"),
-            "things": option(nonsense=("",), elsewhere="tests/study/test_page.py"),
+                              elsewhere=STUDY_PAGE),
+            "things": option(nonsense=("",), elsewhere=STUDY_PAGE),
         },
     ),
     "study analyse": Command(
         words=("study", "analyse", "text.txt"),
         places={"answers": 2},
         rows={
-            "help": TALK["help"], "json": option(elsewhere="tests/study/test_analysis.py"),
+            "help": TALK["help"], "json": option(elsewhere=STUDY_ANALYSIS),
             "answers": Row(nonsense=NO_FILE, codes=(2, 3),
-                           elsewhere="tests/study/test_analysis.py"),
+                           elsewhere=STUDY_ANALYSIS),
             "reference": option(nonsense=("", "nosuch"), codes=(2, 3),
-                                elsewhere="tests/study/test_analysis.py"),
+                                elsewhere=STUDY_ANALYSIS),
         },
     ),
     "doctor": Command(words=("doctor",), places={}, rows=TALK),

@@ -3,8 +3,8 @@
 import av
 import numpy as np
 import pytest
+from support.clips import copy
 from support.programs import made
-from video.clips import copy
 
 from nlens_video.video.input.source import open_source
 

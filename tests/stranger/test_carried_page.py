@@ -1,11 +1,11 @@
 """docs/carried.md says what happens: one column of its table is tried again."""
 
 import sys
-from pathlib import Path
 
 import pytest
+from support.folders import ROOT
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = ROOT / "docs"
 
 
 @pytest.mark.needs_programs("ffmpeg", "ffprobe")

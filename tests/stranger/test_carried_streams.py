@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from shots import cube_glb, fit_json
+from support.clips import copy
 from support.command import nlens
 from support.programs import complaints, ffmpeg, made, streams
-from video.clips import copy
+from support.shots import cube_glb, fit_json
 
 pytestmark = pytest.mark.needs_programs("ffmpeg", "ffprobe")
 PICTURES = ("-f", "lavfi", "-i", "testsrc2=s=64x48:r=25:d=1")

@@ -1,8 +1,8 @@
 """Containers and codecs: what the ffmpeg program copies into a container keeps its codec here."""
 
 import pytest
+from support.clips import copy
 from support.programs import codecs, complaints, ffmpeg, made
-from video.clips import copy
 
 pytestmark = pytest.mark.needs_programs("ffmpeg", "ffprobe")
 CONTAINERS = (

@@ -9,9 +9,9 @@ import re
 import shutil
 
 import pytest
-from study.answers import METHODS, answer, write_folder
 from support.documents import PAGES, blocks, commands
 from support.live_shot import FRAMES, pictures, shell, succeeded, write_shot
+from support.study_answers import METHODS, answer, write_folder
 
 pytestmark = [
     pytest.mark.needs_gl,

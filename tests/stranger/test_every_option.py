@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import OpenEXR
 import pytest
-import shots
 from stranger.option_rows import PLACED, Row
 from stranger.option_table import COMMANDS
+from support import shots
 from support.command import nlens, one_line
+from support.folders import ROOT
 
 from nlens_video.options import options
 
-ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.needs_gl
 
 

@@ -4,7 +4,7 @@ import os
 import stat
 
 import pytest
-import shots
+from support import shots
 from support.command import nlens, one_line
 from support.disks import small_disk
 from support.terminal import CTRL_C, Terminal, program

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-import shots
+from support import shots
 from support.command import nlens, one_line
 from support.disks import fill, small_disk
 

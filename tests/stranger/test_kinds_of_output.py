@@ -2,9 +2,9 @@
 
 import av
 import pytest
-from shots import cube_glb, fit_json, write_video
+from support.clips import copy, noise_frame, write_clip
 from support.command import nlens, one_line
-from video.clips import copy, noise_frame, write_clip
+from support.shots import cube_glb, fit_json, write_video
 
 from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.video.output.sink import check_output

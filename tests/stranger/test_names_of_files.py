@@ -1,8 +1,8 @@
 """Names of files as FFmpeg has them: `file:` in front says that a path is meant."""
 
 import pytest
-from shots import cube_glb, fit_json, write_video
 from support.command import nlens
+from support.shots import cube_glb, fit_json, write_video
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import stat
 from pathlib import Path
 
 import pytest
-import shots
+from support import shots
 from support.command import nlens, one_line
 from support.live_shot import FRAMES, QUICK, pictures, shell, succeeded, write_shot
 

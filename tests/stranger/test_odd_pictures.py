@@ -4,8 +4,8 @@ from fractions import Fraction
 
 import av
 import pytest
+from support.clips import copy
 from support.programs import codecs, complaints, made, streams
-from video.clips import copy
 
 from nlens_video.core.errors import OutputError
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import shots
+from support import shots
 from support.live_shot import (
     FRAMES,
     QUICK,

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.folders import ROOT
 
-ROOT = Path(__file__).parents[2]
 PACKAGES = (
     "ffmpeg gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-good"  # Debian's
 )

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import shots
+from support import shots
 from support.installation import (
     NOBODY,
     build_wheel,

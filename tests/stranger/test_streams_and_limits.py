@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-import shots
+from support import shots
 from support.command import nlens
 from support.terminal import program
 

@@ -5,7 +5,7 @@ import shlex
 
 import av
 import pytest
-import shots
+from support import shots
 from support.terminal import CTRL_C, CTRL_Z, Terminal, program
 
 pytestmark = pytest.mark.needs_gl

@@ -7,7 +7,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-import shots
+from support import shots
 from support.command import nlens, one_line
 
 from nlens_video.farm import job as job_module

@@ -3,7 +3,7 @@
 import os
 
 import pytest
-import shots
+from support import shots
 from support.command import one_line
 from support.rights import ordinary
 

@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
+from support.folders import ROOT
+
 SITE = next(Path(path) for path in sys.path if path.endswith("site-packages"))
 NOBODY = 65534
 

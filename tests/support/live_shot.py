@@ -9,7 +9,8 @@ import sys
 from fractions import Fraction
 from pathlib import Path
 
-import shots
+from support import shots
+from support.folders import ROOT
 
 FRAMES = 12
 RUN = f"{sys.executable} -m nlens_video"
@@ -32,7 +33,7 @@ def shell(
     script = f'set -o pipefail; nlens-video() {{ {RUN} "$@"; }}; {command}'
     return subprocess.run(
         ["bash", "-c", script], cwd=folder, capture_output=True, check=False, timeout=timeout,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-from clips import copy, noise_frame, read_packets, write_clip
+from support.clips import copy, noise_frame, read_packets, write_clip
 
 RATE = 48000
 

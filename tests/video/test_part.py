@@ -4,7 +4,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from clips import noise_frame, write_clip
+from support.clips import noise_frame, write_clip
 
 from nlens_video.video.input.source import open_source
 from nlens_video.video.part import advanced_timecode, part_of

@@ -5,7 +5,7 @@ import copy
 import av
 import numpy as np
 import pytest
-from clips import noise_frame, planes, write_clip
+from support.clips import noise_frame, planes, write_clip
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import InputError

@@ -3,12 +3,21 @@
 import subprocess
 import sys
 from fractions import Fraction
-from pathlib import Path
 
 import av
 import numpy as np
 import pytest
-from clips import VFR, copy, noise_frame, planes, read_packets, read_times, write_clip, write_plates
+from support.clips import (
+    VFR,
+    copy,
+    noise_frame,
+    planes,
+    read_packets,
+    read_times,
+    write_clip,
+    write_plates,
+)
+from support.folders import TESTS
 
 from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.core.layers import Box
@@ -232,10 +241,10 @@ def test_a_result_goes_to_standard_output_as_nut(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mkv", noise)
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from test_source_and_sink import copy; copy(sys.argv[2], '-')"
+        "from support.clips import copy; copy(sys.argv[2], '-')"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(Path(__file__).parent), str(clip)],
+        [sys.executable, "-c", code, str(TESTS), str(clip)],
         capture_output=True, check=True,
     )  # fmt: skip
     (tmp_path / "out.nut").write_bytes(done.stdout)

@@ -4,7 +4,7 @@ import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import INK, OTHER, OURS, PALE, haze, over_grey, panels, plot
 from hard.rungs import RUNGS, Card, cards, lens_at, lens_of_coc, sharp, spread_px, through
-from kernels.lens_truth import Slab, lens, pinhole, psnr_over_plate
+from support.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.lens_fit import LensFit

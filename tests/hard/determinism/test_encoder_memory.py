@@ -8,7 +8,7 @@ import sys
 import av
 import numpy as np
 import pytest
-from video.clips import write_clip
+from support.clips import write_clip
 
 ENCODE = """
 import sys

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from hard.catalogue import Outcome, case, exactly
 from hard.drawing import over_grey, panels
 from hard.objects import LENS, PRESETS, composited, cube, folder, plate_bgr
 from hard.rungs import RUNGS, Card, cards, lens_at, through
+from support.folders import TESTS
 
 from nlens_video import Compositor
 from nlens_video.kernels.reblur import aperture_covariance
@@ -100,7 +100,7 @@ def sums() -> dict[str, int]:
 @case
 def test_any_run():
     """A process of one core and other hashes, one of all cores, and this one: the same bits."""
-    tests, found = str(Path(__file__).parents[2]), [sums()]
+    tests, found = str(TESTS), [sums()]
     for number, cores in enumerate(("one", "all")):
         ran = subprocess.run(
             [sys.executable, "-c", RUN, tests, cores], capture_output=True, text=True, check=False,

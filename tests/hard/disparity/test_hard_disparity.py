@@ -6,7 +6,7 @@ from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import INK, OTHER, OURS, PALE, heat, over_grey, panels, plot
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder, plate_bgr
 from hard.rungs import RUNGS, Card, camera, cards, lens_at, sharp, through
-from scene.glb_builder import GlbBuilder
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Box, CocMap, ObjectLayer

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-import shots
+from support import shots
 
 from nlens_video import Compositor
 from nlens_video.core.playback import Playback

@@ -42,7 +42,7 @@ def _of_loop(run, frames):
 
 def _of_file(run, frames):
     figures = (exactly("times of frames, off by ticks of 1 / 30000 s", run["ticks off"], 0.0),)
-    # a short run still loads libraries: `tests/test_memory.py` compares two lengths
+    # a short run still loads libraries: `tests/run/test_memory.py` compares two lengths
     return _outcome(run, frames, "the command line", figures, settled=frames > SHORT)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import av
-import shots
+from support import shots
 
 FRAMES = 120
 _TEMPORARY = re.compile(r"\.out\.partial-\w+-\d+\.mp4")

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-import shots
 from hard.faults import kills
+from support import shots
 
 from nlens_video.cli.command_paths import chunks_beside
 from nlens_video.cli.main import main

@@ -11,9 +11,9 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
-import shots
-from scene.glb_builder import GlbBuilder
-from test_render import camera_at, quad, unlit
+from support import shots
+from support.glb_builder import GlbBuilder
+from support.quads import camera_at, quad, unlit
 
 from nlens_video.render.base.drawer import DrawerLostError
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-import shots
+from support import shots
 
 from nlens_video.video.exr import write_layers
 

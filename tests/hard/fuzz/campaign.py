@@ -13,8 +13,8 @@ from pathlib import Path
 
 from hard.fuzz.kinds import KINDS
 from hard.fuzz.worker import damaged_input
+from support.folders import TESTS
 
-_TESTS = Path(__file__).parents[2]
 _BATCH = 4000
 _PATIENCE_S = 3600.0
 
@@ -58,7 +58,7 @@ def _batch(kind: str, first: int, end: int, folder: Path, count: Count) -> int:
     """The number to go on with."""
     command = [sys.executable, "-W", "error", "-m", "hard.fuzz.worker",
                kind, str(first), str(end), str(folder)]  # fmt: skip
-    paths = [str(_TESTS), str(_TESTS.parent), os.environ.get("PYTHONPATH", "")]
+    paths = [str(TESTS), str(TESTS.parent), os.environ.get("PYTHONPATH", "")]
     run = subprocess.run(
         command, capture_output=True, text=True, timeout=_PATIENCE_S,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)),

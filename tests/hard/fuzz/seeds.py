@@ -10,9 +10,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scene.glb_builder import GlbBuilder
-from scene.test_hostile import rich
-from video.clips import noise_frame, write_clip
+from support.clips import noise_frame, write_clip
+from support.glb_builder import GlbBuilder
+from support.rich_glb import rich
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit

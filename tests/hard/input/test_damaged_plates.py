@@ -6,11 +6,11 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-import shots
 from av.bitstream import BitStreamFilterContext
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from video.clips import copy, noise_frame, read_times, write_clip, write_plates
+from support import shots
+from support.clips import copy, noise_frame, read_times, write_clip, write_plates
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError

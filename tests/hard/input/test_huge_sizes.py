@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-import shots
-from video.clips import write_clip
+from support import shots
+from support.clips import write_clip
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS

@@ -3,19 +3,19 @@
 import contextlib
 import io
 import shutil
-from pathlib import Path
 
 import av
 import numpy as np
 import pytest
-import shots
-from video.clips import write_clip
+from support import shots
+from support.clips import write_clip
+from support.folders import ROOT
 
 from nlens_video.cli.main import main
 from nlens_video.video.exr import write_layers
 
 pytestmark = pytest.mark.needs_gl
-PIPELINES = Path(__file__).parents[3] / "pipelines"
+PIPELINES = ROOT / "pipelines"
 KINDS = (
     "in.mp4", "plate.png", "layers.exr", "anim.glb", "fit.json", "pipeline.toml", "sky.hdr",
     "empty", "headers.mkv", "text", "folder",

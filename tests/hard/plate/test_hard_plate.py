@@ -2,11 +2,11 @@
 
 import cv2
 import numpy as np
-import shots
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import heat, panels, srgb8
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder
 from hard.rungs import Card, cards, lens_of_coc, sharp, through
+from support import shots
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import LensFitError

@@ -10,12 +10,14 @@ import numpy as np
 from hard.catalogue import Outcome, at_most, case, exactly
 from hard.drawing import OURS, bars, plot
 from hard.objects import folder
-from kernels.test_rasteriser import drawn, random_block, resolved, surface, truth
-from reblur.test_aperture_covariance import reference as covariance_reference
-from reblur.test_l_paper import reference as paper_reference
-from scene.glb_builder import GlbBuilder
-from stages.test_past_edges import reference as half_hidden_reference
-from stages.test_shadow import marked
+from support.definitions import (
+    covariance_by_points,
+    edge_parallax_by_pixels,
+    marked,
+    paper_scatter_by_pixels,
+)
+from support.glb_builder import GlbBuilder
+from support.rasteriser import drawn, random_block, resolved, surface, truth
 
 import nlens_video.kernels
 from nlens_video.core.aperture import Aperture
@@ -120,17 +122,19 @@ def _blurs() -> dict[str, tuple[float, float]]:
     back = (rng.random((24, 32, 4), dtype=np.float32), np.full((24, 32), -4.0, np.float32))
     everywhere, points = np.ones((24, 32), np.bool_), even_points(7).astype(np.float32)
     found = aperture_covariance(near, back, everywhere, points)
-    away = np.abs(found - covariance_reference(near, back, points)).max()
+    away = np.abs(found - covariance_by_points(near, back, points)).max()
     made["covariance over the aperture"] = (away, 1e-5)
     shown, beyond = rng.random((24, 32, 4), dtype=np.float32), rng.random((34, 42, 3))
     behind = beyond.astype(np.float32)
     cocs = rng.uniform(-12.0, 12.0, (2, 24, 32)).astype(np.float32)
     seen = half_hidden(shown, behind, *cocs, cover, margin=5)
-    away = np.abs(seen - half_hidden_reference(shown, behind, cocs, cover, 5, 1.0)).max()
+    away = np.abs(seen - edge_parallax_by_pixels(shown, behind, cocs, cover, 5, 1.0)).max()
     made["a half-hidden lens"] = (away, 2e-5)
     picture = rng.random((21, 24, 3), dtype=np.float32)
     radius = np.float32(rng.choice([0.0, 0.4, 1.7, 6.2], (21, 24)))
-    away = np.abs(paper_scatter(picture, radius)[0] - paper_reference(picture, radius)[0]).max()
+    away = np.abs(
+        paper_scatter(picture, radius)[0] - paper_scatter_by_pixels(picture, radius)[0]
+    ).max()
     made["the paper's scatter"] = (away, 1e-3)
     known = rng.random((40, 44)) < 0.1
     values = np.where(known[..., None], rng.random((40, 44, 3)), 0.0)

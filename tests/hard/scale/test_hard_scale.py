@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import shots
 from hard.catalogue import Outcome, at_most, case, exactly
 from hard.drawing import OTHER, OURS, heat, panels, plot
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder
-from scene.glb_builder import GlbBuilder
+from support import shots
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.render.base.closed_meshes import closed_bodies

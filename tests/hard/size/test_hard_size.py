@@ -2,13 +2,13 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import panels
 from hard.objects import LENS, composited, cube, folder, plate_bgr
+from support.folders import TESTS
 
 from nlens_video.core.errors import LensFitError, NlensError
 from nlens_video.networks.coc_onnx import OnnxCocNetwork
@@ -119,8 +119,7 @@ def test_8k():
     """A frame of 7680 x 4320 looks as one of 480 x 270 does, and memory is a few frames."""
     with folder() as place:
         glb = cube(place / "cube.glb")
-        tests = Path(__file__).parents[2]
-        command = [sys.executable, "-c", RUN, str(tests), str(place), "realtime"]
+        command = [sys.executable, "-c", RUN, str(TESTS), str(place), "realtime"]
         ran = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
         assert ran.returncode == 0, ran.stderr
         small = cv2.imread(str(place / "small.png"))

@@ -1,0 +1,651 @@
+"""The command line as a user or a script calls it: real files, real codecs, a process each."""
+
+import contextlib
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from support import shots
+from support.command import nlens, one_line, process
+
+pytestmark = pytest.mark.needs_gl
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shot")
+    shots.write_video(folder / "in.mp4")
+    shots.write_video(folder / "long.mp4", frames=100)
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
+    shots.fit_json(folder / "fit.json")
+    return folder
+
+
+def test_video_comes_out_with_every_frame_its_time_and_its_audio(files, tmp_path):
+    run = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4",
+        "--save-fit", tmp_path / "fit.json", "--timings", tmp_path / "t.json", "--json",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    before, after = shots.read_planes(files / "in.mp4"), shots.read_planes(tmp_path / "out.mp4")
+    assert [pts for pts, _ in after] == [pts for pts, _ in before]
+    assert shots.audio_packets(tmp_path / "out.mp4") == shots.audio_packets(files / "in.mp4")
+    summary = json.loads(run.stdout)
+    assert summary["timing"]["frames"] == 12 and summary["composited"] == 12
+    timings = json.loads((tmp_path / "t.json").read_text())
+    assert timings["budget_ms"] == 180 and timings["preset"] == "standard"
+    assert len(timings["frames"]) == 12
+    assert {"decode", "render", "composite", "encode"} <= set(timings["frames"][5]["nodes"])
+    assert "fit" in timings["frames"][0]["nodes"] and "fit" not in timings["frames"][1]["nodes"]
+    fit = json.loads((tmp_path / "fit.json").read_text())
+    assert fit["model"] == "coc_px = slope * disparity + intercept"
+    assert (fit["width"], fit["height"], fit["frame"]) == (shots.WIDTH, shots.HEIGHT, 0)
+
+
+def test_lens_is_found_from_the_plate_alone(files, tmp_path):
+    run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
+    assert run.returncode == 0, run.stderr
+    fit = json.loads((tmp_path / "fit.json").read_text())
+    for depth in (1.9, 2.4, 3.5):  # of the ground that the plate shows, the object's among them
+        true = shots.SLOPE / depth + shots.INTERCEPT
+        assert fit["slope"] / depth + fit["intercept"] == pytest.approx(true, abs=1.5)
+
+
+def test_samples_outside_the_object_are_the_sources_bit_for_bit(files, tmp_path):
+    shots.write_video(tmp_path / "in.mkv", codec="ffv1", pix_fmt="yuv420p", frames=4)
+    run = nlens(
+        tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv", "--effects", "defocus",
+        "--fit", files / "fit.json", "--aov", tmp_path / "aov",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    before, after = shots.read_planes(tmp_path / "in.mkv"), shots.read_planes(tmp_path / "out.mkv")
+    assert len(after) == 4
+    for (_, old), (_, new), layer in zip(
+        before, after, sorted((tmp_path / "aov").iterdir()), strict=True
+    ):
+        alpha = read_channel(layer, "A")
+        reached = cv2.dilate((alpha > 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        assert 0 < reached.mean() < 0.3
+        assert np.array_equal(old[0][~reached], new[0][~reached])
+        assert (old[0] != new[0])[reached].mean() > 0.5
+        small = cv2.resize(
+            reached.astype(np.uint8), old[1].shape[::-1], interpolation=cv2.INTER_AREA
+        )
+        grown = cv2.dilate(small, np.ones((3, 3), np.uint8)) > 0
+        for plane in (1, 2):
+            assert np.array_equal(old[plane][~grown], new[plane][~grown])
+
+
+def read_channel(path, name):
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return np.array(file.channels()[name].pixels)
+
+
+def test_two_runs_give_the_same_bytes_of_picture(files, tmp_path):
+    for name in ("a.mkv", "b.mkv"):
+        run = nlens(
+            files / "in.mp4", files / "anim.glb", tmp_path / name, "--codec", "ffv1",
+            "--save-fit", tmp_path / f"{name}.json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+    first, second = shots.read_planes(tmp_path / "a.mkv"), shots.read_planes(tmp_path / "b.mkv")
+    assert (tmp_path / "a.mkv.json").read_text() == (tmp_path / "b.mkv.json").read_text()
+    for (_, a), (_, b) in zip(first, second, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_saved_fit_is_used_again_and_gives_the_same_picture(files, tmp_path):
+    plate, glb = files / "plate.png", files / "anim.glb"
+    first = nlens(plate, glb, tmp_path / "a.png", "--save-fit", tmp_path / "fit.json")
+    second = nlens(
+        plate, glb, tmp_path / "b.png", "--fit", tmp_path / "fit.json",
+        "--timings", tmp_path / "t.json",
+    )  # fmt: skip
+    assert first.returncode == second.returncode == 0, first.stderr + second.stderr
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    nodes = json.loads((tmp_path / "t.json").read_text())["frames"][0]["nodes"]
+    assert "estimate-coc" not in nodes and "fit" not in nodes
+
+
+def test_still_in_gives_a_still_out_and_the_object_is_in_it(files, tmp_path):
+    run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png")
+    assert run.returncode == 0, run.stderr
+    before, after = cv2.imread(str(files / "plate.png")), cv2.imread(str(tmp_path / "out.png"))
+    assert before.shape == after.shape
+    changed = np.abs(before.astype(int) - after).max(axis=2) > 10
+    assert 0.005 < changed.mean() < 0.3
+
+
+def test_image_sequence_in_and_out(files, tmp_path):
+    for number in range(7, 10):
+        shots.write_png(tmp_path / f"plate_{number:04d}.png")
+    run = nlens(
+        tmp_path / "plate_%04d.png", files / "anim.glb", tmp_path / "out_%04d.png",
+        "--fit", files / "fit.json", "--input-rate", "25",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert len(list(tmp_path.glob("out_*.png"))) == 3
+
+
+def test_variable_frame_rate_keeps_every_pts(files, tmp_path):
+    pts = [0, 33, 95, 120, 210, 214, 300, 391]
+    shots.write_video(
+        tmp_path / "in.mkv", frames=8, codec="ffv1", audio=False, pts=pts,
+        time_base=Fraction(1, 1000),
+    )  # fmt: skip
+    run = nlens(
+        tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv", "--fit", files / "fit.json"
+    )
+    assert run.returncode == 0, run.stderr
+    assert [at for at, _ in shots.read_planes(tmp_path / "out.mkv")] == pts
+
+
+def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
+    whole = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "whole.mkv", "--codec", "ffv1",
+        "--fit", files / "fit.json",
+    )  # fmt: skip
+    part = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "part.mkv", "--codec", "ffv1",
+        "--fit", files / "fit.json", "--range", "5:9",
+    )  # fmt: skip
+    assert whole.returncode == part.returncode == 0, whole.stderr + part.stderr
+    frames, some = (
+        shots.read_planes(tmp_path / "whole.mkv"),
+        shots.read_planes(tmp_path / "part.mkv"),
+    )
+    assert len(some) == 4 and some[0][0] == 0
+    for (_, a), (_, b) in zip(frames[5:9], some, strict=True):
+        assert np.array_equal(a[0], b[0])
+
+
+def test_range_takes_the_sound_beside_its_frames_along(files, tmp_path):
+    run = nlens(
+        files / "long.mp4", files / "anim.glb", tmp_path / "part.mp4",
+        "--fit", files / "fit.json", "--range", "30:80",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    with av.open(str(tmp_path / "part.mp4")) as container:
+        sound = [
+            (float(p.pts * p.time_base), float((p.pts + p.duration) * p.time_base))
+            for p in container.demux(audio=0)
+            if p.dts is not None
+        ]
+    assert -0.03 < sound[0][0] < 0.03
+    assert 1.97 < sound[-1][1] < 2.045  # 50 frames at 25 a second; a packet of sound lasts 0.021 s
+    assert all(a[1] == pytest.approx(b[0], abs=1e-3) for a, b in itertools.pairwise(sound))
+
+
+def test_object_out_of_view_leaves_the_plate_untouched(files, tmp_path):
+    shots.cube_glb(tmp_path / "away.glb", start=(0.0, 0.0, 30.0))
+    shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=3, audio=False)
+    run = nlens(
+        tmp_path / "in.mkv", tmp_path / "away.glb", tmp_path / "out.mkv", "--range", "0:3", "--json"
+    )
+    assert run.returncode == 0, run.stderr
+    outcome = json.loads(run.stdout)
+    assert outcome["fit"] is None and outcome["composited"] == 0
+    before, after = shots.read_planes(tmp_path / "in.mkv"), shots.read_planes(tmp_path / "out.mkv")
+    for (_, a), (_, b) in zip(before, after, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_effects_none_lays_the_sharp_object_over_the_plate(files, tmp_path):
+    run = nlens(
+        files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--effects", "none", "--json"
+    )
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["fit"] is None
+
+
+def test_plan_names_nodes_backends_and_effects_and_writes_nothing(files, tmp_path):
+    run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4", "--plan")
+    assert run.returncode == 0, run.stderr
+    text = run.stdout
+    for word in ("pipeline standard", "effect defocus", "node reblur", "onnxruntime", "bt709"):
+        assert word in text
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("form", ["nut", "yuv4mpegpipe", "rawvideo"])
+def test_webcam_like_source_on_standard_input(files, tmp_path, form):
+    """Frames come at 25 fps through a pipe, as a camera would send them."""
+    rgb = shots.plate()
+    raw = form == "rawvideo"
+    words = ["-", files / "anim.glb", tmp_path / "out.mkv", "--fit", files / "fit.json", "--json"]
+    if raw:
+        size = f"{shots.WIDTH}x{shots.HEIGHT}"
+        words += ["--input-format", "rawvideo", "--input-size", size, "--input-rate", "25"]
+    run = process(*words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    feed(run.stdin, form, rgb, frames=15)
+    run.stdin = None  # closed: nothing for communicate to flush
+    out, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err.decode()
+    assert json.loads(out)["timing"]["frames"] == 15
+    frames = shots.read_planes(tmp_path / "out.mkv")
+    with av.open(str(tmp_path / "out.mkv")) as container:
+        base = container.streams.video[0].time_base
+    seconds = [float((pts - frames[0][0]) * base) for pts, _ in frames]
+    assert seconds == pytest.approx([n / 25 for n in range(15)], abs=1.1e-3)
+
+
+def feed(pipe, form, rgb, frames):
+    start = time.monotonic()
+    yuv = av.VideoFrame.from_ndarray(rgb, "rgb24").reformat(format="yuv420p")
+    if form == "rawvideo":
+        planes = yuv.to_ndarray().tobytes()
+        for number in range(frames):
+            time.sleep(max(0.0, start + number / 25 - time.monotonic()))
+            pipe.write(planes)
+            pipe.flush()
+        pipe.close()
+        return
+    with av.open(pipe, "w", format=form) as container:
+        codec = "rawvideo" if form == "nut" else "wrapped_avframe"
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = rgb.shape[1], rgb.shape[0], "yuv420p"
+        for number in range(frames):
+            time.sleep(max(0.0, start + number / 25 - time.monotonic()))
+            yuv.pts, yuv.time_base = number, Fraction(1, 25)
+            container.mux(stream.encode(yuv))
+        container.mux(stream.encode())
+    pipe.close()
+
+
+def test_stream_on_standard_output_is_read_by_another_process(files, tmp_path):
+    run = process(
+        files / "in.mp4", files / "anim.glb", "-", "--fit", files / "fit.json", "-q",
+        stdout=subprocess.PIPE,
+    )  # fmt: skip
+    out, err = run.communicate(timeout=120)
+    assert run.returncode == 0, err.decode()
+    (tmp_path / "out.nut").write_bytes(out)
+    frames = shots.read_planes(tmp_path / "out.nut")
+    assert len(frames) == 12
+    assert shots.audio_packets(tmp_path / "out.nut") == shots.audio_packets(files / "in.mp4")
+
+
+def test_live_device_of_ffmpeg_is_opened_by_name(files, tmp_path):
+    size = f"{shots.WIDTH}x{shots.HEIGHT}"
+    run = nlens(
+        f"testsrc2=size={size}:rate=25", files / "anim.glb", tmp_path / "out.mkv",
+        "--input-format", "lavfi", "--range", "0:10", "--fit", files / "fit.json", "--json",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["timing"]["frames"] == 10
+
+
+def endless(files, output, more=(), **options):
+    """A run on a source without an end."""
+    return process(
+        f"testsrc2=size={shots.WIDTH}x{shots.HEIGHT}:rate=25", files / "anim.glb", output,
+        "--input-format", "lavfi", "--fit", files / "fit.json", *more, **options,
+    )  # fmt: skip
+
+
+def stopped(run, folder, *signals, patience=60):
+    """Let a run get going, send it signals, wait for its end."""
+    deadline = time.monotonic() + patience
+    while not list(folder.glob(".*partial*")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(1.0)
+    for number in signals:
+        run.send_signal(number)
+        time.sleep(0.05)
+    run.stdin = None
+    _, err = run.communicate(timeout=30)
+    return err.decode().strip()
+
+
+@pytest.mark.parametrize(
+    "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT, signal.SIGINT]]
+)
+def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path, signals):
+    run = endless(files, tmp_path / "out.mp4")
+    message = stopped(run, tmp_path, *signals)
+    assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["exec('os.kill(os.getpid(), signal.SIGINT)')", "abused()"],
+    ids=["within an exec of text", "that a library takes for something else"],
+)
+def test_interrupt_of_the_first_second_gives_line_and_exit_code(tmp_path, start):
+    """While modules are loaded: dataclasses are made by exec, libraries run their own start."""
+    (tmp_path / "started.py").write_text(f"""
+import os, signal, sys
+from nlens_video import cli
+
+def abused():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        raise ImportError("initialization failed")
+
+cli._run = lambda words: {start}
+sys.exit(cli.main(["in.mp4"]))
+""")
+    run = subprocess.run(
+        [sys.executable, "-m", "started"], capture_output=True, text=True, timeout=60, check=False,
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert (run.returncode, run.stderr) == (130, "nlens-video: interrupted, no output written\n")
+
+
+@pytest.mark.parametrize("frames", [3, 80], ids=["while opening", "while running"])
+def test_interrupt_ends_a_run_whose_source_has_gone_quiet(files, tmp_path, frames):
+    run = process(
+        "-", files / "anim.glb", tmp_path / "out.mp4", "--fit", files / "fit.json",
+        "--codec", "libx264", stdin=subprocess.PIPE,
+    )  # fmt: skip
+    pipe = run.stdin
+    frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(format="yuv420p")
+    with av.open(Quiet(pipe), "w", format="nut") as container:
+        stream = container.add_stream("rawvideo", rate=25)
+        stream.width, stream.height, stream.pix_fmt = shots.WIDTH, shots.HEIGHT, "yuv420p"
+        for number in range(frames):
+            frame.pts, frame.time_base = number, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        message = stopped(run, tmp_path, signal.SIGINT, patience=5)
+    with contextlib.suppress(BrokenPipeError):
+        pipe.close()
+    assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
+    assert not list(tmp_path.iterdir())
+
+
+class Quiet:
+    """A pipe that its writer neither ends nor feeds once its reader has gone."""
+
+    def __init__(self, pipe):
+        self.pipe = pipe
+
+    def write(self, data):
+        with contextlib.suppress(BrokenPipeError):
+            self.pipe.write(data)
+            self.pipe.flush()
+        return len(data)
+
+
+def test_kept_partial_file_is_named_and_plays(files, tmp_path):
+    run = endless(files, tmp_path / "out.mp4", more=["--keep-partial"])
+    message = stopped(run, tmp_path, signal.SIGINT)
+    assert run.returncode == 130
+    (kept,) = tmp_path.iterdir()
+    assert message == f"nlens-video: interrupted; the part written so far is {kept}"
+    assert len(shots.read_planes(kept)) > 3
+
+
+def test_reader_that_goes_away_ends_the_run_quietly(files):
+    run = endless(files, "-", stdout=subprocess.PIPE)
+    run.stdout.read(100_000)
+    run.stdout.close()
+    assert run.wait(timeout=60) == 0
+    assert run.stderr.read() == b""
+    run.stderr.close()
+
+
+@pytest.mark.parametrize("words", [["--help"], ["doctor"], ["completion", "bash"], ["--plan"]])
+def test_text_that_nobody_reads_is_no_failure(files, tmp_path, words):
+    if words == ["--plan"]:
+        words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--plan"]
+    unread, written = os.pipe()
+    run = process(*words, stdout=written)
+    os.close(unread)
+    os.close(written)
+    _, err = run.communicate(timeout=120)
+    assert (run.returncode, err) == (0, b"")
+
+
+@pytest.mark.parametrize("words", [["-q"], ["--json"], ["--plan"]])
+def test_a_full_disk_behind_standard_output_is_one_line(files, tmp_path, words):
+    out = tmp_path / "out.png" if words != ["-q"] else "-"
+    with Path("/dev/full").open("wb") as full:
+        run = process(
+            files / "plate.png", files / "anim.glb", out, "--fit", files / "fit.json", *words,
+            stdout=full,
+        )  # fmt: skip
+        _, err = run.communicate(timeout=120)
+    assert run.returncode == 6
+    assert err.startswith(b"nlens-video: ") and err.count(b"\n") == 1 and b"No space left" in err
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_run_does_without_streams_that_were_closed_from_the_start(files, tmp_path, closed):
+    words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
+    command = [sys.executable, "-m", "nlens_video", *words, "--fit", files / "fit.json", "--json"]
+    shell = ["sh", "-c", f'exec "$@" {closed}>&-', "sh", *map(str, command)]
+    assert subprocess.run(shell, capture_output=True, timeout=120, check=False).returncode == 0
+    assert (tmp_path / "out.png").is_file()
+
+
+def test_words_that_nobody_can_read_do_not_fail_a_run(files, tmp_path):
+    unread, written = os.pipe()
+    os.close(unread)
+    words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
+    command = [sys.executable, "-m", "nlens_video", *map(str, words)]
+    run = subprocess.run(
+        [*command, "--fit", str(files / "fit.json")], stderr=written, timeout=120, check=False
+    )
+    os.close(written)
+    assert run.returncode == 0
+    assert (tmp_path / "out.png").is_file()
+
+
+def test_help_answers_without_loading_anything():
+    run = process("--help", stdout=subprocess.PIPE)
+    out, _ = run.communicate(timeout=30)
+    assert run.returncode == 0
+    assert b"IN ANIM.glb OUT" in out
+    lines = out.decode().splitlines()  # it fits on a screen; the whole is one word away
+    assert len(lines) <= 40 and max(map(len, lines)) <= 100
+    assert b"nlens-video render --help" in out
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("nlens-video in.mp4 a.glb b.mp4 --pres", {"--preset "}),
+        ("nlens-video fit in.mp4 a.glb b.json --sav", set()),
+        ("nlens-video fit in.mp4 a.glb b.json --track", {"--track-focus "}),
+        ("nlens-video a.mp4 a.glb b.mp4 --late ", {"keep", "drop"}),
+        ("nlens-video doc", {"doctor "}),
+        ("nlens-video completion ", {"bash", "zsh", "fish"}),
+    ],
+)
+def test_shell_completes_commands_options_and_their_values(line, offered, tmp_path):
+    answer = tmp_path / "answer"
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "IFS": "\013",
+             "_ARGCOMPLETE_STDOUT_FILENAME": str(answer)}  # fmt: skip
+    run = process(env={**os.environ, **asked}, cwd=tmp_path)
+    assert run.wait(timeout=30) == 0
+    run.stderr.close()
+    words = {word for word in answer.read_text().split("\013") if word}
+    assert words >= offered and (offered or not words)
+    assert not words & {"fit ", "render "}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_script_names_the_program(shell):
+    run = nlens("completion", shell)
+    assert run.returncode == 0 and "nlens-video" in run.stdout
+
+
+class TestExitCodes:
+    def test_2_unknown_option(self, files):
+        assert "--colour" in one_line(nlens("a", "b", "c", "--colour"), 2)
+
+    def test_2_missing_argument(self, files):
+        assert "OUT" in one_line(nlens(files / "in.mp4", files / "anim.glb"), 2)
+
+    @pytest.mark.parametrize(
+        ("words", "expected"),
+        [
+            (["--range", "9:4"], "A:B"),
+            (["--preset", "cinematic"], "standard"),
+            (["--effects", "glitter"], "defocus"),
+            (["--device", "cuda"], "cpu"),
+            (["--budget-ms", "-3"], "positive"),
+        ],
+    )
+    def test_2_value_that_makes_no_sense(self, files, tmp_path, words, expected):
+        run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png", *words)
+        assert expected in one_line(run, 2)
+
+    def test_3_input_that_does_not_exist(self, files, tmp_path):
+        run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "out.mp4")
+        assert "none.mp4" in one_line(run, 3)
+
+    def test_3_input_that_is_no_video(self, files, tmp_path):
+        (tmp_path / "in.mp4").write_text("not a video at all")
+        one_line(nlens(tmp_path / "in.mp4", files / "anim.glb", tmp_path / "out.mp4"), 3)
+
+    def test_4_scene_that_is_no_gltf(self, files, tmp_path):
+        (tmp_path / "bad.glb").write_bytes(b"glTF but not really")
+        run = nlens(files / "plate.png", tmp_path / "bad.glb", tmp_path / "out.png")
+        assert "bad.glb" in one_line(run, 4)
+
+    def test_4_scene_without_a_camera(self, files, tmp_path):
+        shots.cube_glb(tmp_path / "nocam.glb", camera=False)
+        run = nlens(files / "plate.png", tmp_path / "nocam.glb", tmp_path / "out.png")
+        assert "camera" in one_line(run, 4)
+
+    def test_5_plate_that_tells_no_blur(self, files, tmp_path):
+        shots.write_png(
+            tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
+        )
+        run = nlens(tmp_path / "grey.png", files / "anim.glb", tmp_path / "out.png")
+        assert "--fallback constant" in one_line(run, 5)
+        assert not (tmp_path / "out.png").exists()
+
+    def test_5_ground_plane_out_of_view(self, files, tmp_path):
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--ground-y", "50"
+        )
+        assert "--ground-y" in one_line(run, 5)
+
+    def test_5_fit_file_that_is_none(self, files, tmp_path):
+        (tmp_path / "fit.json").write_text('{"slope": "steep"}')
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "out.png",
+            "--fit", tmp_path / "fit.json",
+        )  # fmt: skip
+        assert "slope" in one_line(run, 5)
+
+    def test_0_with_the_fallback_that_stands_in_for_a_fit(self, files, tmp_path):
+        shots.write_png(
+            tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
+        )
+        run = nlens(
+            tmp_path / "grey.png", files / "anim.glb", tmp_path / "out.png",
+            "--fallback", "constant", "--json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        outcome = json.loads(run.stdout)
+        assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
+        assert any("constant CoC" in note for note in outcome["notes"])
+
+    def test_2_range_beyond_the_end(self, files, tmp_path):
+        run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--range", "90:99")
+        assert "no such frames" in one_line(run, 2)
+        assert not list(tmp_path.iterdir())
+
+    def test_6_folder_of_the_fit_does_not_exist_and_is_told_before_the_run(self, files, tmp_path):
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "o.png",
+            "--save-fit", tmp_path / "no" / "fit.json",
+        )  # fmt: skip
+        assert "no" in one_line(run, 6)
+        assert not list(tmp_path.iterdir())
+
+    @pytest.mark.parametrize("number", ["NaN", "1e999", "-Infinity"])
+    def test_5_fit_file_with_a_number_that_is_none(self, files, tmp_path, number):
+        (tmp_path / "fit.json").write_text(
+            f'{{"slope": 3.0, "intercept": 1.0, "width": 9, "height": 9, "n": {number}}}'
+        )
+        run = nlens(
+            files / "plate.png", files / "anim.glb", tmp_path / "out.png",
+            "--fit", tmp_path / "fit.json",
+        )  # fmt: skip
+        assert '"n"' in one_line(run, 5)
+
+    def test_6_folder_that_does_not_exist(self, files, tmp_path):
+        run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "no" / "out.png")
+        one_line(run, 6)
+
+    @pytest.mark.parametrize("option", [None, "--save-fit", "--timings"])
+    def test_6_a_pipe_or_a_device_is_not_replaced_by_a_file(self, files, tmp_path, option):
+        pipe = tmp_path / "pipe.png"
+        os.mkfifo(pipe)
+        out, more = (pipe, []) if option is None else (tmp_path / "out.png", [option, pipe])
+        given = [files / "plate.png", files / "anim.glb", out, "--fit", files / "fit.json"]
+        assert "is a device or a pipe; give the name" in one_line(nlens(*given, *more), 6)
+        assert list(tmp_path.iterdir()) == [pipe] and pipe.is_fifo()
+
+    def test_6_output_that_is_the_input(self, files):
+        run = nlens(files / "plate.png", files / "anim.glb", files / "plate.png")
+        one_line(run, 6)
+
+    @pytest.mark.parametrize(
+        ("option", "name", "what"),
+        [
+            ("--save-fit", "in.mp4", "the plate"),
+            ("--save-fit", "./link.mp4", "the plate"),
+            ("--timings", "anim.glb", "the scene"),
+            ("--timings", "out.mp4", "the result"),
+            ("--save-fit", "sky.hdr", "--env"),
+            ("--timings", "m_0001.png", "--holdout"),
+            ("--aov", ".", "--layers"),
+            (None, "fog.exr", "--layers"),
+        ],
+    )
+    def test_6_what_is_read_is_never_written_over(self, files, tmp_path, option, name, what):
+        for one in ("in.mp4", "anim.glb", "fit.json", "plate.png"):
+            (tmp_path / one).write_bytes((files / one).read_bytes())
+        (tmp_path / "link.mp4").symlink_to(tmp_path / "in.mp4")
+        for one in ("sky.hdr", "m_0001.png", "fog.exr"):
+            (tmp_path / one).write_bytes(b"of somebody's")
+        before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        given = {
+            "--env": ["--env", tmp_path / "sky.hdr"],
+            "--holdout": ["--holdout", tmp_path / "m_%04d.png"],
+            "--layers": ["--layers", tmp_path / "fog.exr"],
+        }.get(what, [])
+        written = [] if option is None else [option, tmp_path / name]
+        plate, out = ("plate.png", name) if option is None else ("in.mp4", "out.mp4")
+        run = nlens(
+            tmp_path / plate, tmp_path / "anim.glb", tmp_path / out,
+            "--fit", tmp_path / "fit.json", *given, *written,
+        )  # fmt: skip
+        assert f" {what} as well; give " in one_line(run, 6)
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+    def test_verbose_adds_the_traceback(self, files, tmp_path):
+        run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "o.mp4", "-v")
+        assert run.returncode == 3
+        assert "Traceback" in run.stderr
+
+
+def test_failed_run_leaves_nothing_behind(files, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "layers").mkdir()
+    run = nlens(
+        files / "in.mp4", files / "anim.glb", tmp_path / "out" / "o.mp4",
+        "--layers", tmp_path / "layers" / "%04d.exr", "--timings", tmp_path / "out" / "t.json",
+    )  # fmt: skip
+    one_line(run, 3)
+    assert not list((tmp_path / "out").iterdir())

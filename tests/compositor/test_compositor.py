@@ -1,0 +1,371 @@
+"""The plug-in for OpenCV, PyAV and numpy loops."""
+
+import os
+import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+from support import shots
+
+from nlens_video import Compositor
+from nlens_video.core.aperture import Aperture
+from nlens_video.core.errors import (
+    InputError,
+    LensFitError,
+    SceneError,
+    UsageError,
+)
+from nlens_video.core.lens_fit import LensFit
+
+pytestmark = pytest.mark.needs_gl
+FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
+
+
+@pytest.fixture(scope="module")
+def glb(tmp_path_factory):
+    path = tmp_path_factory.mktemp("glb") / "anim.glb"
+    return shots.cube_glb(path, end=(0.3, 0.0, -2.6), seconds=0.5)
+
+
+@pytest.fixture
+def lens(glb):
+    with Compositor(glb, preset="realtime", fit=FIT, fps=25) as compositor:
+        yield compositor
+
+
+def bgr():
+    return np.ascontiguousarray(shots.plate()[..., ::-1])
+
+
+def test_frame_comes_back_in_the_same_form_and_the_given_one_is_left_alone(lens):
+    frame = bgr()
+    result = lens.process(frame)
+    assert (result.shape, result.dtype) == (frame.shape, frame.dtype)
+    assert np.array_equal(frame, bgr())
+    changed = (result != frame).any(axis=2)
+    assert 0.005 < changed.mean() < 0.3
+
+
+def test_channel_order_is_opencvs(lens):
+    result = lens.process(bgr())
+    changed = np.abs(result.astype(int) - bgr()).max(axis=2) > 60
+    blue, _, red = result[changed].astype(float).mean(axis=0)
+    assert red > blue  # the cube is orange
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_other_sample_types_give_the_same_picture(lens, dtype):
+    scale = {np.uint8: 1, np.uint16: 257, np.float32: 1 / 255}[dtype]
+    result = lens.process((bgr() * np.array(scale, dtype)).astype(dtype), time=0.0)
+    plain = lens.process(bgr(), time=0.0)
+    assert result.dtype == dtype
+    assert np.abs(result.astype(np.float64) / scale - plain).max() <= 0.51
+
+
+def test_time_moves_the_object_and_defaults_to_the_frame_count(lens):
+    zeroth, first = lens.process(bgr()), lens.process(bgr())
+    assert not np.array_equal(zeroth, first)
+    assert np.array_equal(lens.process(bgr(), time=1 / 25), first)
+
+
+def test_av_frames_keep_format_time_and_tags(lens):
+    frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(
+        format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
+    )
+    frame.pts, frame.time_base, frame.color_primaries = 7, Fraction(1, 50), 1
+    before = frame.to_ndarray().copy()
+    result = lens.process_av(frame)
+    assert (result.format.name, result.pts, result.time_base) == ("yuv420p", 7, Fraction(1, 50))
+    assert result.color_primaries == 1
+    assert (result.to_ndarray() != before).any()
+    assert np.array_equal(frame.to_ndarray(), before)
+
+
+def test_animation_of_av_frames_begins_at_the_first_one(lens):
+    def frame(pts):
+        made = av.VideoFrame.from_ndarray(shots.plate(), "rgb24")
+        made.pts, made.time_base = pts, Fraction(1, 25)
+        return lens.process_av(made).to_ndarray()
+
+    first, second = frame(1000), frame(1001)
+    assert np.array_equal(first, lens.process(bgr(), time=0.0)[..., ::-1])
+    assert np.array_equal(second, lens.process(bgr(), time=1 / 25)[..., ::-1])
+
+
+def test_av_frames_of_packed_formats_come_back_in_theirs(lens):
+    frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(format="nv12")
+    frame.pts, frame.time_base = 3, Fraction(1, 25)
+    result = lens.process_av(frame)
+    assert (result.format.name, result.pts, result.time_base) == ("nv12", 3, Fraction(1, 25))
+
+
+def test_av_frames_that_no_decoder_made_need_neither_time_nor_tags(lens):
+    frame = av.VideoFrame.from_ndarray(bgr(), "bgr24")
+    (result,) = lens.stream(iter([frame]))
+    assert (result.format.name, result.pts, result.time_base) == ("bgr24", None, None)
+    assert np.array_equal(result.to_ndarray(), lens.process(bgr(), time=0.0))
+
+
+def test_av_frames_of_formats_that_ffmpeg_converts_to_keep_their_tags(lens):
+    frame = av.VideoFrame.from_ndarray(bgr(), "bgr24").reformat(format="rgb565le")
+    frame.color_range, frame.colorspace = 1, 1
+    frame.color_trc, frame.color_primaries = 13, 1
+    frame.pts, frame.time_base = 7, Fraction(1, 30)
+    result = lens.process_av(frame)
+    assert result.format.name == "rgb565le" and (result.pts, result.time_base) == (
+        7, Fraction(1, 30),
+    )  # fmt: skip
+    assert (result.color_range, result.colorspace) == (1, 1)
+    assert (result.color_trc, result.color_primaries) == (13, 1)
+
+
+def test_av_frames_that_cannot_be_written_back_are_named(lens):
+    with pytest.raises(InputError, match="pal8"):
+        lens.process_av(av.VideoFrame(shots.WIDTH, shots.HEIGHT, "pal8"))
+    with pytest.raises(UsageError, match="ndarray"):
+        lens.process_av(bgr())
+    with pytest.raises(UsageError, match="process_av"):
+        lens.process(av.VideoFrame.from_ndarray(bgr(), "bgr24"))
+
+
+def test_stream_holds_one_frame_at_a_time(lens):
+    def endless():
+        while True:
+            yield bgr()
+
+    stream = lens.stream(endless())
+    assert next(stream).shape == next(stream).shape
+    stream.close()
+
+
+def test_fit_plan_and_timings_tell_what_happened(lens):
+    assert lens.plan == ()
+    lens.process(bgr())
+    lens.process(bgr())
+    assert lens.fit == FIT
+    assert any("scatter" in line for line in lens.plan)
+    assert lens.timings.frames == 2 and "render" in lens.timings.node_median_ms
+
+
+def test_it_can_be_called_from_any_thread(lens):
+    with ThreadPoolExecutor(3) as pool:
+        results = list(pool.map(lambda _: lens.process(bgr(), time=0.1), range(6)))
+    assert all(np.array_equal(results[0], result) for result in results)
+
+
+def test_closing_ends_its_thread_and_may_be_repeated(glb):
+    compositor = Compositor(glb, fit=FIT)
+    compositor.process(bgr())
+    compositor.close()
+    compositor.close()
+    assert compositor.fit == FIT and compositor.plan
+    with pytest.raises(UsageError, match="closed"):
+        compositor.process(bgr())
+    assert not [t for t in threading.enumerate() if t.name.startswith("nlens-compositor")]
+
+
+def test_another_lens_holds_from_the_next_frame_on(lens, glb):
+    first = lens.process(bgr(), time=0.0)
+    lens.fit = replace(FIT, slope=2 * FIT.slope, intercept=2 * FIT.intercept)
+    assert lens.fit.slope == 2 * FIT.slope
+    changed = lens.process(bgr(), time=0.0)
+    assert not np.array_equal(first, changed)
+    with Compositor(glb, preset="realtime", fit=lens.fit, fps=25) as other:
+        assert np.array_equal(other.process(bgr(), time=0.0), changed)
+
+
+def test_lens_set_before_the_first_frame_is_taken(glb):
+    with Compositor(glb, preset="realtime", fps=25) as lens:
+        lens.fit = FIT
+        lens.process(bgr())
+        assert lens.fit == FIT
+
+
+def test_swapped_object_keeps_lens_and_time(lens, glb, tmp_path):
+    lens.process(bgr())
+    other = shots.cube_glb(tmp_path / "other.glb", start=(0.3, 0.0, -2.0), size=0.2)
+    lens.swap(other)
+    swapped = lens.process(bgr())
+    assert lens.fit == FIT and lens.timings.frames == 2
+    with Compositor(other, preset="realtime", fit=FIT, fps=25) as plain:
+        assert np.array_equal(plain.process(bgr(), time=1 / 25), swapped)
+    lens.swap(tmp_path / "none.glb")
+    with pytest.raises(SceneError, match=r"none\.glb"):
+        lens.process(bgr())
+    lens.swap(glb)
+    assert lens.process(bgr()).shape == bgr().shape
+
+
+def test_notebook_shows_picture_lens_and_plan(lens):
+    assert "no frame yet" in lens.show()._repr_html_()
+    lens.process(bgr())
+    html = lens.show()._repr_html_()
+    assert "data:image/jpeg;base64," in html and "coc_px = 24" in html and "scatter" in html
+
+
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_forked_process_is_told_to_make_its_own(lens):
+    lens.process(bgr())
+    code = os.fork()
+    if code == 0:  # no pytest in here, whatever happens
+        try:
+            lens.process(bgr())
+        except UsageError as error:
+            os._exit(0 if "another process" in str(error) else 2)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(code, 0)[1]) == 0
+    assert lens.process(bgr()).shape == bgr().shape
+
+
+@pytest.mark.needs_torch
+def test_tensors_come_back_as_tensors_of_their_type_and_device(lens):
+    import torch
+
+    frame = torch.from_numpy(bgr())
+    result = lens.process(frame, time=0.0)
+    assert (result.dtype, result.device) == (frame.dtype, frame.device)
+    assert np.array_equal(result.numpy(), lens.process(bgr(), time=0.0))
+
+
+@pytest.mark.needs_torch
+@pytest.mark.parametrize("name", ["float16", "bfloat16"])
+def test_tensors_of_half_precision_keep_what_the_object_does_not_cover(lens, name):
+    import torch
+
+    frame = torch.from_numpy(bgr()).to(getattr(torch, name)) / 255
+    result = lens.process(frame, time=0.0)
+    assert result.dtype == frame.dtype
+    full = frame.float()
+    expected = lens.process(full, time=0.0)
+    covered = (expected != full).any(dim=2)
+    assert 0.01 < covered.float().mean() < 0.5
+    assert torch.equal(result, expected.to(frame.dtype))
+    assert torch.equal(result[~covered], frame[~covered])
+
+
+@pytest.mark.parametrize("dtype", [">u2", ">f4", np.float16])
+def test_types_that_samples_hold_exactly_come_back_as_they_were(lens, dtype):
+    native = {">u2": np.uint16, ">f4": np.float32, np.float16: np.float32}[dtype]
+    codes = bgr().astype(native)
+    frame = codes * native(257) if dtype == ">u2" else (codes / native(255)).astype(dtype)
+    frame = frame.astype(dtype)
+    result = lens.process(frame, time=0.0)
+    expected = lens.process(frame.astype(native), time=0.0)
+    assert result.dtype == frame.dtype and np.array_equal(result, expected.astype(dtype))
+
+
+def test_floats_that_were_meant_as_codes_are_refused(lens):
+    with pytest.raises(InputError, match="divide"):
+        lens.process(bgr().astype(np.float32))
+    bright = bgr().astype(np.float32) / 255
+    bright[:40] = 3.0  # a lit sky of scene-linear footage is none of that
+    assert lens.process(bright, time=0.0).max() == 3.0
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.int32, bool])
+def test_sample_types_that_nothing_is_known_about_are_named(lens, dtype):
+    with pytest.raises(InputError, match="expected"):
+        lens.process(bgr().astype(dtype))
+
+
+def test_grey_of_16_bit_keeps_its_form(lens):
+    frame = bgr()[..., 1].astype(np.uint16) * 257
+    result = lens.process(frame)
+    assert (result.shape, result.dtype) == (frame.shape, np.uint16) and (result != frame).any()
+
+
+def test_frames_of_another_size_are_refused(lens):
+    lens.process(bgr())
+    with pytest.raises(UsageError, match="one size"):
+        lens.process(bgr()[:-10])
+
+
+def test_unusable_scene_and_wrong_settings_are_named(tmp_path, glb):
+    (tmp_path / "bad.glb").write_bytes(b"no")
+    with Compositor(tmp_path / "bad.glb") as compositor, pytest.raises(SceneError, match="bad.glb"):
+        compositor.process(bgr())
+    with pytest.raises(UsageError, match="fps"):
+        Compositor(glb, fps=0)
+    with pytest.raises(UsageError, match="standard"):
+        Compositor(glb, preset="nope")
+    with pytest.raises(LensFitError, match=r"none\.json"):
+        Compositor(glb, fit=tmp_path / "none.json")
+    with Compositor(glb, fit=FIT) as compositor, pytest.raises(UsageError, match="NoneType"):
+        compositor.process(None)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"fps": float("inf")}, "fps"),
+        ({"budget_ms": -1.0}, "budget_ms"),
+        ({"fallback": "any"}, "none, constant"),
+        ({"track_focus": "always"}, "auto, off"),
+        ({"fit": {"slope": 1}}, "dict"),
+    ],
+)
+def test_setting_that_makes_no_sense_is_refused_where_it_is_given(glb, settings, named):
+    with pytest.raises(UsageError, match=named):
+        Compositor(glb, **settings)
+
+
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), "now"])
+def test_moment_that_is_no_finite_number_is_refused(lens, time):
+    with pytest.raises(UsageError, match="moment"):
+        lens.process(bgr(), time=time)
+
+
+def test_lens_that_is_none_is_refused_and_the_one_before_stays(lens):
+    with pytest.raises(UsageError, match="NoneType"):
+        lens.fit = None
+    assert lens.fit == FIT
+
+
+def test_compositor_that_is_sent_to_another_process_is_refused(lens):
+    with pytest.raises(UsageError, match="one in each"):
+        pickle.dumps(lens)
+
+
+def test_closing_while_other_threads_ask_ends_each_with_a_frame_or_the_word_closed(glb):
+    compositor = Compositor(glb, preset="draft", fit=FIT)
+    compositor.process(bgr())
+
+    def ask(_):
+        try:
+            return compositor.process(bgr(), time=0.0).shape == bgr().shape
+        except UsageError as error:
+            return "closed" in str(error)
+
+    with ThreadPoolExecutor(6) as pool:
+        asked = [pool.submit(ask, number) for number in range(30)]
+        compositor.close()
+        assert all(one.result() for one in asked)
+
+
+def test_saved_fit_is_taken_by_its_path(tmp_path, glb):
+    with Compositor(glb, fit=shots.fit_json(tmp_path / "fit.json")) as compositor:
+        compositor.process(bgr())
+        assert compositor.fit == FIT
+
+
+def test_aperture_shapes_the_blur_as_the_command_line_does(glb):
+    pictures = []
+    for changes in ({}, {"aperture": "3:20"}, {"aperture": Aperture(blades=3, rotation_deg=20.0)}):
+        with Compositor(glb, preset="realtime", fit=FIT, fps=25, **changes) as compositor:
+            pictures.append(compositor.process(bgr(), time=0.0))
+    plain, words, typed = pictures
+    assert np.array_equal(words, typed) and not np.array_equal(words, plain)
+
+
+def test_aperture_that_makes_no_sense_is_refused_at_once(glb):
+    with pytest.raises(UsageError, match="is not round"):
+        Compositor(glb, aperture="oval")
+    with pytest.raises(UsageError, match="cat-eye"):
+        Compositor(glb, cat_eye=2.0)
+    with pytest.raises(UsageError, match="leave cat_eye out"):
+        Compositor(glb, aperture=Aperture(blades=5), cat_eye=0.5)

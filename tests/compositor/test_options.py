@@ -1,0 +1,123 @@
+"""The options of a `Compositor`: the command line's, under the same names."""
+
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support import shots
+
+import nlens_video
+from nlens_video import Compositor
+from nlens_video.compositor.parameter_names import PARAMETERS, in_python
+from nlens_video.core.errors import UsageError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.options.options import parser_of
+
+FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
+FILES_AND_STREAMS = {
+    "input", "output", "glb", "layers", "input_format", "input_size", "input_rate",
+    "input_transfer", "range", "report", "save_fit", "aov", "timings", "codec", "crf", "pix_fmt",
+    "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
+}  # fmt: skip
+TALK = {"help", "version", "verbose", "quiet", "json", "no_progress", "plan"}
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """A cube without a camera and without lights."""
+    path = tmp_path_factory.mktemp("glb") / "bare.glb"
+    return shots.cube_glb(path, camera=False, sun=False)
+
+
+def bgr():
+    return np.ascontiguousarray(shots.plate()[..., ::-1])
+
+
+def test_every_option_of_the_command_line_that_concerns_frames_is_a_parameter():
+    signature = inspect.signature(Compositor)
+    options = {action.dest for action in parser_of("render")._actions}
+    missing = options - FILES_AND_STREAMS - TALK - set(signature.parameters)
+    assert missing == set()
+    assert set(signature.parameters) >= PARAMETERS
+    assert all(
+        one.annotation is not inspect.Parameter.empty for one in signature.parameters.values()
+    )
+
+
+def test_dir_lists_what_the_package_offers():
+    code = "import nlens_video, sys; print(*dir(nlens_video)); assert 'numpy' not in sys.modules"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert {"Compositor", "LensFit", "__version__"} <= set(out.stdout.split())
+    assert set(nlens_video.__all__) <= set(dir(nlens_video))
+
+
+@pytest.mark.needs_gl
+def test_object_without_a_camera_is_placed_by_keywords(bare):
+    frame = bgr()
+    with Compositor(bare, preset="draft", fit=FIT, at=(0.5, 0.8), size=0.3, horizon=0.3) as lens:
+        right = np.abs(lens.process(frame).astype(int) - frame).max(axis=2) > 8
+        assert any(
+            "placed by at=(0.5, 0.8) size=0.3 yaw=0 horizon=0.3" in line for line in lens.plan
+        )
+    rows, columns = np.nonzero(right)
+    assert abs(columns.mean() / frame.shape[1] - 0.5) < 0.05
+    assert 0.45 < rows.mean() / frame.shape[0] < 0.8
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"at": (0.5, 0.2), "size": 0.3}, "at=(0.5, 0.2)"),
+        ({"at": (0.5, 0.8)}, "give both at and size"),
+        ({"at": (0.5, 0.8), "size": -1}, "size=-1"),
+        ({"at": "left", "size": 0.3}, "at='left': 'left' is not X,Y"),
+        ({"at": (0.5, 0.8), "size": "big"}, "size='big': 'big' is not a number"),
+        ({"at": (0.5, 0.8), "size": 0.3, "fov": 190}, "fov=190: '190' is not an angle from 1 to"),
+        ({"at": (0.5, 0.8), "size": 0.3, "yaw": float("nan")}, "yaw=nan: 'nan' is not a number"),
+        ({"fov": 40}, "fov is of a placed object; give at and size"),
+        ({"env_rotation": 20}, "env_rotation needs a map; give env too"),
+        ({"shadow_strength": 3}, "shadow_strength=3: '3' is not a number from 0 to 2"),
+        ({"effects": "glitter"}, "effects: 'glitter' is not an effect"),
+        ({"effects": "auto,-shadow,+shadow"}, "shadow is both added"),
+        ({"preset": "fast"}, "fast"),
+        ({"device": "gpu"}, "device='gpu': expected one of auto, cpu, cuda"),
+        ({"fallback": "zero"}, "fallback='zero': expected one of none, constant"),
+        ({"cat_eye": 2.0}, "cat-eye 2.0"),
+        ({"shutter": 400}, "shutter=400"),
+        ({"shutter": 90, "shutter_deg": 90}, "shutter and shutter_deg are the same"),
+        ({"vignetting": -1}, "vignetting=-1"),
+        ({"distortion": (0.1, 0.2, 0.3)}, "distortion=(0.1, 0.2, 0.3)"),
+        ({"track_focus": "on"}, "track_focus='on': expected one of auto, off"),
+        ({"fps": "30"}, "fps='30': expected a finite number above 0"),
+        ({"holdout": "m.png", "occlusion": "auto"}, "leave occlusion"),
+        ({"camera": ""}, "camera='': is empty"),
+    ],
+)  # fmt: skip
+def test_errors_name_the_parameters(bare, options, words):
+    with pytest.raises(UsageError) as failed:
+        Compositor(bare, **options)
+    assert words in str(failed.value) and "--" not in str(failed.value)
+
+
+def test_options_of_the_object_do_not_stand_beside_object_settings(bare):
+    with pytest.raises(UsageError, match="ground_y, size: stand in the ObjectSettings"):
+        Compositor(ObjectSettings(glb=bare), size=0.3, ground_y=0.0)
+    Compositor(ObjectSettings(glb=bare), preset="draft", shutter=90.0).close()
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        ("--at 400,300: fractions of the frame", "at=(400, 300): fractions of the frame"),
+        ("use --preset standard", 'use preset="standard"'),
+        ("give --env MAP.hdr too", "give env too"),
+        ("--effects auto,+shadow asks", 'effects="auto,+shadow" asks'),
+        ("--holdout tells what is in front", "holdout tells what is in front"),
+        ("see --plan or --range 0:4", "see --plan or --range 0:4"),
+    ],
+)
+def test_words_of_the_command_line_are_told_in_pythons(message, expected):
+    assert in_python(message) == expected

@@ -1,0 +1,127 @@
+"""Lens distortion of the object, against OpenCV's own model."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support import shots
+
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    ObjectLayer,
+)
+from nlens_video.core.lens_models import Distortion
+from nlens_video.core.radial import undistorted_radius
+from nlens_video.effects.camera.distortion_apply import (
+    DistortionMap,
+    distort,
+    distort_defocused,
+    distort_shadow,
+)
+from nlens_video.effects.shadow.apply import Shadow
+
+CAMERA = shots.camera()
+FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)
+BARREL = Distortion(k1=-0.15, k2=0.02, focal_normalized=True)
+
+
+@given(st.floats(-0.1, 0.3), st.floats(0.0, 0.05), st.floats(0.0, 1.4))
+def test_undistorted_radius_is_the_inverse_of_browns_model(k1, k2, r):
+    distorted = r * (1 + k1 * r**2 + k2 * r**4)
+    assert undistorted_radius(k1, k2, np.array([distorted]))[0] == pytest.approx(r, abs=2e-3)
+
+
+def test_radius_that_nothing_is_mapped_to_is_infinite():
+    assert np.isinf(undistorted_radius(-0.5, 0.0, np.array([1.0])))[0]
+
+
+def test_places_are_those_of_opencv():
+    bend = DistortionMap.of(BARREL, CAMERA)
+    matrix = np.array([[CAMERA.fx, 0, CAMERA.cx], [0, CAMERA.fy, CAMERA.cy], [0, 0, 1]])
+    x, y = np.array([10.0, 100.0, 300.0, 470.0]), np.array([5.0, 200.0, 140.0, 260.0])
+    ideal = np.stack([(x - CAMERA.cx) / CAMERA.fx, (y - CAMERA.cy) / CAMERA.fy, 1 + 0 * x], axis=1)
+    theirs, _ = cv2.projectPoints(
+        ideal, np.zeros(3), np.zeros(3), matrix, np.array([-0.15, 0.02, 0, 0])
+    )
+    ours = np.stack(bend.distorted(x, y), axis=1)
+    assert ours == pytest.approx(theirs[:, 0], abs=1e-6)
+    back = np.stack(bend.undistorted(*ours.T), axis=1)
+    assert back == pytest.approx(np.stack([x, y], axis=1), abs=0.05)
+
+
+def disc(at, radius=14.0, box=FRAME):
+    x, y = np.meshgrid(np.arange(box.x0, box.x1) + 0.5, np.arange(box.y0, box.y1) + 0.5)
+    cover = np.clip(radius - np.hypot(x - at[0], y - at[1]) + 0.5, 0, 1).astype(np.float32)
+    return BlurredLayer(box=box, rgba=np.repeat(cover[..., None], 4, axis=2))
+
+
+def middle(layer):
+    weight = layer.rgba[..., 3]
+    y, x = np.mgrid[: weight.shape[0], : weight.shape[1]] + 0.5
+    total = weight.sum()
+    return (weight * x).sum() / total + layer.box.x0, (weight * y).sum() / total + layer.box.y0
+
+
+@pytest.mark.parametrize("at", [(60.0, 50.0), (400.0, 220.0), (240.0, 30.0)])
+@pytest.mark.parametrize("model", [BARREL, Distortion(k1=0.08), Distortion(k1=-0.12)])
+def test_object_lies_where_the_lens_puts_it(at, model):
+    bend = DistortionMap.of(model, CAMERA)
+    x, y = bend.distorted(np.array([at[0]]), np.array([at[1]]))
+    out = distort(disc(at), bend)
+    assert middle(out) == pytest.approx((x[0], y[0]), abs=0.25)
+    assert np.hypot(x[0] - at[0], y[0] - at[1]) > 1
+    assert 0 <= out.rgba.min() and out.rgba[..., 3].max() <= 1
+
+
+def test_middle_of_the_frame_stays():
+    at = (CAMERA.cx, CAMERA.cy)
+    assert middle(distort(disc(at), DistortionMap.of(BARREL, CAMERA))) == pytest.approx(
+        at, abs=0.02
+    )
+
+
+def test_barrel_sees_beyond_the_frame_and_fills_it():
+    bend = DistortionMap.of(BARREL, CAMERA)
+    assert bend.margin > 3
+    assert DistortionMap.of(Distortion(k1=0.1), CAMERA).margin == 0
+    wide = FRAME.expanded(bend.margin)
+    opaque = BlurredLayer(box=wide, rgba=np.ones((wide.height, wide.width, 4), np.float32))
+    out = distort(opaque, bend)
+    assert out.box == FRAME and out.rgba.min() == pytest.approx(1.0, abs=1e-4)
+
+
+def test_object_out_of_view_gives_an_empty_layer():
+    far = disc((-400.0, -400.0), box=Box(-420, -420, -380, -380))
+    assert distort(far, DistortionMap.of(BARREL, CAMERA)).box.empty
+
+
+def test_shadow_and_mirror_image_move_with_the_object():
+    bend = DistortionMap.of(BARREL, CAMERA)
+    layer = disc((400.0, 220.0))
+    expected = middle(distort(layer, bend))
+    coc = np.full(layer.rgba.shape[:2], 3.0, np.float32)
+    shadow = distort_shadow(Shadow(box=FRAME, loss=layer.rgba[..., :3], coc_px=coc), bend)
+    loss = BlurredLayer(box=shadow.box, rgba=np.dstack([shadow.loss, shadow.loss[..., :1]]))
+    assert middle(loss) == pytest.approx(expected, abs=0.05)
+    assert shadow.coc_px == pytest.approx(3.0)
+    sharp = ObjectLayer(box=FRAME, rgba=layer.rgba, depth=coc)
+    image = distort_defocused(DefocusedLayer(layer=sharp, coc_px=coc), bend)
+    moved = BlurredLayer(box=image.layer.box, rgba=image.layer.rgba)
+    assert middle(moved) == pytest.approx(expected, abs=0.05)
+
+
+def test_focal_length_of_the_camera_counts():
+    longer = replace(CAMERA, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
+    corner = np.array([0.0]), np.array([0.0])
+    near, far = (
+        np.hypot(
+            *DistortionMap.of(Distortion(k1=-0.1, focal_normalized=True), camera).distorted(*corner)
+        )
+        for camera in (CAMERA, longer)
+    )
+    assert near[0] == pytest.approx(4 * far[0], rel=1e-6)

@@ -1,0 +1,173 @@
+"""Holdout, occlusion and reflection as a user calls them: the command, on real files."""
+
+import json
+import subprocess
+import sys
+
+import av
+import cv2
+import numpy as np
+import pytest
+from support import shots
+from support.command import nlens
+
+from nlens_video.scene.scene import Scene
+from nlens_video.video.exr import write_layers
+
+pytestmark = pytest.mark.needs_gl
+SIZE = (shots.HEIGHT, shots.WIDTH)
+EDGE = 240  # the object stands on both sides of this column
+AT = (0.0, 0.0, -2.6)
+
+
+def half(soft=0):
+    """A matte that is white on the left of EDGE, over so many pixels."""
+    share = np.clip(0.5 - (np.arange(SIZE[1]) + 0.5 - EDGE) / max(soft, 1e-6), 0.0, 1.0)
+    return np.tile(np.round(255 * share).astype(np.uint8), (SIZE[0], 1))
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("real")
+    shots.write_png(folder / "plate.png")
+    shots.cube_glb(folder / "anim.glb", start=AT, size=0.5)
+    shots.fit_json(folder / "fit.json")
+    cv2.imwrite(str(folder / "matte.png"), half())
+    return folder
+
+
+def still(files, out, *words):
+    run = nlens(
+        files / "plate.png", files / "anim.glb", out, "--fit", files / "fit.json", "--json", *words
+    )
+    assert run.returncode == 0, run.stderr
+    return cv2.imread(str(out)).astype(int), json.loads(run.stdout)
+
+
+@pytest.fixture(scope="module")
+def plain(files):
+    """The composite without anything in front."""
+    return still(files, files / "plain.png")[0]
+
+
+def test_a_matte_hides_object_and_shadow_and_leaves_the_plate_its_bits(files, plain, tmp_path):
+    got, summary = still(files, tmp_path / "o.png", "--holdout", files / "matte.png")
+    plate = cv2.imread(str(files / "plate.png")).astype(int)
+    assert np.array_equal(got[:, :EDGE], plate[:, :EDGE])
+    assert np.array_equal(got[:, EDGE:], plain[:, EDGE:])
+    assert (plain[:, :EDGE] != plate[:, :EDGE]).any() and (got[:, EDGE:] != plate[:, EDGE:]).any()
+    occlusion = next(d for d in summary["decisions"] if d["effect"] == "occlusion")
+    assert occlusion["wanted"] and "matte.png, by its luminance" in occlusion["reason"]
+
+
+@pytest.mark.parametrize("preset", ["draft", "realtime", "reference", "paper"])
+def test_every_preset_holds_out(files, tmp_path, preset):
+    words = ("--preset", preset, "--holdout", files / "matte.png")
+    got, _ = still(files, tmp_path / "o.png", *words)
+    plate = cv2.imread(str(files / "plate.png")).astype(int)
+    assert np.array_equal(got[:, :EDGE], plate[:, :EDGE])
+    assert (got[:, EDGE:] != plate[:, EDGE:]).any()
+
+
+def test_depth_that_is_nearer_hides_with_an_edge_as_soft_as_its_blur(files, plain, tmp_path):
+    depth = np.full(SIZE, 10.0, np.float32)
+    depth[:, :EDGE] = 1.2  # CoC 24 / 1.2 - 12 = 8 px
+    write_layers(tmp_path / "z.exr", {"Z": depth})
+    got, summary = still(files, tmp_path / "o.png", "--holdout", tmp_path / "z.exr")
+    plate = cv2.imread(str(files / "plate.png")).astype(int)
+    assert np.array_equal(got[:, : EDGE - 5], plate[:, : EDGE - 5])
+    assert np.array_equal(got[:, EDGE + 5 :], plain[:, EDGE + 5 :])
+    strip = slice(EDGE - 3, EDGE + 3)
+    assert (got[:, strip] != plate[:, strip]).any() and (got[:, strip] != plain[:, strip]).any()
+    write_layers(tmp_path / "far.exr", {"Z": np.full(SIZE, 10.0, np.float32)})
+    far, _ = still(files, tmp_path / "far.png", "--holdout", tmp_path / "far.exr")
+    assert np.array_equal(far, plain)
+    assert any("Z is nearer" in d["reason"] for d in summary["decisions"])
+
+
+def test_layers_are_held_out_too(files, tmp_path):
+    rgba = np.zeros((*SIZE, 4), np.float32)
+    rgba[100:180, 200:280] = (0.2, 0.4, 0.1, 1.0)
+    channels = {name: rgba[..., at] for at, name in enumerate("RGBA")}
+    depth = np.where(rgba[..., 3] > 0, np.float32(2.6), np.float32(1e10))
+    write_layers(tmp_path / "l.exr", {**channels, "Z": depth})
+    words = ("--layers", tmp_path / "l.exr", "--holdout", files / "matte.png")
+    got, _ = still(files, tmp_path / "o.png", *words)
+    plate = cv2.imread(str(files / "plate.png")).astype(int)
+    assert np.array_equal(got[:, :EDGE], plate[:, :EDGE])
+    assert (got[120:160, EDGE + 5 : 270] != plate[120:160, EDGE + 5 : 270]).any(axis=2).all()
+
+
+def test_a_matte_video_is_timed_by_frame_in_a_pipe(files, tmp_path):
+    shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=6, audio=False)
+    with av.open(str(tmp_path / "m.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = shots.WIDTH, shots.HEIGHT, "gray"
+        for number in range(6):  # all is covered on every second frame
+            grey = np.full(SIZE, 255 * (number % 2), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, "gray")))
+        container.mux(stream.encode())
+    command = [
+        sys.executable, "-m", "nlens_video", "-", str(files / "anim.glb"), "-", "--range", "1:5",
+        "--fit", str(files / "fit.json"), "--holdout", str(tmp_path / "m.mkv"), "--codec", "ffv1",
+        "--preset", "realtime", "-q",
+    ]  # fmt: skip
+    done = subprocess.run(
+        command, input=(tmp_path / "in.mkv").read_bytes(), capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "out.mkv").write_bytes(done.stdout)
+    before, after = shots.read_planes(tmp_path / "in.mkv"), shots.read_planes(tmp_path / "out.mkv")
+    same = [
+        np.array_equal(old[0], new[0])
+        for (_, old), (_, new) in zip(before[1:5], after, strict=True)
+    ]
+    assert same == [True, False, True, False]
+
+
+def test_wrong_mattes_are_answered_with_one_line(files, tmp_path):
+    cv2.imwrite(str(tmp_path / "small.png"), half()[::2, ::2])
+    words = (files / "plate.png", files / "anim.glb", tmp_path / "o.png")
+    run = nlens(*words, "--holdout", tmp_path / "small.png")
+    assert run.returncode == 3 and run.stderr.count("\n") == 1
+    assert "240x135 pixels, the plate has 480x270" in run.stderr
+    run = nlens(*words, "--holdout", files / "matte.png", "--occlusion", "auto")
+    assert run.returncode == 2 and "leave --occlusion auto out" in run.stderr
+    assert not (tmp_path / "o.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ((), "effect occlusion: no, nothing tells what stands in front"),
+        (("--occlusion", "auto"), "effect occlusion: yes, --occlusion auto: where the plate's CoC"),
+        (("--reflect",), "effect reflection: yes, --reflect: the ground mirrors 0.04"),
+        (("--reflect", "0.3"), "effect reflection: yes, --reflect: the ground mirrors 0.3"),
+        (("--effects", "defocus"), "effect reflection: no, left out by --effects"),
+        (("--effects", "occlusion"), "node matte [each frame; lane render] F: CoC network on each"),
+    ],
+)
+def test_the_plan_says_what_is_in_front_and_mirrored_and_why(files, words, line):
+    run = nlens(files / "plate.png", files / "anim.glb", "o.png", "--plan", *words)
+    assert run.returncode == 0 and line in run.stdout, run.stdout
+
+
+def test_the_mirror_image_lies_on_the_ground_below_the_object(files, plain, tmp_path):
+    got, _ = still(files, tmp_path / "o.png", "--reflect", "0.5")
+    changed = (got != plain).any(axis=2)
+    camera = Scene.load(files / "anim.glb").camera(0.0, *SIZE[::-1])
+    image = (0.5 * shots.CUBE + AT) * (1, -1, 1)
+    seen = camera.pixels(camera.to_camera(image.astype(np.float64)))
+    rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+    coc = 0.5 * abs(shots.SLOPE / 2.6 + shots.INTERCEPT)
+    assert rows[-1] == pytest.approx(seen[:, 1].max() + coc, abs=3)
+    assert columns[0] == pytest.approx(seen[:, 0].min() - coc, abs=3)
+    assert columns[-1] == pytest.approx(seen[:, 0].max() + coc, abs=3)
+    middle = camera.pixels(camera.to_camera(np.array([[0.0, -0.2, -2.35]])))[0].astype(int)
+    assert got[middle[1], middle[0], 2] != plain[middle[1], middle[0], 2]
+    covered, _ = still(
+        files, tmp_path / "c.png", "--reflect", "0.5", "--holdout", files / "matte.png"
+    )
+    plate = cv2.imread(str(files / "plate.png")).astype(int)
+    assert np.array_equal(covered[:, :EDGE], plate[:, :EDGE])
+    assert np.array_equal(covered[:, EDGE:], got[:, EDGE:])

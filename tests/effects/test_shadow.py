@@ -1,0 +1,310 @@
+"""The shadow on the ground: place, depth, blur and reach against hand-worked values."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.definitions import marked
+
+from nlens_video.core.layers import Box
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.clipped_mesh import Solid
+from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of
+from nlens_video.effects.shadow.coverage_ref import covered
+from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.shadow import CastShadow
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf.lights import Light, PosedLight
+from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
+from nlens_video.scene.irradiance import from_around, from_lamp
+from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.video.pixels.picture import ArrayPicture
+
+WIDTH, HEIGHT = 160, 120
+CARD = np.array([[-0.5, 1.0, -0.5], [0.5, 1.0, -0.5], [0.5, 1.0, 0.5], [-0.5, 1.0, 0.5]])
+FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+DOWN = np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0)  # a sun at 45 degrees, from the left
+GREY = np.array([1.0, 1.0, 1.0])
+FRAME = Box(0, 0, WIDTH, HEIGHT)
+
+
+def looking_down(height=10.0):
+    """A camera over the origin that looks down; the picture's top is -Z, a unit is 20 px."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    pose[1, 3] = height
+    return Camera(
+        world_from_camera=pose, fx=20 * height, fy=20 * height, cx=WIDTH / 2, cy=HEIGHT / 2,
+        width=WIDTH, height=HEIGHT,
+    )  # fmt: skip
+
+
+def of_sun(ambient=0.0, direction=DOWN, diameter=1e-6):
+    """A sun of irradiance 1 on the ground, and light from around of irradiance `ambient`."""
+    posed = sun(GREY / -direction[1], direction)
+    light = np.full(3, ambient / math.pi)
+    return Illumination((Lamp(posed, diameter),), hemispheres(light, light))
+
+
+def loss(shadow):
+    """The loss on the whole frame (h, w, 3)."""
+    whole = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    inside = shadow.box.intersection(FRAME)
+    whole[inside.slices_in(FRAME)] = shadow.loss[inside.slices_in(shadow.box)]
+    return whole
+
+
+def cast(light, camera=None, fit=None, vertices=CARD, **given):
+    casters = Casters(vertices, FACES, edges_of(FACES))
+    moment = Moment(casters, camera or looking_down())
+    return CastShadow(**given)([moment], light, 0.0, fit)
+
+
+def test_shadow_of_a_card_under_a_sun_at_45_degrees_lies_its_height_aside():
+    dark = loss(cast(of_sun()))[..., 0] > 0.5
+    rows, columns = np.nonzero(dark)
+    # The card spans x -0.5 to 0.5 at height 1: its shadow spans 0.5 to 1.5, that is 90 to 110 px.
+    assert (columns.min(), columns.max() + 1) == (90, 110)
+    assert (rows.min(), rows.max() + 1) == (50, 70)
+    assert dark[50:70, 90:110].all()
+
+
+def test_what_is_left_in_the_shadow_is_the_light_from_around():
+    # Ten units up and 0.1 wide, the card hides next to nothing of what comes from around.
+    high = CARD * (0.1, 10, 0.1) - (10.0, 0.0, 0.0)
+    assert loss(cast(of_sun(ambient=0.25), vertices=high))[60, 80] == pytest.approx(0.8, abs=0.01)
+
+
+def test_each_channel_loses_its_own_light():
+    red = PosedLight(
+        Light(
+            kind="directional", color=(1.0, 0.5, 0.0), intensity=math.sqrt(2.0), range=None,
+            inner_cone=0.0, outer_cone=1.0,
+        ),
+        np.zeros(3),
+        DOWN,
+    )  # fmt: skip
+    around = hemispheres(GREY / math.pi, GREY / math.pi)
+    shadow = cast(Illumination((Lamp(red, 1e-6),), around))
+    red_loss, green_loss, contact = loss(shadow)[52, 107]  # blue comes from around only
+    assert red_loss == pytest.approx((1.0 + contact) / 2.0, abs=1e-3)
+    assert green_loss == pytest.approx((0.5 + contact) / 1.5, abs=1e-3)
+    assert contact < 0.2
+
+
+def test_larger_lamp_gives_a_wider_edge():
+    def edge(diameter):
+        row = loss(cast(of_sun(diameter=diameter), lamp_points=64))[60, :, 0]
+        return int(((row > 0.05) & (row < 0.95)).sum())
+
+    assert edge(1e-6) <= 2
+    # Seen from 1.41 away, 0.4 rad are 0.57 wide across, on the slanting ground 0.8, each side.
+    assert 24 <= edge(0.4) <= 36
+
+
+def test_point_light_magnifies_the_shadow():
+    lamp = Light(
+        kind="point", color=(1.0, 1.0, 1.0), intensity=1.0, range=None, inner_cone=0.0,
+        outer_cone=1.0,
+    )  # fmt: skip
+    posed = PosedLight(lamp, np.array([0.0, 2.0, 0.0]), np.array([0.0, -1.0, 0.0]))
+    light = Illumination((Lamp(posed, 1e-6),), np.zeros((9, 3)))
+    columns = np.nonzero(loss(cast(light))[60, :, 0] > 0.5)[0]
+    assert (columns.min(), columns.max() + 1) == (60, 100)  # twice the card
+    at = np.array([0.0, 0.0, 0.0])
+    assert from_lamp(Lamp(posed), at) == pytest.approx(GREY / 4.0)
+    aside = np.array([2.0, 0.0, 0.0])
+    assert from_lamp(Lamp(posed), aside) == pytest.approx(GREY * math.sqrt(0.5) / 8.0)
+
+
+def test_light_from_around_is_assumed_white_in_sum_where_no_file_tells_it():
+    posed = sun(np.array([2.0, 1.0, 0.5]), np.array([0.0, -1.0, 0.0]))
+    light = Illumination((Lamp(posed),), None)
+    total = from_around(light, np.zeros(3)) + [2.0, 1.0, 0.5]
+    assert total == pytest.approx(np.full(3, total[0]))
+    # Where a second lamp gives as much, the file tells all light, and nothing is assumed.
+    both = Illumination((Lamp(posed), Lamp(posed)), None)
+    assert not from_around(both, np.zeros(3)).any()
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        Illumination((), np.zeros((9, 3))),
+        of_sun(direction=np.array([0.6, 0.8, 0.0])),
+        of_sun(direction=np.array([1.0, 0.0, 0.0]) + [0, 1e-9, 0]),
+    ],
+    ids=["no light", "from below", "level"],
+)
+def test_no_light_on_the_ground_casts_no_shadow(light):
+    assert cast(light) is None
+
+
+def test_strength_scales_the_loss_and_zero_turns_it_off():
+    full, half = (loss(cast(of_sun(ambient=1.0), strength=s)) for s in (1.0, 0.5))
+    assert half == pytest.approx(0.5 * full, abs=1e-6)
+    assert cast(of_sun(), strength=0.0) is None
+
+
+def test_no_shadow_above_the_horizon_or_from_below_the_ground():
+    pose = np.eye(4)
+    pose[1, 3] = 1.0  # level, 1 above the ground: the horizon is the middle row
+    camera = Camera(
+        world_from_camera=pose, fx=100.0, fy=100.0, cx=WIDTH / 2, cy=HEIGHT / 2,
+        width=WIDTH, height=HEIGHT,
+    )  # fmt: skip
+    wide = CARD * (100, 1, 1000) + (0, 0, -503)
+    seen = loss(cast(of_sun(), camera, vertices=wide))
+    assert seen[: HEIGHT // 2].max() == 0.0 and seen[HEIGHT // 2 + 2 :].max() > 0.5
+    pose[1, 3] = -1.0
+    assert cast(of_sun(), camera, vertices=wide) is None
+
+
+def test_what_is_sunk_into_the_ground_casts_nothing():
+    wall = np.array([[0.0, -1.0, -0.5], [0.0, -1.0, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
+    sunk = Solid.above(wall, FACES, edges_of(FACES), 0.0)
+    used = sunk.vertices[sunk.faces.ravel()]
+    assert used[:, 1].min() == pytest.approx(0.0) and used[:, 1].max() == 1.0
+    corners = sunk.vertices[sunk.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert 0.5 * np.linalg.norm(cross, axis=1).sum() == pytest.approx(1.0)  # half of its area
+    columns = np.nonzero(loss(cast(of_sun(), vertices=wall))[60, :, 0] > 0.5)[0]
+    assert (columns.min(), columns.max() + 1) == (80, 100)
+
+
+def test_feet_that_graze_the_ground_are_raised_and_those_that_stand_in_it_cut():
+    wall = np.array([[0.0, -9e-4, -0.5], [0.0, -9e-4, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
+    raised = Solid.above(wall, FACES, edges_of(FACES), 0.0)
+    assert raised.faces is FACES and raised.vertices[:, 1].min() == 0.0
+    sunk = Solid.above(wall * (1.0, 2.0, 1.0) - (0.0, 1e-3, 0.0), FACES, edges_of(FACES), 0.0)
+    assert len(sunk.faces) > 2 and sunk.vertices[sunk.faces.ravel(), 1].min() == 0.0
+
+
+def linear(codes):
+    """Light of display codes from 0 to 1."""
+    return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+
+
+def darkened(plate, shadow):
+    picture = plate.copy()
+    stage = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
+    stage(ArrayPicture(picture), shadow, FRAME)
+    return picture
+
+
+def test_plate_outside_the_shadow_keeps_its_bits_and_inside_is_multiplied():
+    plate = np.random.default_rng(1).integers(180, 250, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    shadow = cast(of_sun(ambient=1.0))
+    after = darkened(plate, shadow)
+    gone = loss(shadow)
+    assert np.array_equal(after[gone.max(axis=2) == 0], plate[gone.max(axis=2) == 0])
+
+    assert linear(after / 255.0) == pytest.approx(linear(plate / 255.0) * (1.0 - gone), abs=0.005)
+
+
+def test_shadow_on_ground_out_of_focus_is_blurred_as_the_ground_and_keeps_its_energy():
+    plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    fit = LensFit(slope=0.0, intercept=-12.0, width=WIDTH, height=HEIGHT)
+    sharp, blurred = darkened(plate, cast(of_sun())), darkened(plate, cast(of_sun(), fit=fit))
+    lost = [(linear(plate) - linear(after)).sum() for after in (sharp, blurred)]
+    assert lost[1] == pytest.approx(lost[0], rel=0.02)
+    half = np.nonzero(blurred[60, :, 0] < 0.499)[0]
+    assert (90 - 8) <= half.min() <= (90 - 4) and (110 + 3) <= half.max() <= (110 + 7)
+
+
+def test_shadow_that_lies_beside_the_frame_blurs_into_it():
+    plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    beside = CARD + (3.6, 0.0, 0.0)  # its shadow begins 2 px to the right of the frame
+    assert cast(of_sun(), vertices=beside) is None
+    fit = LensFit(slope=0.0, intercept=12.0, width=WIDTH, height=HEIGHT)
+    after = darkened(plate, cast(of_sun(), fit=fit, vertices=beside))
+    assert (after[60, -3:] < 0.499).all() and (after[60, :-12] == 0.5).all()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_the_same_moment_gives_the_same_bits_on_any_number_of_threads(threads):
+    light = of_sun(ambient=0.5, diameter=0.2)
+    first, second = cast(light), cast(light, threads=threads)
+    assert first.box == second.box and np.array_equal(first.loss, second.loss)
+
+
+def test_shadow_on_blurred_ground_is_cast_coarsely_and_looks_the_same():
+    plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    light = of_sun(ambient=0.5, diameter=0.2)
+    fit = LensFit(slope=0.0, intercept=17.0, width=WIDTH, height=HEIGHT)
+    coarse = cast(light, fit=fit, lamp_points=64)
+    assert coarse.step == 4 and cast(light).step == 1
+    whole = cast(light, lamp_points=64)
+    fine = Shadow(box=whole.box, loss=whole.loss, coc_px=np.full_like(whole.coc_px, 17.0))
+    assert darkened(plate, coarse) == pytest.approx(darkened(plate, fine), abs=3.0 / 255)
+    assert coarse.fine.loss.sum() == pytest.approx(fine.loss.sum(), rel=0.02)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_covered_pixels_are_those_of_the_definition_behind_the_camera_too(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(9, 3)) * (30, 30, 1) + (10, 10, 0.5)
+    faces = np.arange(9, dtype=np.int32).reshape(3, 3)
+    size, at = (17, 23), (0.3, 0.7)
+    # places are rounded: a pixel counts where the definition is sure all around it
+    little = 1.0 / PER_PIXEL
+    around = [
+        covered(size, points, faces, (at[0] + dx, at[1] + dy))
+        for dx in (-little, 0.0, little)
+        for dy in (-little, 0.0, little)
+    ]
+    found = marked(size, points, faces, at)
+    assert (found | ~np.all(around, axis=0)).all() and (~found | np.any(around, axis=0)).all()
+
+
+def test_meshes_with_inner_edges_folds_and_borders_leave_neither_gap_nor_spill():
+    rng = np.random.default_rng(7)
+    x, y = np.meshgrid(np.linspace(4, 60, 12), np.linspace(4, 40, 9))
+    rough = np.column_stack([x.ravel(), y.ravel()]) + rng.normal(size=(108, 2)) * 4.0  # folds over
+    points = np.column_stack([np.round(rough * PER_PIXEL) / PER_PIXEL + 0.001, np.ones(108)])
+    number = np.arange(108).reshape(9, 12)
+    a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[:-1, 1:], number[1:, 1:],
+                                            number[1:, :-1]))  # fmt: skip
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
+    faces = faces[rng.permutation(len(faces))[:150]]  # with holes
+    turned = rng.random(len(faces)) < 0.3  # and faces that turn the other way
+    faces[turned] = faces[turned][:, ::-1]
+    at = (0.501, 0.501)  # places are whole parts of a pixel from here: nothing is rounded
+    assert np.array_equal(marked((44, 64), points, faces, at), covered((44, 64), points, faces, at))
+    assert len(edges_of(faces)) < 3 * len(faces)
+
+
+@pytest.mark.needs_truth
+@pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
+def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
+    from nlens_video.scene.scene import Scene
+    from nlens_video.scene.scene_light import SceneLight
+
+    folder = shared / "data" / "cycles" / "dev" / scene
+    loaded = Scene.load(folder / "object.glb")
+    posed = loaded.pose(0.0)
+    without, truth = (cv2.imread(str(folder / f"{n}.png")) for n in ("gt_noshadow", "gt"))
+    camera = loaded.camera(0.0, 960, 512)
+    light = SceneLight(loaded.light_count).on_ground(posed.lights)
+    shadow = CastShadow()([Moment(Casters.of(posed, {}), camera)], light, 0.0, None)
+    picture = without.copy()
+    frame = Box(0, 0, 960, 512)
+    ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(
+        ArrayPicture(picture), shadow, frame
+    )
+    body = cv2.imread(str(folder / "object_rgba.png"), cv2.IMREAD_UNCHANGED)[..., 3] > 0
+    away = cv2.dilate(body.astype(np.uint8), np.ones((41, 41))) == 0
+    mean = [cv2.blur(p.astype(np.float32), (5, 5)).sum(axis=2) + 1.0 for p in (truth, without)]
+    region = away & (mean[0] / mean[1] < 0.9) & (camera.plane_disparity(0.0) > 0)
+
+    def error(result):
+        return float(((result[region].astype(float) - truth[region]) ** 2).mean())
+
+    assert 10.0 * math.log10(error(without) / error(picture)) >= gain_db

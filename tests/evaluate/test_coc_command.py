@@ -1,0 +1,155 @@
+import json
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from support.command import nlens, one_line
+from support.truth_folder import write_plate
+
+SHARP = "Blind Augmentation on the sharp picture"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    home = tmp_path_factory.mktemp("truth")
+    write_plate(home / "one_a")
+    write_plate(home / "two_b", seed=1, sharp=False)
+    (home / "clip").mkdir()
+    np.save(home / "clip/bg_coc.npy", np.zeros((4, 4)))
+    (home / "unrelated").mkdir()
+    return home
+
+
+@pytest.fixture(scope="module")
+def measured(folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out") / "deep" / "figures"
+    run = nlens("evaluate", "coc", folder, "--out", out, "--json")
+    assert run.returncode == 0, run.stderr
+    return SimpleNamespace(figures=json.loads(run.stdout), out=out)
+
+
+def summary(measured, table):
+    return {row["name"]: row for row in measured.figures[table]["summary"]}
+
+
+def test_every_plate_is_measured_and_what_is_no_still_is_named(measured):
+    assert measured.figures["plates"] == ["one_a", "two_b"]
+    assert measured.figures["passed_over"] == ["clip"]
+
+
+def test_the_network_beats_every_baseline_that_is_not_told_the_truth(measured):
+    rows = summary(measured, "methods")
+    ours = rows["ours (network)"]
+    assert ours["rmse_px"] < rows["best constant"]["rmse_px"]
+    assert ours["rmse_px"] < rows["Zhuo & Sim 2011, re-blur ratio"]["rmse_px"]
+    assert ours["confident_rmse_px"] < ours["rmse_px"]
+    assert rows["best constant"]["confident_rmse_px"] is None
+    assert rows["best constant"]["bias_px"] == pytest.approx(0, abs=1e-3)
+
+
+def test_a_method_is_left_out_on_a_plate_that_lacks_what_it_needs(measured):
+    for name in (SHARP, f"{SHARP}, best factor"):
+        one, two = [row for row in measured.figures["methods"]["plates"] if row["name"] == name]
+        assert one["plate"] == "one_a" and one["rmse_px"] > 0
+        assert two == {"name": name, "plate": "two_b"}  # it has no sharp picture
+
+
+def test_the_best_factor_can_only_help(measured):
+    rows = summary(measured, "methods")
+    assert rows[f"{SHARP}, best factor"]["rmse_px"] <= rows[SHARP]["rmse_px"]
+
+
+def test_each_ablation_and_each_condition_is_measured_on_each_plate(measured):
+    assert list(summary(measured, "ablations")) == [
+        "shipped", "no confidence", "no V-fit (the paper's line)", "footprint only",
+    ]  # fmt: skip
+    assert list(summary(measured, "conditions")) == [
+        "as rendered", "H.264, crf 28", "noise of 2%", "480 px wide", "640 px wide",
+        "1920 px wide", "3840 px wide",
+        "field of view -15 %", "field of view +15 %",
+    ]  # fmt: skip
+    for table in ("ablations", "conditions"):
+        assert len(measured.figures[table]["plates"]) == 2 * len(summary(measured, table))
+
+
+def test_the_shipped_fit_finds_the_lens_that_made_the_plates(measured):
+    assert summary(measured, "ablations")["shipped"]["object_rms_px"] < 1.5
+    shipped = summary(measured, "conditions")["as rendered"]["object_rms_px"]
+    assert shipped == summary(measured, "ablations")["shipped"]["object_rms_px"]
+
+
+def test_a_frame_of_twice_the_width_is_judged_in_the_plates_pixels(measured):
+    rows = summary(measured, "conditions")
+    assert rows["1920 px wide"]["rmse_px"] < 2 * rows["as rendered"]["rmse_px"]
+
+
+def test_tables_and_plots_are_written(measured):
+    assert sorted(path.name for path in measured.out.iterdir()) == [
+        "ablations.csv", "coc.md", "conditions.csv", "error_by_coc.png", "methods.csv",
+        "reliability.png",
+    ]  # fmt: skip
+    for name in ("reliability.png", "error_by_coc.png"):
+        plot = cv2.imread(str(measured.out / name))
+        assert plot is not None and plot.shape[0] > 300 and plot.std() > 5
+    text = (measured.out / "coc.md").read_text()
+    assert "ours (network)" in text and "nan" not in text
+    lines = (measured.out / "conditions.csv").read_text().splitlines()
+    assert lines[0].startswith("row,plate,") and len(lines) == 1 + 2 * 9
+
+
+def test_a_plates_own_folder_is_enough_and_tables_go_to_standard_output(folder):
+    run = nlens("evaluate", "coc", folder / "one_a")
+    assert run.returncode == 0, run.stderr
+    assert "# CoC of 1 plate" in run.stdout and "| shipped" in run.stdout and run.stderr == ""
+
+
+def damaged(folder, name):
+    """A folder with one plate of which one file will be harmed."""
+    return write_plate(folder / "bad_one") / name
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path):
+    assert "no such folder" in one_line(nlens("evaluate", "coc", tmp_path / "gone"), 3)
+
+
+def test_a_folder_without_plates_is_one_line(tmp_path):
+    assert "object_coc.npy" in one_line(nlens("evaluate", "coc", tmp_path), 3)
+
+
+@pytest.mark.parametrize("name", ["bg.png", "object_depth.npz", "params.json", "object.glb"])
+def test_a_missing_file_is_named(tmp_path, name):
+    damaged(tmp_path, name).unlink()
+    assert name in one_line(nlens("evaluate", "coc", tmp_path), 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [("bg.png", 3), ("bg_coc.npy", 3), ("object_depth.npz", 3), ("object_rgba.png", 3),
+     ("params.json", 3), ("object.glb", 4)],
+)  # fmt: skip
+def test_an_unreadable_file_is_named(tmp_path, name, code):
+    damaged(tmp_path, name).write_bytes(b"\x93NUMPY but not really")
+    assert name in one_line(nlens("evaluate", "coc", tmp_path), code)
+
+
+def test_a_map_of_another_size_is_named(tmp_path):
+    np.save(damaged(tmp_path, "bg_coc.npy"), np.zeros((8, 8), np.float16))
+    assert "bg_coc.npy: shape (8, 8)" in one_line(nlens("evaluate", "coc", tmp_path), 3)
+
+
+def test_an_object_out_of_view_is_one_line(tmp_path):
+    path = damaged(tmp_path, "object_rgba.png")
+    assert cv2.imwrite(str(path), np.zeros((180, 320, 4), np.uint8))
+    assert "covers no pixel" in one_line(nlens("evaluate", "coc", tmp_path), 3)
+
+
+def test_an_out_that_is_a_file_is_one_line(folder, tmp_path):
+    (tmp_path / "taken").write_text("")
+    run = nlens("evaluate", "coc", folder, "--out", tmp_path / "taken")
+    assert "is no folder" in one_line(run, 6)
+
+
+@pytest.mark.parametrize("words", [(), ("coc",), ("everything", "there")])
+def test_wrong_words_are_one_line(words):
+    one_line(nlens("evaluate", *words), 2)

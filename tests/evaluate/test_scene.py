@@ -1,0 +1,83 @@
+"""`evaluate scene`: the drawn object and its shadow, on a plate made by the test."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from support.truth_folder import camera, cube_depth, write_rendered
+
+from nlens_video.cli.main import main
+from nlens_video.core.layers import Box
+from nlens_video.effects.shadow.apply import ApplyShadow
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.shadow import CastShadow
+from nlens_video.evaluate.bench.bench_case import case_of
+from nlens_video.evaluate.plates import load_plate
+from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
+from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.video.exr import write_layers
+from nlens_video.video.pixels.picture import ArrayPicture
+
+
+@pytest.fixture
+def plate(tmp_path):
+    """A plate whose truth has three quarters of the shadow that its GLB's light casts."""
+    folder = write_rendered(tmp_path / "cube_mid")
+    view = camera()
+    disparity = view.plane_disparity(0.0)
+    real = np.where(disparity > 0.0, 1.0 / np.maximum(disparity, 1e-6), 1e4).astype(np.float32)
+    write_layers(folder / "bg_depth.exr", {"Z": real})
+    known = load_plate(folder)
+    scene = Scene.load(folder / "object.glb")
+    posed = scene.pose(0.0)
+    light = SceneLight(scene.light_count).on_ground(posed.lights)
+    fit = case_of(folder, known).fit
+    moment = Moment(Casters.of(posed, {}), known.camera)
+    shadow = CastShadow(strength=0.75)([moment], light, 0.0, fit)
+    codes = cv2.imread(str(folder / "gt_noshadow.png"))
+    frame = Box(0, 0, codes.shape[1], codes.shape[0])
+    ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)
+    assert cv2.imwrite(str(folder / "gt.png"), codes)
+    return folder
+
+
+def measured(capsys, *words):
+    assert main(["evaluate", "scene", *map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_shadow_is_measured_where_the_truth_has_one_and_its_strength_is_found(plate, capsys):
+    told = measured(capsys, plate.parent, "--out", plate.parent / "tables")
+    rows = {row["name"]: row for row in told["shadow"]["summary"]}
+    given, best = rows["by the given light"], rows["the same, told its strength"]
+    assert best["strength"] == pytest.approx(0.75, abs=0.051)
+    assert best["gain_db"] > 15.0 > given["gain_db"] > 5.0
+    assert rows["no shadow"]["gain_db"] == 0.0
+    assert given["left"] < best["left"] == pytest.approx(1.0, abs=0.03)
+    names = {path.name for path in (plate.parent / "tables").iterdir()}
+    assert names == {"scene.md", "drawn.csv", "shadow.csv"}
+
+
+def test_drawn_cube_has_the_mask_and_depth_of_the_slab_method(plate, capsys):
+    (row,) = measured(capsys, plate)["drawn"]["summary"]
+    assert row["iou"] > 0.98 and row["depth_error"] < 0.05
+    depth = cube_depth(camera())
+    np.savez_compressed(plate / "object_depth.npz", depth=(1.01 * depth).astype(np.float32))
+    (row,) = measured(capsys, plate)["drawn"]["summary"]
+    assert row["depth_error"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_plates_without_a_shadow_in_their_truth_say_so(plate, capsys):
+    (plate / "gt.png").unlink()
+    assert main(["evaluate", "scene", str(plate)]) == 0
+    assert "nothing is said of shadows" in capsys.readouterr().out
+
+
+def test_truth_that_is_no_picture_is_one_line(plate, capsys):
+    (plate / "gt.png").write_bytes(b"no picture")
+    assert main(["evaluate", "scene", str(plate)]) == 3
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,186 @@
+"""A graph of the shipped pipelines, run node by node on a small shot."""
+
+import numpy as np
+import pytest
+from support import shots
+
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    CocMap,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.planner import decide
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.object_source import ScreenBounds
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.builder import build
+from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.video.pixels.picture import ArrayPicture
+
+BOX = Box(200, 120, 260, 180)
+FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
+
+
+class Slab:
+    """An object source of a flat square, with a second one half as far behind its left half."""
+
+    description = "a slab"
+
+    def __init__(self, near=1.2, far=1.2, visible=lambda index: True):
+        self.near, self.far, self.visible = near, far, visible
+
+    def locate(self, index, time_s):
+        if not self.visible(index):
+            return None
+        return ScreenBounds(
+            time_s=time_s, camera=shots.camera(), box=BOX, nearest=self.near, farthest=self.far
+        )
+
+    def footprint(self, time_s):
+        square = np.array([[-0.2, 0, -1.5], [0.2, 0, -1.5], [0.2, 0, -1.9], [-0.2, 0, -1.9]])
+        return square[[[0, 1, 2], [0, 2, 3]]]
+
+    def render(self, placement, fit):
+        depth = np.full((60, 60), self.near, np.float32)
+        depth[:, :30] = self.far
+        rgba = np.ones((60, 60, 4), np.float32) * np.float32([0.3, 0.2, 0.1, 1])
+        return ObjectLayer(box=BOX, rgba=rgba, depth=depth)
+
+
+class Frame:
+    def __init__(self, index):
+        self.index = self.number = index
+        self.time_s = index / 25
+        self.picture = ArrayPicture(shots.plate().copy(), "rgb")
+
+
+def exact_coc(picture, following):
+    disparity = np.maximum(shots.camera().plane_disparity(0.0), 0.12)
+    coc = np.abs(shots.SLOPE * disparity + shots.INTERCEPT).astype(np.float32)
+    return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5))
+
+
+def steps(preset="standard", effects="auto", fit=None, **tools):
+    context = NodeContext(
+        **{
+            "objects": Slab(), "estimate_coc": lambda: exact_coc, "ground_y": None,
+            "fallback_constant": False, "pixel_aspect": 1.0, **tools,
+        }
+    )  # fmt: skip
+    graph = build(load_pipeline(preset), decide(effects), context, fit_given=fit is not None)
+    executor = GraphExecutor(graph, Profiler(), fit)
+    return executor, executor.shot
+
+
+def run(runner, index):
+    state = runner.begin_frame(Frame(index))
+    return runner.run(state, runner.graph.nodes)
+
+
+def ran(runner, state):
+    return set(runner.profiler.close_frame(state.frame.index, 0).nodes)
+
+
+@pytest.mark.parametrize("preset", ["standard", "realtime"])
+def test_lens_is_found_once_and_used_on_every_later_frame(preset):
+    runner, shot = steps(preset)
+    first, second = run(runner, 0), run(runner, 1)
+    assert first.carried_fit and not second.carried_fit
+    assert {"estimate-coc", "ground-footprint", "fit", "reblur"} <= ran(runner, first)
+    assert not {"estimate-coc", "ground-footprint", "fit"} & ran(runner, second)
+    assert first.values.fit is second.values.fit
+    assert runner.fit.slope == pytest.approx(shots.SLOPE, rel=0.03)
+    assert shot.found_lens.regression.fit is runner.fit
+
+
+def test_a_saved_fit_shows_the_plate_past_edges_as_the_run_that_made_it():
+    runner, _ = steps()
+    first = run(runner, 0)
+    assert "edge-parallax" in ran(runner, first) and runner.fit.ground_seen
+    given, _ = steps(fit=LensFit.from_json(runner.fit.to_json()))
+    again = run(given, 0)
+    assert np.array_equal(again.values.blurred.rgba, first.values.blurred.rgba)
+
+
+def test_fit_waits_for_the_first_frame_with_the_object_in_view():
+    runner, _ = steps(objects=Slab(visible=lambda index: index >= 2))
+    states = [run(runner, index) for index in range(4)]
+    assert [state.carried_fit for state in states] == [False, False, True, False]
+    assert ran(runner, states[0]) == {"object-bounds"}
+    assert runner.fit.frame == 2
+
+
+def test_given_fit_leaves_everything_that_finds_one_out_of_the_graph():
+    runner, _ = steps(fit=FIT)
+    assert not {"estimate-coc", "ground-footprint", "fit"} & {
+        node.name for node in runner.graph.nodes
+    }
+    assert ("fit", "the lens fit is given") in runner.graph.left_out
+    assert "reblur" in ran(runner, run(runner, 0))
+
+
+def test_object_in_focus_is_not_reblurred():
+    runner, _ = steps(objects=Slab(near=2.0, far=2.0), fit=FIT)
+    nodes = ran(runner, run(runner, 0))
+    assert "reblur" not in nodes and "composite" in nodes
+
+
+def test_effects_none_builds_no_node_of_defocus():
+    runner, _ = steps(effects="none")
+    assert {node.name for node in runner.graph.nodes} == {
+        "object-bounds",
+        "render",
+        "crop-sharp",
+        "composite",
+    }
+    assert isinstance(run(runner, 0).values.blurred, BlurredLayer)
+
+
+def test_pixels_of_the_plate_out_of_reach_are_untouched():
+    runner, _ = steps(fit=FIT)
+    state = run(runner, 0)
+    reach = BOX.expanded(12)
+    before, after = shots.plate(), state.frame.picture.array
+    outside = np.ones(before.shape[:2], bool)
+    outside[reach.y0 : reach.y1, reach.x0 : reach.x1] = False
+    assert np.array_equal(before[outside], after[outside])
+    assert (before[~outside] != after[~outside]).mean() > 0.5
+
+
+def test_repair_network_has_its_place_after_the_scatter_and_runs_on_depth_steps_only():
+    calls = []
+
+    def network(defocused, blurred):
+        calls.append(defocused.largest_step_px)
+        return BlurredLayer(box=blurred.box, rgba=0 * blurred.rgba)
+
+    runner, _ = steps(objects=Slab(near=1.2, far=3.0), fit=FIT, repair=network)
+    state = run(runner, 0)
+    assert calls and calls[0] > 2 and not state.values.blurred.rgba.any()
+    flat, _ = steps(objects=Slab(), fit=FIT, repair=network)
+    run(flat, 0)
+    assert len(calls) == 1
+
+
+def test_without_a_repair_network_the_plan_says_that_the_scatter_stands():
+    runner, _ = steps(fit=FIT)
+    assert "scatter" in dict(runner.graph.left_out)["depth-order"]
+
+
+def unknowing(picture, following):
+    coc = np.full((shots.HEIGHT, shots.WIDTH), 9.0, np.float32)
+    return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 40.0))
+
+
+def test_estimate_that_knows_nothing_stops_unless_a_constant_may_stand_in():
+    runner, _ = steps(estimate_coc=lambda: unknowing)
+    with pytest.raises(LensFitError):
+        run(runner, 0)
+    runner, shot = steps(estimate_coc=lambda: unknowing, fallback_constant=True)
+    run(runner, 0)
+    assert (runner.fit.slope, runner.fit.intercept) == (0.0, -9.0)
+    assert "constant CoC" in shot.found_lens.doubt

@@ -1,0 +1,209 @@
+"""A lens that changes over a file is followed; one that does not is left alone."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support import shots
+
+from nlens_video import Compositor
+from nlens_video.cli.main import main
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.options.options import parse
+from nlens_video.options.to_settings import settings
+from nlens_video.run.lens_track_pass import lens_track_pass
+from nlens_video.stages.r_change_detector import (
+    CHANGED,
+    changed,
+    is_cut,
+    signature,
+)
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
+from nlens_video.stages.r_live_lens import LiveLens
+from nlens_video.video.pixels.picture import ArrayPicture
+
+
+def fit(intercept, frame=0, error=0.2):
+    return LensFit(
+        slope=24.0, intercept=intercept, slope_stderr=error, intercept_stderr=error,
+        width=shots.WIDTH, height=shots.HEIGHT, frame=frame,
+    )  # fmt: skip
+
+
+def shot(rgb, grain=1.0, seed=0):
+    noise = grain * np.random.default_rng(seed).standard_normal(rgb.shape)
+    return ArrayPicture(np.uint8(np.clip(rgb + noise, 0, 255)), "rgb")
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2, 1.5])
+def test_watch_sees_a_focus_that_moves(factor):
+    before = signature(shot(shots.plate()))
+    after = signature(shot(shots.plate(intercept=factor * shots.INTERCEPT), seed=1))
+    assert changed(before, after) > CHANGED
+    assert not is_cut(before, after)
+
+
+def test_watch_is_quiet_under_noise_light_and_a_person_walking_by():
+    rgb = shots.plate()
+    before = signature(shot(rgb))
+    person = rgb.copy()
+    person[:, 150:230] = 60
+    light = np.uint8(np.clip(0.8 * rgb.astype(np.float32), 0, 255))
+    for other in (shot(rgb, 4.0, 1), shot(light, seed=2), shot(person, seed=3)):
+        now = signature(other)
+        assert changed(before, now) < CHANGED
+        assert not is_cut(before, now)
+
+
+def test_watch_sees_a_cut():
+    other = np.uint8(0.4 * shots.plate(7))
+    assert is_cut(signature(shot(shots.plate())), signature(shot(other)))
+
+
+def test_plate_without_any_detail_never_changes():
+    assert changed(signature(shot(shots.grey(), 0.0)), signature(shot(shots.grey(), 0.0))) == 0.0
+
+
+@given(st.lists(st.floats(-30, 30), min_size=2, max_size=9), st.integers(2, 12))
+def test_track_never_jumps_and_stays_between_its_fits(intercepts, spacing):
+    keys = tuple(Keyframe(at * spacing, 0, fit(value)) for at, value in enumerate(intercepts))
+    track = FitTrack(hold_segments(keys, spacing, 200), 5.0)
+    values = np.array([track.at(index).intercept for index in range(keys[-1].index + 1)])
+    span = max(intercepts) - min(intercepts)
+    assert np.abs(np.diff(values)).max(initial=0.0) <= 0.75 * span + 1e-9
+    assert values.min() >= min(intercepts) - 0.5 * span - 1e-6
+    assert values.max() <= max(intercepts) + 0.5 * span + 1e-6
+
+
+def test_track_of_a_steady_pull_has_no_lag():
+    keys = tuple(Keyframe(at, 0, fit(-10.0 - 0.1 * at)) for at in range(0, 60, 6))
+    track = FitTrack(keys, 5.0)
+    for index in range(54):
+        assert track.at(index).intercept == pytest.approx(-10.0 - 0.1 * index, abs=1e-6)
+
+
+def test_track_keeps_a_cut():
+    keys = (
+        Keyframe(0, 0, fit(-10.0)),
+        Keyframe(20, 1, fit(-20.0, 20)),
+        Keyframe(30, 1, fit(-20.0, 30)),
+    )
+    track = FitTrack(hold_segments(keys, 5, 40), 5.0, cuts=(20,))
+    assert track.at(19).intercept == pytest.approx(-10.0)
+    assert track.at(20).intercept == pytest.approx(-20.0)
+
+
+@pytest.fixture(scope="module")
+def pulled(tmp_path_factory):
+    """A focus pull: rest, 20 frames of pulling, rest."""
+    folder = tmp_path_factory.mktemp("pull")
+    for index in range(40):
+        share = np.clip((index - 10) / 20, 0, 1)
+        rgb = shots.plate(intercept=shots.INTERCEPT * (1 + 0.5 * share))
+        shots.write_png(folder / f"in_{index:04d}.png", shot(rgb, seed=index).array)
+    shots.cube_glb(folder / "anim.glb")
+    return folder
+
+
+def words(folder, *more):
+    return [
+        str(folder / "in_%04d.png"), str(folder / "anim.glb"), str(folder / "out_%04d.png"),
+        "--input-rate", "25", *more,
+    ]  # fmt: skip
+
+
+def test_focus_pull_is_followed(pulled):
+    track = lens_track_pass(settings(parse(words(pulled))))
+    assert track is not None
+    there = 0.55  # a disparity of the ground in view
+    values = np.array([track.at(index).coc_px(np.float32(there)) for index in range(40)])
+    shares = np.clip((np.arange(40) - 10) / 20, 0, 1)
+    truth = shots.SLOPE * there + shots.INTERCEPT * (1 + 0.5 * shares)
+    assert np.abs(values - truth).max() < 1.5
+    assert np.abs(np.diff(values, 2)).max() < 0.15
+
+
+def test_lens_that_stays_is_not_followed(pulled, tmp_path):
+    for index in range(12):
+        shots.write_png(tmp_path / f"in_{index:04d}.png", shot(shots.plate(), seed=index).array)
+    shots.cube_glb(tmp_path / "anim.glb")
+    assert lens_track_pass(settings(parse(words(tmp_path)))) is None
+    assert lens_track_pass(settings(parse(words(pulled, "--track-focus", "off")))) is None
+    given = shots.fit_json(tmp_path / "fit.json")
+    assert lens_track_pass(settings(parse(words(pulled, "--fit", str(given))))) is None
+
+
+@pytest.mark.needs_gl
+def test_command_follows_and_says_so(pulled, capsys):
+    assert main(words(pulled, "--json", "--preset", "realtime")) == 0
+    outcome = json.loads(capsys.readouterr().out)
+    assert any("the lens changes" in note for note in outcome["notes"])
+    first, last = (cv2.imread(str(pulled / "out_%04d.png") % at) for at in (0, 39))
+    assert first is not None and np.abs(first.astype(int) - last).max() > 20
+
+
+@pytest.mark.needs_gl
+def test_fit_keeps_a_pull_and_a_run_with_it_is_the_run_that_follows(pulled, tmp_path):
+    plate, glb, _ = words(pulled)[:3]
+    kept = tmp_path / "fit.json"
+    rate = ("--input-rate", "25", "-q")
+    assert main(["fit", plate, glb, str(kept), "--track-focus", "auto", *rate]) == 0
+    followed = lens_track_pass(settings(parse(words(pulled))))
+    assert FitTrack.load(kept) == followed
+    assert LensFit.load(kept) == followed.at(0)
+    double = followed.for_width(2 * shots.WIDTH, 2 * shots.HEIGHT)
+    assert double.at(7).slope == pytest.approx(2 * followed.at(7).slope)
+    for name, more in (("a", ()), ("b", ("--fit", str(kept)))):
+        result = str(tmp_path / f"{name}_%04d.png")
+        assert main([plate, glb, result, "--preset", "realtime", *rate, *more]) == 0
+    for index in (0, 20, 39):
+        pictures = (tmp_path / f"{name}_{index:04d}.png" for name in "ab")
+        assert len({picture.read_bytes() for picture in pictures}) == 1
+
+
+def test_fit_whose_track_is_broken_is_refused_in_one_line(tmp_path):
+    kept = shots.fit_json(tmp_path / "fit.json")
+    assert FitTrack.load(kept) is None
+    for track in ({}, {"keys": []}, {"keys": [{"index": 0}], "stretch": 1, "cuts": []}):
+        kept.write_text(json.dumps({**json.loads(kept.read_text()), "track": track}))
+        with pytest.raises(LensFitError, match="makes no sense"):
+            FitTrack.load(kept)
+
+
+def test_live_lens_moves_softly_and_jumps_at_a_cut_only():
+    live = LiveLens(1 / 25)
+    assert live.step() is None
+    live.found(fit(-10.0))
+    rgb = shots.plate()
+    assert not any(live.needs_refit(index, shot(rgb, seed=index)) for index in range(9))
+    pulled = shots.plate(intercept=1.5 * shots.INTERCEPT)
+    asked = [index for index in range(9, 18) if live.needs_refit(index, shot(pulled, seed=index))]
+    assert asked == [9]
+    live.found(fit(-18.0))
+    values = [live.step().intercept for _ in range(25)]
+    assert np.abs(np.diff(values, prepend=-10.0)).max() < 2.0
+    assert values == sorted(values, reverse=True)
+    assert values[-1] == pytest.approx(-18.0, abs=0.1)
+    assert live.needs_refit(18, shot(np.uint8(0.3 * shots.plate(3))))
+    live.found(fit(-5.0))
+    assert live.step().intercept == -5.0
+
+
+@pytest.mark.needs_gl
+def test_compositor_follows_a_focus_pull(tmp_path):
+    glb = shots.cube_glb(tmp_path / "cube.glb")
+    truth = shots.SLOPE * 0.55 + 1.5 * shots.INTERCEPT
+    ends = {}
+    for track_focus in ("auto", "off"):
+        with Compositor(glb, preset="draft", fps=25, track_focus=track_focus) as lens:
+            for index in range(36):
+                share = np.clip((index - 8) / 12, 0, 1)
+                rgb = shots.plate(intercept=shots.INTERCEPT * (1 + 0.5 * share))
+                lens.process(shot(rgb, seed=index).array[..., ::-1])
+            ends[track_focus] = float(lens.fit.coc_px(np.float32(0.55)))
+    assert abs(ends["auto"] - truth) < 1.5
+    assert abs(ends["off"] - truth) > 3.0

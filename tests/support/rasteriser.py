@@ -1,0 +1,88 @@
+"""The software rasteriser on triangles given as arrays, and what it is compared with."""
+
+import numpy as np
+
+from nlens_video.render.software import fragment as at
+from nlens_video.render.software import raster, triangles
+from nlens_video.render.software.reference import light_ref, raster_ref
+from nlens_video.scene import screen_projection
+
+SIZE = (24, 32)
+
+
+def drawn(positions, faces, *, near=0.5, sides=1, rows=None):
+    """Triangles and disparities of the samples, by `raster`, seen from the origin along -Z."""
+    height, width = SIZE
+    lens = screen_projection.Lens(
+        axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0,
+        near=near, width=width, height=height,
+    ).numbers()  # fmt: skip
+    points = np.empty((len(positions), 3))
+    screen_projection.project(positions, lens, points)
+    shape = (points, positions, faces, lens)
+    spans = np.empty((len(faces), 2), np.int32)
+    planes = np.empty((len(faces), triangles.PLANES), np.float32)
+    kept = np.empty(len(faces), np.int32)
+    flags = np.full(len(faces), sides, np.uint8)
+    count = triangles.set_up(shape, flags, width, 4 * height, spans, planes, kept)
+    disparity = np.zeros((4 * height, width + raster.PADDING), np.float32)
+    ids = np.full(disparity.shape, raster.NOTHING, np.int32)
+    for first, last in rows or [(0, 4 * height - 1)]:
+        raster.fill(kept[:count], first, last, shape, spans, width, disparity, ids)
+    return ids[:, :width], disparity[:, :width], shape, kept[:count]
+
+
+def truth(positions, faces, near=0.5):
+    positions = positions.astype(float)  # in float32 a place may be snapped the other way
+    depth = -positions[:, 2]
+    x = 20.0 * positions[:, 0] + 16.0 * depth
+    y = 12.0 * depth - 20.0 * positions[:, 1]
+    corners = np.stack([x, y, depth], axis=1)[faces]
+    before = (corners[..., 2] >= near).all(axis=1)  # those are snapped to 1/256 px
+    own = corners[before]
+    own[..., :2] = np.round(own[..., :2] / own[..., 2:] * 256) / 256 * own[..., 2:]
+    corners[before] = own
+    return raster_ref.seen(corners, SIZE, near)
+
+
+def random_block(rng):
+    block, _ = at.new_block()
+    fields = block.reshape(-1, at.WIDTH)
+    fields[:] = rng.random(fields.shape)
+    for first in (at.NORMAL_X, at.VIEW_X):
+        vectors = rng.normal(size=(3, at.WIDTH))
+        fields[first // at.WIDTH : first // at.WIDTH + 3] = vectors / np.linalg.norm(
+            vectors, axis=0
+        )
+    return block, fields
+
+
+def surface(fields, i):
+    rows = fields.astype(np.float64)
+    three = [rows[first // at.WIDTH : first // at.WIDTH + 3, i] for first in
+             (at.NORMAL_X, at.VIEW_X, at.BASE_R, at.F0_R)]  # fmt: skip
+    one = [float(rows[field // at.WIDTH, i]) for field in (at.METALLIC, at.ROUGHNESS, at.SPECULAR)]
+    return light_ref.Surface(
+        normal=three[0], view=three[1], base=three[2], f0=three[3],
+        metallic=one[0], roughness=one[1], specular=one[2],
+    )  # fmt: skip
+
+
+def resolved(disparity, least):
+    """`resolve_depth` by its words, pixel by pixel."""
+    height, width = disparity.shape[0] // 4, disparity.shape[1]
+    samples = disparity.reshape(height, 4, width).transpose(0, 2, 1)
+    filled = np.maximum(samples, least)
+    spread = np.pad(filled.max(-1) - filled.min(-1), 1, mode="edge")
+    depth = np.full((height, width), np.inf, np.float32)
+    for y in range(height):
+        for x in range(width):
+            own = samples[y, x]
+            beside = min(spread[y + 1, x], spread[y + 1, x + 2])
+            above = min(spread[y, x + 1], spread[y + 2, x + 1])
+            steep = spread[y + 1, x + 1] < 1.5 * min(beside, above)
+            if own.max() == 0.0:
+                continue
+            one = own.min() > 0.0 and (own.max() < 1.005 * own.min() or steep)
+            depth[y, x] = 1.0 / own.mean() if one else 1.0 / own.max()
+    return depth

@@ -1,0 +1,35 @@
+"""Tests mirror the package, and share code through tests/support alone."""
+
+import ast
+
+from support.folders import ROOT, TESTS
+
+MODULES = sorted(TESTS.rglob("test_*.py"))
+SUITES = {"hard", "stranger", "training", "support"}
+
+
+def imported(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def test_no_module_imports_a_test_module():
+    tests = {module.stem for module in MODULES}
+    for path in TESTS.rglob("*.py"):
+        names = {part for module in imported(path) for part in module.split(".")}
+        assert not names & tests, path.relative_to(TESTS)
+
+
+def test_every_folder_of_tests_is_a_folder_of_the_package_or_a_suite():
+    folders = {path.relative_to(TESTS).parts[0] for path in MODULES if path.parent != TESTS}
+    package = {path.name for path in (ROOT / "nlens_video").iterdir() if path.is_dir()}
+    assert folders <= package | SUITES
+
+
+def test_every_folder_of_the_package_has_tests():
+    package = {path.name for path in (ROOT / "nlens_video").iterdir() if any(path.glob("*.py"))}
+    tested = {path.relative_to(TESTS).parts[0] for path in MODULES}
+    assert package <= tested, package - tested

@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+from support.folders import SAMPLES
+
+
+@pytest.fixture(autouse=True)
+def _samples_on_the_path(monkeypatch):
+    monkeypatch.syspath_prepend(str(SAMPLES))
+
+
+@pytest.fixture
+def plates(tmp_path):
+    """Two synthetic plates as samples/truth writes them: bright and dark, CoC signed."""
+    from truth.develop import write_exr
+
+    rng = np.random.default_rng(0)
+    for name, level, coc in (("1_mid", 0.8, -7.0), ("2_back", 0.02, 12.0)):
+        folder = tmp_path / "plates" / name
+        folder.mkdir(parents=True)
+        light = np.float16(level * rng.random((480, 640, 1)) * np.ones(3))
+        write_exr(
+            folder / "bg.exr", {c: np.ascontiguousarray(light[..., i]) for i, c in enumerate("RGB")}
+        )
+        np.save(folder / "bg_coc.npy", np.full((480, 640), coc, np.float16))
+    return tmp_path / "plates"
+
+
+def test_the_coc_law_gives_the_numbers_worked_out_by_hand():
+    from truth.plan import Lens
+
+    # A = 50 / 2 = 25 mm; 25 * 50 / (2000 - 50) = 0.641 mm on the sensor; * 960 / 36 = 17.09 px
+    lens = Lens(focal_mm=50.0, f_number=2.0, focus_m=2.0)
+    assert lens.coc_at_infinity_px == pytest.approx(17.094, abs=1e-3)
+    assert lens.coc_px(1.0) == pytest.approx(17.094, abs=1e-3)  # nearer: positive
+    assert lens.coc_px(2.0) == pytest.approx(0.0, abs=1e-12)
+    assert lens.coc_px(4.0) == pytest.approx(-8.547, abs=1e-3)
+    # Cycles' aperture must be wider by zf / (zf - f): its sensor stays at f
+    assert lens.blender_f_number == pytest.approx(1.95)
+
+
+def test_the_sky_has_the_coc_of_infinity_and_a_smaller_picture_smaller_discs():
+    from truth.develop import NO_OBJECT_M, coc_map
+    from truth.plan import Lens
+
+    lens = Lens(focal_mm=50.0, f_number=2.0, focus_m=2.0)
+    found = coc_map(lens, np.float32([[NO_OBJECT_M, 1.0]]), 480)
+    assert found.dtype == np.float16
+    np.testing.assert_allclose(found, [[-8.547, 8.547]], atol=5e-3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_lens_of_any_seed_blurs_the_ground_beyond_the_limit(seed):
+    from truth import subject
+    from truth.plan import FOCUSES, MAX_COC_PX, draw_lens, draw_view
+
+    view = draw_view(seed)
+    near, middle, far = depths = subject.depths(view, subject.mesh(view))
+    lenses = {focus: draw_lens(view, focus, depths) for focus in FOCUSES}
+    assert lenses["front"].focus_m < near < lenses["mid"].focus_m < far < lenses["back"].focus_m
+    for lens in lenses.values():
+        assert np.abs(lens.coc_px([view.nearest_m, view.farthest_m])).max() <= MAX_COC_PX
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_matrices_project_a_point_to_the_same_pixel_as_the_view(seed):
+    from truth.plan import HEIGHT, WIDTH, draw_view, matrices
+
+    view = draw_view(seed)
+    x, y = view.place
+    known = matrices(view)
+    camera = np.array(known["view_matrix_gltf"]) @ [x, 0.3, -y, 1.0]
+    same = np.array(known["view_matrix_blender"]) @ [x, y, 0.3, 1.0]
+    np.testing.assert_allclose(camera, same)
+    clip = np.array(known["projection_matrix_opengl"]) @ camera
+    column, row = 0.5 * WIDTH * (1 + clip[0] / clip[3]), 0.5 * HEIGHT * (1 - clip[1] / clip[3])
+    expected = view.project(np.array([[x, y, 0.3]]))[0]
+    np.testing.assert_allclose([column, row, clip[3]], expected)
+
+
+def test_a_point_of_the_ground_lies_in_the_column_and_at_the_depth_it_was_asked_for():
+    from truth.plan import draw_view
+
+    view = draw_view(3)
+    x, y = view.on_ground(200.0, 2.0, level=-0.5)
+    column, _, depth = view.project(np.array([[x, y, -0.5]]))[0]
+    assert (column, depth) == (pytest.approx(200.0), pytest.approx(2.0))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_object_faces_outwards_and_stands_on_the_ground_inside_the_frame(seed):
+    from truth import subject
+    from truth.plan import WIDTH, draw_view
+
+    view = draw_view(seed)
+    body = subject.mesh(view)
+    corner = body.positions[body.triangles] - body.positions.mean(0)
+    assert np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) > 0
+    assert body.positions[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    columns = view.project(body.positions)[:, 0]
+    assert columns.min() > 0 and columns.max() < WIDTH
+    np.testing.assert_array_equal(subject.paint(view), subject.paint(view))
+
+
+def test_the_written_object_is_read_by_the_tool_with_its_camera(tmp_path):
+    from truth import subject
+    from truth.develop import write_glb
+    from truth.plan import HEIGHT, WIDTH, draw_view
+
+    from nlens_video.scene.scene import Scene
+
+    view = draw_view(5)
+    body = subject.mesh(view)
+    sun = {"direction_gltf": [0.0, -1.0, 0.0], "color": [1, 1, 1], "irradiance_w_m2": 2.0}
+    write_glb(view, body, sun, tmp_path)
+    scene = Scene.load(tmp_path / "object.glb")
+    seen = scene.camera(0.0, WIDTH, HEIGHT)
+    points = np.c_[scene.pose(0.0).vertices(), np.ones(3 * len(body.triangles))]
+    x, y, z, _ = np.linalg.inv(seen.world_from_camera) @ points.T
+    found = np.stack([seen.cx - seen.fx * x / z, seen.cy + seen.fy * y / z, -z], axis=1)
+    expected = view.project(body.positions[body.triangles.ravel()])
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("diameter", [6.0, 17.0])
+def test_the_spread_of_a_disc_gives_its_diameter(diameter):
+    from truth.develop import variance_px2
+
+    axis = np.arange(-200, 201) / 8.0
+    disc = np.float64(np.hypot(axis[:, None], axis) <= diameter / 2)
+    assert 4.0 * np.sqrt(variance_px2(disc)) / 8.0 == pytest.approx(diameter, rel=0.01)
+
+
+def test_a_reservoir_of_rendered_plates_holds_their_unsigned_coc_and_every_plate(plates, tmp_path):
+    from models.coc.data import Reservoir
+    from models.coc.rendered import fill, plate_folders
+
+    store = Reservoir(tmp_path / "store", capacity=4)
+    fill(store, plate_folders(plates), 4, seed=1)
+    found = sorted(float(label.mean()) for label in store.labels)
+    np.testing.assert_allclose(found, [7.0, 7.0, 12.0, 12.0], atol=0.01)
+    assert (np.asarray(store.pictures).std((1, 2, 3)) > 0).all()
+
+
+def test_a_second_run_replaces_the_oldest_with_other_crops(plates, tmp_path):
+    from models.coc.data import Reservoir
+    from models.coc.rendered import fill, plate_folders
+
+    store = Reservoir(tmp_path / "store", capacity=2)
+    fill(store, plate_folders(plates), 2, seed=1)
+    before = np.array(store.pictures)
+    fill(store, plate_folders(plates), 2, seed=1)
+    assert store.drawn == 4
+    assert (before != store.pictures).mean() > 0.1
+
+
+def test_unfinished_plates_are_left_out_and_small_ones_refused(plates):
+    from models.coc.rendered import Plate, plate_folders
+
+    (plates / "2_back").rename(plates / "2_back.new")
+    (only,) = plate_folders(plates)
+    np.save(only / "bg_coc.npy", np.zeros((100, 640), np.float16))
+    with pytest.raises(ValueError, match="expected the same size, 448 px or more"):
+        Plate.load(only)

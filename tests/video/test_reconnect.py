@@ -1,0 +1,121 @@
+"""A lost source is opened again: through a real server that drops its line in the middle."""
+
+import contextlib
+import socket
+import threading
+from contextlib import ExitStack
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from support import shots
+
+from nlens_video.cli.main import main
+from nlens_video.core.errors import InputError
+from nlens_video.core.settings import SourceSettings
+from nlens_video.run.open_run import opened
+from nlens_video.video.input.reconnect import Reconnecting
+from nlens_video.video.input.source import open_source
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("clips")
+    shots.write_video(folder / "whole.mkv", frames=12)
+    shots.write_video(folder / "wide.mkv", frames=4, rgb=shots.plate()[:, :320])
+    return folder
+
+
+class Server:
+    """Gives each caller the next of its answers, then hangs up; later ones are not let in."""
+
+    def __init__(self, *answers: bytes) -> None:
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.url = f"tcp://127.0.0.1:{self._socket.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._serve, args=(answers,), daemon=True)
+        self._thread.start()
+
+    def _serve(self, answers) -> None:
+        for answer in answers:
+            line, _ = self._socket.accept()
+            with line:
+                line.sendall(answer)
+                line.shutdown(socket.SHUT_WR)
+                with contextlib.suppress(ConnectionResetError):  # it closes before it has read all
+                    while line.recv(1024):
+                        pass
+        self._socket.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._thread.join(10)
+        self._socket.close()
+        assert not self._thread.is_alive()
+
+
+def test_frames_and_sound_go_on_after_a_lost_connection_with_the_time_that_was_missing(clips):
+    whole = (clips / "whole.mkv").read_bytes()
+    packets = []
+    with Server(whole, whole) as server, ExitStack() as stack:
+        source = Reconnecting(lambda: open_source(server.url), 1.0)
+        stack.enter_context(source)
+        source.packet_sink = lambda packet: packets.append(
+            (packet.stream.index, packet.dts * packet.time_base)
+        )
+        frames = [(f.index, f.pts * f.time_base, f.time_s, f.picture.srgb()) for f in source]
+    assert source.lost == 1
+    assert [index for index, *_ in frames] == list(range(24))
+    times = [moment for _, moment, *_ in frames]
+    assert all(later > earlier for earlier, later in zip(times, times[1:], strict=False))
+    assert times[12] - times[11] >= Fraction(1, 2)  # how long it took to look for it again
+    assert frames[-1][2] == pytest.approx(float(times[-1] - times[0]), abs=1e-3)
+    assert np.array_equal(frames[0][3], frames[12][3])
+    sound = [moment for _, moment in packets]
+    assert sound == sorted(sound) and sound[-1] > times[12]
+    assert sum(moment < times[12] - Fraction(1, 20) for moment in sound) >= len(sound) // 2
+
+
+def test_a_source_that_stays_away_ends_as_if_it_had_ended(clips):
+    whole = (clips / "whole.mkv").read_bytes()
+    with Server(whole) as server, Reconnecting(lambda: open_source(server.url), 0.6) as source:
+        assert len(list(source)) == 12
+        assert source.lost == 0
+
+
+def test_other_pictures_after_the_loss_are_refused_in_one_line(clips):
+    answers = [(clips / name).read_bytes() for name in ("whole.mkv", "wide.mkv")]
+    with Server(*answers) as server, Reconnecting(lambda: open_source(server.url), 1.0) as source:
+        with pytest.raises(InputError, match="came back with 320x"):
+            list(source)
+
+
+@pytest.mark.parametrize("spec", ["-", "whole.mkv"])
+def test_a_source_that_does_not_come_back_is_refused(spec, clips, capsys):
+    spec = spec if spec == "-" else str(clips / spec)
+    words = [spec, str(clips / "none.glb"), str(clips / "out.mkv"), "--reconnect", "2"]
+    assert main(words) == 2
+    assert "for devices and URLs" in capsys.readouterr().err
+
+
+@pytest.mark.needs_gl
+def test_a_run_goes_on_and_says_that_it_was_interrupted(clips, tmp_path, capsys):
+    shots.cube_glb(tmp_path / "cube.glb")
+    shots.fit_json(tmp_path / "fit.json")
+    whole = (clips / "whole.mkv").read_bytes()
+    with Server(whole, whole) as server:
+        code = main(
+            [server.url, str(tmp_path / "cube.glb"), str(tmp_path / "out.mkv"),
+             "--fit", str(tmp_path / "fit.json"), "--reconnect", "0.8", "--preset", "draft"]
+        )  # fmt: skip
+    said = capsys.readouterr()
+    assert code == 0, said.err
+    assert "opened again once" in said.err + said.out
+    assert len(shots.read_planes(tmp_path / "out.mkv")) == 24
+
+
+def test_without_the_option_a_url_ends_with_its_connection(clips):
+    with Server((clips / "whole.mkv").read_bytes()) as server:
+        with opened(SourceSettings(spec=server.url)) as source:
+            assert len(list(source)) == 12
