@@ -20,8 +20,7 @@ from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.object_source import View
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.stream_frame import LoopFrame
-from nlens_video.graph.base.values import ShotValues
+from nlens_video.graph.base.values import LoopFrame, ShotValues
 from nlens_video.graph.effect_decisions import PlatePreview
 from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.session import open_session

@@ -17,10 +17,10 @@ from nlens_video.core.lens_models import Distortion, LensOverrides, Vignetting
 PLATE_EFFECTS: Mapping[str, str] = {
     "aberration": "nlens_video.effects.camera.chromatic_aberration",
     "bloom": "nlens_video.effects.camera.bloom",
-    "distortion": "nlens_video.effects.camera.distortion",
+    "distortion": "nlens_video.effects.camera.distortion_measure",
     "vignetting": "nlens_video.effects.camera.vignetting",
     "softness": "nlens_video.effects.camera.softness",
-    "grain": "nlens_video.effects.camera.grain",
+    "grain": "nlens_video.effects.camera.grain_measure",
 }
 """Effect to the module whose `measure(pictures)` looks for it."""
 

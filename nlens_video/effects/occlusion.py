@@ -1,19 +1,29 @@
-"""Real things in front: what is laid on the plate is hidden behind them.
+"""Foreground occlusion: coverage by real things in front of the object, and their own light.
 
-Where a blurred foreground covers a share m of a pixel, the plate shows P = m F + (1 - m) B. With a
-layer of premultiplied light C and coverage a between the two it would show
-m F + (1 - m) (C + (1 - a) B): the layer counts (1 - m) times, and what it takes away is light of
-the background B alone. So m F, the foreground's own light, is told apart from B in the soft edge;
-without that the old background would stay visible there as a halo.
+Coverage comes from a depth map or from the plate's CoC. A depth map is sharp and the plate is not:
+the mask of what is nearer than the object is spread over the CoC that the lens gives its depth.
+
+Matting: where a blurred foreground covers a share m of a pixel, the plate shows
+P = m F + (1 - m) B. With a layer of premultiplied light C and coverage a between the two it would
+show m F + (1 - m) (C + (1 - a) B): the layer counts (1 - m) times and hides light of the background
+B alone. So m F has to be separated from B in the soft edge; otherwise the old background remains
+visible there as a halo.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Box, Float32, Picture
+from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.pull_push import inpaint
+from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
 from nlens_video.stages.composite import ForegroundMatte
+from nlens_video.stages.l_reblur import ScatterKernel
 
 CONTEXT_PX = 48
 """How far around its region the light of foreground and background is looked for [px]."""
@@ -79,3 +89,159 @@ def cover_of(picture: Picture, region: Box, coverage: Float32) -> ForegroundMatt
         picture.linear(wide), coverage[wide.slices_in(frame)], (wide.y0, wide.x0)
     )
     return ForegroundMatte(box=region, coverage=seen, light=light[region.slices_in(wide)])
+
+
+NEARER = 0.02
+"""Share of the object's distance by which a depth must be nearer: the ground that it stands on is
+as far as its feet [1]."""
+_REACH_LIMIT_PX = 256  # no kernel spreads farther
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_SMOOTHEST = 1e-4  # variance of display codes below which a picture has no edge
+_LEFT_BEYOND, _FULL = 0.45, 0.95
+_SOFTEST_PX = 1.0  # the least that an edge is spread: a depth map has no antialiasing [px]
+
+
+def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:
+    """Disparity of the object on the frame (H, W), carried on outwards from its silhouette.
+
+    All 0 where it has no depth on the frame: then everything is nearer.
+    """
+    disparity = np.zeros((frame.height, frame.width), np.float32)
+    common = layer.box.intersection(frame)
+    if not common.empty:
+        inside = common.slices_in(layer.box)
+        depth = layer.depth[inside]
+        known = (layer.rgba[inside][..., 3] > 0.0) & np.isfinite(depth) & (depth > 0.0)
+        np.divide(1.0, depth, out=disparity[common.slices_in(frame)], where=known)
+    return extend_nearest(disparity, disparity > 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverByDepth:
+    """Coverage by what a depth map shows nearer.
+
+    Attributes:
+        scatter: as of `ReblurLayer`.
+        pixel_aspect: width of a pixel by its height [1].
+    """
+
+    scatter: ScatterKernel
+    pixel_aspect: float = 1.0
+
+    def __call__(
+        self, real: DepthMap, disparity: Float32, region: Box, fit: LensFit | None
+    ) -> Float32:
+        """Coverage of the frame by what is nearer than a surface.
+
+        Args:
+            real: depth of the plate's things (H, W).
+            disparity: of the surface (H, W) [1 / scene unit]; where it is not above 0, nothing
+                is nearer.
+            region: the pixels that count; inside the frame.
+            fit: the lens; None leaves edges one pixel wide.
+
+        Returns:
+            Share of each pixel (H, W), 0 outside the region [1].
+        """
+        near = (real.depth * disparity < 1.0 - NEARER) & (disparity > 0.0)
+        coc = np.zeros(near.shape, np.float32)
+        if fit is not None:
+            coc = fit.coc_px(np.where(near, 1.0 / real.depth, np.float32(0.0)))
+        softest = np.float32(_SOFTEST_PX)
+        coc = np.where(np.abs(coc) < softest, np.copysign(softest, coc), coc)
+        return self.spread(near, coc, region)
+
+    def spread(self, near: Bool, coc_px: Float32, region: Box) -> Float32:
+        """A sharp mask (H, W) spread over its own CoC [px], on a region of the frame."""
+        out = np.zeros(near.shape, np.float32)
+        if region.empty or not near.any():
+            return out
+        largest = float(np.abs(coc_px[near]).max()) * max(1.0, self.pixel_aspect)
+        reach = math.ceil(min(0.5 * largest, _REACH_LIMIT_PX)) + 4
+        frame = Box(0, 0, near.shape[1], near.shape[0])
+        wide = region.expanded(reach)
+        inside = wide.intersection(frame)
+        # What the frame cuts off goes on beyond it: its edge is no edge of the thing.
+        beyond = (
+            (inside.y0 - wide.y0, wide.y1 - inside.y1),
+            (inside.x0 - wide.x0, wide.x1 - inside.x1),
+        )
+        mask = np.pad(near[inside.slices_in(frame)], beyond, mode="edge")
+        coc = np.pad(coc_px[inside.slices_in(frame)], beyond, mode="edge")
+        rgba = np.zeros((*mask.shape, 4), np.float32)
+        rgba[..., 3] = mask
+        seen = Box(frame.x0 - wide.x0, frame.y0 - wide.y0, frame.x1 - wide.x0, frame.y1 - wide.y0)
+        blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect, frame=seen)
+        out[region.slices_in(frame)] = blurred[region.slices_in(wide)][..., 3]
+        return np.minimum(out, np.float32(1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverByCoc:
+    """Coverage by what the plate's blur shows nearer, where that is certain.
+
+    The CoC comes without sign: a pixel may lie before the focus or behind it. It counts as nearer
+    when every lens that fits agrees: when the farther of its two places is still nearer than the
+    object, or lies beyond infinity.
+
+    Attributes:
+        sigmas: expected errors of the estimate by which the CoC must differ [1].
+        least_px: by how much it must differ at least [px].
+        share: by how much it must differ at least, as a share of the lens' CoC at infinity [1].
+        edge_px: how far around a coarse edge the plate's own edge is looked for [px].
+    """
+
+    sigmas: float = 4.0
+    least_px: float = 1.5
+    share: float = 0.1
+    edge_px: int = 12
+
+    def __call__(
+        self, plate: CocMap, disparity: Float32, region: Box, fit: LensFit, picture: Float32
+    ) -> Float32:
+        """Coverage of the frame by what is certainly nearer than a surface.
+
+        Args:
+            plate: unsigned CoC of the plate and its expected error (H, W) [px].
+            disparity: of the surface (H, W) [1 / scene unit].
+            region: the pixels that count; inside the frame.
+            fit: the lens.
+            picture: the plate, display-coded (H, W, 3), whose edges the coverage follows.
+
+        Returns:
+            Share of each pixel (H, W), 0 outside the region [1].
+        """
+        near = self.nearer(plate, disparity, fit)
+        out = np.zeros(near.shape, np.float32)
+        if region.empty or not near.any():
+            return out
+        frame = Box(0, 0, near.shape[1], near.shape[0])
+        wide = region.expanded(4 * self.edge_px).intersection(frame)
+        at = wide.slices_in(frame)
+        soft = _along_edges(near[at], picture[at], self.edge_px)
+        out[region.slices_in(frame)] = soft[region.slices_in(wide)]
+        return out
+
+    def nearer(self, plate: CocMap, disparity: Float32, fit: LensFit) -> Bool:
+        """Where (H, W) the plate is nearer than a surface, whatever the sign of its CoC."""
+        surface = fit.coc_px(disparity)
+        margin = np.maximum(self.sigmas * plate.sigma_px, np.float32(self.least_px))
+        margin = np.maximum(margin, np.float32(self.share * abs(min(fit.intercept, 0.0))))
+        least, most = plate.coc_px - margin, plate.coc_px + margin  # of the CoC without sign
+        before_focus = np.maximum(least, np.float32(0.0)) > surface
+        behind_focus = (-most > surface) | (least > -fit.intercept)  # nearer, or beyond infinity
+        return np.asarray(before_focus & behind_focus & (disparity > 0.0))
+
+
+def _along_edges(near: Bool, picture: Float32, radius: int) -> Float32:
+    """A coarse mask drawn to the edges of a picture (guided filter, He et al. 2013)."""
+    # by luma: for a picture of one hue OpenCV's filter with three channels is not accurate
+    guide = np.ascontiguousarray(picture @ _LUMA, dtype=np.float32)
+    side = radius // 2 + 1
+    speck = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    kept = cv2.morphologyEx(near.astype(np.uint8), cv2.MORPH_OPEN, speck)
+    soft = cv2.ximgproc.guidedFilter(guide, kept.astype(np.float32), radius, _SMOOTHEST)
+    # An estimate of blur reaches across a sharp edge by part of its window: what is left of that
+    # beyond the edge is a share below a half.
+    stretched = (np.asarray(soft) - _LEFT_BEYOND) / (_FULL - _LEFT_BEYOND)
+    return np.asarray(np.clip(stretched, 0.0, 1.0), dtype=np.float32)

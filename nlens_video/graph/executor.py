@@ -12,8 +12,7 @@ from nlens_video.core.layers import Box, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.base.node import LANES, Lane, Node
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.stream_frame import StreamFrame
-from nlens_video.graph.base.values import FrameValues, ShotValues
+from nlens_video.graph.base.values import FrameValues, ShotValues, StreamFrame
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.scheduler import Worker
 from nlens_video.stages.r_lens_track import FitTrack

@@ -9,6 +9,12 @@ from functools import cache, partial
 
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
 from nlens_video.effects.planner import OCCLUSION, Decision, request
+from nlens_video.graph.adaptive_quality import (
+    BudgetControl,
+    QualityExecutor,
+    check_level,
+    lower_levels,
+)
 from nlens_video.graph.base.context import NodeContext, OcclusionSource
 from nlens_video.graph.base.lazy_networks import lazy_coc_estimator, lazy_depth_order
 from nlens_video.graph.base.object_setup import open_object, shadow_scene
@@ -21,8 +27,6 @@ from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.nodes.distortion import seen_beyond
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
-from nlens_video.graph.quality_control import BudgetControl
-from nlens_video.graph.quality_executor import QualityExecutor, check_level, lower_levels
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene

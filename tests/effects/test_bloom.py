@@ -5,7 +5,7 @@ import pytest
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_models import Bloom
-from nlens_video.effects.camera.bloom_apply import bloomed, halo_of, quick_halo
+from nlens_video.effects.camera.bloom import bloomed, halo_of, quick_halo
 
 FRAME = Box(0, 0, 300, 200)
 LENS = Bloom(share=0.2, length_px=8.0)

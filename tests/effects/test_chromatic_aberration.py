@@ -5,7 +5,7 @@ import pytest
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_models import Aberration
-from nlens_video.effects.camera.chromatic_aberration_apply import displace_channels
+from nlens_video.effects.camera.chromatic_aberration import displace_channels
 from nlens_video.video.pixels.picture import SRGB, ArrayPicture
 
 FRAME = Box(0, 0, 240, 160)

@@ -11,8 +11,8 @@ from support.effects.synthetic_frames import HEIGHT, WIDTH, noise, pictures, sce
 from nlens_video.cli.main import main
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.effects.camera import grain_kernels
-from nlens_video.effects.camera.grain import measure
 from nlens_video.effects.camera.grain_apply import AddGrain, past_shares
+from nlens_video.effects.camera.grain_measure import measure
 from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, WIDTH, HEIGHT)

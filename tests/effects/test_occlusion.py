@@ -16,8 +16,13 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.occlusion import cover_of, foreground_light
-from nlens_video.effects.occlusion_estimate import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.effects.occlusion import (
+    CoverByCoc,
+    CoverByDepth,
+    cover_of,
+    foreground_light,
+    object_disparity,
+)
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.stages.composite import Foreground, behind, composite, composite_behind

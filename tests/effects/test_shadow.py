@@ -12,12 +12,11 @@ from support.definitions import marked
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
-from nlens_video.effects.shadow.casters import Casters
-from nlens_video.effects.shadow.clipped_mesh import Solid
+from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.casters import Casters, Solid
 from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of
 from nlens_video.effects.shadow.coverage_ref import covered
 from nlens_video.effects.shadow.projection import Moment
-from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.lights import Light, PosedLight

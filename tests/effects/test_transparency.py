@@ -11,11 +11,11 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.playback import Playback
 from nlens_video.core.shutter import Shutter
 from nlens_video.effects.motion_blur import Motion
+from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.coverage import edges_of, mark_covered
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.projection import Moment
-from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
 from nlens_video.graph.base.context import NodeContext, ShadowScene
 from nlens_video.graph.base.object_source import RenderedObject, ScreenBounds, View

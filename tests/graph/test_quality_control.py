@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nlens_video.graph.quality_control import BudgetControl
+from nlens_video.graph.adaptive_quality import BudgetControl
 
 LEVELS = ("standard", "realtime", "draft")
 COST = {"standard": 100.0, "realtime": 40.0, "draft": 30.0}

@@ -9,7 +9,7 @@ from support import shots
 from nlens_video.check.command import compare
 from nlens_video.cli.main import main
 from nlens_video.core.settings import SourceSettings
-from nlens_video.graph import quality_executor
+from nlens_video.graph import adaptive_quality
 
 pytestmark = pytest.mark.needs_gl
 
@@ -50,7 +50,7 @@ def test_change_of_rung_is_no_jump(held, shot):
 
 
 def test_change_of_rung_without_mixing_would_be_a_jump(shot, tmp_path, monkeypatch):
-    monkeypatch.setattr(quality_executor, "CROSSFADE_FRAMES", 0)
+    monkeypatch.setattr(adaptive_quality, "CROSSFADE_FRAMES", 0)
     assert render(shot, tmp_path / "o.mp4", "--hold-budget", "--budget-ms", "0.01") == 0
     verdict = compare(str(tmp_path / "o.mp4"), SourceSettings(spec=str(shot[0]))).verdict
     assert any(one.kind == "pop" and "stays so" in one.text for one in verdict.findings)

@@ -10,8 +10,7 @@ from itertools import product
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
-from nlens_video.effects.shadow.casters import Casters, Opacity
-from nlens_video.effects.shadow.clipped_mesh import Solid
+from nlens_video.effects.shadow.casters import Casters, Opacity, Solid
 from nlens_video.effects.shadow.coverage import PROJECTIONS, mark_covered
 from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
 from nlens_video.kernels.thread_pool import parallel_for

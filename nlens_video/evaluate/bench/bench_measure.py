@@ -20,7 +20,7 @@ from nlens_video.evaluate.bench.bench_case import Case
 from nlens_video.evaluate.bench.bench_glb import UInt8
 from nlens_video.evaluate.bench.bench_rungs import Rung, opened
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.stream_frame import LoopFrame
+from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.video.pixels.picture import ArrayPicture
 

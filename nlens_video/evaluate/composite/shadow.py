@@ -12,9 +12,9 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
+from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.projection import Moment
-from nlens_video.effects.shadow.shadow import CastShadow
 from nlens_video.evaluate.bench.bench_case import Case, case_of, codes_of
 from nlens_video.evaluate.bench.bench_glb import UInt8
 from nlens_video.evaluate.metrics import psnr

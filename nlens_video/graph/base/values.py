@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.object_source import ScreenBounds
-    from nlens_video.graph.base.stream_frame import StreamFrame
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
     from nlens_video.stages.p_projection import GroundProjection
     from nlens_video.stages.r_regression import Regression
     from nlens_video.stages.reblur.view_blend import ViewBlend
+from typing import Protocol
+
+from nlens_video.core.layers import Picture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,3 +107,41 @@ class ShotValues:
 
 GIVEN = ("frame", "picture", "frame_box", "following", "fit")
 """Ports that hold a value before the first node runs."""
+
+
+class StreamFrame(Protocol):
+    """A frame of a source, as the graph needs it; see `video.source`."""
+
+    @property
+    def index(self) -> int:
+        """Position in the stream."""
+        ...
+
+    @property
+    def number(self) -> int:
+        """The same with lost pictures counted, for files that lie beside the stream's."""
+        ...
+
+    @property
+    def time_s(self) -> float:
+        """Moment of the animation [s]."""
+        ...
+
+    @property
+    def picture(self) -> Picture:
+        """The plate; composited in place."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LoopFrame:
+    """A frame of somebody's own loop."""
+
+    index: int
+    time_s: float
+    picture: Picture
+
+    @property
+    def number(self) -> int:
+        """Its index: nothing is lost in a loop."""
+        return self.index

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.camera.softness import Floor
     from nlens_video.effects.exposure import Exposure
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.stream_frame import StreamFrame
+    from nlens_video.graph.base.values import StreamFrame
 
 
 def model_of(context: NodeContext, effect: str) -> object:
@@ -90,7 +90,7 @@ class BloomNode(Node):
         self.description = f"round what exceeds white, {self._model.length_px:.0f} px to a third"
 
     def __call__(self, blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.bloom_apply import bloomed
+        from nlens_video.effects.camera.bloom import bloomed
 
         return bloomed(blurred, self._model, frame_box)
 
@@ -125,7 +125,7 @@ class ChromaticAberration(Node):
         self.description = f"red and blue displaced by up to {self._model.at_corner_px:.2g} px"
 
     def __call__(self, blurred: BlurredLayer, picture: Picture, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.chromatic_aberration_apply import displace_channels
+        from nlens_video.effects.camera.chromatic_aberration import displace_channels
 
         return displace_channels(blurred, self._model, picture, frame_box)
 

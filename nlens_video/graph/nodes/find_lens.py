@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.object_source import ScreenBounds
-    from nlens_video.graph.base.stream_frame import StreamFrame
+    from nlens_video.graph.base.values import StreamFrame
     from nlens_video.scene.illumination import Illumination
 
 

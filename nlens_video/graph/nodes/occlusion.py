@@ -10,8 +10,7 @@ import numpy as np
 
 from nlens_video.core.box import Box
 from nlens_video.core.layers import DepthMap, Matte
-from nlens_video.effects.occlusion import cover_of
-from nlens_video.effects.occlusion_estimate import CoverByCoc, CoverByDepth, object_disparity
+from nlens_video.effects.occlusion import CoverByCoc, CoverByDepth, cover_of, object_disparity
 from nlens_video.effects.planner import OCCLUSION
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.stages.composite import Foreground
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.object_source import ScreenBounds
-    from nlens_video.graph.base.stream_frame import StreamFrame
+    from nlens_video.graph.base.values import StreamFrame
 
 _NOTHING_TELLS = "nothing tells what stands in front"
 _SOFTENED_PX = 16  # what later nodes may spread the object by [px]

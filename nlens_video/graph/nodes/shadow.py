@@ -12,9 +12,9 @@ from nlens_video.core.box import Box
 from nlens_video.effects.motion_blur import sampled_count
 from nlens_video.effects.planner import SHADOW
 from nlens_video.effects.shadow.apply import ApplyShadow
+from nlens_video.effects.shadow.cast import CastShadow, ground_blur
 from nlens_video.effects.shadow.casters import Casters, Surface
 from nlens_video.effects.shadow.projection import Moment, shadow_places
-from nlens_video.effects.shadow.shadow import CastShadow, ground_blur
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.graph.nodes.reblur import make_reblur

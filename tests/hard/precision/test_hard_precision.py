@@ -24,7 +24,7 @@ from nlens_video.core.aperture import Aperture
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects import exposure_kernels, exposure_ref
+from nlens_video.effects import exposure_kernels
 from nlens_video.effects.camera.grain_kernels import (
     regrain,
     regrain_reference,
@@ -299,8 +299,10 @@ def _exposure(rng):
         exposure_kernels.take_stops(picture, out)
     found = np.empty(3)
     exposure_kernels.take_change(stops[0], stops[1], 0.25, 0.2, found)
-    before, now = (exposure_ref.stops(picture.astype(np.float64)) for picture in light)
-    return np.abs(found - exposure_ref.change(before, now, 0.25, 0.2)).max()
+    before, now = (
+        exposure_kernels.stops_reference(picture.astype(np.float64)) for picture in light
+    )
+    return np.abs(found - exposure_kernels.change_reference(before, now, 0.25, 0.2)).max()
 
 
 @cache
