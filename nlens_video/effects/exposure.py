@@ -78,7 +78,7 @@ class MeasureExposure:
         return Exposure(gains=_followed(seen.change))
 
 
-def follow(layer: BlurredLayer, exposure: Exposure) -> BlurredLayer:
+def match_exposure(layer: BlurredLayer, exposure: Exposure) -> BlurredLayer:
     """A layer in the light of its frame.
 
     Args:

@@ -75,7 +75,7 @@ def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[
     return found
 
 
-def given(optics: LensOverrides) -> dict[str, Measurement]:
+def overridden(optics: LensOverrides) -> dict[str, Measurement]:
     """A measurement for each effect that a person has said the strength of, 0 included."""
     told = {}
     if optics.vignetting_stops is not None:

@@ -134,7 +134,7 @@ def sampled_count(
     return _odd(math.ceil(float(told_apart.max())), most)
 
 
-def smeared(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
+def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
     """A layer moved evenly along a straight way, half of it before and half after its own place.
 
     Args:
@@ -142,7 +142,7 @@ def smeared(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
         way_px: columns and rows (2,) [px].
         frame: the frame's own box.
     """
-    kernel = way_kernel(way_px)
+    kernel = line_kernel(way_px)
     rows, columns = (side // 2 for side in kernel.shape)
     if layer.box.empty or not (rows or columns):
         return layer
@@ -165,7 +165,7 @@ def smeared(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
     return BlurredLayer(box=box, rgba=np.ascontiguousarray(out[box.slices_in(wide)]))
 
 
-def way_kernel(way_px: Float64) -> Float32:
+def line_kernel(way_px: Float64) -> Float32:
     """Weights of an even motion along a straight way, (2 * rows + 1, 2 * columns + 1), sum 1.
 
     Args:
@@ -184,7 +184,7 @@ def way_kernel(way_px: Float64) -> Float32:
     return kernel[1:-1, 1:-1].astype(np.float32)
 
 
-def averaged(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:
+def mean_layer(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:
     """The mean of an object's sharp pictures at some moments.
 
     What is blurred later is blurred once: discs add up as light does. Only where parts of another

@@ -69,7 +69,7 @@ def _carried(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
     return np.asarray(carried[..., :3] / np.maximum(carried[..., 3:], np.float32(1e-6)))
 
 
-def cover_of(picture: Picture, region: Box, coverage: Float32) -> ForegroundMatte | None:
+def foreground_matte(picture: Picture, region: Box, coverage: Float32) -> ForegroundMatte | None:
     """What covers a region, its light told apart from the background's.
 
     Args:
@@ -117,7 +117,7 @@ def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoverByDepth:
+class CoverageFromDepth:
     """Coverage by what a depth map shows nearer.
 
     Attributes:
@@ -177,7 +177,7 @@ class CoverByDepth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoverByCoc:
+class CoverageFromCoc:
     """Coverage by what the plate's blur shows nearer, where that is certain.
 
     The CoC comes without sign: a pixel may lie before the focus or behind it. It counts as nearer

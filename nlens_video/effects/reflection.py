@@ -52,7 +52,7 @@ def schlick(cosine: Float64, reflectance: float) -> Float64:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MirrorObject:
+class RenderReflection:
     """Draws the mirror image, sharp.
 
     Attributes:
@@ -113,7 +113,7 @@ class MirrorObject:
 
 
 @dataclass(frozen=True, slots=True)
-class LayReflection:
+class OverlayReflection:
     """Lays the mirror image on the plate, under the object.
 
     Attributes:

@@ -9,7 +9,7 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.lens_models import LensOverrides
 from nlens_video.core.settings import RealSettings
 from nlens_video.core.shutter import Shutter
-from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, given, measure_plate
+from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate, overridden
 from nlens_video.effects.planner import (
     MOTION_BLUR,
     Decision,
@@ -58,7 +58,7 @@ class ShotContext:
         shutter: of the plate, as far as it is given.
         plate: its first pictures.
         real: what the user says of the plate's own things.
-        front: what tells which of them stand in front, in words.
+        occlusion_source: description of the source of occlusion, empty if there is none.
         optics: what a person says about the lens.
     """
 
@@ -68,7 +68,7 @@ class ShotContext:
     shutter: Shutter
     plate: PlatePreview
     real: RealSettings
-    front: str
+    occlusion_source: str
     optics: LensOverrides = LensOverrides()
 
 
@@ -88,7 +88,7 @@ def decide_effects(
     """
     there = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
     looked_for = there.intersection(requested_effects(requested), PLATE_EFFECTS)
-    measured: dict[str, Measurement] = given(shot.optics)
+    measured: dict[str, Measurement] = overridden(shot.optics)
     looked_for = looked_for.difference(measured)
     shutter, smears = shot.shutter, MOTION_BLUR in there.intersection(requested_effects(requested))
     reads_shutter = smears and shot.scene.moves and not shutter.given and shutter.frame_s > 0.0
@@ -132,6 +132,6 @@ def _circumstances(
         shutter=shutter,
         measured=measured,
         reflectance=shot.real.reflectance or 0.0,
-        holdout="" if shot.real.holdout is None else shot.front,
+        holdout="" if shot.real.holdout is None else shot.occlusion_source,
         occlusion_by_coc=shot.real.occlusion == "auto",
     )

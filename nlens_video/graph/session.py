@@ -19,13 +19,13 @@ from nlens_video.graph.base.context import NodeContext, OcclusionSource
 from nlens_video.graph.base.lazy_networks import lazy_coc_estimator, lazy_depth_order
 from nlens_video.graph.base.object_setup import open_object, shadow_scene
 from nlens_video.graph.base.object_source import RenderedObject, View, choose_camera
-from nlens_video.graph.base.occlusion_source import closing, open_front
+from nlens_video.graph.base.occlusion_source import closing_source, open_occlusion_source
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.builder import Built, Graph, build
 from nlens_video.graph.effect_decisions import PlatePreview, ShotContext, decide_effects
 from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.lens_request import LensRequest
-from nlens_video.graph.nodes.distortion import seen_beyond
+from nlens_video.graph.nodes.distortion import overscan_px
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
@@ -107,7 +107,7 @@ def open_session(
     estimator = cache(partial(lazy_coc_estimator, view.pixel_aspect, device))
     size = (view.width, view.height)
     occluded = request(lens.effects).asks_for(OCCLUSION)
-    occlusion = open_front(objects.real, size, estimator, asked_for=occluded)
+    occlusion = open_occlusion_source(objects.real, size, estimator, asked_for=occluded)
     shot = ShotContext(
         scene=scene,
         ground=ground,
@@ -115,11 +115,11 @@ def open_session(
         shutter=lens.shutter,
         plate=plate,
         real=objects.real,
-        front="" if occlusion is None else occlusion.description,
+        occlusion_source="" if occlusion is None else occlusion.description,
         optics=lens.optics,
     )
     effects = decide_effects(lens.effects, pipeline, shot, profiler)
-    view = replace(view, beyond=seen_beyond(scene, view, effects.measured))
+    view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source, render_context, notes = open_object(objects, scene, view, ground.light)
     renderer = source.renderer if isinstance(source, RenderedObject) else None
     context = NodeContext(
@@ -174,14 +174,14 @@ def open_session(
 
 def _doubt(executor: GraphExecutor) -> tuple[str, ...]:
     found = executor.shot.found_lens
-    return (found.doubt,) if found is not None and found.doubt else ()
+    return (found.warning,) if found is not None and found.warning else ()
 
 
 @contextmanager
 def _with(
     render_context: Callable[[], AbstractContextManager[object]], front: OcclusionSource | None
 ) -> Iterator[None]:
-    with closing(front), render_context():
+    with closing_source(front), render_context():
         yield
 
 

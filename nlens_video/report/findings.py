@@ -101,4 +101,4 @@ class Findings:
     def doubt(self) -> str:
         """What a person should know about the fit; empty if nothing."""
         found = self.shot.found_lens
-        return "" if found is None else found.doubt
+        return "" if found is None else found.warning

@@ -12,7 +12,7 @@ from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.graph.base.object_source import View, choose_camera, placement_near
+from nlens_video.graph.base.object_source import View, bounds_near_frame, choose_camera
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.open_run import frame_s, view_of
 from nlens_video.scene.scene import Scene
@@ -160,7 +160,7 @@ def _is_whole(settings: Settings, info: SourceInfo) -> bool:
 
 def _check_in_view(objects: ObjectSettings, scene: Scene, view: View, info: SourceInfo) -> None:
     moments = tuple(_moments(scene, info))
-    if not moments or any(placement_near(scene, view, moment) is not None for moment in moments):
+    if not moments or any(bounds_near_frame(scene, view, moment) is not None for moment in moments):
         return
     when = "" if info.kind == "still" else " on all frames"
     raise SceneError(

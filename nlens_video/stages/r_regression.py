@@ -112,7 +112,7 @@ class FitLens:
                 "the plate shows no blur on the ground under the object; give --fit FILE.json, "
                 "--effects none, or --fallback constant"
             )
-        weight = problem.kept(lens)
+        weight = problem.inlier_weight(lens)
         covariance = problem.covariance(lens, samples.cluster, _INDEPENDENT)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
         sign, margin = _sign(problem, lens)
@@ -159,7 +159,9 @@ class FitLens:
 
 def _agreeing(problem: VFit, lens: VCandidate, samples: FitSamples) -> float:
     """What the loss leaves of the footprint, 0 to 1; 1 where there is none."""
-    return float(problem.kept(lens)[samples.anchor].mean()) if samples.anchor.any() else 1.0
+    return (
+        float(problem.inlier_weight(lens)[samples.anchor].mean()) if samples.anchor.any() else 1.0
+    )
 
 
 def _of_frames(coc: CocMap) -> str:

@@ -61,7 +61,7 @@ class VFit:
         robust = float(np.sum(self.share * squared / (squared + CUTOFF**2)))
         return robust + float(self._prior(np.array(lens.slope), lens.focus))
 
-    def kept(self, lens: VCandidate) -> Float64:
+    def inlier_weight(self, lens: VCandidate) -> Float64:
         """What the loss leaves of each sample (N,), 1 for an inlier, 0 for an outlier."""
         return np.asarray((CUTOFF**2 / (self._squared(lens) + CUTOFF**2)) ** 2)
 
@@ -99,7 +99,7 @@ class VFit:
             independent: how many independent samples all of them are worth [1].
         """
         squared = self._squared(lens)
-        weight = self.kept(lens) * self.share / self.error_px**2
+        weight = self.inlier_weight(lens) * self.share / self.error_px**2
         # a redescending loss is flatter than its weights say: its true curvature is the bread
         curvature = weight * (1 - 4 * squared / (squared + CUTOFF**2))
         scale = np.array([self.disparity.max(), 1.0])
@@ -179,7 +179,7 @@ class VFit:
         """Iteratively reweighted least squares from a grid point, while the cost falls."""
         cost = self.cost(lens)
         for _ in range(_STEPS):
-            weight = self.kept(lens) * self.share / self.error_px**2
+            weight = self.inlier_weight(lens) * self.share / self.error_px**2
             candidate = self._least_squares(self._design(lens), weight)
             if candidate is None or (new_cost := self.cost(candidate)) >= cost - 1e-12:
                 break

@@ -5,7 +5,7 @@ import pytest
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_models import Bloom
-from nlens_video.effects.camera.bloom import bloomed, halo_of, quick_halo
+from nlens_video.effects.camera.bloom import add_bloom, halo_of, quick_halo
 
 FRAME = Box(0, 0, 300, 200)
 LENS = Bloom(share=0.2, length_px=8.0)
@@ -42,11 +42,11 @@ def test_halo_keeps_the_light_and_falls_exponentially():
 
 def test_object_without_highlights_comes_back_itself():
     layer = lamp(1.0)
-    assert bloomed(layer, LENS, FRAME) is layer
+    assert add_bloom(layer, LENS, FRAME) is layer
 
 
 def test_halo_lies_round_the_highlight_and_covers_nothing():
-    out = bloomed(lamp(5.0), LENS, FRAME)
+    out = add_bloom(lamp(5.0), LENS, FRAME)
     ring = out.rgba[90 - out.box.y0, 90 - out.box.x0]
     assert ring[3] == 0.0 and 0.0 < ring[0] < 0.1
     near = out.rgba[90 - out.box.y0, 138 - out.box.x0, 0]
@@ -55,7 +55,7 @@ def test_halo_lies_round_the_highlight_and_covers_nothing():
 
 def test_highlight_counts_from_white_to_twice_white():
     halos = [
-        bloomed(lamp(light), LENS, FRAME).rgba[..., 0].sum() - lamp(light).rgba[..., 0].sum()
+        add_bloom(lamp(light), LENS, FRAME).rgba[..., 0].sum() - lamp(light).rgba[..., 0].sum()
         for light in (1.25, 1.5, 2.0, 9.0)
     ]
     assert halos[1] == pytest.approx(2 * halos[0], rel=1e-3)
@@ -64,11 +64,11 @@ def test_highlight_counts_from_white_to_twice_white():
 
 
 def test_colour_of_the_highlight_is_that_of_its_halo():
-    out = bloomed(lamp((3.0, 1.5, 0.5)), LENS, FRAME)
+    out = add_bloom(lamp((3.0, 1.5, 0.5)), LENS, FRAME)
     red, green, blue, _ = out.rgba[90 - out.box.y0, 80 - out.box.x0]
     assert green == pytest.approx(red / 2, rel=1e-3) and blue == 0.0
 
 
 def test_halo_stays_inside_the_frame():
-    out = bloomed(lamp(5.0, Box(240, 140, 300, 200)), LENS, FRAME)
+    out = add_bloom(lamp(5.0, Box(240, 140, 300, 200)), LENS, FRAME)
     assert out.box.intersection(FRAME) == out.box

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.shutter import Shutter
-from nlens_video.effects.exposure import Exposure, MeasureExposure, follow
+from nlens_video.effects.exposure import Exposure, MeasureExposure, match_exposure
 from nlens_video.effects.planner import EXPOSURE, ShotFacts, decide
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -96,9 +96,9 @@ def test_change_grows_without_a_jump():
 
 def test_object_takes_the_gains_and_keeps_its_coverage():
     layer = BlurredLayer(box=Box(0, 0, 2, 2), rgba=np.full((2, 2, 4), 0.5, np.float32))
-    out = follow(layer, Exposure(gains=(1.5, 1.0, 0.5)))
+    out = match_exposure(layer, Exposure(gains=(1.5, 1.0, 0.5)))
     assert out.rgba[0, 0] == pytest.approx([0.75, 0.5, 0.25, 0.5])
-    assert follow(layer, Exposure(gains=(1.0, 1.0, 1.0))) is layer
+    assert match_exposure(layer, Exposure(gains=(1.0, 1.0, 1.0))) is layer
 
 
 def test_levels_are_those_of_mid_grey():

@@ -17,12 +17,12 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.shutter import Shutter
 from nlens_video.effects.motion_blur import (
     MOST_MOMENTS,
-    averaged,
+    line_kernel,
+    mean_layer,
     mean_of_blurred,
     measure_motion,
     moment_count,
-    smeared,
-    way_kernel,
+    motion_blurred,
 )
 from nlens_video.effects.planner import MOTION_BLUR, ShotFacts, decide
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
@@ -32,14 +32,14 @@ FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)
 
 
 def test_kernel_of_a_way_along_the_rows_is_the_share_of_the_time_over_each_pixel():
-    assert way_kernel(np.array([4.0, 0.0])) == pytest.approx(
+    assert line_kernel(np.array([4.0, 0.0])) == pytest.approx(
         np.array([[0.125, 0.25, 0.25, 0.25, 0.125]]), abs=2e-3
     )
 
 
 @given(st.floats(-40, 40), st.floats(-40, 40))
 def test_kernel_keeps_light_and_place(across, down):
-    kernel = way_kernel(np.array([across, down]))
+    kernel = line_kernel(np.array([across, down]))
     assert kernel.sum() == pytest.approx(1, abs=1e-5)
     y, x = (np.arange(n) - n // 2 for n in kernel.shape)
     assert (kernel.sum(0) * x).sum() == pytest.approx(0, abs=1e-3)
@@ -48,12 +48,12 @@ def test_kernel_keeps_light_and_place(across, down):
 
 def test_object_that_does_not_move_comes_back_itself():
     layer = BlurredLayer(box=Box(5, 5, 9, 9), rgba=np.ones((4, 4, 4), np.float32))
-    assert smeared(layer, np.zeros(2), FRAME) is layer
+    assert motion_blurred(layer, np.zeros(2), FRAME) is layer
 
 
 def test_object_that_the_frame_cuts_stays_opaque_at_the_border():
     layer = BlurredLayer(box=Box(0, 10, 40, 50), rgba=np.ones((40, 40, 4), np.float32))
-    out = smeared(layer, np.array([12.0, 0.0]), FRAME)
+    out = motion_blurred(layer, np.array([12.0, 0.0]), FRAME)
     assert out.box == Box(0, 10, 46, 50)
     assert out.rgba[:, 0] == pytest.approx(1.0, abs=1e-6)
     assert out.rgba[:, 39, 3] == pytest.approx(0.5 + 1 / 24, abs=0.01)
@@ -157,17 +157,17 @@ def test_mean_of_sharp_pictures_goes_through_the_lens_at_once_unless_the_blur_ch
     motion = replace(motion, ways=np.zeros((5, 2)))
     assert len(motion.parts) == parts
     truth = np.mean([whole(through_lens(layer)) for layer in layers], axis=0)
-    means = [through_lens(averaged(layers[number] for number in part)) for part in motion.parts]
+    means = [through_lens(mean_layer(layers[number] for number in part)) for part in motion.parts]
     result = whole(mean_of_blurred(means, [len(part) for part in motion.parts]))
     assert psnr(result, truth, truth[..., 3] > 0) > 45
     assert psnr(whole(through_lens(layers[2])), truth, truth[..., 3] > 0) < 32
 
 
 def test_moment_out_of_view_counts_as_nothing():
-    half = averaged([card_at(50, 1.0, 0.4), None])
+    half = mean_layer([card_at(50, 1.0, 0.4), None])
     assert half.rgba[30, 30] == pytest.approx([0.2, 0.25, 0.1, 0.5])
     assert half.depth[30, 30] == pytest.approx(1.0) and np.isinf(half.depth[0, 0])
-    assert averaged([None, None]) is None
+    assert mean_layer([None, None]) is None
 
 
 def psnr(a, b, where):
@@ -201,8 +201,8 @@ def test_turning_and_sliding_card_is_what_hundreds_of_moments_show(tmp_path, coc
     def exposed(ways):
         with PyrenderObjectRenderer(scene) as renderer:
             moments = shutter.middles(0.1, len(ways))
-            mean = averaged(renderer.render(moment, camera) for moment in moments)
-        layer = smeared(through_lens(mean), ways.mean(axis=0), FRAME)
+            mean = mean_layer(renderer.render(moment, camera) for moment in moments)
+        layer = motion_blurred(through_lens(mean), ways.mean(axis=0), FRAME)
         whole = np.zeros((FRAME.height, FRAME.width, 4), np.float32)
         whole[layer.box.slices_in(FRAME)] = layer.rgba
         return whole

@@ -17,10 +17,10 @@ from nlens_video.core.layers import (
 )
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.occlusion import (
-    CoverByCoc,
-    CoverByDepth,
-    cover_of,
+    CoverageFromCoc,
+    CoverageFromDepth,
     foreground_light,
+    foreground_matte,
     object_disparity,
 )
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
@@ -82,7 +82,7 @@ def test_no_halo_of_the_old_background_is_left_around_a_blurred_foreground():
     m = ramp()
     front, back, paint = np.full(3, 0.1), np.full(3, 0.9), np.full(3, 0.1)
     picture = linear_picture(mixed(m, front, back))
-    cover = cover_of(picture, FRAME, m)
+    cover = foreground_matte(picture, FRAME, m)
     layer = np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([*paint, 1.0])
     blurred = BlurredLayer(box=FRAME, rgba=layer)
     composite(picture, blurred, Foreground(before_object=cover, before_ground=None))
@@ -96,7 +96,7 @@ def test_shadow_and_object_behind_one_foreground_make_what_the_layers_make():
     m, loss = ramp(), 0.6
     front, back, paint, alpha = np.full(3, 0.5), np.full(3, 0.8), np.full(3, 0.2), 0.7
     picture = linear_picture(mixed(m, front, back))
-    cover = cover_of(picture, FRAME, m)
+    cover = foreground_matte(picture, FRAME, m)
     shadow = Shadow(
         box=FRAME, loss=np.full((HEIGHT, WIDTH, 3), loss, np.float32),
         coc_px=np.zeros((HEIGHT, WIDTH), np.float32),
@@ -117,7 +117,7 @@ def test_what_is_covered_keeps_its_bits_and_what_is_free_is_the_same_as_without(
     hidden, plain = plate.copy(), plate.copy()
     composite_behind(ArrayPicture(plain), FRAME, layer, None)
     picture = ArrayPicture(hidden)
-    composite_behind(picture, FRAME, layer, cover_of(picture, FRAME, m))
+    composite_behind(picture, FRAME, layer, foreground_matte(picture, FRAME, m))
     assert np.array_equal(hidden[m == 1.0], plate[m == 1.0])
     assert np.array_equal(hidden[m == 0.0], plain[m == 0.0])
     assert (hidden != plain)[(m > 0.3) & (m < 0.7)].mean() > 0.5
@@ -126,10 +126,10 @@ def test_what_is_covered_keeps_its_bits_and_what_is_free_is_the_same_as_without(
 def test_the_cover_does_not_depend_on_the_region_it_is_asked_for():
     picture = linear_picture(np.random.default_rng(3).random((HEIGHT, WIDTH, 3)) + 0.2)
     m = ramp(width=10.0)
-    whole = cover_of(picture, FRAME, m)
+    whole = foreground_matte(picture, FRAME, m)
     part = Box(30, 10, 66, 60)
-    assert cover_of(picture, Box(70, 0, 90, 20), m) is None
-    cut = cover_of(picture, part, m)
+    assert foreground_matte(picture, Box(70, 0, 90, 20), m) is None
+    cut = foreground_matte(picture, part, m)
     at = part.slices_in(FRAME)
     assert np.array_equal(cut.coverage, whole.coverage[at])
     assert cut.light == pytest.approx(whole.light[at], abs=0.02)
@@ -156,7 +156,7 @@ def disc_share(x, radius):
 def test_the_edge_of_a_nearer_depth_is_as_soft_as_its_own_coc(near):
     fit = LensFit(slope=40.0, intercept=-20.0, width=WIDTH, height=HEIGHT)  # +20 px at 1, +6.7
     surface = object_disparity(flat_object(3.0, Box(20, 10, 80, 50)), FRAME)
-    cover = CoverByDepth(scatter=scatter)(half_plane(near, 8.0), surface, FRAME, fit)
+    cover = CoverageFromDepth(scatter=scatter)(half_plane(near, 8.0), surface, FRAME, fit)
     radius = 0.5 * (40.0 / near - 20.0)
     across = np.arange(WIDTH) + 0.5 - WIDTH / 2
     assert cover[HEIGHT // 2] == pytest.approx(disc_share(across, radius), abs=0.03)
@@ -167,7 +167,7 @@ def test_the_edge_of_a_nearer_depth_is_as_soft_as_its_own_coc(near):
 def test_only_what_is_nearer_by_two_per_cent_hides(depth, hides):
     surface = object_disparity(flat_object(3.0, Box(20, 10, 80, 50)), FRAME)
     real = DepthMap(np.full((HEIGHT, WIDTH), depth, np.float32))
-    cover = CoverByDepth(scatter=scatter)(real, surface, FRAME, None)
+    cover = CoverageFromDepth(scatter=scatter)(real, surface, FRAME, None)
     assert (cover == 1.0).all() if hides else not cover.any()
 
 
@@ -175,7 +175,7 @@ def test_depth_that_is_not_known_and_ground_above_the_horizon_hide_nothing():
     surface = np.where(np.arange(HEIGHT)[:, None] < 20, -0.1, 0.5) * np.ones(WIDTH)
     unknown = DepthMap(np.full((HEIGHT, WIDTH), np.inf, np.float32))
     nearer = DepthMap(np.full((HEIGHT, WIDTH), 1.0, np.float32))
-    by_depth = CoverByDepth(scatter=scatter)
+    by_depth = CoverageFromDepth(scatter=scatter)
     assert not by_depth(unknown, surface.astype(np.float32), FRAME, None).any()
     assert not by_depth(nearer, surface.astype(np.float32), FRAME, None)[:18].any()
 
@@ -202,7 +202,7 @@ def test_blur_tells_what_is_nearer_only_where_either_sign_says_so(coc, surface_c
         coc_px=np.full((2, 2), coc, np.float32), sigma_px=np.full((2, 2), 0.1, np.float32)
     )
     disparity = np.full((2, 2), (surface_coc + 20.0) / 40.0, np.float32)
-    assert CoverByCoc().nearer(plate, disparity, fit).all() == nearer
+    assert CoverageFromCoc().nearer(plate, disparity, fit).all() == nearer
 
 
 def test_an_unsure_blur_hides_nothing():
@@ -212,8 +212,8 @@ def test_an_unsure_blur_hides_nothing():
     sure, unsure = (
         CocMap(coc_px=coc, sigma_px=np.full((2, 2), sigma, np.float32)) for sigma in (1.0, 8.0)
     )
-    assert CoverByCoc().nearer(sure, disparity, fit).all()
-    assert not CoverByCoc().nearer(unsure, disparity, fit).any()
+    assert CoverageFromCoc().nearer(sure, disparity, fit).all()
+    assert not CoverageFromCoc().nearer(unsure, disparity, fit).any()
 
 
 def test_a_coarse_mask_is_drawn_to_the_edge_that_the_picture_shows():
@@ -224,6 +224,6 @@ def test_a_coarse_mask_is_drawn_to_the_edge_that_the_picture_shows():
     coc[:, : WIDTH // 2 + 4] = 1.0  # the sharp edge makes the estimate sharp beyond it too
     plate = CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5))
     surface = np.full((HEIGHT, WIDTH), 0.2, np.float32)  # at -12 px
-    cover = CoverByCoc()(plate, surface, FRAME, fit, picture)
+    cover = CoverageFromCoc()(plate, surface, FRAME, fit, picture)
     assert cover[:, : WIDTH // 2 - 1] == pytest.approx(1.0, abs=0.02)
     assert cover[:, WIDTH // 2 + 1 :].mean() < 0.25 * 4 / (WIDTH // 2)

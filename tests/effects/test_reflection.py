@@ -7,8 +7,8 @@ from support.glb_builder import GlbBuilder
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.reflection import (
-    LayReflection,
-    MirrorObject,
+    OverlayReflection,
+    RenderReflection,
     mirrored_camera,
     schlick,
 )
@@ -77,7 +77,7 @@ def test_the_mirror_image_is_the_picture_of_the_mirrored_object(tmp_path):
     scene = pyramid(tmp_path / "a.glb")
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
-        draw = MirrorObject(renderer=renderer, reflectance=1.0)
+        draw = RenderReflection(renderer=renderer, reflectance=1.0)
         fit = LensFit(slope=50.0, intercept=-10.0, width=WIDTH, height=HEIGHT)
         got = object_coc(draw(0.0, camera, GROUND, 8.0), fit)
     with PyrenderObjectRenderer(pyramid(tmp_path / "b.glb", mirrored=True)) as renderer:
@@ -99,7 +99,7 @@ def test_what_lies_below_the_ground_is_not_mirrored_above_it(tmp_path):
     scene = pyramid(tmp_path / "a.glb", sunk=0.4)
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
-        got = MirrorObject(renderer=renderer, reflectance=1.0)(0.0, camera, GROUND, 0.0)
+        got = RenderReflection(renderer=renderer, reflectance=1.0)(0.0, camera, GROUND, 0.0)
     rgba, depth = on_frame(got)
     there = rgba[..., 3] > 0
     assert there.sum() > 100
@@ -112,7 +112,7 @@ def test_no_image_from_below_the_ground_or_out_of_view(tmp_path):
     scene = pyramid(tmp_path / "a.glb")
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
-        draw = MirrorObject(renderer=renderer, reflectance=1.0)
+        draw = RenderReflection(renderer=renderer, reflectance=1.0)
         assert draw(0.0, camera, 2.0, 0.0) is None
         assert draw(0.0, camera, -50.0, 0.0) is None
 
@@ -137,7 +137,7 @@ class Wall:
 
 def test_the_share_follows_the_angle_of_each_pixels_ray(tmp_path):
     camera = pyramid(tmp_path / "a.glb").camera(0.0, WIDTH, HEIGHT)
-    layer = MirrorObject(renderer=Wall(), reflectance=0.04)(0.0, camera, GROUND, 0.0)
+    layer = RenderReflection(renderer=Wall(), reflectance=0.04)(0.0, camera, GROUND, 0.0)
     rgba, _ = on_frame(layer)
     for row, column in ((119, 80), (90, 10), (40, 150)):
         ray = np.array(
@@ -155,7 +155,7 @@ def test_the_image_is_laid_over_the_plate_blurred_by_its_own_coc():
     coc = np.full((HEIGHT, WIDTH), -12.0, np.float32)
     layer = ObjectLayer(box=FRAME, rgba=rgba, depth=np.ones((HEIGHT, WIDTH), np.float32))
     picture = ArrayPicture(plate.copy(), "rgb", LINEAR)
-    lay = LayReflection(ReblurLayer(scatter=scatter, reach=blur_reach))
+    lay = OverlayReflection(ReblurLayer(scatter=scatter, reach=blur_reach))
     lay(picture, DefocusedLayer(layer=layer, coc_px=coc), FRAME)
     assert picture.array[60, 80] == pytest.approx([0.2 + 0.8 * 0.5, 0.4, 0.4], abs=1e-3)
     changed = np.flatnonzero((picture.array[60] != 0.5).any(axis=1))

@@ -13,7 +13,7 @@ from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.cast import CastShadow
-from nlens_video.effects.shadow.casters import Casters, Solid
+from nlens_video.effects.shadow.casters import Casters, ClippedMesh
 from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of
 from nlens_video.effects.shadow.coverage_ref import covered
 from nlens_video.effects.shadow.projection import Moment
@@ -167,7 +167,7 @@ def test_no_shadow_above_the_horizon_or_from_below_the_ground():
 
 def test_what_is_sunk_into_the_ground_casts_nothing():
     wall = np.array([[0.0, -1.0, -0.5], [0.0, -1.0, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
-    sunk = Solid.above(wall, FACES, edges_of(FACES), 0.0)
+    sunk = ClippedMesh.above(wall, FACES, edges_of(FACES), 0.0)
     used = sunk.vertices[sunk.faces.ravel()]
     assert used[:, 1].min() == pytest.approx(0.0) and used[:, 1].max() == 1.0
     corners = sunk.vertices[sunk.faces]
@@ -179,9 +179,9 @@ def test_what_is_sunk_into_the_ground_casts_nothing():
 
 def test_feet_that_graze_the_ground_are_raised_and_those_that_stand_in_it_cut():
     wall = np.array([[0.0, -9e-4, -0.5], [0.0, -9e-4, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
-    raised = Solid.above(wall, FACES, edges_of(FACES), 0.0)
+    raised = ClippedMesh.above(wall, FACES, edges_of(FACES), 0.0)
     assert raised.faces is FACES and raised.vertices[:, 1].min() == 0.0
-    sunk = Solid.above(wall * (1.0, 2.0, 1.0) - (0.0, 1e-3, 0.0), FACES, edges_of(FACES), 0.0)
+    sunk = ClippedMesh.above(wall * (1.0, 2.0, 1.0) - (0.0, 1e-3, 0.0), FACES, edges_of(FACES), 0.0)
     assert len(sunk.faces) > 2 and sunk.vertices[sunk.faces.ravel(), 1].min() == 0.0
 
 

@@ -9,7 +9,7 @@ from support.effects.synthetic_frames import panned, pictures, scene
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.camera.grain_kernels import to_code, to_linear
 from nlens_video.effects.camera.shutter_angle import shutter_angle
-from nlens_video.effects.motion_blur import way_kernel
+from nlens_video.effects.motion_blur import line_kernel
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
@@ -43,7 +43,7 @@ def test_panning_camera_is_not_read_as_defocus():
     ground = project_to_ground(square[[[0, 1, 2], [0, 2, 3]]], shots.camera(), 0.0)
     still = shots.plate().astype(np.float32) / 255
     pan_px = 12.0 * shots.WIDTH / 960
-    light = cv2.filter2D(to_linear(still), -1, way_kernel(np.array([pan_px, 0.0])))
+    light = cv2.filter2D(to_linear(still), -1, line_kernel(np.array([pan_px, 0.0])))
     lenses: list[LensFit] = [
         FitLens()(estimate_coc(network, rgb), ground, 0).fit for rgb in (still, to_code(light))
     ]

@@ -13,10 +13,10 @@ from nlens_video.core.layers import (
 )
 from nlens_video.effects.camera.softness import (
     DRAWN_PX,
-    Floor,
+    SharpnessFloor,
     measure,
     missing_sigma,
-    softened,
+    soften,
 )
 
 FRAME = Box(0, 0, WIDTH, HEIGHT)
@@ -54,7 +54,7 @@ def test_softness_of_a_plate_is_found(sigma, grain):
 
 
 def test_object_gets_what_its_sharpest_part_lacks():
-    floor = Floor(sigma_px=1.5)
+    floor = SharpnessFloor(sigma_px=1.5)
     assert missing_sigma(floor, None) == pytest.approx(np.sqrt(1.5**2 - DRAWN_PX**2))
     half = missing_sigma(floor, card(Box(5, 5, 20, 20), 4.0))
     assert half == pytest.approx(np.sqrt(1.5**2 - DRAWN_PX**2 - 1.0))
@@ -63,7 +63,7 @@ def test_object_gets_what_its_sharpest_part_lacks():
 
 def test_softened_edge_is_as_soft_as_asked():
     layer = card(Box(100, 60, 300, 200)).layer
-    out = softened(BlurredLayer(box=layer.box, rgba=layer.rgba), 1.5, FRAME)
+    out = soften(BlurredLayer(box=layer.box, rgba=layer.rgba), 1.5, FRAME)
     profile = np.diff(out.rgba[out.rgba.shape[0] // 2, :20, 3])
     at = np.arange(len(profile))
     mean = (at * profile).sum() / profile.sum()
@@ -73,10 +73,10 @@ def test_softened_edge_is_as_soft_as_asked():
 
 def test_object_that_the_frame_cuts_stays_opaque_there():
     rgba = np.ones((40, 50, 4), np.float32)
-    out = softened(BlurredLayer(box=Box(0, 0, 50, 40), rgba=rgba), 1.2, FRAME)
+    out = soften(BlurredLayer(box=Box(0, 0, 50, 40), rgba=rgba), 1.2, FRAME)
     assert out.rgba[:30, 0] == pytest.approx(1.0, abs=1e-5)
 
 
 def test_layer_that_needs_nothing_comes_back_itself():
     layer = BlurredLayer(box=Box(5, 5, 9, 9), rgba=np.ones((4, 4, 4), np.float32))
-    assert softened(layer, 0.1, FRAME) is layer
+    assert soften(layer, 0.1, FRAME) is layer

@@ -16,10 +16,10 @@ from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.coverage import edges_of, mark_covered
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.projection import Moment
-from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
+from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.graph.base.context import NodeContext, ShadowScene
 from nlens_video.graph.base.object_source import RenderedObject, ScreenBounds, View
-from nlens_video.graph.nodes.shadow import CompositeShadow, ShadowNode, alike
+from nlens_video.graph.nodes.shadow import CompositeShadow, ShadowNode, equal_values
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, sun
@@ -134,11 +134,11 @@ def test_what_is_stopped_is_as_the_definition_has_it(seed):
         float(rng.choice([-1.0, 0.35])),
     )
     opaque = rng.normal(size=(3, 3)) * (20, 20, 1) + (8, 6, 0.7)
-    bits, veiled = np.zeros(size, np.uint8), new_veiled(*size)
+    bits, veiled = np.zeros(size, np.uint8), no_absorption(*size)
     one = np.array([[0, 1, 2]], np.int32)
     for call in (1, 2):  # a second call takes as much again
         mark_covered(bits, call - 1, (opaque, one, edges_of(one)), np.eye(3, 4), at)
-        count_veiled(veiled, (bits, call - 1), points, surface, faces, texture, call, at)
+        absorb(veiled, (bits, call - 1), points, surface, faces, texture, call, at)
     truth = stopped(size, points, surface, faces, texture, at)
     truth[covered(size, opaque, one, at)] = 0.0
     assert (np.abs(veiled.taken - 2 * truth) > 1e-3).sum() <= 2  # pixels on an edge
@@ -206,9 +206,13 @@ def test_a_resting_shadow_darkens_every_frame_alike(tmp_path):
 
 
 def test_two_values_are_alike_when_they_hold_the_same_numbers():
-    assert alike(looking_down(), looking_down())
+    assert equal_values(looking_down(), looking_down())
     moved = looking_down()
     moved.world_from_camera[0, 3] = 1e-6
-    assert not alike(looking_down(), moved)
-    assert alike((1, (None, np.zeros(3))), (1, (None, np.zeros(3))))
-    assert not alike((1, 2), (1,)) and not alike(1, 1.0) and not alike(None, np.zeros(3))
+    assert not equal_values(looking_down(), moved)
+    assert equal_values((1, (None, np.zeros(3))), (1, (None, np.zeros(3))))
+    assert (
+        not equal_values((1, 2), (1,))
+        and not equal_values(1, 1.0)
+        and not equal_values(None, np.zeros(3))
+    )

@@ -6,7 +6,7 @@ import pytest
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_models import Vignetting
 from nlens_video.core.radial import square_radius
-from nlens_video.effects.camera.vignetting import vignetted
+from nlens_video.effects.camera.vignetting import vignette
 
 FRAME = Box(0, 0, 400, 300)
 
@@ -23,7 +23,7 @@ def test_radius_is_0_in_the_middle_and_1_in_the_corners():
 
 
 def test_corner_loses_the_given_stops_and_the_middle_nothing():
-    out = vignetted(opaque(FRAME), Vignetting.of(2.0), FRAME).rgba
+    out = vignette(opaque(FRAME), Vignetting.of(2.0), FRAME).rgba
     assert out[0, 0, :3] == pytest.approx(0.25, rel=0.02)
     assert out[150, 200, :3] == pytest.approx(1.0, abs=1e-4)
     # half way: 0.5 * (0.25 + 0.0625) * 2 stops
@@ -31,17 +31,17 @@ def test_corner_loses_the_given_stops_and_the_middle_nothing():
 
 
 def test_what_is_covered_stays_covered():
-    assert (vignetted(opaque(FRAME), Vignetting.of(3.0), FRAME).rgba[..., 3] == 1).all()
+    assert (vignette(opaque(FRAME), Vignetting.of(3.0), FRAME).rgba[..., 3] == 1).all()
 
 
 def test_loss_depends_on_the_place_and_not_on_the_box():
     small = Box(300, 200, 380, 290)
-    whole = vignetted(opaque(FRAME), Vignetting(square=0.4, fourth=0.9), FRAME).rgba
-    part = vignetted(opaque(small), Vignetting(square=0.4, fourth=0.9), FRAME).rgba
+    whole = vignette(opaque(FRAME), Vignetting(square=0.4, fourth=0.9), FRAME).rgba
+    part = vignette(opaque(small), Vignetting(square=0.4, fourth=0.9), FRAME).rgba
     assert np.allclose(part, whole[small.slices_in(FRAME)], atol=1e-6)
 
 
 def test_layer_given_in_stays_as_it_is():
     layer = opaque(FRAME)
-    vignetted(layer, Vignetting.of(1.0), FRAME)
+    vignette(layer, Vignetting.of(1.0), FRAME)
     assert (layer.rgba == 1).all()

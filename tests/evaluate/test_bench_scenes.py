@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from nlens_video.evaluate.bench.bench_scenes import plate, write_scenes
-from nlens_video.evaluate.bench.bench_shapes import Optics, Place
+from nlens_video.evaluate.bench.bench_shapes import Place, SceneLens
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import object_coc
@@ -28,7 +28,7 @@ def seen(scenes):
 
 
 def test_a_place_is_seen_where_it_says_with_the_coc_it_says():
-    optics = Optics(slope=112.0, intercept=-56.0)
+    optics = SceneLens(slope=112.0, intercept=-56.0)
     x, y, z = optics.point(Place(580, 156, 28.0))
     assert -1 / z == pytest.approx((28 + 56) / 112)
     assert (480 + 900 * x / -z, 256 - 900 * y / -z) == pytest.approx((580, 156))

@@ -183,4 +183,4 @@ def test_estimate_that_knows_nothing_stops_unless_a_constant_may_stand_in():
     runner, shot = steps(estimate_coc=lambda: unknowing, fallback_constant=True)
     run(runner, 0)
     assert (runner.fit.slope, runner.fit.intercept) == (0.0, -9.0)
-    assert "constant CoC" in shot.found_lens.doubt
+    assert "constant CoC" in shot.found_lens.warning

@@ -24,9 +24,9 @@ from nlens_video.networks.model_store import find_model
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.reblur.depth_order_repair import RepairLayer
+from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
 from nlens_video.stages.reblur.depth_peel import depth_peel
-from nlens_video.stages.reblur.lens_sampling import BlurCell, SampleLens, Shot
+from nlens_video.stages.reblur.lens_sampling import BlurCell, LensSetup, SampleLens
 from nlens_video.stages.reblur.view_blend import SampleSmallDiscs
 
 WIDTH, HEIGHT, FOCAL = 112, 88, 100.0
@@ -133,7 +133,7 @@ def through(
         if layer is None:
             return np.zeros((HEIGHT, WIDTH, 4), np.float32)
         centre, few = object_coc(layer, fit), None
-        shot = Shot(time_s=0.0, camera=view, fit=fit, frame=FRAME)
+        shot = LensSetup(time_s=0.0, camera=view, fit=fit, frame=FRAME)
         if rung == "lens":
             stage = SampleLens(renderer=renderer, whole=spread, cell=BlurCell(spread), count=VIEWS)
             return whole(stage(centre, shot))
@@ -148,10 +148,10 @@ def through(
 
 
 @cache
-def repair() -> RepairLayer:
+def repair() -> RepairDepthOrder:
     """The repair as the preset `standard` has it."""
     network = OnnxRepairNetwork(find_model("reblur").path)
-    return RepairLayer(network=network, scatter=scatter, reach=blur_reach)
+    return RepairDepthOrder(network=network, scatter=scatter, reach=blur_reach)
 
 
 def spread_px(rgba: np.ndarray) -> float:

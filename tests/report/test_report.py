@@ -292,7 +292,7 @@ def test_a_constant_blur_is_a_warning_and_says_why_once(tmp_path):
         state = bench.enter(report)
         bench.measure(state)
         fit = constant_fit(bench.shot.plate_coc, bench.shot.ground)
-        bench.shot.found_lens = FoundLens(fit=fit, regression=None, doubt=note)
+        bench.shot.found_lens = FoundLens(fit=fit, regression=None, warning=note)
         bench.session.executor.fit = fit
         bench.composite(state)
         bench.done(report, state)

@@ -102,5 +102,5 @@ def test_plan_names_the_points_and_what_is_not_needed(files, tmp_path):
         files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
         "--plan",
     )  # fmt: skip
-    assert "the lens sampled at 29 points for 50 dB" in plan
+    assert "aperture sampled at 29 points for 50 dB" in plan
     assert "left out reblur: not needed: lens-sampling runs" in plan

@@ -18,7 +18,7 @@ from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.composite import composite
 from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
 from nlens_video.video.pixels.picture import ArrayPicture
 
 pytestmark = pytest.mark.needs_gl
@@ -98,7 +98,7 @@ def truth(files):
     with choose_renderer(scene) as renderer:
         for time_s in (0.0, SWAP_S):
             camera = scene.camera(time_s, *SIZE)
-            shot = Shot(time_s=time_s, camera=camera, fit=FIT, frame=FRAME)
+            shot = LensSetup(time_s=time_s, camera=camera, fit=FIT, frame=FRAME)
             seen = lens_views(renderer, shot, bare_points(512))
             pictures[time_s] = plate.copy()
             composite(ArrayPicture(pictures[time_s]), seen)

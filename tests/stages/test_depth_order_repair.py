@@ -14,7 +14,7 @@ from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
 from nlens_video.networks.model_store import find_model
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.stages.reblur.depth_order import CHANNELS
-from nlens_video.stages.reblur.depth_order_repair import CELL, RepairLayer
+from nlens_video.stages.reblur.depth_order_repair import CELL, RepairDepthOrder
 
 FRAME = Box(0, 0, 400, 320)
 BOX = Box(100, 60, 240, 200)
@@ -29,7 +29,7 @@ def network():
 
 @pytest.fixture
 def repair(network):
-    return RepairLayer(network=network, scatter=scatter, reach=blur_reach)
+    return RepairDepthOrder(network=network, scatter=scatter, reach=blur_reach)
 
 
 def defocused(slabs, box=BOX, light=1.0):

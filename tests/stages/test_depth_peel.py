@@ -6,11 +6,11 @@ import pytest
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import Surface, write_glb
+from nlens_video.evaluate.bench.bench_glb import TexturedMesh, write_glb
 from nlens_video.evaluate.bench.bench_shapes import (
     YFOV,
-    Optics,
     Place,
+    SceneLens,
     card,
     rectangle,
     tube,
@@ -22,13 +22,13 @@ from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
 from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.depth_order_repair import RepairLayer
+from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
 from nlens_video.stages.reblur.depth_peel import depth_peel
-from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 
-OPTICS = Optics(slope=112.0, intercept=-56.0)
+OPTICS = SceneLens(slope=112.0, intercept=-56.0)
 SIZE = (320, 160)
 FRAME = Box(0, 0, *SIZE)
 FIT = LensFit(slope=OPTICS.slope, intercept=OPTICS.intercept, width=960, height=480).for_width(
@@ -55,7 +55,7 @@ def unasked(geometry):
     raise AssertionError("the network is not asked where it is known what is hidden")
 
 
-REPAIR = RepairLayer(network=unasked, scatter=scatter, reach=blur_reach)
+REPAIR = RepairDepthOrder(network=unasked, scatter=scatter, reach=blur_reach)
 SCATTER = ReblurLayer(scatter=scatter, reach=blur_reach)
 
 
@@ -80,7 +80,7 @@ class Seen:
         return on_frame(scattered), on_frame(REPAIR(sharp, scattered))
 
     def truth(self, views=400):
-        shot = Shot(time_s=0.0, camera=self.camera, fit=FIT, frame=FRAME)
+        shot = LensSetup(time_s=0.0, camera=self.camera, fit=FIT, frame=FRAME)
         return on_frame(lens_views(self.renderer, shot, bare_points(views)))
 
 
@@ -179,7 +179,7 @@ def ball(place, radius_px, *, rings=12):
     at = np.arange(rings)[:, None] * row + np.arange(2 * rings)[None, :]
     first = np.stack([at, at + 1, at + row], axis=2).reshape(-1, 3)
     second = np.stack([at + 1, at + row + 1, at + row], axis=2).reshape(-1, 3)
-    return Surface(
+    return TexturedMesh(
         points=OPTICS.point(place) + OPTICS.size(place, radius_px) * normals.reshape(-1, 3),
         uv=np.stack([turn.ravel(), down.ravel()], axis=1),
         faces=np.concatenate([first, second]),

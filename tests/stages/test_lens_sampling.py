@@ -23,8 +23,8 @@ from nlens_video.stages.l_reblur import object_coc
 from nlens_video.stages.reblur.aperture_samples import bare_points, lens_points
 from nlens_video.stages.reblur.lens_sampling import (
     BlurCell,
+    LensSetup,
     SampleLens,
-    Shot,
     lens_camera,
     lens_views,
     parallax_px,
@@ -35,7 +35,7 @@ FIT = LensFit(slope=60.0, intercept=-20.0, width=WIDTH, height=HEIGHT)  # in foc
 
 
 def shot(fit=FIT):
-    return Shot(time_s=0.0, camera=camera(), fit=fit, frame=FRAME)
+    return LensSetup(time_s=0.0, camera=camera(), fit=fit, frame=FRAME)
 
 
 @pytest.fixture(scope="module")

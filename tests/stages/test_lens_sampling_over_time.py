@@ -16,8 +16,8 @@ from nlens_video.stages.l_reblur import object_coc
 from nlens_video.stages.reblur.aperture_samples import bare_points, lens_points
 from nlens_video.stages.reblur.lens_sampling import (
     BlurCell,
+    LensSetup,
     SampleLens,
-    Shot,
     lens_views,
 )
 
@@ -47,7 +47,7 @@ def seen(drawn, fit, *, slide=0.0, frame=FRAME, views=None):
     middle = dataclasses.replace(
         middle, cx=middle.cx + slide, width=frame.width, height=frame.height
     )
-    shot = Shot(time_s=0.0, camera=middle, fit=fit, frame=frame)
+    shot = LensSetup(time_s=0.0, camera=middle, fit=fit, frame=frame)
     if views is None:
         stage = SampleLens(renderer=drawn, whole=BLUR, cell=BlurCell(BLUR), count=VIEWS)
         blurred = stage(object_coc(drawn.render(0.0, middle, margin=40), fit), shot)

@@ -12,8 +12,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.bench_glb import write_glb
 from nlens_video.evaluate.bench.bench_shapes import (
     YFOV,
-    Optics,
     Place,
+    SceneLens,
     card,
     rectangle,
     tube,
@@ -24,7 +24,7 @@ from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
 from nlens_video.stages.reblur.aperture_samples import bare_points, points_around
-from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
 from nlens_video.stages.reblur.view_blend import (
     FADE_PX,
     LARGE_COC_PX,
@@ -35,7 +35,7 @@ from nlens_video.stages.reblur.view_blend import (
     share_of_views,
 )
 
-OPTICS = Optics(slope=112.0, intercept=-56.0)
+OPTICS = SceneLens(slope=112.0, intercept=-56.0)
 SIZE = (320, 160)
 FRAME = Box(0, 0, *SIZE)
 FIT = LensFit(slope=OPTICS.slope, intercept=OPTICS.intercept, width=960, height=480).for_width(
@@ -65,7 +65,7 @@ class Seen:
         self.camera = self.scene.camera(0.0, *SIZE)
         self.renderer = RENDERERS[kind](self.scene)
         self.counted = Counted(self.renderer)
-        self.shot = Shot(time_s=0.0, camera=self.camera, fit=fit, frame=FRAME)
+        self.shot = LensSetup(time_s=0.0, camera=self.camera, fit=fit, frame=FRAME)
         self.stage = SampleSmallDiscs(renderer=self.counted)
 
     def sharp(self):

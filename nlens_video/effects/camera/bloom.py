@@ -217,7 +217,7 @@ _MARGIN_LIMIT_PX = 256
 _COARSE_LENGTH = 4.0  # decay length on the grid that the quick halo is made on [px]
 
 
-def bloomed(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
+def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
     """A layer with the halos of its highlights; itself where nothing of it is above white.
 
     Args:

@@ -47,7 +47,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     height, width = pictures[0].height, pictures[0].width
     return Measurement(
         effect=EFFECT, value=sigma_px, threshold=THRESHOLD_PX, unit="px (sigma)",
-        evidence=evidence, model=Floor(sigma_px=sigma_px) if sigma_px > 0.0 else None,
+        evidence=evidence, model=SharpnessFloor(sigma_px=sigma_px) if sigma_px > 0.0 else None,
         cost_ms=_COST_MS_PER_MEGAPIXEL * _BOX_SHARE * width * height / 1e6,
     )  # fmt: skip
 
@@ -112,7 +112,7 @@ _REACH = 3.0  # deviations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Floor:
+class SharpnessFloor:
     """How soft the sharpest thing in the plate is.
 
     Attributes:
@@ -122,7 +122,7 @@ class Floor:
     sigma_px: float
 
 
-def missing_sigma(floor: Floor, defocused: DefocusedLayer | None) -> float:
+def missing_sigma(floor: SharpnessFloor, defocused: DefocusedLayer | None) -> float:
     """What the object's sharpest part lacks to the plate's, as a Gaussian [px].
 
     Args:
@@ -138,7 +138,7 @@ def missing_sigma(floor: Floor, defocused: DefocusedLayer | None) -> float:
     return math.sqrt(max(0.0, variance))
 
 
-def softened(blurred: BlurredLayer, sigma_px: float, frame: Box) -> BlurredLayer:
+def soften(blurred: BlurredLayer, sigma_px: float, frame: Box) -> BlurredLayer:
     """Soften a layer.
 
     Args:

@@ -98,7 +98,7 @@ def _shapes(x: Float64, y: Float64) -> Float64:
     return np.stack([np.stack(across, axis=1), np.stack(down, axis=1)], axis=1)
 
 
-def vignetted(layer: BlurredLayer, vignetting: Vignetting, frame: Box) -> BlurredLayer:
+def vignette(layer: BlurredLayer, vignetting: Vignetting, frame: Box) -> BlurredLayer:
     """A layer with the light that the lens leaves it; what it covers stays covered.
 
     Args:

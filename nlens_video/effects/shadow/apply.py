@@ -90,9 +90,9 @@ class ApplyShadow:
             frame: the frame's own box.
             cover: what really stands before the ground.
         """
-        return self.taken(picture, self.blurred(shadow, frame), cover)
+        return self.darken(picture, self.blurred(shadow, frame), cover)
 
-    def taken(
+    def darken(
         self, picture: Picture, blurred: BlurredLayer, cover: ForegroundMatte | None
     ) -> Picture:
         """Take a blurred shadow's light from the plate, in place; the picture itself comes back.

@@ -25,7 +25,7 @@ from nlens_video.effects.shadow.projection import (
     Occluder,
     ShadowQuery,
     hemisphere,
-    hidden,
+    hidden_shares,
     lamp_points,
 )
 from nlens_video.scene.camera import Camera
@@ -101,7 +101,7 @@ class CastShadow:
             )
         found = [
             _Share(share, one.grid)
-            for one, share in zip(asked, hidden(stages, asked, self.threads), strict=True)
+            for one, share in zip(asked, hidden_shares(stages, asked, self.threads), strict=True)
         ]
         if ambient.any():
             found[-1] = found[-1].contact(self.ambient_directions)

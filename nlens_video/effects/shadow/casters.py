@@ -32,7 +32,7 @@ class Opacity:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class CasterGeometry:
     """What is the same of a geometry at all times.
 
     Attributes:
@@ -44,7 +44,7 @@ class Surface:
     edges: Int32
 
     @classmethod
-    def of(cls, geometry: Geometry) -> Surface:
+    def of(cls, geometry: Geometry) -> CasterGeometry:
         """See what a geometry is to light."""
         opacity = opacity_of(geometry)
         faces = geometry.faces
@@ -52,7 +52,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Veil:
+class TransparentCaster:
     """Triangles that are not opaque everywhere.
 
     Attributes:
@@ -80,10 +80,10 @@ class Casters:
     vertices: Float64
     faces: Int32
     edges: Int32
-    veils: tuple[Veil, ...] = ()
+    veils: tuple[TransparentCaster, ...] = ()
 
     @classmethod
-    def of(cls, posed: PosedScene, surfaces: dict[Geometry, Surface]) -> Casters:
+    def of(cls, posed: PosedScene, surfaces: dict[Geometry, CasterGeometry]) -> Casters:
         """Sort a scene's triangles.
 
         Args:
@@ -91,17 +91,17 @@ class Casters:
             surfaces: kept from one moment to the next: what is known of each geometry; filled in.
         """
         solid: list[PosedMesh] = []
-        veils: list[Veil] = []
+        veils: list[TransparentCaster] = []
         for mesh in posed.meshes:
             geometry = mesh.geometry
             if geometry not in surfaces:
-                surfaces[geometry] = Surface.of(geometry)
+                surfaces[geometry] = CasterGeometry.of(geometry)
             opacity = surfaces[geometry].opacity
             if opacity is None:
                 solid.append(mesh)
             else:
                 carried = np.concatenate([mesh.positions, _carried(geometry)], axis=1)
-                veils.append(Veil(carried.astype(np.float64), mesh.faces, opacity))
+                veils.append(TransparentCaster(carried.astype(np.float64), mesh.faces, opacity))
         if not solid:
             nothing = np.zeros((0, 4), np.int32)
             return cls(np.zeros((0, 3)), nothing[:, :3], nothing, tuple(veils))
@@ -165,7 +165,7 @@ _GRAZES = 1e-3  # of what stands above
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Solid:
+class ClippedMesh:
     """Triangles, all of them on one side of a plane.
 
     Attributes:
@@ -179,7 +179,7 @@ class Solid:
     edges: Int32
 
     @classmethod
-    def above(cls, vertices: Float64, faces: Int32, edges: Int32, height: float) -> Solid:
+    def above(cls, vertices: Float64, faces: Int32, edges: Int32, height: float) -> ClippedMesh:
         """What lies above a height; triangles that cross it are cut.
 
         Feet that dip in by less than anybody sees are raised instead, which is much quicker.
@@ -191,7 +191,7 @@ class Solid:
             above = vertices[:, 1] - height
         return cls(vertices=vertices, faces=faces, edges=edges)._kept(above)
 
-    def below(self, height: float) -> Solid:
+    def below(self, height: float) -> ClippedMesh:
         """What lies below a height; triangles that cross it are cut."""
         return self._kept(height - self.vertices[:, 1])
 
@@ -200,7 +200,7 @@ class Solid:
         """Where the vertices are (V, 3)."""
         return self.vertices[:, :3]
 
-    def _kept(self, distance: Float64) -> Solid:
+    def _kept(self, distance: Float64) -> ClippedMesh:
         """The side on which the distance (V,) of a plane is not negative."""
         if (distance >= 0.0).all():
             return self
@@ -226,7 +226,7 @@ class Solid:
         whole = count == 3
         more = edges_of(cut)
         more[:, 2:][more[:, 2:] >= 0] += int(whole.sum())
-        return Solid(
+        return ClippedMesh(
             vertices=np.concatenate(points),
             faces=np.ascontiguousarray(np.concatenate([self.faces[whole], cut])),
             edges=np.ascontiguousarray(np.concatenate([_without(self.edges, whole), more])),

@@ -10,9 +10,9 @@ from itertools import product
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
-from nlens_video.effects.shadow.casters import Casters, Opacity, Solid
+from nlens_video.effects.shadow.casters import Casters, ClippedMesh, Opacity
 from nlens_video.effects.shadow.coverage import PROJECTIONS, mark_covered
-from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
+from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Lamp
@@ -101,8 +101,8 @@ class Occluder:
     """
 
     camera: Camera
-    solid: Solid
-    veils: tuple[tuple[Solid, Opacity], ...]
+    solid: ClippedMesh
+    veils: tuple[tuple[ClippedMesh, Opacity], ...]
     ground_y: float
     bounds: Float64
 
@@ -110,9 +110,9 @@ class Occluder:
     def of(cls, moment: Moment, ground_y: float) -> Occluder | None:
         """What of a moment's casters stands above the ground; None where nothing does."""
         casters = moment.casters
-        solid = Solid.above(casters.vertices, casters.faces, casters.edges, ground_y)
+        solid = ClippedMesh.above(casters.vertices, casters.faces, casters.edges, ground_y)
         veils = tuple(
-            (Solid.above(veil.vertices, veil.faces, _NO_EDGES, ground_y), veil.opacity)
+            (ClippedMesh.above(veil.vertices, veil.faces, _NO_EDGES, ground_y), veil.opacity)
             for veil in casters.veils
         )
         bodies = [body for body in (solid, *(veil for veil, _ in veils)) if len(body.faces)]
@@ -189,7 +189,7 @@ def _some_points(casters: Casters) -> Float64:
     return points[:: max(1, len(points) // _LOOKED_AT)]
 
 
-def hidden(
+def hidden_shares(
     stages: Sequence[Occluder | None], asked: Sequence[ShadowQuery], threads: int | None = None
 ) -> list[Float32]:
     """Which share of lights a body hides from each pixel's ground, for each that is asked.
@@ -223,7 +223,7 @@ def _counts(stages: Sequence[Occluder | None], asked: ShadowQuery, first: int) -
     """How many of some lights in a row, as many as an array of bits holds, are hidden."""
     height, width = asked.grid.shape
     bits = np.zeros((height, width), np.uint8)
-    veiled = new_veiled(height, width)
+    veiled = no_absorption(height, width)
     for bit, light in enumerate(asked.lights[first : first + PROJECTIONS]):
         number = first + bit
         stage = stages[number % len(stages)]
@@ -239,7 +239,7 @@ def _counts(stages: Sequence[Occluder | None], asked: ShadowQuery, first: int) -
             surface = np.ascontiguousarray(veil.vertices[:, 3:])
             texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
             call = number + 1
-            count_veiled(veiled, (bits, bit), points, surface, veil.faces, texture, call, at)
+            absorb(veiled, (bits, bit), points, surface, veil.faces, texture, call, at)
     return np.bitwise_count(bits).astype(np.float32) + veiled.taken
 
 

@@ -1,4 +1,4 @@
-"""Where triangles with holes, or through which light passes, fall on the screen: see `cast`."""
+"""Partly transparent triangles (alpha masks, alpha blending) rasterised for soft shadows."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _Texture = tuple[Float32, tuple[int, int], float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Veiled:
-    """What veils have taken of the light, projection by projection.
+class Absorption:
+    """Light absorbed by partly transparent triangles, accumulated projection by projection.
 
     Attributes:
         taken: sum over the calls (h, w), each takes 0 to 1 [1].
@@ -29,14 +29,16 @@ class Veiled:
     call: Int32
 
 
-def new_veiled(height: int, width: int) -> Veiled:
+def no_absorption(height: int, width: int) -> Absorption:
     """Nothing is taken yet."""
     size = (height, width)
-    return Veiled(np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.int32))
+    return Absorption(
+        np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.int32)
+    )
 
 
-def count_veiled(
-    veiled: Veiled,
+def absorb(
+    veiled: Absorption,
     opaque: tuple[Bits, int],
     points: Float64,
     surface: Float64,

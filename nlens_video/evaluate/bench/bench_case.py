@@ -19,7 +19,7 @@ from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.r_ground_visibility import FLOOR_PX, ground_visibility
 from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
 from nlens_video.video.pixels.picture import ArrayPicture
 
 _LINEAR_PX = 0.25  # how far a plate's CoC may be from slope * disparity + intercept
@@ -72,7 +72,7 @@ def built_case(scene: BuiltScene, size: tuple[int, int], views: int) -> Case:
             raise RuntimeError(f"the scene {scene.name!r} lies out of view")
         covered = np.zeros((frame.height, frame.width), np.bool_)
         covered[sharp.box.slices_in(frame)] = sharp.rgba[..., 3] > 0
-        shot = Shot(time_s=0.0, camera=camera, fit=scene.fit, frame=frame)
+        shot = LensSetup(time_s=0.0, camera=camera, fit=scene.fit, frame=frame)
         seen = lens_views(renderer, shot, bare_points(views))
     truth = clean.copy()
     ArrayPicture(truth, "rgb").over(seen.box, seen.rgba)

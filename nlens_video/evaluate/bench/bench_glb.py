@@ -27,7 +27,7 @@ _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surface:
+class TexturedMesh:
     """Textured triangles.
 
     Attributes:
@@ -113,7 +113,7 @@ class _Glb:
 
 
 def write_glb(
-    path: Path, surfaces: Sequence[Surface], yfov: float, joints: Sequence[Joint] = ()
+    path: Path, surfaces: Sequence[TexturedMesh], yfov: float, joints: Sequence[Joint] = ()
 ) -> None:
     """Write surfaces, a camera at the origin that looks along -z, and two lights.
 
@@ -163,7 +163,7 @@ def _add_skeleton(file: _Glb, joints: Sequence[Joint]) -> int:
     return first
 
 
-def _add_mesh(file: _Glb, surface: Surface) -> int:
+def _add_mesh(file: _Glb, surface: TexturedMesh) -> int:
     ok, png = cv2.imencode(".png", surface.texture[..., ::-1])
     if not ok:
         raise RuntimeError("OpenCV does not write PNG")

@@ -16,30 +16,30 @@ import numpy as np
 
 from nlens_video.core.color import transfer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import Joint, Surface, UInt8, write_glb
+from nlens_video.evaluate.bench.bench_glb import Joint, TexturedMesh, UInt8, write_glb
 from nlens_video.evaluate.bench.bench_shapes import (
     HEIGHT,
     WIDTH,
     YFOV,
-    Optics,
     Place,
+    SceneLens,
     card,
     rectangle,
     tube,
 )
 
-_OPTICS = Optics(slope=112.0, intercept=-56.0)  # from +28 px at 4/3 to -28 px at 4 scene units
-_CLOSE = Optics(slope=350.0, intercept=-181.5)  # steeper, for a figure of less depth
+_OPTICS = SceneLens(slope=112.0, intercept=-56.0)  # from +28 px at 4/3 to -28 px at 4 scene units
+_CLOSE = SceneLens(slope=350.0, intercept=-181.5)  # steeper, for a figure of less depth
 _TOPS = (7, 2, 9, 0, 5, 10, 3, 8, 1, 6, 4)  # where the rods begin and end, in steps of 19 px
 _FEET = (3, 9, 5, 1, 10, 6, 7, 2, 8, 0, 4)
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class SceneModel:
     """Surfaces, the lens that sees them, the skeleton that carries them."""
 
-    optics: Optics
-    surfaces: tuple[Surface, ...]
+    optics: SceneLens
+    surfaces: tuple[TexturedMesh, ...]
     joints: tuple[Joint, ...] = ()
 
 
@@ -94,24 +94,24 @@ def plate(size: tuple[int, int]) -> UInt8:
     return np.asarray(np.round(255 * coded), np.uint8)
 
 
-def _slab() -> Drawn:
+def _slab() -> SceneModel:
     sides = rectangle(Place(380, 0, 28.0), Place(580, 0, -28.0), (56, 456))
-    return Drawn(_OPTICS, (card(_OPTICS, sides, 1),))
+    return SceneModel(_OPTICS, (card(_OPTICS, sides, 1),))
 
 
-def _near_over_far() -> Drawn:
+def _near_over_far() -> SceneModel:
     far = rectangle(Place(380, 0, 2.0), Place(580, 0, -6.0), (56, 456))
     near = rectangle(Place(445, 0, 27.0), Place(515, 0, 24.0), (90, 422))
-    return Drawn(_OPTICS, (card(_OPTICS, far, 2), card(_OPTICS, near, 3, 0.12)))
+    return SceneModel(_OPTICS, (card(_OPTICS, far, 2), card(_OPTICS, near, 3, 0.12)))
 
 
-def _far_over_near() -> Drawn:
+def _far_over_near() -> SceneModel:
     far = rectangle(Place(380, 0, -24.0), Place(580, 0, -28.0), (56, 456))
     near = rectangle(Place(445, 0, 2.0), Place(515, 0, -1.0), (90, 422))
-    return Drawn(_OPTICS, (card(_OPTICS, far, 4, 0.5), card(_OPTICS, near, 5, 0.2)))
+    return SceneModel(_OPTICS, (card(_OPTICS, far, 4, 0.5), card(_OPTICS, near, 5, 0.2)))
 
 
-def _rods() -> Drawn:
+def _rods() -> SceneModel:
     rods = []
     for number, (top, foot) in enumerate(zip(_TOPS, _FEET, strict=True)):
         near = 28.0 - 5.6 * number
@@ -120,10 +120,10 @@ def _rods() -> Drawn:
         wide = 1.5 + 0.5 * (number % 5)
         radii = np.linspace(_OPTICS.size(ends[0], wide), _OPTICS.size(ends[1], wide), 6)
         rods.append(tube(path, radii.tolist(), 10 + number, lit=False))
-    return Drawn(_OPTICS, tuple(rods))
+    return SceneModel(_OPTICS, tuple(rods))
 
 
-def _figure() -> Drawn:
+def _figure() -> SceneModel:
     """A body with arms and legs, one arm bent before the chest, the other stretched back."""
     at = {
         name: _CLOSE.point(Place(x, y, 0.0))
@@ -167,7 +167,7 @@ def _figure() -> Drawn:
         )
         for number, (path, radii, carried) in enumerate(parts)
     )
-    return Drawn(_CLOSE, surfaces, joints)
+    return SceneModel(_CLOSE, surfaces, joints)
 
 
 def _turn(axis: np.ndarray, degrees: float) -> tuple[float, float, float, float]:
@@ -178,7 +178,7 @@ def _turn(axis: np.ndarray, degrees: float) -> tuple[float, float, float, float]
 
 
 # The first is one that calls for every node, so that start-up is the whole of it.
-_SCENES: dict[str, tuple[str, Callable[[], Drawn]]] = {
+_SCENES: dict[str, tuple[str, Callable[[], SceneModel]]] = {
     "near over far": ("a card at +26 px before one in focus", _near_over_far),
     "far over near": ("a card in focus before one at -26 px", _far_over_near),
     "thin rods": ("eleven rods 3 to 7 px wide that cross at all depths", _rods),

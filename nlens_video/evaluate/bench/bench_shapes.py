@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float64
-from nlens_video.evaluate.bench.bench_glb import Surface, UInt8
+from nlens_video.evaluate.bench.bench_glb import TexturedMesh, UInt8
 
 WIDTH, HEIGHT, FOCAL_PX = 960, 512, 900.0
 """The picture that places are told in [px]."""
@@ -37,7 +37,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Optics:
+class SceneLens:
     """The lens of a scene: coc_px = slope * disparity + intercept on the picture of 960x512."""
 
     slope: float
@@ -67,7 +67,9 @@ def texture(seed: int) -> UInt8:
     return np.asarray(np.round(255 * spread), np.uint8)
 
 
-def card(optics: Optics, corners: Sequence[Place], seed: int, tile: float = 0.25) -> Surface:
+def card(
+    optics: SceneLens, corners: Sequence[Place], seed: int, tile: float = 0.25
+) -> TexturedMesh:
     """A flat textured card that glows.
 
     Args:
@@ -77,7 +79,7 @@ def card(optics: Optics, corners: Sequence[Place], seed: int, tile: float = 0.25
         tile: side of the texture [scene unit].
     """
     points = np.array([optics.point(corner) for corner in corners])
-    return Surface(
+    return TexturedMesh(
         points=points,
         uv=points[:, :2] / tile,
         faces=np.array([[0, 1, 2], [0, 2, 3]]),
@@ -109,7 +111,7 @@ def tube(
     *,
     joints: Sequence[int] | None = None,
     lit: bool = True,
-) -> Surface:
+) -> TexturedMesh:
     """A round tube, closed at its ends.
 
     Args:
@@ -138,7 +140,7 @@ def tube(
     if joints is not None:
         ends = [joints[0], joints[-1]]
         carried = np.concatenate([np.repeat(joints, _SIDES + 1), ends]).astype(np.int64)
-    return Surface(
+    return TexturedMesh(
         points=np.concatenate([rings.reshape(-1, 3), caps]),
         uv=np.concatenate([np.stack([u.ravel(), v.ravel()], axis=1), [[0.5, 0.0], [0.5, v.max()]]]),
         faces=_tube_faces(len(path)),

@@ -13,7 +13,7 @@ ROW = "software rasteriser"
 _HALF = 0.5  # coverage from which a pixel belongs to a mask [1]
 
 
-def drawn_table() -> Table:
+def render_accuracy_table() -> Table:
     """An empty table of drawn objects."""
     return Table(
         name="drawn",
@@ -32,7 +32,7 @@ def drawn_table() -> Table:
     )
 
 
-def measure_drawn(scene: Scene, known: Plate, alpha: np.ndarray) -> Entry:
+def measure_render(scene: Scene, known: Plate, alpha: np.ndarray) -> Entry:
     """Draw a plate's object and compare it.
 
     Args:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from nlens_video.evaluate.bench.bench_case import codes_of
-from nlens_video.evaluate.composite.drawn import drawn_table, measure_drawn
+from nlens_video.evaluate.composite.drawn import measure_render, render_accuracy_table
 from nlens_video.evaluate.composite.shadow import DEPTH, TRUTH, Shaded, shadow_table
 from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
 from nlens_video.evaluate.plates import find_plates, load_plate
@@ -36,7 +36,7 @@ def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool
     found, _ = find_plates(folder)
     if out is not None:
         make_folder(out)
-    drawn, shadows = drawn_table(), shadow_table()
+    drawn, shadows = render_accuracy_table(), shadow_table()
     for path in Progress(quiet=quiet).track(found, "drawing objects and shadows"):
         _measure(path, drawn, shadows)
     text = _markdown(drawn, shadows)
@@ -55,7 +55,7 @@ def _measure(path: Path, drawn: Table, shadows: Table) -> None:
     known = load_plate(path)
     rgba = codes_of(path / "object_rgba.png", known.rgb.shape[:2])
     drawn.entries.append(
-        measure_drawn(Scene.load(path / "object.glb"), known, rgba[..., 3] / 255.0)
+        measure_render(Scene.load(path / "object.glb"), known, rgba[..., 3] / 255.0)
     )
     shaded = Shaded.load(path, known)
     if shaded is not None:

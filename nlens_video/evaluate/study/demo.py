@@ -30,7 +30,7 @@ from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import object_coc
 from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.lens_sampling import Shot, lens_views
+from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE, VIEWS = (640, 352), 256
@@ -101,7 +101,7 @@ def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]
                 fit = LensFit(
                     slope=slope, intercept=-slope / at, width=frame.width, height=frame.height
                 )
-                shot = Shot(time_s=0.0, camera=camera, fit=fit, frame=frame)
+                shot = LensSetup(time_s=0.0, camera=camera, fit=fit, frame=frame)
                 lens = lens_views(renderer, shot, bare_points(views))
                 yield _Plate(
                     aperture=aperture, focus=focus, fit=fit, sharp=sharp,

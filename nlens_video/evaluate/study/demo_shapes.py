@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from nlens_video.evaluate.bench.bench_glb import Surface, UInt8
+from nlens_video.evaluate.bench.bench_glb import TexturedMesh, UInt8
 
 YFOV = 0.8
 _GROUND, _RADIUS, _WALL, _NEAR, _WIDE, _HIGH = -0.25, 0.07, 3.0, 0.35, 5.0, 3.0
@@ -18,7 +18,7 @@ _COLOURS = {
 }  # fmt: skip
 
 
-def ball(at: tuple[float, float], colour: str) -> Surface:
+def ball(at: tuple[float, float], colour: str) -> TexturedMesh:
     """A ball on the table, a stripe about it.
 
     Args:
@@ -35,7 +35,7 @@ def ball(at: tuple[float, float], colour: str) -> Surface:
     a, b = corner.ravel(), corner.ravel() + _AROUND + 1
     texture = np.full((64, 8, 3), _COLOURS[colour], np.uint8)
     texture[28:36] = 235
-    return Surface(
+    return TexturedMesh(
         points=np.array([at[0], _GROUND + _RADIUS, -at[1]]) + _RADIUS * normals,
         uv=np.stack([turn / (2 * math.pi), rise / math.pi], axis=-1).reshape(-1, 2),
         faces=np.concatenate(
@@ -46,7 +46,7 @@ def ball(at: tuple[float, float], colour: str) -> Surface:
     )
 
 
-def room() -> list[Surface]:
+def room() -> list[TexturedMesh]:
     """The table's cloth and the wall behind it, which glow: they cast and take no shadow."""
     table = [(-_WIDE, _GROUND, -_NEAR), (_WIDE, _GROUND, -_NEAR),
              (_WIDE, _GROUND, -_WALL), (-_WIDE, _GROUND, -_WALL)]  # fmt: skip
@@ -58,8 +58,8 @@ def room() -> list[Surface]:
     ]
 
 
-def _sheet(points: np.ndarray, axes: tuple[int, int], texture: UInt8) -> Surface:
-    return Surface(
+def _sheet(points: np.ndarray, axes: tuple[int, int], texture: UInt8) -> TexturedMesh:
+    return TexturedMesh(
         points=points,
         uv=points[:, axes] / 0.5,
         faces=np.array([[0, 1, 2], [0, 2, 3]]),

@@ -1,4 +1,4 @@
-"""What a frame must meet for a node to run."""
+"""Conditions on a frame under which nodes run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.object_source import ScreenBounds
 
-STEP_PX = 2.0  # between neighbours: with smaller steps parts of the object do not visibly overlap
+STEP_PX = 2.0  # CoC difference of neighbours below which overlapping parts look the same [px]
 
 
 def _in_frame(bounds: ScreenBounds, frame_box: Box) -> bool:
@@ -32,7 +32,7 @@ def _out_of_focus(defocused: DefocusedLayer) -> bool:
     return defocused.largest_coc_px >= NEGLIGIBLE_COC_PX
 
 
-IN_FRAME = Condition("in-frame", "the object lies on the frame", _in_frame)
+IN_FRAME = Condition("in-frame", "the object is in the frame", _in_frame)
 DEPTH_STEPS = Condition(
     "depth-steps", f"the CoC steps by {STEP_PX} px inside the object", _depth_steps
 )

@@ -1,4 +1,4 @@
-"""What nodes are made from."""
+"""Dependencies that nodes are constructed from: object, networks, renderers, measurements."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from nlens_video.stages.protocols import BehindRenderer, ReblurNetwork, ViewRend
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShadowScene:
-    """What a shadow is cast from.
+    """Geometry and lighting that cast the shadow.
 
     Attributes:
         pose: the scene at a time [s].
-        light: what lights it.
-        pre_rendered: whether the object comes with its own light, as layers do.
-        strength: of the shadow, 1 as the light has it [1].
-        strength_given: whether the user has said it.
+        light: lights of the GLB and the environment map.
+        pre_rendered: whether the object is a pre-rendered layer, lit elsewhere.
+        strength: factor on the shadow, 1 is physical [1].
+        strength_given: whether the user set it.
     """
 
     pose: Callable[[float], PosedScene]
@@ -38,44 +38,44 @@ class ShadowScene:
 
 
 class OcclusionSource(Protocol):
-    """Tells what really stands before the object, frame by frame."""
+    """Source of foreground occlusion, frame by frame."""
 
     @property
     def description(self) -> str:
-        """What tells it, in words."""
+        """The source in one phrase."""
         ...
 
     def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
-        """What is known of a frame, its picture as it was decoded.
+        """The occlusion cue of a frame.
 
         Args:
             index: of the frame.
-            picture: the plate.
-            plate_coc: its CoC, where this very frame's is known already.
+            picture: the plate, not composited yet.
+            plate_coc: CoC map of this frame, if it was estimated already.
         """
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class NodeContext:
-    """What nodes are made from.
+    """Dependencies of nodes.
 
     Attributes:
-        objects: the object's place, geometry and picture.
-        estimate_coc: loads F; called only by a pipeline that needs it.
+        objects: bounds, geometry and rendering of the object.
+        estimate_coc: loads F; called only where a pipeline has it.
         ground_y: height of the ground plane, None for the object's lowest point at time 0.
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
         aperture: shape of the lens' aperture.
-        spread: spreads the scatter's discs, None for the CPU's kernel.
-        views: draws the object from points of the lens, None where only one view of it is there.
-        hidden: draws what the object hides of itself, None where that is not known.
-        repair: the network that repairs the scatter, None where there is none.
-        shadow_scene: what stands on the ground, and its light; None: no shadow to cast.
+        spread: accelerated kernel of the scatter, None for the CPU's.
+        views: renders the object from points of the aperture, None for pre-rendered layers.
+        hidden: renders hidden surfaces, None for pre-rendered layers.
+        repair: depth ordering of the blurred layer, None without its network.
+        shadow_scene: casters and light of the shadow, None without a scene.
         shutter: of the plate.
-        measured: what the plate's first pictures say, by effect.
-        occlusion: tells what really stands before the object, None where nothing does.
-        reflectance: of the ground seen from straight above, 0 to 1 [1].
+        measured: camera effects measured on the plate's first frames, by effect.
+        occlusion: source of foreground occlusion, None without one.
+        reflectance: of the ground at normal incidence, 0 to 1 [1].
     """
 
     objects: ObjectSource

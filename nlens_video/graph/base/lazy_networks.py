@@ -34,9 +34,9 @@ def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> ReblurNetwork
         nonlocal repairing
         if repairing is None:  # loaded by the first frame that has a depth step
             from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-            from nlens_video.stages.reblur.depth_order_repair import RepairLayer
+            from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
 
-            repairing = RepairLayer(
+            repairing = RepairDepthOrder(
                 network=lambda geometry: network()(geometry),  # it may never be asked
                 scatter=partial(scatter, spread=device.spread),
                 reach=blur_reach,

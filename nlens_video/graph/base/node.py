@@ -1,4 +1,4 @@
-"""A node of the frame graph: a callable whose parameters are its input ports."""
+"""Nodes of the frame graph: typed callables whose parameters are their input ports."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from nlens_video.graph.base.values import FrameValues
 
 Lane = Literal["render", "composite"]
 LANES: tuple[Lane, ...] = get_args(Lane)
-"""The threads on which nodes run, in the order in which a frame passes them."""
+"""Pipeline stages of the scheduler, one thread each, in the order in which a frame passes them."""
 _MISSING = " | None"
 
 
 class Unavailable(Exception):
-    """A node that this installation or this run cannot have, and why."""
+    """A node cannot be built in this installation or run; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A value that a callable takes.
+    """An input of a callable.
 
     Attributes:
-        name: of the attribute of `FrameValues`.
+        name: attribute of `FrameValues`.
         type: its annotation, without None.
-        optional: whether it may be None.
+        optional: whether the callable accepts None.
     """
 
     name: str
@@ -37,34 +37,36 @@ class Port:
 
 @cache
 def ports_of(function: Callable[..., object]) -> tuple[Port, ...]:
-    """The input ports of a callable, read off its signature.
+    """The input ports of a callable, derived from its signature.
 
     Raises:
-        TypeError: a parameter is no port, or is annotated with another type.
+        TypeError: a parameter names no port, or its annotation is not the port's type.
     """
-    found = []
-    for name, parameter in inspect.signature(function).parameters.items():
-        if name == "self":
-            continue
-        found.append(_port(name, parameter.annotation, function))
-    return tuple(found)
+    parameters = inspect.signature(function).parameters
+    return tuple(
+        _port(name, parameter.annotation, function)
+        for name, parameter in parameters.items()
+        if name != "self"
+    )
 
 
 @cache
 def output_type(function: Callable[..., object]) -> str:
-    """What a callable returns, None left out."""
+    """The return annotation of a callable, without None."""
     return str(inspect.signature(function).return_annotation).removesuffix(_MISSING)
 
 
 def port_type(name: str) -> str:
-    """The type of a port, None left out.
+    """The type of a port, without None.
 
     Raises:
         TypeError: there is no such port.
     """
     annotation = FrameValues.__annotations__.get(name)
     if annotation is None:
-        raise TypeError(f"{name!r} is no port; there are {', '.join(FrameValues.__annotations__)}")
+        raise TypeError(
+            f"{name!r} is not a port; ports are {', '.join(FrameValues.__annotations__)}"
+        )
     return str(annotation).removesuffix(_MISSING)
 
 
@@ -77,44 +79,48 @@ def _port(name: str, annotation: object, function: Callable[..., object]) -> Por
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What a frame must meet for a node to run.
+    """A predicate on a frame that decides whether a node runs.
 
     Attributes:
         name: as pipeline files write it.
-        description: in words.
-        test: takes ports, as a node does; a frame that lacks one of them does not meet it.
+        description: one phrase, for plans.
+        test: takes ports as a node does; a frame without one of them fails it.
     """
 
     name: str
     description: str
     test: Callable[..., bool]
 
+    def __post_init__(self) -> None:
+        ports_of(self.test)
+
     def met(self, values: FrameValues) -> bool:
-        """Whether a frame meets it."""
+        """Whether a frame passes the test."""
         inputs = [getattr(values, port.name) for port in ports_of(self.test)]
         return all(value is not None for value in inputs) and self.test(*inputs)
 
 
 class Node:
-    """One step of the graph. Subclasses define `__call__` with annotated ports as parameters.
+    """A node of the frame graph. Subclasses define `__call__` with ports as its parameters.
 
-    A parameter that may be None is an optional input; the node does not run on a frame that lacks
-    another one. A node that takes the port it writes is an operation on that value; several nodes
-    that write a port without taking it are alternatives, of which the first that can run does.
+    Ports are derived from the signature and checked when the class is created. A parameter that
+    accepts None is an optional input; without a required input the node does not run on a frame.
+    A node that reads the port it writes is an operation on that value: operations form a chain.
+    Nodes that write a port without reading it are alternatives: the first that can run does.
 
     Class attributes:
-        name: unique; in pipeline files and in timings.
-        writes: the port that gets what `__call__` returns.
-        effect: the effect that it simulates, or none; it is built where that is called for.
-        lane: the thread it runs on.
-        once: whether it helps to find the lens: run until that is known, not on each frame.
-        when: what a frame must meet.
-        skip_if: a port that a frame must not hold.
-        stateful: whether its result depends on earlier frames; such a node takes `picture` alone,
-            and sees the frames before a range too.
+        name: unique, as in pipeline files and timings.
+        writes: the output port.
+        effect: the effect that it simulates, or None; decides whether the node is built.
+        lane: the thread that it runs on.
+        once: whether it is part of finding the lens, and runs only until that is found.
+        when: condition on the frame.
+        skip_if: a port that disables the node on frames that hold it.
+        stateful: whether its result depends on earlier frames; such a node takes `picture` alone
+            and also receives the frames before a range.
 
     Attributes:
-        description: what runs it, in words.
+        description: method and backend in one phrase, for plans.
     """
 
     name: ClassVar[str]
@@ -129,27 +135,37 @@ class Node:
 
     def __init_subclass__(cls, **keywords: Any) -> None:  # noqa: ANN401  object's own signature
         super().__init_subclass__(**keywords)
-        if output_type(cls.call_function()) != port_type(cls.writes):
-            raise TypeError(f"{cls.__name__} does not return a {port_type(cls.writes)}")
+        cls.inputs()
+        returned, wanted = output_type(cls.call_function()), port_type(cls.writes)
+        if returned != wanted:
+            raise TypeError(
+                f"{cls.__name__} returns {returned}, but its port {cls.writes!r} is a {wanted}"
+            )
 
     @classmethod
     def call_function(cls) -> Callable[..., object]:
-        """`__call__`, whose signature says which ports the node takes."""
-        found: Callable[..., object] = cls.__dict__["__call__"]
-        return found
+        """The class's own `__call__`.
+
+        Raises:
+            TypeError: the class defines none.
+        """
+        function: Callable[..., object] | None = vars(cls).get("__call__")
+        if function is None:
+            raise TypeError(f"{cls.__name__} defines no __call__")
+        return function
 
     @classmethod
     def inputs(cls) -> tuple[Port, ...]:
-        """The ports it takes."""
+        """The input ports."""
         return ports_of(cls.call_function())
 
     @classmethod
     def is_operation(cls) -> bool:
-        """Whether it changes a value rather than making it."""
+        """Whether the node reads the port that it writes."""
         return any(port.name == cls.writes for port in cls.inputs())
 
     def runs_on(self, values: FrameValues) -> bool:
-        """Whether a frame needs the node."""
+        """Whether the node runs on a frame with these values."""
         if any(getattr(values, port.name) is None for port in self.inputs() if not port.optional):
             return False
         if self.skip_if is not None and getattr(values, self.skip_if) is not None:
@@ -159,13 +175,13 @@ class Node:
         return self.when is None or self.when.met(values)
 
     def arguments(self, values: FrameValues) -> list[object]:
-        """What it is called with."""
+        """Values of the input ports."""
         return [getattr(values, port.name) for port in self.inputs()]
 
     def run(self, *arguments: object) -> object:
-        """Call it with its ports."""
+        """Call the node with the values of its input ports."""
         call: Callable[..., object] = self  # type: ignore[assignment]  # subclasses are callable
         return call(*arguments)
 
     def warm_up(self) -> None:
-        """Compile or load what the first frame would wait for; by default nothing."""
+        """Compile kernels or load networks before the first frame; by default nothing."""

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.context import ShadowScene
 from nlens_video.graph.base.object_source import ObjectSource, RenderedObject, View
-from nlens_video.graph.base.prerendered import LayeredObject
+from nlens_video.graph.base.prerendered import PrerenderedObject
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
 
@@ -63,7 +63,7 @@ def open_object(
         from nlens_video.video.exr import LayerReader
 
         layers = LayerReader(objects.layers, (view.width, view.height))
-        return LayeredObject(scene, layers, view, objects.footprint), nullcontext, tuple
+        return PrerenderedObject(scene, layers, view, objects.footprint), nullcontext, tuple
     from nlens_video.render.select import choose_renderer
 
     renderer = choose_renderer(scene, light)

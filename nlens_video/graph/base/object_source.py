@@ -37,7 +37,7 @@ class View:
         camera: name of the camera in the file, None for the first perspective one.
         focal_35mm: 35 mm equivalent focal length of the plate, None where it is unknown [mm].
         placed: a camera that stands in for those of the file, None where there is none.
-        beyond: how far beyond the frame the object is drawn, beside what its blur takes [px].
+        overscan_px: how far beyond the frame the object is rendered, without its blur [px].
     """
 
     width: int
@@ -46,7 +46,7 @@ class View:
     camera: str | None = None
     focal_35mm: float | None = None
     placed: Camera | None = None
-    beyond: int = 0
+    overscan_px: int = 0
 
     @property
     def box(self) -> Box:
@@ -85,7 +85,7 @@ class ScreenBounds:
     plate_light: Illumination | None = None
 
 
-def place(
+def place_object(
     view: View, scene: Scene, placing: Placement, focal: float, ground_y: float | None
 ) -> View:
     """A view whose camera sees the object, as it is at first, where it is to stand.
@@ -140,7 +140,7 @@ def choose_camera(
         focal = focal_of_fov(objects.fov_deg, (view.width, view.height), view.pixel_aspect)
         known = f"by --fov {objects.fov_deg:g}"
     unused = "; the file's own camera is not used" if scene.camera_names else ""
-    return place(view, scene, objects.placing, focal, objects.ground_y), (
+    return place_object(view, scene, objects.placing, focal, objects.ground_y), (
         f"placed by {objects.placing.describe()}, focal length {focal:.4g} mm "
         f"(35 mm equivalent, {known}){unused}",
     )
@@ -203,7 +203,7 @@ class RenderedObject:
     scene: Scene
     renderer: Renderer
     view: View
-    standing: str | None = None  # the node whose footprint finds the lens; None: all objects
+    footprint_node: str | None = None  # the node whose footprint finds the lens; None: all objects
 
     @property
     def description(self) -> str:
@@ -236,15 +236,15 @@ class RenderedObject:
 
     def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Bounds on the screen; None when they miss the frame and all that can blur into it."""
-        return placement_near(self.scene, self.view, time_s)
+        return bounds_near_frame(self.scene, self.view, time_s)
 
     def footprint(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
-        return self.scene.triangles(time_s, self.standing)
+        return self.scene.triangles(time_s, self.footprint_node)
 
     def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
         """Render with a margin for what the lens spreads into the frame from outside."""
-        margin = self.view.beyond
+        margin = self.view.overscan_px
         if fit is not None:
             ends = np.array([1 / bounds.nearest, 1 / bounds.farthest], np.float32)
             reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
@@ -258,7 +258,7 @@ class RenderedObject:
         self.renderer.warm_up()
 
 
-def placement_near(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
+def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
     """Where an object is at a moment [s]; None when it misses the frame and all that blurs in."""
     camera = view.camera_at(scene, time_s)
     surroundings = view.box.expanded(MARGIN_LIMIT_PX)

@@ -18,7 +18,7 @@ Estimator = Callable[[Picture, Sequence[Picture]], CocMap]
 
 
 @dataclass(frozen=True, slots=True)
-class FileFront:
+class OcclusionFile:
     """A matte or a depth map, read from files."""
 
     reader: HoldoutReader
@@ -34,7 +34,7 @@ class FileFront:
 
 
 @dataclass(frozen=True, slots=True)
-class CocFront:
+class OcclusionFromCoc:
     """The plate's CoC, estimated on each frame anew: what stands in front may move."""
 
     load: Callable[[], Estimator]
@@ -51,7 +51,7 @@ class CocFront:
         return self.load()(picture, ())
 
 
-def open_front(
+def open_occlusion_source(
     real: RealSettings, size: tuple[int, int], load: Callable[[], Estimator], *, asked_for: bool
 ) -> OcclusionSource | None:
     """What tells of things in front.
@@ -68,15 +68,15 @@ def open_front(
     if real.holdout is not None:
         from nlens_video.video.input.holdout import open_holdout
 
-        return FileFront(open_holdout(real.holdout, size))
-    return CocFront(load) if real.occlusion == "auto" or asked_for else None
+        return OcclusionFile(open_holdout(real.holdout, size))
+    return OcclusionFromCoc(load) if real.occlusion == "auto" or asked_for else None
 
 
 @contextmanager
-def closing(front: OcclusionSource | None) -> Iterator[None]:
+def closing_source(front: OcclusionSource | None) -> Iterator[None]:
     """Close a front's file in the end."""
     try:
         yield
     finally:
-        if isinstance(front, FileFront):
+        if isinstance(front, OcclusionFile):
             front.reader.close()

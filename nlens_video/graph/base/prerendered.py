@@ -21,13 +21,13 @@ _TRACE = 2.0**-24  # of alpha: less than any code or float of the plate tells
 
 
 @dataclass(frozen=True, slots=True)
-class LayeredObject:
+class PrerenderedObject:
     """Pre-rendered layers; the GLB still gives camera, ground and footprint."""
 
     scene: Scene
     layers: LayerReader
     view: View
-    standing: str | None = None
+    footprint_node: str | None = None
 
     @property
     def description(self) -> str:
@@ -68,7 +68,7 @@ class LayeredObject:
 
     def footprint(self, time_s: float) -> Float64:
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
-        return self.scene.triangles(time_s, self.standing)
+        return self.scene.triangles(time_s, self.footprint_node)
 
     def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
         """The layer that was read."""

@@ -1,4 +1,4 @@
-"""The values that nodes hand to each other: an attribute a port, its annotation the type."""
+"""Values on the edges of the frame graph: one typed attribute per port."""
 
 from __future__ import annotations
 
@@ -37,40 +37,41 @@ class FoundLens:
     Attributes:
         fit: the lens.
         regression: the fit with its samples; None where a constant CoC stands in for it.
-        doubt: what a person should know about it; empty if nothing.
+        warning: why the fit may be wrong; empty for a sound one.
     """
 
     fit: LensFit
     regression: Regression | None
-    doubt: str = ""
+    warning: str = ""
 
 
 @dataclass(slots=True, kw_only=True)
 class FrameValues:
-    """The values of one frame on its way through the graph. None: no node has written it.
+    """Values of one frame. None: no node has written the port on this frame.
 
     Attributes:
-        frame: the source's frame; given.
-        picture: the plate, composited in place; given.
-        frame_box: the pixels that are composited: the frame, or more while a lens distorts; given.
-        following: pictures of later frames, where the source may be read ahead; given.
-        fit: the lens, once it is known; given, or from `found_lens`.
-        plate_light: the light on the object, estimated from the plate.
-        bounds: the object's time, camera and bounds.
-        plate_coc: the plate's CoC (F).
-        ground: footprint of the object and ground plane (P).
-        found_lens: the lens fit of this frame (R).
-        exposure: the plate's exposure against the first frame.
-        motion: the object's motion on the screen while the shutter is open.
-        moments: the same, where the object must be rendered at several moments.
-        layer: the object, sharp.
-        defocused: the object, sharp, with its CoC and what it hides of itself.
-        views: the mean of a few aperture samples, where discs are small.
-        shadow: the object's shadow on the ground.
-        reflection: the object's mirror image in the ground.
-        occlusion_cue: what is known of real things in front.
-        foreground: what hides object and ground.
-        blurred: the object as the lens shows it, on its way through the chain of layer operations.
+        frame: index, time [s] and picture from the source; given.
+        picture: the plate, in its own pixel format; composited in place; given.
+        frame_box: the pixels that are composited: the frame, with overscan under a distortion;
+            given.
+        following: pictures of later frames, where the source can be read ahead; given.
+        fit: linear lens model coc_px = slope * disparity + intercept; given, or from `found_lens`.
+        plate_light: lighting of the object, estimated from the plate.
+        bounds: time, camera, screen bounds and depth range of the object.
+        plate_coc: unsigned CoC diameter of the plate and its expected error (H, W) [px] (F).
+        ground: footprint mask and disparity of the ground plane (H, W) (P).
+        found_lens: lens fit of this frame with its samples (R).
+        exposure: gain of the plate per channel relative to the first frame.
+        motion: screen-space motion of the object over the shutter interval.
+        moments: the same motion, where temporal samples of the object are rendered.
+        layer: premultiplied colour, coverage and depth of the sharp object.
+        defocused: that layer with its signed CoC [px] and the surfaces that it hides.
+        views: mean of a few aperture samples, and its share of the result.
+        shadow: share of the ground's light that the object blocks, with the ground's CoC.
+        reflection: mirror image of the object in the ground, with its CoC.
+        occlusion_cue: matte, depth map or CoC map from which occlusion is derived.
+        foreground: mattes of real things before the object and before the ground.
+        blurred: the object's layer blurred by the lens; value of the chain of layer operations.
     """
 
     frame: StreamFrame
@@ -98,7 +99,7 @@ class FrameValues:
 
 @dataclass(slots=True, kw_only=True)
 class ShotValues:
-    """What the lens was found from, kept for reports: the last values of these ports."""
+    """Latest values of the ports that the lens was found from, for reports."""
 
     plate_coc: CocMap | None = None
     ground: GroundProjection | None = None
@@ -106,11 +107,11 @@ class ShotValues:
 
 
 GIVEN = ("frame", "picture", "frame_box", "following", "fit")
-"""Ports that hold a value before the first node runs."""
+"""Ports with a value before the first node runs."""
 
 
 class StreamFrame(Protocol):
-    """A frame of a source, as the graph needs it; see `video.source`."""
+    """A frame of a source, as the graph takes it."""
 
     @property
     def index(self) -> int:
@@ -119,7 +120,7 @@ class StreamFrame(Protocol):
 
     @property
     def number(self) -> int:
-        """The same with lost pictures counted, for files that lie beside the stream's."""
+        """Position with lost pictures counted, to match image sequences beside the stream."""
         ...
 
     @property
@@ -135,7 +136,7 @@ class StreamFrame(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LoopFrame:
-    """A frame of somebody's own loop."""
+    """A frame of a caller's own loop."""
 
     index: int
     time_s: float
@@ -143,5 +144,5 @@ class LoopFrame:
 
     @property
     def number(self) -> int:
-        """Its index: nothing is lost in a loop."""
+        """Its index: no pictures are lost in a loop."""
         return self.index

@@ -1,1 +1,1 @@
-"""The nodes that a pipeline file can name, one module a family."""
+"""Node types that pipeline files name, one module per family."""

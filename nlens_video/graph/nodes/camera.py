@@ -1,4 +1,4 @@
-"""The nodes of the plate's camera beside defocus: vignetting, exposure, bloom, grain, others."""
+"""Nodes of the camera's effects beside defocus: vignetting, exposure, bloom, grain and others."""
 
 from __future__ import annotations
 
@@ -12,44 +12,43 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import BlurredLayer, DefocusedLayer, Picture
     from nlens_video.core.lens_models import Aberration, Bloom, Vignetting
     from nlens_video.effects.camera.grain_apply import GrainModel
-    from nlens_video.effects.camera.softness import Floor
     from nlens_video.effects.exposure import Exposure
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.values import StreamFrame
 
 
-def model_of(context: NodeContext, effect: str) -> object:
-    """What an effect is simulated with.
+def measured_model(context: NodeContext, effect: str) -> object:
+    """The model of an effect, as it was measured on the plate or given by an option.
 
     Raises:
-        Unavailable: the plate did not show it.
+        Unavailable: the effect was not measured, or does not show on the plate.
     """
     found = context.measured.get(effect)
     if found is None:
-        raise Unavailable("the plate was not looked at")
+        raise Unavailable("not measured on this plate")
     if found.model is None:
         raise Unavailable(found.evidence)
     return found.model
 
 
 class Vignette(Node):
-    """Loss of the object's light towards the corners."""
+    """Vignetting of the object: radial falloff of its light."""
 
     name, writes = "vignette", "blurred"
     effect, lane = "vignetting", "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._model = cast("Vignetting", model_of(context, "vignetting"))
+        self._model = cast("Vignetting", measured_model(context, "vignetting"))
         self.description = f"{self._model.at_corner_stops:.2g} stops at the corner"
 
     def __call__(self, blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.vignetting import vignetted
+        from nlens_video.effects.camera.vignetting import vignette
 
-        return vignetted(blurred, self._model, frame_box)
+        return vignette(blurred, self._model, frame_box)
 
 
 class MeasureExposure(Node):
-    """The plate's exposure, frame by frame."""
+    """Exposure drift: gain per channel of each frame relative to the first."""
 
     name, writes = "exposure", "exposure"
     effect, stateful = EXPOSURE, True
@@ -65,7 +64,7 @@ class MeasureExposure(Node):
 
 
 class MatchExposure(Node):
-    """The object in the exposure of its frame."""
+    """Exposure drift applied to the object."""
 
     name, writes = "match-exposure", "blurred"
     effect, lane = EXPOSURE, "composite"
@@ -74,44 +73,44 @@ class MatchExposure(Node):
         self.description = "gains, where mid grey changes by 1 to 2 levels or more"
 
     def __call__(self, blurred: BlurredLayer, exposure: Exposure) -> BlurredLayer:
-        from nlens_video.effects.exposure import follow
+        from nlens_video.effects.exposure import match_exposure
 
-        return follow(blurred, exposure)
+        return match_exposure(blurred, exposure)
 
 
 class BloomNode(Node):
-    """Halos round the object's highlights."""
+    """Bloom: halos around the object's highlights."""
 
     name, writes = "bloom", "blurred"
     effect, lane = "bloom", "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._model = cast("Bloom", model_of(context, "bloom"))
-        self.description = f"round what exceeds white, {self._model.length_px:.0f} px to a third"
+        self._model = cast("Bloom", measured_model(context, "bloom"))
+        self.description = f"around what exceeds white, decay length {self._model.length_px:.0f} px"
 
     def __call__(self, blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.bloom import bloomed
+        from nlens_video.effects.camera.bloom import add_bloom
 
-        return bloomed(blurred, self._model, frame_box)
+        return add_bloom(blurred, self._model, frame_box)
 
 
 class Soften(Node):
-    """The plate's least softness on the object."""
+    """Floor softness: the object is no sharper than the plate's sharpest edges."""
 
     name, writes = "soften", "blurred"
     effect, lane = "softness", "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._floor = cast("Floor", model_of(context, "softness"))
+        self._floor = cast("SharpnessFloor", measured_model(context, "softness"))
         sigma = self._floor.sigma_px
-        self.description = f"as soft as the plate's sharpest edges, sigma {sigma:.2f} px"
+        self.description = f"no sharper than the plate's sharpest edges, sigma {sigma:.2f} px"
 
     def __call__(
         self, blurred: BlurredLayer, frame_box: Box, defocused: DefocusedLayer | None
     ) -> BlurredLayer:
-        from nlens_video.effects.camera.softness import missing_sigma, softened
+        from nlens_video.effects.camera.softness import missing_sigma, soften
 
-        return softened(blurred, missing_sigma(self._floor, defocused), frame_box)
+        return soften(blurred, missing_sigma(self._floor, defocused), frame_box)
 
 
 class ChromaticAberration(Node):
@@ -121,7 +120,7 @@ class ChromaticAberration(Node):
     effect, lane = "aberration", "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._model = cast("Aberration", model_of(context, "aberration"))
+        self._model = cast("Aberration", measured_model(context, "aberration"))
         self.description = f"red and blue displaced by up to {self._model.at_corner_px:.2g} px"
 
     def __call__(self, blurred: BlurredLayer, picture: Picture, frame_box: Box) -> BlurredLayer:
@@ -131,7 +130,7 @@ class ChromaticAberration(Node):
 
 
 class Grain(Node):
-    """The plate's noise on the object."""
+    """Grain: the plate's noise, synthesised on the object."""
 
     name, writes = "grain", "blurred"
     effect, lane = "grain", "composite"
@@ -139,9 +138,9 @@ class Grain(Node):
     def __init__(self, context: NodeContext) -> None:
         from nlens_video.effects.camera.grain_apply import AddGrain
 
-        model = cast("GrainModel", model_of(context, "grain"))
+        model = cast("GrainModel", measured_model(context, "grain"))
         self._add = AddGrain(model)
-        self.description = f"noise by level, {model.persistence:.0%} of it lasting, numba"
+        self.description = f"noise by level, temporal correlation {model.persistence:.0%}, numba"
 
     def __call__(self, picture: Picture, blurred: BlurredLayer, frame: StreamFrame) -> BlurredLayer:
         return self._add(picture, blurred, frame.index)

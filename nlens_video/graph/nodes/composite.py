@@ -1,4 +1,4 @@
-"""The last node: the object over the plate."""
+"""The last node: alpha compositing of the object over the plate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Composite(Node):
-    """The object over the plate, in the plate's own samples."""
+    """Porter-Duff over in scene-linear light, written back in the plate's own pixel format."""
 
     name, writes = "composite", "picture"
     lane = "composite"

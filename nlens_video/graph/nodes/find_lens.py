@@ -1,4 +1,4 @@
-"""The nodes that find the lens: the object's bounds, F, P and R."""
+"""Nodes that find the lens: the object's bounds, F (CoC), P (projection) and R (regression)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class ObjectBounds(Node):
-    """Where the object is on the frame, by camera and depth bounds."""
+    """Screen bounds, depth range and camera of the object on this frame."""
 
     name, writes = "object-bounds", "bounds"
 
@@ -39,7 +39,7 @@ class ObjectBounds(Node):
 
 
 class EstimateCoc(Node):
-    """F: the plate's CoC from its colours alone."""
+    """F: CoC map of the plate from its pixels alone (paper, section 4.1)."""
 
     name, writes = "estimate-coc", "plate_coc"
     effect, once, when = DEFOCUS, True, IN_FRAME
@@ -55,14 +55,14 @@ class EstimateCoc(Node):
 
 
 class GroundFootprint(Node):
-    """P: the object's footprint on the ground plane."""
+    """P: the object projected down on the ground plane (paper, section 4.2)."""
 
     name, writes = "ground-footprint", "ground"
     effect, once, when = DEFOCUS, True, IN_FRAME
 
     def __init__(self, context: NodeContext) -> None:
         self._context = context
-        self.description = "P: footprint cast down on the ground plane"
+        self.description = "P: footprint on the ground plane"
 
     def __call__(self, bounds: ScreenBounds) -> GroundProjection:
         triangles = self._context.objects.footprint(bounds.time_s)
@@ -70,7 +70,7 @@ class GroundFootprint(Node):
 
 
 class FitNode(Node):
-    """R: the linear lens model, fitted over the ground plane."""
+    """R: the linear lens model, regressed over the ground plane (paper, eq. 2)."""
 
     name, writes = "fit", "found_lens"
     effect, once, when = DEFOCUS, True, IN_FRAME
@@ -95,21 +95,21 @@ class FitNode(Node):
             if not self._fallback_constant:
                 raise
             fit = constant_fit(plate_coc, ground, frame.index)
-            reason = str(error).partition("; give ")[0]  # what it advises is done already
+            reason = str(error).partition("; give ")[0]  # the advice is to use this fallback
             return FoundLens(
-                fit=fit, regression=None, doubt=f"constant CoC instead of a fit: {reason}"
+                fit=fit, regression=None, warning=f"constant CoC instead of a fit: {reason}"
             )
         return FoundLens(
-            fit=regression.fit, regression=regression, doubt=_doubt(regression.fit, ground)
+            fit=regression.fit, regression=regression, warning=_warning(regression.fit, ground)
         )
 
 
-def _doubt(fit: LensFit, ground: GroundProjection) -> str:
-    """What a person should know about a fit, empty if nothing."""
+def _warning(fit: LensFit, ground: GroundProjection) -> str:
+    """A warning about a fit that may be wrong, empty for a sound one."""
     if fit.slope < 2 * fit.slope_stderr:
-        return "the plate's blur hardly changes with depth: so the object's will not either"
+        return "the plate's blur hardly changes with depth, so the object's will not either"
     if fit.sign == "ambiguous":
-        return "the plate does not tell whether the ground lies before or behind the focus"
+        return "the plate does not show whether the ground lies before or behind the focal plane"
     if not ground.mask.any():
         return "no footprint in view: fitted on the ground plane as a whole"
     return ""

@@ -1,4 +1,4 @@
-"""The nodes of motion blur."""
+"""Nodes of motion blur: how the object moves, samples over the shutter interval, line filter."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nlens_video.effects.motion_blur import (
     MOST_MOMENTS,
     NEGLIGIBLE_SPAN_PX,
     Motion,
-    averaged,
+    mean_layer,
     mean_of_blurred,
     measure_motion,
-    smeared,
+    motion_blurred,
 )
 from nlens_video.effects.planner import MOTION_BLUR
 from nlens_video.graph.base.node import Node
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class MeasureMotion(Node):
-    """The object's motion on the screen while the shutter is open."""
+    """Screen-space motion of the object's vertices over the shutter interval."""
 
     name, writes = "measure-motion", "motion"
     effect = MOTION_BLUR
@@ -40,7 +40,9 @@ class MeasureMotion(Node):
     def __init__(self, context: NodeContext, *, most_moments: int = MOST_MOMENTS) -> None:
         self._objects, self._shutter = context.objects, context.shutter
         self._most_moments = most_moments
-        self.description = f"vertices on the screen, shutter {context.shutter.angle_deg:g} degrees"
+        self.description = (
+            f"motion of vertices on screen, shutter {context.shutter.angle_deg:g} degrees"
+        )
 
     def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> Motion | None:
         moments = self._shutter.edges(bounds.time_s)
@@ -56,20 +58,20 @@ class MeasureMotion(Node):
 
 
 class SelectSamples(Node):
-    """The motion, where the object must be rendered at several moments."""
+    """The motion again where its parts move differently: temporal samples are rendered there."""
 
     name, writes = "select-samples", "moments"
     effect = MOTION_BLUR
 
     def __init__(self, context: NodeContext) -> None:
-        self.description = "where its parts move differently"
+        self.description = "temporal samples where parts of the object move differently"
 
     def __call__(self, motion: Motion) -> Motion | None:
         return motion if len(motion.ways) > 1 else None
 
 
 class RenderMotion(Node):
-    """The mean of the object at several moments, each through the lens."""
+    """Accumulation motion blur: the mean of temporal samples, each blurred by the lens."""
 
     name, writes = "render-motion", "blurred"
     effect = MOTION_BLUR
@@ -77,7 +79,7 @@ class RenderMotion(Node):
     def __init__(self, context: NodeContext) -> None:
         self._objects, self._shutter = context.objects, context.shutter
         self._reblur = make_reblur(context)
-        self.description = "the mean of several moments, through the lens"
+        self.description = "mean of temporal samples, blurred by the lens"
 
     def __call__(
         self, bounds: ScreenBounds, moments: Motion, layer: ObjectLayer, frame_box: Box,
@@ -93,10 +95,11 @@ class RenderMotion(Node):
                     yield self._rendered(times[number], bounds, fit)
 
         layers = [
-            self._blurred(averaged(rendered(numbers)), frame_box, fit) for numbers in moments.parts
+            self._blurred(mean_layer(rendered(numbers)), frame_box, fit)
+            for numbers in moments.parts
         ]
         mean = mean_of_blurred(layers, [len(numbers) for numbers in moments.parts])
-        return smeared(mean, moments.ways.mean(axis=0), frame_box)
+        return motion_blurred(mean, moments.ways.mean(axis=0), frame_box)
 
     def _rendered(
         self, time_s: float, bounds: ScreenBounds, fit: LensFit | None
@@ -123,13 +126,13 @@ class RenderMotion(Node):
 
 
 class MotionBlur(Node):
-    """The blurred layer, averaged along its motion; where it was rendered so, it is done."""
+    """Line-filter motion blur of the whole layer; not run where temporal samples were rendered."""
 
     name, writes = "motion-blur", "blurred"
     effect, lane, skip_if = MOTION_BLUR, "composite", "moments"
 
     def __init__(self, context: NodeContext) -> None:
-        self.description = "along its way"
+        self.description = "line filter along the mean motion"
 
     def __call__(self, blurred: BlurredLayer, motion: Motion, frame_box: Box) -> BlurredLayer:
-        return smeared(blurred, motion.ways[0], frame_box)
+        return motion_blurred(blurred, motion.ways[0], frame_box)

@@ -1,4 +1,4 @@
-"""The nodes that render the object: light, colour and depth, CoC, hidden surfaces."""
+"""Nodes that render the object: lighting, colour and depth, CoC, hidden surfaces."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class EstimateLight(Node):
-    """The light on the object, estimated from the first frame where no file tells it."""
+    """Lighting of the object from the first frame, where neither GLB nor environment map has one."""
 
     name, writes = "estimate-light", "plate_light"
     stateful = True
@@ -27,13 +27,13 @@ class EstimateLight(Node):
     def __init__(self, context: NodeContext) -> None:
         scene = context.shadow_scene
         if scene is None:
-            raise Unavailable("nothing tells what light falls on the ground")
+            raise Unavailable("no scene to light")
         if scene.pre_rendered:
-            raise Unavailable("pre-rendered layers bring their light with them")
+            raise Unavailable("pre-rendered layers are lit already")
         if scene.light.known:
-            raise Unavailable("the light is known")
+            raise Unavailable("the GLB or an environment map lights the object")
         self._light: Illumination | None = None
-        self.description = "the plate's mean colour and what is above it, once"
+        self.description = "from the mean colour of the first frame and of its upper part"
 
     def __call__(self, picture: Picture) -> Illumination:
         if self._light is None:
@@ -43,7 +43,7 @@ class EstimateLight(Node):
 
 
 class Render(Node):
-    """The object, sharp, as far beyond the frame as its blur reaches back into it."""
+    """Colour, coverage and depth of the object, beyond the frame as far as its blur reaches."""
 
     name, writes = "render", "layer"
 
@@ -60,7 +60,7 @@ class Render(Node):
 
 
 class ObjectCoc(Node):
-    """The object's CoC: slope * disparity + intercept."""
+    """CoC of each pixel of the object from its depth (paper, eq. 2)."""
 
     name, writes = "object-coc", "defocused"
     effect = DEFOCUS
@@ -73,7 +73,7 @@ class ObjectCoc(Node):
 
 
 class DepthPeel(Node):
-    """What the object hides of itself, where the lens looks around its nearest surfaces."""
+    """Second depth layer of the object (depth peeling, Everitt 2001), where the lens sees it."""
 
     name, writes = "depth-peel", "defocused"
     effect, when, skip_if = DEFOCUS, DEPTH_RANGE, "moments"

@@ -1,4 +1,4 @@
-"""The nodes of occlusion: what real things in front hide."""
+"""Nodes of foreground occlusion: real things in front of the object."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ import numpy as np
 
 from nlens_video.core.box import Box
 from nlens_video.core.layers import DepthMap, Matte
-from nlens_video.effects.occlusion import CoverByCoc, CoverByDepth, cover_of, object_disparity
+from nlens_video.effects.occlusion import (
+    CoverageFromCoc,
+    CoverageFromDepth,
+    foreground_matte,
+    object_disparity,
+)
 from nlens_video.effects.planner import OCCLUSION
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.stages.composite import Foreground
@@ -31,20 +36,20 @@ if TYPE_CHECKING:
     from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.graph.base.values import StreamFrame
 
-_NOTHING_TELLS = "nothing tells what stands in front"
-_SOFTENED_PX = 16  # what later nodes may spread the object by [px]
-_SPREAD_PX = 16  # beyond half a CoC: what discs on coarser pixels take more [px]
+_NO_SOURCE = "no matte, depth or CoC of the foreground is given"
+_SOFTENED_PX = 16  # how far later nodes may spread the object [px]
+_SPREAD_PX = 16  # beyond half a CoC, for discs on coarser pixels [px]
 
 
 class OcclusionCueNode(Node):
-    """What is known of real things in front: a matte, depth, or the plate's CoC."""
+    """Matte, depth map or CoC map from which occlusion is derived."""
 
     name, writes = "occlusion-cue", "occlusion_cue"
     effect = OCCLUSION
 
     def __init__(self, context: NodeContext) -> None:
         if context.occlusion is None:
-            raise Unavailable(_NOTHING_TELLS)
+            raise Unavailable(_NO_SOURCE)
         self._source = context.occlusion
         self.description = context.occlusion.description
 
@@ -59,7 +64,7 @@ class OcclusionCueNode(Node):
 
 
 class ForegroundNode(Node):
-    """What of them hides the object, and what hides its traces on the ground."""
+    """Foreground mattes before the object, and before its shadow and reflection on the ground."""
 
     name, writes = "foreground", "foreground"
     effect, lane = OCCLUSION, "composite"
@@ -68,14 +73,14 @@ class ForegroundNode(Node):
         from nlens_video.kernels.scatter.scatter import scatter
 
         if context.occlusion is None:
-            raise Unavailable(_NOTHING_TELLS)
+            raise Unavailable(_NO_SOURCE)
         self._context = context
-        self._by_depth = CoverByDepth(
+        self._by_depth = CoverageFromDepth(
             scatter=partial(scatter, aperture=context.aperture), pixel_aspect=context.pixel_aspect
         )
-        self._by_coc = CoverByCoc()
+        self._by_coc = CoverageFromCoc()
         self.description = (
-            "hidden behind it, its light told apart from the background's in soft edges"
+            "object behind it, its light separated from the background's in soft edges"
         )
 
     def __call__(
@@ -89,18 +94,18 @@ class ForegroundNode(Node):
         ground_region = _on_ground(shadow, reflection, frame_box)
         if isinstance(occlusion_cue, Matte):
             region = object_region.union(ground_region)
-            cover = cover_of(picture, region, occlusion_cue.coverage)
+            cover = foreground_matte(picture, region, occlusion_cue.coverage)
             return None if cover is None else Foreground(before_object=cover, before_ground=cover)
         over_object = over_ground = None
         if layer is not None and not object_region.empty:
             surface = object_disparity(layer, frame_box)
             share = self._coverage(occlusion_cue, surface, object_region, fit, picture)
-            over_object = cover_of(picture, object_region, share)
+            over_object = foreground_matte(picture, object_region, share)
         if not ground_region.empty:
             height = self._context.ground_height
             surface = bounds.camera.plane_disparity(height).astype(np.float32)
             share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
-            over_ground = cover_of(picture, ground_region, share)
+            over_ground = foreground_matte(picture, ground_region, share)
         return Foreground(before_object=over_object, before_ground=over_ground)
 
     def _coverage(
@@ -115,7 +120,7 @@ class ForegroundNode(Node):
 
 
 def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: Box) -> Box:
-    """The pixels of the frame that shadow and reflection reach."""
+    """Bounds of shadow and reflection with their blur, inside the frame."""
     found = Box(0, 0, 0, 0)
     for box, coc in (
         (shadow.box, shadow.coc_px) if shadow is not None else (found, None),

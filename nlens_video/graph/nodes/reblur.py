@@ -1,4 +1,4 @@
-"""L: the nodes that blur the object as the plate's lens does."""
+"""Nodes of L, the reblur: the object's layer through the plate's lens (paper, section 4.2)."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 
 def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
-    """The layered scatter, as several nodes use it.
+    """The layered scatter that several nodes share.
 
     Args:
         context: what nodes are made from.
-        detail: `fine`, or `draft` for what is soft anyway.
+        detail: `fine`, or `draft` for layers that are soft anyway.
 
     Raises:
         UsageError: there is no such detail.
@@ -41,17 +41,17 @@ def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
 
     details = {"fine": FINE, "draft": DRAFT}
     if detail not in details:
-        raise UsageError(f"stage 'scatter': no detail {detail!r}; there are {', '.join(details)}")
-    drawn = details[detail]
+        raise UsageError(f"node 'reblur': no detail {detail!r}; there are {', '.join(details)}")
+    chosen = details[detail]
     return ReblurLayer(
-        scatter=partial(scatter, aperture=context.aperture, detail=drawn, spread=context.spread),
-        reach=partial(blur_reach, aperture=context.aperture, detail=drawn),
+        scatter=partial(scatter, aperture=context.aperture, detail=chosen, spread=context.spread),
+        reach=partial(blur_reach, aperture=context.aperture, detail=chosen),
         pixel_aspect=context.pixel_aspect,
     )
 
 
 class ApertureViews(Node):
-    """The object from a few aperture samples, where discs are small."""
+    """The object from a few points of the aperture, where discs are small."""
 
     name, writes = "aperture-views", "views"
     effect, when, skip_if = DEFOCUS, OUT_OF_FOCUS, "moments"
@@ -61,24 +61,23 @@ class ApertureViews(Node):
 
         if context.views is None:
             raise Unavailable(
-                "pre-rendered layers hold one view of the object: the scatter stands where discs "
-                "are small, too"
+                "pre-rendered layers hold one view of the object: the scatter blurs small discs too"
             )
         self._sample = SampleSmallDiscs(
             renderer=context.views, pixel_aspect=context.pixel_aspect, aperture=context.aperture
         )
-        self.description = f"{VIEWS} more points of the lens, {context.objects.description}"
+        self.description = f"{VIEWS} more points of the aperture, {context.objects.description}"
 
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> ViewBlend | None:
-        from nlens_video.stages.reblur.lens_sampling import Shot
+        from nlens_video.stages.reblur.lens_sampling import LensSetup
 
-        shot = Shot(
+        setup = LensSetup(
             time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
             plate_light=bounds.plate_light,
         )  # fmt: skip
-        return self._sample(defocused, shot)
+        return self._sample(defocused, setup)
 
     def warm_up(self) -> None:
         """Compile the blur of small discs."""
@@ -86,7 +85,7 @@ class ApertureViews(Node):
 
 
 class LensSampling(Node):
-    """The reference: the object rendered from many points of the aperture."""
+    """The reference: the mean of the object rendered from many points of the aperture."""
 
     name, writes = "lens-sampling", "blurred"
     effect, when = DEFOCUS, OUT_OF_FOCUS
@@ -109,18 +108,18 @@ class LensSampling(Node):
             count=count,
             aperture=context.aperture,
         )
-        self.description = f"L: the lens sampled at {count} points for {accuracy_db:g} dB"
+        self.description = f"L: aperture sampled at {count} points for {accuracy_db:g} dB"
 
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> BlurredLayer:
-        from nlens_video.stages.reblur.lens_sampling import Shot
+        from nlens_video.stages.reblur.lens_sampling import LensSetup
 
-        shot = Shot(
+        setup = LensSetup(
             time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
             plate_light=bounds.plate_light,
         )  # fmt: skip
-        return self._sample(defocused, shot)
+        return self._sample(defocused, setup)
 
     def warm_up(self) -> None:
         """Compile scatter and the blur of small discs."""
@@ -129,15 +128,15 @@ class LensSampling(Node):
 
 
 class Scatter(Node):
-    """The layered scatter: each pixel spread over its disc."""
+    """The layered scatter: each pixel spread over its disc of confusion."""
 
     name, writes = "reblur", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
 
     def __init__(self, context: NodeContext, *, detail: str = "fine") -> None:
         self._reblur = make_reblur(context, detail)
-        made_by = "numba" if context.spread is None else "torch on CUDA"
-        self.description = f"L: layered exact-coverage scatter, {detail}, {made_by}"
+        backend = "numba" if context.spread is None else "torch on CUDA"
+        self.description = f"L: layered exact-coverage scatter, {detail}, {backend}"
 
     def __call__(self, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
         return self._reblur(defocused, frame_box)
@@ -149,7 +148,7 @@ class Scatter(Node):
 
 
 class PaperReblur(Node):
-    """The paper's own networks on the naive composite, whole frame."""
+    """The paper's own reblur: BokehMe's networks on the naive composite of the whole frame."""
 
     name, writes = "paper-reblur", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
@@ -169,32 +168,32 @@ class PaperReblur(Node):
 
 
 class CropSharp(Node):
-    """The layer as it is, where nothing blurs it."""
+    """The sharp layer cropped to the frame, where it is in focus."""
 
     name, writes = "crop-sharp", "blurred"
     lane = "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self.description = "the layer as it is"
+        self.description = "the sharp layer, cropped to the frame"
 
     def __call__(self, layer: ObjectLayer, frame_box: Box) -> BlurredLayer:
         return crop_to_frame(layer, frame_box)
 
 
 class DepthOrder(Node):
-    """Near parts of the object over far ones, where the CoC steps inside it."""
+    """Depth-ordered compositing of the object's own layers at discontinuities of its CoC."""
 
     name, writes = "depth-order", "blurred"
     effect, lane, when, skip_if = DEFOCUS, "composite", DEPTH_STEPS, "moments"
 
     def __init__(self, context: NodeContext) -> None:
         if context.repair is None:
-            raise Unavailable("this version ships no repair network: the scatter's result stands")
+            raise Unavailable("no repair network is available: the scatter's result stands")
         self._repair = context.repair
         self._hidden_is_known = context.hidden is not None
         self.description = (
-            "L: ordered layers at depth steps, weighed by a network where what is hidden is not "
-            "known"
+            "L: depth-ordered layers at CoC discontinuities, weighted by a network where hidden "
+            "surfaces are not rendered"
         )
 
     def __call__(self, blurred: BlurredLayer, defocused: DefocusedLayer) -> BlurredLayer:
@@ -206,27 +205,27 @@ class DepthOrder(Node):
 
 
 class BlendViews(Node):
-    """The aperture views, blended into the scatter where discs are small."""
+    """The mean of the aperture views in place of the scatter, where discs are small."""
 
     name, writes = "blend-views", "blurred"
     effect, lane = DEFOCUS, "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self.description = "L: the mean of the views where discs are small"
+        self.description = "L: mean of the aperture views where discs are small"
 
     def __call__(self, blurred: BlurredLayer, views: ViewBlend) -> BlurredLayer:
         return views.blend_into(blurred)
 
 
 class EdgeParallax(Node):
-    """The plate as the part of the aperture sees it that the object leaves free."""
+    """Parallax of the plate past the object's edges, seen by the unoccluded part of the aperture."""
 
     name, writes = "edge-parallax", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
 
     def __init__(self, context: NodeContext) -> None:
         self._context = context
-        self.description = "the plate from the side of the lens that the object leaves free"
+        self.description = "plate displaced as the unoccluded part of the aperture sees it"
 
     def __call__(
         self, blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,

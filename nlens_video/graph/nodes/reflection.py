@@ -1,4 +1,4 @@
-"""The nodes of the object's mirror image in the ground."""
+"""Nodes of the object's planar reflection in the ground."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlens_video.core.layers import DefocusedLayer
-from nlens_video.effects.motion_blur import averaged, sampled_count
+from nlens_video.effects.motion_blur import mean_layer, sampled_count
 from nlens_video.effects.planner import REFLECTION
-from nlens_video.effects.reflection import LayReflection, MirrorObject
+from nlens_video.effects.reflection import OverlayReflection, RenderReflection
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.l_reblur import object_coc
@@ -24,26 +24,26 @@ if TYPE_CHECKING:
 
 
 class Reflect(Node):
-    """The object's mirror image, blurred by its motion where that shows."""
+    """The object rendered by a camera mirrored at the ground plane, with motion blur."""
 
     name, writes = "reflect", "reflection"
     effect = REFLECTION
 
     def __init__(self, context: NodeContext, *, most_moments: int = 9) -> None:
         if context.views is None:
-            raise Unavailable("pre-rendered layers do not show the object from below")
+            raise Unavailable("pre-rendered layers hold no view from below the ground")
         self._context, self._most_moments = context, most_moments
-        self._render = MirrorObject(renderer=context.views, reflectance=context.reflectance)
+        self._render = RenderReflection(renderer=context.views, reflectance=context.reflectance)
         self.description = (
-            f"the mirrored camera's picture, {context.reflectance:g} from straight above, at "
-            "several moments where it moves by a pixel while the shutter is open"
+            f"mirrored camera, reflectance {context.reflectance:g} at normal incidence, temporal "
+            "samples where it moves by a pixel over the shutter interval"
         )
 
     def __call__(
         self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None
     ) -> DefocusedLayer | None:
         context = self._context
-        # The virtual image lies farther off than the object: up to infinity, to be on the safe side
+        # the virtual image lies farther than the object; its margin holds up to infinity
         ends = np.array([1.0 / bounds.nearest, 0.0], np.float32)
         reach = 0.0 if fit is None else 0.5 * float(np.abs(fit.coc_px(ends)).max())
         reach *= max(1.0, context.pixel_aspect)
@@ -55,7 +55,7 @@ class Reflect(Node):
 
         count = 1 if motion is None else self._moments(bounds.time_s, fit)
         times = context.shutter.middles(bounds.time_s, min(count, self._most_moments))
-        layer = averaged(rendered(time_s) for time_s in times)
+        layer = mean_layer(rendered(time_s) for time_s in times)
         if layer is None:
             return None
         if fit is None:
@@ -63,7 +63,7 @@ class Reflect(Node):
         return object_coc(layer, fit)
 
     def _moments(self, time_s: float, fit: LensFit | None) -> int:
-        """How many moments the mirror image's motion takes."""
+        """Number of temporal samples of the mirror image."""
         context = self._context
         if context.shadow_scene is None:
             return 1
@@ -82,18 +82,18 @@ class Reflect(Node):
 
 
 class CompositeReflection(Node):
-    """The mirror image over the ground and under the object, blurred by its own depth."""
+    """The mirror image over the plate and under the object, blurred by its own CoC."""
 
     name, writes = "composite-reflection", "picture"
     effect, lane = REFLECTION, "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._lay = LayReflection(make_reblur(context))
-        self.description = "over the ground and under the object, blurred by its own depth"
+        self._overlay = OverlayReflection(make_reblur(context))
+        self.description = "over the plate, under the object, blurred by its own CoC"
 
     def __call__(
         self, picture: Picture, reflection: DefocusedLayer, frame_box: Box,
         foreground: Foreground | None,
     ) -> Picture:  # fmt: skip
         cover = None if foreground is None else foreground.before_ground
-        return self._lay(picture, reflection, frame_box, cover)
+        return self._overlay(picture, reflection, frame_box, cover)

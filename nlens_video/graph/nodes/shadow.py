@@ -1,4 +1,4 @@
-"""The nodes of the object's shadow on the ground."""
+"""Nodes of the object's shadow on the ground plane."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlens_video.effects.motion_blur import sampled_count
 from nlens_video.effects.planner import SHADOW
 from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow, ground_blur
-from nlens_video.effects.shadow.casters import Casters, Surface
+from nlens_video.effects.shadow.casters import CasterGeometry, Casters
 from nlens_video.effects.shadow.projection import Moment, shadow_places
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class ShadowNode(Node):
-    """The object's shadow on the ground, sampled at several moments where it moves."""
+    """Soft shadow by differential rendering (Debevec 1998), temporal samples where it moves."""
 
     name, writes = "shadow", "shadow"
     effect = SHADOW
@@ -46,7 +46,7 @@ class ShadowNode(Node):
         most_moments: int = 9,
     ) -> None:
         if context.shadow_scene is None:
-            raise Unavailable("nothing tells what light falls on the ground")
+            raise Unavailable("no scene to cast a shadow")
         self._context, self._scene = context, context.shadow_scene
         self._most_moments = most_moments
         self._cast = CastShadow(
@@ -54,12 +54,12 @@ class ShadowNode(Node):
             lamp_points=lamp_points,
             ambient_directions=ambient_directions,
         )
-        self._surfaces: dict[Geometry, Surface] = {}
+        self._surfaces: dict[Geometry, CasterGeometry] = {}
         self._last: tuple[tuple[object, ...], Shadow | None] | None = None
         self.description = (
-            f"triangles cast on the ground, {lamp_points} points a lamp, {ambient_directions} "
-            "directions around, numba; again when something moves, at several moments where it "
-            "moves by a pixel while the shutter is open"
+            f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
+            "directions, numba; cached while nothing moves, temporal samples where it moves by a "
+            "pixel over the shutter interval"
         )
 
     def __call__(
@@ -69,7 +69,7 @@ class ShadowNode(Node):
         light = self._scene.light.on_ground(pose.lights, bounds.plate_light)
         moments = self._moments(bounds, fit, motion, light)
         given = (moments, light, fit)
-        if self._last is None or not alike(self._last[0], given):
+        if self._last is None or not equal_values(self._last[0], given):
             self._last = given, self._cast(moments, light, self._context.ground_height, fit)
         return self._last[1]
 
@@ -80,7 +80,7 @@ class ShadowNode(Node):
         motion: Motion | None,
         light: Illumination,
     ) -> tuple[Moment, ...]:
-        """The moments at which the shadow is cast."""
+        """Temporal samples of the casters."""
         still = (self._seen(bounds.time_s, bounds),)
         if motion is None:
             return still
@@ -101,7 +101,7 @@ class ShadowNode(Node):
 
 
 def _bounds(places: Float64) -> Box:
-    """The least box of pixels round some places (V, 2); empty where there are none."""
+    """The tightest box around points (V, 2) [px]; empty for none."""
     if not len(places):
         return Box(0, 0, 0, 0)
     (x0, y0), (x1, y1) = places.min(axis=0), places.max(axis=0)
@@ -109,31 +109,31 @@ def _bounds(places: Float64) -> Box:
 
 
 class CompositeShadow(Node):
-    """The plate, darkened by the shadow, which is blurred as the ground."""
+    """The plate multiplied by the light that the shadow leaves, blurred by the ground's CoC."""
 
     name, writes = "composite-shadow", "picture"
     effect, lane = SHADOW, "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._darken = ApplyShadow(make_reblur(context, "draft"))
-        self._last: tuple[Shadow, BlurredLayer] | None = None  # a resting object's is the same one
-        self.description = "plate times what is left of its light, blurred as the ground"
+        self._apply = ApplyShadow(make_reblur(context, "draft"))
+        self._last: tuple[Shadow, BlurredLayer] | None = None  # reused while the object rests
+        self.description = "plate times remaining light, blurred by the ground's CoC"
 
     def __call__(
         self, picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None
     ) -> Picture:
         if self._last is None or self._last[0] is not shadow:
-            self._last = shadow, self._darken.blurred(shadow, frame_box)
+            self._last = shadow, self._apply.blurred(shadow, frame_box)
         cover = None if foreground is None else foreground.before_ground
-        return self._darken.taken(picture, self._last[1], cover)
+        return self._apply.darken(picture, self._last[1], cover)
 
     def warm_up(self) -> None:
         """Compile the blend."""
         warm_up.blend()
 
 
-def alike(first: object, second: object) -> bool:
-    """Whether two values hold the same numbers: arrays, tuples, and dataclasses of them."""
+def equal_values(first: object, second: object) -> bool:
+    """Deep equality of numbers, arrays, tuples and dataclasses of them."""
     if first is second:
         return True
     if type(first) is not type(second):
@@ -141,7 +141,9 @@ def alike(first: object, second: object) -> bool:
     if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
         return bool(np.array_equal(first, second))
     if isinstance(first, tuple) and isinstance(second, tuple):
-        return len(first) == len(second) and all(map(alike, first, second))
+        return len(first) == len(second) and all(map(equal_values, first, second))
     if is_dataclass(first):
-        return all(alike(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
+        return all(
+            equal_values(getattr(first, f.name), getattr(second, f.name)) for f in fields(first)
+        )
     return bool(first == second)

@@ -1,4 +1,4 @@
-"""Layers of a few pixels on which kernels are compiled, or loaded, before the first frame."""
+"""Small layers to compile kernels with, or load them from the cache, before the first frame."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ FRAME = Box(0, 0, _SIDE, _SIDE)
 
 
 def sharp_layer(*, hidden: bool = False) -> DefocusedLayer:
-    """A layer with a step of depth, whose discs take every kind of drawing.
+    """A layer with a CoC discontinuity, whose discs use every method of the scatter.
 
     Args:
-        hidden: whether it holds what it hides.
+        hidden: whether it holds hidden surfaces.
     """
     rgba = np.ones((_SIDE, _SIDE, 4), np.float32)
     coc = np.repeat(np.linspace(-44.0, 0.0, _SIDE, dtype=np.float32)[:, None], _SIDE, axis=1)

@@ -48,7 +48,7 @@ class RepairNetwork(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RepairLayer:
+class RepairDepthOrder:
     """L's repair as a stage, a `ReblurNetwork`; works on the surroundings of depth steps only.
 
     Attributes:

@@ -84,7 +84,7 @@ def lens_camera(camera: Camera, fit: LensFit, u: float, v: float) -> Camera:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shot:
+class LensSetup:
     """One moment, seen by one lens.
 
     Attributes:
@@ -104,7 +104,7 @@ class Shot:
 
 def lens_views(
     renderer: ViewRenderer,
-    shot: Shot,
+    shot: LensSetup,
     points: LensPoints,
     *,
     cell: Reblur | None = None,
@@ -230,7 +230,7 @@ class SampleLens:
     count: int
     aperture: Aperture = ROUND
 
-    def __call__(self, defocused: DefocusedLayer, shot: Shot) -> BlurredLayer:
+    def __call__(self, defocused: DefocusedLayer, shot: LensSetup) -> BlurredLayer:
         """Blur one frame's object.
 
         Args:

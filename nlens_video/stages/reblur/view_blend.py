@@ -25,7 +25,7 @@ from nlens_video.scene.camera import Camera
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, object_coc
 from nlens_video.stages.protocols import ViewRenderer
 from nlens_video.stages.reblur.aperture_samples import points_around
-from nlens_video.stages.reblur.lens_sampling import Shot, lens_camera
+from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_camera
 
 SMALL_COC_PX = 3.0
 """CoC up to which the views stand alone [px]."""
@@ -88,7 +88,7 @@ class SampleSmallDiscs:
         default=None, init=False
     )
 
-    def __call__(self, defocused: DefocusedLayer, shot: Shot) -> ViewBlend | None:
+    def __call__(self, defocused: DefocusedLayer, shot: LensSetup) -> ViewBlend | None:
         """Look from a few points of the lens.
 
         Args:
@@ -105,7 +105,7 @@ class SampleSmallDiscs:
         self._last = (layer, shot.fit, shot.frame, seen)
         return seen
 
-    def _sampled(self, defocused: DefocusedLayer, shot: Shot) -> ViewBlend | None:
+    def _sampled(self, defocused: DefocusedLayer, shot: LensSetup) -> ViewBlend | None:
         whole = min((defocused.largest_coc_px - NEGLIGIBLE_COC_PX) / NEGLIGIBLE_COC_PX, 1.0)
         box, part = share_of_views(defocused, shot.frame)
         if whole <= 0.0 or box.empty:
@@ -154,7 +154,7 @@ class SampleSmallDiscs:
         return out
 
 
-def _on(shot: Shot, region: Box, u: float, v: float) -> Camera:
+def _on(shot: LensSetup, region: Box, u: float, v: float) -> Camera:
     """The camera at a point of the lens, on a region of the frame."""
     camera = replace(
         shot.camera,

@@ -32,7 +32,7 @@ from nlens_video.effects.camera.grain_kernels import (
     white_noise_reference,
 )
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
-from nlens_video.effects.shadow.transparency import count_veiled, new_veiled
+from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.kernels.pull_push import inpaint
 from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
 from nlens_video.kernels.reblur.cell_gather import blur_cell
@@ -203,9 +203,9 @@ def _geometry() -> dict[str, tuple[float, float]]:
     made["cast triangles"] = (wrong.mean(), 2e-3)  # share of the pixels, on edges
     texture = (rng.random((5, 7), np.float32), (0, 1), -1.0)
     where = rng.normal(size=(9, 3)) * (1.5, 1.5, 0.1) + (0, 0, 1.0)
-    veiled = new_veiled(*size)
+    veiled = no_absorption(*size)
     bits = np.zeros(size, np.uint8)
-    count_veiled(veiled, (bits, 0), corners, where, three, texture, 1, at)
+    absorb(veiled, (bits, 0), corners, where, three, texture, 1, at)
     away = np.abs(veiled.taken - stopped(size, corners, where, three, texture, at))
     made["cast veils"] = (np.quantile(away, 0.995), 1e-6)
     return made

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from nlens_video.effects.camera.grain_kernels import to_code, to_linear
-from nlens_video.effects.motion_blur import way_kernel
+from nlens_video.effects.motion_blur import line_kernel
 from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 480, 270
@@ -73,7 +73,7 @@ def panned(base, way_px, share, frames=3):
             wide, shift, wide.shape[1::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
         )
         if share:
-            view = cv2.filter2D(view, -1, way_kernel(share * np.asarray(way_px)))
+            view = cv2.filter2D(view, -1, line_kernel(share * np.asarray(way_px)))
         view = np.maximum(view[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN], 0)
         shot += pictures(view, 1, rng.normal(0, 1 / 255, (1, *view.shape)))
     return shot
