@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import BlurredLayer, DefocusedLayer, Picture
     from nlens_video.core.lens_models import Aberration, Bloom, Vignetting
     from nlens_video.effects.camera.grain_apply import GrainModel
+    from nlens_video.effects.camera.softness import SharpnessFloor
     from nlens_video.effects.exposure import Exposure
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.values import StreamFrame

@@ -33,7 +33,7 @@ def _model(context: NodeContext) -> Distortion:
 
 
 class AddOverscan(Node):
-    """Overscan: a frame box as large as what the distorted frame shows of the ideal camera's view."""
+    """Overscan: a frame box that holds all that the distorted frame shows."""
 
     name, writes = "add-overscan", "frame_box"
     effect = _EFFECT

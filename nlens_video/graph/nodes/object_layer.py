@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class EstimateLight(Node):
-    """Lighting of the object from the first frame, where neither GLB nor environment map has one."""
+    """Lighting of the object from the first frame, where no file gives any."""
 
     name, writes = "estimate-light", "plate_light"
     stateful = True

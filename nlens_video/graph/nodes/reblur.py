@@ -218,7 +218,7 @@ class BlendViews(Node):
 
 
 class EdgeParallax(Node):
-    """Parallax of the plate past the object's edges, seen by the unoccluded part of the aperture."""
+    """Parallax of the plate past edges, as the unoccluded part of the aperture sees it."""
 
     name, writes = "edge-parallax", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
