@@ -46,7 +46,7 @@ class RepairNet(nn.Module):
 
 
 def resolve(parts: dict[str, Tensor], judgement: Tensor) -> Tensor:
-    """`Candidates.mended` on batches (N, 4, H, W), without its limits, which have no gradient."""
+    """`Candidates.resolve` on batches (N, 4, H, W), without its limits, which have no gradient."""
     share = judgement[:, :1] * parts["where"]
     swapped = parts["near"] - parts["near"][:, 3:] * parts["back"]
     ordered = parts["back"] + (1.0 + judgement[:, 1:]) * swapped - parts["covariance"]

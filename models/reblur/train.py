@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from models.reblur.data import Reservoir, split_maps
-from models.reblur.network import RepairNet, error, mended
+from models.reblur.network import RepairNet, error, resolve
 from models.reblur.shapes import CATEGORIES
 
 WARM_UP_STEPS = 200
@@ -100,7 +100,7 @@ class Run:
         for group in self.optimiser.param_groups:
             group["lr"] = self.recipe.rate_at(self.progress, self.step)
         geometry = parts["geometry"].contiguous(memory_format=torch.channels_last)
-        found = mended(parts, self.network(geometry))
+        found = resolve(parts, self.network(geometry))
         wrong = torch.log(error(found, parts["truth"], plate, RIM_PX) + FLOOR)
         self.optimiser.zero_grad(set_to_none=True)
         wrong.mean().backward()
@@ -158,7 +158,7 @@ def validate(network: RepairNet, data: Reservoir) -> dict[str, tuple[float, floa
             judgement = network(parts["geometry"])
             ordered = torch.zeros_like(judgement)
             ordered[:, :1] = 1.0
-            found = (parts["scattered"], mended(parts, ordered), mended(parts, judgement))
+            found = (parts["scattered"], resolve(parts, ordered), resolve(parts, judgement))
             row = [float(error(f, parts["truth"], plate, RIM_PX)) for f in found]
         psnr = [-10 * math.log10(max(value, 1e-9)) for value in row]
         figures[CATEGORIES[index % len(CATEGORIES)]].append((psnr[0], psnr[1], psnr[2]))

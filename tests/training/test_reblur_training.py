@@ -130,7 +130,7 @@ def test_the_loss_mends_as_the_program_does(reservoir):
     import torch
 
     from models.reblur.data import split_maps
-    from models.reblur.network import mended
+    from models.reblur.network import resolve
     from models.reblur.train import to_tensors
     from nlens_video.stages.reblur.depth_order import Candidates
 
@@ -140,7 +140,7 @@ def test_the_loss_mends_as_the_program_does(reservoir):
     made = Candidates(**{name: maps[name][0] for name in names})
     expected = made.resolve(judgement, maps["where"][0, ..., 0])
     batch = torch.from_numpy(judgement).permute(2, 0, 1)[None]
-    found = mended(to_tensors(maps), batch)[0].permute(1, 2, 0).clamp_min(0).numpy()
+    found = resolve(to_tensors(maps), batch)[0].permute(1, 2, 0).clamp_min(0).numpy()
     found[..., 3] = np.minimum(found[..., 3], 1.0)
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
