@@ -16,6 +16,12 @@ os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX 
 SHARED = ROOT.parent / "shared"
 
 
+def pytest_sessionstart() -> None:
+    """Load Triton, which torch's CUDA build brings, before OpenGL: after Mesa's LLVM it crashes."""
+    if importlib.util.find_spec("triton") is not None:
+        importlib.import_module("triton")
+
+
 @functools.cache
 def _why_no_gl() -> str:
     from nlens_video.render.opengl.egl_platform import open_platform
