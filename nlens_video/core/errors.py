@@ -1,6 +1,9 @@
-"""Every error that the program answers for: one line for a person, one exit code for a script."""
+"""Errors, each with one line for the user and one exit code, and the notes of a run."""
 
 from __future__ import annotations
+
+from enum import Enum
+from typing import Self
 
 
 class NlensError(Exception):
@@ -51,3 +54,41 @@ class ReaderGone(OutputError):
     """Whoever reads our standard output has closed it: an end, not a failure."""
 
     exit_code = 0
+
+
+class NoteKind(Enum):
+    """What a note is about."""
+
+    OTHER = "other"
+    INFORMATION = "information"
+    """Nothing needs doing."""
+    CAMERA = "camera"
+    FOOTPRINT_UNSEEN = "footprint unseen"
+    LIGHTS_MISSING = "lights missing"
+    LIGHTS_LIMITED = "lights limited"
+    """Some of the scene's lights are not used."""
+    STREAM_LEFT_OUT = "stream left out"
+
+
+class Note(str):
+    """A sentence for the user, with the kind of what it is about.
+
+    A string, so that it prints, compares and serialises as its text. Text made from it
+    (`note + "."`) is a plain string again.
+
+    Attributes:
+        kind: what it is about.
+    """
+
+    kind: NoteKind
+
+    def __new__(cls, text: str, kind: NoteKind = NoteKind.OTHER) -> Self:
+        """Make a note; the default kind lets copies and pickles restore it from the text."""
+        note = super().__new__(cls, text)
+        note.kind = kind
+        return note
+
+
+def kind_of(note: str) -> NoteKind:
+    """The kind of a note, `OTHER` for plain text."""
+    return note.kind if isinstance(note, Note) else NoteKind.OTHER

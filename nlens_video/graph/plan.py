@@ -3,34 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.session import Session
 
 
+@dataclass(frozen=True, slots=True)
+class PlanRow:
+    """One line of the plan.
+
+    Attributes:
+        subject: what it is about, such as `effect shadow`.
+        text: what the plan says of it.
+        when: of a node, its cadence and lane; else empty.
+    """
+
+    subject: str
+    text: str
+    when: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.subject} [{self.when}] {self.text}" if self.when else (
+            f"{self.subject}: {self.text}"
+        )  # fmt: skip
+
+
 def describe(session: Session, *, all_reasons: bool = True) -> Iterator[str]:
-    """Lines for a person: pipeline, effects, nodes with backend and condition, warnings.
+    """The plan and the notes of a run as lines of text; arguments as `plan_rows`."""
+    yield from map(str, plan_rows(session, all_reasons=all_reasons))
+    for note in session.notes():
+        yield f"note: {note}"
+
+
+def plan_rows(session: Session, *, all_reasons: bool = True) -> Iterator[PlanRow]:
+    """Pipeline, device, effects, and nodes with backend and condition.
 
     Args:
         session: the resolved graph.
         all_reasons: also why the effects are off that are, in place of one line with their names.
     """
     graph = session.graph
-    yield f"pipeline {graph.pipeline}: {graph.summary}"
-    yield f"device {session.device.name}: {session.device.reason}"
+    yield PlanRow(f"pipeline {graph.pipeline}", graph.summary)
+    yield PlanRow(f"device {session.device.name}", session.device.reason)
     for decision in session.decisions:
         if decision.wanted or all_reasons:
             word = "yes" if decision.wanted else "no"
-            yield f"effect {decision.effect}: {word}, {decision.reason}"
+            yield PlanRow(f"effect {decision.effect}", f"{word}, {decision.reason}")
     off = [decision.effect for decision in session.decisions if not decision.wanted]
     if off and not all_reasons:
-        yield f"effects off: {', '.join(off)} (-v says why)"
+        yield PlanRow("effects off", f"{', '.join(off)} (-v says why)")
     for node in graph.nodes:
-        yield f"node {node.name} [{_when(node)}; lane {node.lane}] {node.description}"
+        yield PlanRow(
+            f"node {node.name}", node.description, when=f"{_when(node)}; lane {node.lane}"
+        )
     for name, reason in graph.left_out:
-        yield f"left out {name}: {reason}"
-    for note in session.notes():
-        yield f"note: {note}"
+        yield PlanRow(f"left out {name}", reason)
 
 
 def _when(node: Node) -> str:

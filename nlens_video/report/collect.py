@@ -12,9 +12,9 @@ from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import DefocusedLayer
 from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState
+from nlens_video.report.downsampling import EvenPick, TimingBins
 from nlens_video.report.findings import Findings, Shown, StripFrame
 from nlens_video.report.pictures import Image, copied, shown, thumbnail
-from nlens_video.report.thinning import EvenPick, TimingBins
 from nlens_video.video.atomic_files import remove_stale, replacing
 
 if TYPE_CHECKING:

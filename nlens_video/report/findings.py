@@ -9,8 +9,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.base.values import ShotValues
 from nlens_video.graph.session import Session
+from nlens_video.report.downsampling import TimingBin
 from nlens_video.report.pictures import Image
-from nlens_video.report.thinning import TimingBin
 from nlens_video.stages.r_regression import Regression
 from nlens_video.video.info import SourceInfo
 

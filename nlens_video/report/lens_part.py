@@ -6,7 +6,7 @@ from nlens_video.report.findings import Findings, Shown
 from nlens_video.report.fit_plot import fit_plot, object_disparity
 from nlens_video.report.maps import Map, close_up, object_coc_map, plate_coc_map, sigma_map
 from nlens_video.report.markup import figure, image, key, missing, section, table
-from nlens_video.report.words import NEVER_SEEN, margin_words, no_fit_reason
+from nlens_video.report.prose import NEVER_SEEN, margin_words, no_fit_reason
 
 _MAP_QUALITY = 86
 

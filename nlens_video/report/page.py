@@ -14,8 +14,8 @@ from nlens_video.report.findings import Findings, StripFrame
 from nlens_video.report.lens_part import fit_part, maps_part
 from nlens_video.report.markup import count, figure, image, jpeg_image, missing, prose, section
 from nlens_video.report.pictures import Image
+from nlens_video.report.prose import NEVER_SEEN, advice, lens_sentences, no_fit_reason
 from nlens_video.report.run_part import plan_part, times_part
-from nlens_video.report.words import NEVER_SEEN, advice, lens_sentences, no_fit_reason
 
 
 def page(findings: Findings) -> str:

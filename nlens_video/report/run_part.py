@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from nlens_video.graph.plan import describe
+from nlens_video.graph.plan import plan_rows
 from nlens_video.report.findings import Findings
 from nlens_video.report.markup import key, missing, section, table
 from nlens_video.report.timing_plot import timing_plot
@@ -51,17 +51,9 @@ def _node_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 def plan_part(findings: Findings) -> str:
     """What ran, on what, and why."""
-    lines = [line for line in describe(findings.session) if not line.startswith("note: ")]
     rows = "".join(
-        f"<dt>{escape(head)}</dt><dd>{escape(words)}</dd>" for head, words in map(_parts, lines)
+        f"<dt>{escape(row.subject)}</dt>"
+        f"<dd>{escape(f'{row.when}: {row.text}' if row.when else row.text)}</dd>"
+        for row in plan_rows(findings.session)
     )
     return section("plan", "The plan", f'<dl class="plan">{rows}</dl>')
-
-
-def _parts(line: str) -> tuple[str, str]:
-    """A line of the plan as what it is about and what it says of it."""
-    if line.startswith("node "):
-        head, _, words = line.partition(" [")
-        return head, words.replace("] ", ": ", 1)
-    head, _, words = line.partition(": ")
-    return head, words

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState
@@ -45,9 +46,12 @@ class ZoomCheck(BaseObserver):
             return ()
         plate, camera, index = self._worst
         return (
-            f"by frame {index} the plate has {_words(plate)} and the GLB's camera has "
-            f"{_words(camera)}: animate its field of view as the plate's zoom goes (or its place, "
-            "if the real camera moved)",
+            Note(
+                f"by frame {index} the plate has {_words(plate)} and the GLB's camera has "
+                f"{_words(camera)}: animate its field of view as the plate's zoom goes (or its "
+                "place, if the real camera moved)",
+                NoteKind.INFORMATION,
+            ),
         )
 
     def on_frame_start(self, state: FrameState) -> None:

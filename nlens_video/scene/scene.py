@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video.core.errors import SceneError
+from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.playback import ONCE, Playback
 from nlens_video.scene.animation.tracks import Animation
@@ -213,10 +213,11 @@ class Scene:
         chosen = self._camera(name)
         aspect = width * pixel_aspect / height
         if chosen.aspect_ratio is not None and abs(chosen.aspect_ratio / aspect - 1.0) > 0.01:
-            line = (
+            line = Note(
                 f"camera '{chosen.name}' was made for an aspect ratio of "
                 f"{chosen.aspect_ratio:.4g}, the frame has {aspect:.4g}; "
-                "its vertical field of view is kept"
+                "its vertical field of view is kept",
+                NoteKind.CAMERA,
             )
             if line not in self._warnings:
                 self._warnings.append(line)

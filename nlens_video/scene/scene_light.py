@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from nlens_video.core.errors import Note, NoteKind
 from nlens_video.scene.gltf.lights import PosedLight
 from nlens_video.scene.illumination import Illumination, Lamp
 
@@ -31,7 +32,7 @@ class SceneLight:
         return self.count > 0 or self.environment is not None
 
     @property
-    def note(self) -> str:
+    def note(self) -> Note:
         """What lights the object, in words."""
         found = []
         if self.count:
@@ -43,13 +44,16 @@ class SceneLight:
                 "the rest from around)"
             )
         if not found:
-            return (
+            return Note(
                 "the file has no lights and there is no --env: level and tint of the light are "
-                "estimated from the plate, a key light from above is a guess"
+                "estimated from the plate, a key light from above is a guess",
+                NoteKind.LIGHTS_MISSING,
             )
         lamps = self.count + len(self.environment.lamps if self.environment else ())
-        beyond = f"; of all lights the first {MAX_LAMPS}" if lamps > MAX_LAMPS else ""
-        return f"lit by {' and '.join(found)}{beyond}"
+        text = f"lit by {' and '.join(found)}"
+        if lamps > MAX_LAMPS:
+            return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
+        return Note(text, NoteKind.INFORMATION)
 
     def on_object(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None

@@ -1,5 +1,8 @@
 """The report: one page that holds together alone, says what is missing, and stays small."""
 
+import copy
+import json
+import pickle
 import re
 from dataclasses import replace
 from fractions import Fraction
@@ -19,7 +22,7 @@ from support.shots import (
     write_video,
 )
 
-from nlens_video.core.errors import OutputError
+from nlens_video.core.errors import Note, NoteKind, OutputError, kind_of
 from nlens_video.core.layers import (
     BlurredLayer,
     Box,
@@ -392,3 +395,12 @@ def test_frame_timings_without_nodes_are_drawn(tmp_path):
     with bench.report() as report:
         report.frame(bench.enter(report), FrameTiming(index=0, pts=0, nodes={}))
         assert read(bench.finish(report))
+
+
+def test_a_note_keeps_its_kind_when_it_is_copied_or_travels_between_processes():
+    note = Note("stream 3 is not carried over", NoteKind.STREAM_LEFT_OUT)
+    for same in (copy.deepcopy(note), pickle.loads(pickle.dumps(note))):
+        assert same == note
+        assert kind_of(same) is NoteKind.STREAM_LEFT_OUT
+    assert json.loads(json.dumps([note])) == ["stream 3 is not carried over"]
+    assert kind_of("no lights") is NoteKind.OTHER

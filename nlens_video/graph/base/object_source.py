@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from nlens_video.core.errors import UsageError
+from nlens_video.core.errors import Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, Float64, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, Placement, focal_of_fov
@@ -141,8 +141,11 @@ def choose_camera(
         known = f"by --fov {objects.fov_deg:g}"
     unused = "; the file's own camera is not used" if scene.camera_names else ""
     return place_object(view, scene, objects.placing, focal, objects.ground_y), (
-        f"placed by {objects.placing.describe()}, focal length {focal:.4g} mm "
-        f"(35 mm equivalent, {known}){unused}",
+        Note(
+            f"placed by {objects.placing.describe()}, focal length {focal:.4g} mm "
+            f"(35 mm equivalent, {known}){unused}",
+            NoteKind.CAMERA if unused else NoteKind.OTHER,
+        ),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from nlens_video.core.errors import LensFitError
+from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.conditions import IN_FRAME
 from nlens_video.graph.base.node import Node
@@ -111,5 +111,8 @@ def _warning(fit: LensFit, ground: GroundProjection) -> str:
     if fit.sign == "ambiguous":
         return "the plate does not show whether the ground lies before or behind the focal plane"
     if not ground.mask.any():
-        return "no footprint in view: fitted on the ground plane as a whole"
+        return Note(
+            "no footprint in view: fitted on the ground plane as a whole",
+            NoteKind.FOOTPRINT_UNSEEN,
+        )
     return ""

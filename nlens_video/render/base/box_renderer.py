@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
-from nlens_video.core.errors import NlensError, SceneError
+from nlens_video.core.errors import NlensError, Note, SceneError
 from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.render.base.lighting import Lighting
 from nlens_video.render.base.peel_layer import BehindPicture, Front
@@ -93,7 +93,7 @@ class BoxRenderer(ABC):
         self.close()
 
     @property
-    def light_note(self) -> str:
+    def light_note(self) -> Note:
         """What lights the object, in words."""
         return self._light.note
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.core.errors import SceneError
+from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.scene.gltf.document import Document
 
@@ -45,7 +45,9 @@ def read_cameras(document: Document, visible: frozenset[int]) -> tuple[Perspecti
             continue
         item = declared[number]
         if item.text("type") != "perspective":
-            document.warn(f"{item.place} is not a perspective camera and is not used")
+            document.warn(
+                Note(f"{item.place} is not a perspective camera and is not used", NoteKind.CAMERA)
+            )
             continue
         lens = item.child("perspective")
         yfov = lens.number("yfov")

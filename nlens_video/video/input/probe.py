@@ -10,6 +10,7 @@ import av.video.stream
 from av.sidedata.sidedata import Type as SideDataType
 from av.stream import Discard, Stream
 
+from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.sample_views import frame_tags
@@ -127,9 +128,12 @@ def _left_out(
     copied: tuple[Stream, ...],
 ) -> tuple[str, ...]:  # fmt: skip
     return tuple(
-        f"stream {one.index} ({one.type}) is not carried over: of a stream one video is taken"
-        if one.type == "video"
-        else f"stream {one.index} is not carried over: FFmpeg does not know what it is"
+        Note(
+            f"stream {one.index} ({one.type}) is not carried over: of a stream one video is taken"
+            if one.type == "video"
+            else f"stream {one.index} is not carried over: FFmpeg does not know what it is",
+            NoteKind.STREAM_LEFT_OUT,
+        )
         for one in container.streams
         if one is not video and one not in copied and one.type in ("video", "unknown")
     )

@@ -9,7 +9,7 @@ from fractions import Fraction
 import av
 from av.video.codeccontext import VideoCodecContext
 
-from nlens_video.core.errors import OutputError, UsageError
+from nlens_video.core.errors import Note, NoteKind, OutputError, UsageError
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.output.encoders import (  # fmt: skip
     check_pixel_format,
@@ -106,7 +106,9 @@ def choose_encoding(
             "give another OUT, --codec or --pix-fmt"
         )
     # Encoders take no such side data from the frames that they are given.
-    reasons = ["HDR mastering metadata is not carried over"] if info.hdr_metadata else []
+    reasons: list[str] = []
+    if info.hdr_metadata:
+        reasons.append(Note("HDR mastering metadata is not carried over", NoteKind.STREAM_LEFT_OUT))
     reasons += [why] if why else []
     if chosen != wanted:
         lost = "; alpha is left out" if _has_alpha(wanted) and not _has_alpha(chosen) else ""

@@ -1,4 +1,4 @@
-"""What the page says in plain words: the lens, and what to do about what is doubtful."""
+"""Sentences of the report: the fitted lens, and warnings and notes with their remedies."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from nlens_video.core.errors import NoteKind, kind_of
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Findings, Shown
 from nlens_video.report.fit_plot import FitCurve, object_disparity
@@ -16,20 +17,18 @@ _SEEN_SHARE, _SEEN_PX = 0.15, 1.0  # errors of the blur that begin to be seen: t
 _FEW_INLIERS = 0.5
 _MET = 0.9
 
-# The program's own notes, by words in them, and what a person can do; an empty remedy: nothing.
-_REMEDIES = (
-    (
-        "no footprint in view",
-        "Start on a frame with the object wholly in view (--range), or give --ground-y.",
+_REMEDIES = {
+    NoteKind.OTHER: "If the picture looks wrong, change this in the GLB or the plate.",
+    NoteKind.INFORMATION: "",
+    NoteKind.CAMERA: "Name the camera with --camera if another one was meant.",
+    NoteKind.FOOTPRINT_UNSEEN: (
+        "Start on a frame with the object wholly in view (--range), or give --ground-y."
     ),
-    ("no lights", "Give the GLB punctual lights that match those of the plate."),
-    ("light the object", "Remove those lights from the GLB that add little."),
-    ("lit by the file", ""),
-    ("not carried over", "Add that stream to the output afterwards if it is needed."),
-    ("camera", "Name the camera with --camera if another one was meant."),
-)
+    NoteKind.LIGHTS_MISSING: "Give the GLB punctual lights that match those of the plate.",
+    NoteKind.LIGHTS_LIMITED: "Remove those lights from the GLB that add little.",
+    NoteKind.STREAM_LEFT_OUT: "Add that stream to the output afterwards if it is needed.",
+}
 NEVER_SEEN = "No frame was composited: the object was never in view."
-_DEFAULT_REMEDY = "If the picture looks wrong, change this in the GLB or the plate."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,11 +94,6 @@ def margin_words(fit: LensFit) -> str:
     if fit.sign_margin >= 1:
         return f"the other side fits {1 + fit.sign_margin:.2g} times as badly"
     return f"the other side fits {fit.sign_margin:.0%} worse"
-
-
-def note_remedy(note: str) -> str:
-    """What to do about one of the program's notes; empty where nothing needs doing."""
-    return next((remedy for words, remedy in _REMEDIES if words in note), _DEFAULT_REMEDY)
 
 
 def _object_sentence(fit: LensFit, shown: Shown | None) -> str:
@@ -218,4 +212,6 @@ def _note_advice(findings: Findings) -> Iterator[Advice]:
     for note in findings.notes:
         if note == findings.doubt and findings.fit is not None and findings.fit.slope == 0:
             continue
-        yield Advice(kind="note", text=note[:1].upper() + note[1:] + ".", remedy=note_remedy(note))
+        yield Advice(
+            kind="note", text=note[:1].upper() + note[1:] + ".", remedy=_REMEDIES[kind_of(note)]
+        )
