@@ -13,7 +13,7 @@ from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from nlens_video.core.errors import NlensError
-from nlens_video.core.stdio import print_out, standard_error
+from nlens_video.core.stdio import escape_controls, print_out, standard_error
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -92,7 +92,7 @@ class Console:
         if self._json:
             self._emit({"plan": list(lines)})
         else:
-            print_out("".join(f"{line}\n" for line in lines), self._results)
+            print_out("".join(f"{escape_controls(line)}\n" for line in lines), self._results)
 
     def fit(self, outcome: FitOutcome) -> None:
         """Show a fit that was saved."""
@@ -152,9 +152,8 @@ class Console:
             )
         for name, one in results:
             if isinstance(one, NlensError):
-                self._console.print(
-                    f"nlens-video: {name}: {one}", markup=False, soft_wrap=True, highlight=False
-                )
+                text = escape_controls(f"nlens-video: {name}: {one}")
+                self._console.print(text, markup=False, soft_wrap=True, highlight=False)
             elif not self._json and not self._quiet:
                 self.merged(one)
 
@@ -204,7 +203,7 @@ class Console:
             self._say("note", note)
 
     def _say(self, label: str, text: str) -> None:
-        self._console.print(f"{label:7}{text}", markup=False, soft_wrap=True)
+        self._console.print(escape_controls(f"{label:7}{text}"), markup=False, soft_wrap=True)
 
     def _emit(self, value: object) -> None:
         print_out(json.dumps(value, indent=2) + "\n", self._results)

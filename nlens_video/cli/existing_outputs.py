@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from nlens_video.cli.command_paths import PAGE, Use, uses
+from nlens_video.cli.path_guard import Use, uses
 from nlens_video.core.errors import OutputError
-from nlens_video.core.stdio import standard_error
+from nlens_video.core.stdio import escape_controls, standard_error
+from nlens_video.options.files import PAGE
 
 GENERATOR = "nlens-video"
 """What our pages say that made them, in a `meta` element."""
@@ -109,7 +110,7 @@ def _ask(there: list[_There]) -> None:
     names = ", ".join(f"{one.words} {one.foreign}".strip() for one in there)
     told = "" if all(one.foreign for one in there) else (" exists" if len(there) == 1 else " exist")
     error = standard_error()
-    error.write(f"nlens-video: {names}{told}; replace? [y/N] ")
+    error.write(f"nlens-video: {escape_controls(names)}{told}; replace? [y/N] ")
     error.flush()
     answer = sys.stdin.readline()
     if not answer.endswith("\n"):

@@ -13,15 +13,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlens_video.cli import completion
-from nlens_video.cli.command_paths import drop_protocol
-from nlens_video.cli.commands import SIDE_COMMANDS
+from nlens_video.cli.commands import COMPLETING, SIDE_COMMANDS, complete
 from nlens_video.cli.existing_outputs import settle_existing
 from nlens_video.cli.memory import require_memory
-from nlens_video.cli.path_guard import refuse_overwriting
+from nlens_video.cli.path_guard import drop_protocol, refuse_overwriting
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, ReaderGone
 from nlens_video.core.stdio import (
+    escape_controls,
     make_ready,
     redirect_library_stdout,
     redirect_to_devnull,
@@ -38,8 +37,8 @@ _SMALL = ("doctor", "completion", "study")  # load no library that aborts where 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
-    if completion.ASKED in os.environ:
-        completion.answer()
+    if COMPLETING in os.environ:
+        complete()
     make_ready()
     words = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
@@ -87,13 +86,13 @@ def _verbose(words: list[str]) -> bool:
 
 
 def _say(text: str, error: BaseException, *, trace: bool = False) -> None:
-    """One line, with what the error's notes add; where it came from before it, if asked for."""
+    """Print an error as one line, its notes at the end; before it the traceback, if asked for."""
     if trace:
         import traceback
 
         standard_error().write("".join(traceback.format_exception(error)))
     line = "; ".join([text, *getattr(error, "__notes__", [])])
-    standard_error().write(f"nlens-video: {' '.join(line.split())}\n")
+    standard_error().write(f"nlens-video: {escape_controls(' '.join(line.split()))}\n")
 
 
 @contextlib.contextmanager
@@ -154,11 +153,11 @@ def _at_work(words: argparse.Namespace, voice: Console) -> int:
         voice.choices(words.output, write_contact_sheet(to_settings.place_settings(words)))
         return 0
     if words.command == "merge":
-        from nlens_video.cli.farm_command import run_merge
+        from nlens_video.cli.farm_commands import run_merge
 
         return run_merge(words, voice)
     if words.command == "farm" and words.jobs is not None:
-        from nlens_video.cli.farm_command import run_jobs
+        from nlens_video.cli.farm_commands import run_jobs
 
         return run_jobs(words, voice)
     return _composite(words, voice)
@@ -173,7 +172,7 @@ def _composite(words: argparse.Namespace, voice: Console) -> int:
         voice.plan(plan(run, all_reasons=words.verbose or words.json))
         return 0
     if words.command == "farm":
-        from nlens_video.cli.farm_command import run_farm
+        from nlens_video.cli.farm_commands import run_farm
 
         return run_farm(words, run, voice)
     if words.command == "fit":
@@ -185,11 +184,11 @@ def _composite(words: argparse.Namespace, voice: Console) -> int:
         tell_missing(str(found.path), found.missing)
         return 0
     if words.resume:
-        from nlens_video.cli.farm_command import run_resumable
+        from nlens_video.cli.farm_commands import run_resumable
 
         return run_resumable(words, run, voice)
     if words.as_chunk:
-        from nlens_video.cli.farm_command import run_chunk
+        from nlens_video.cli.farm_commands import run_chunk
 
         return run_chunk(run, Path(words.output), voice)
     from nlens_video.run.render import render

@@ -1,4 +1,7 @@
-"""What a command writes must not be what it reads: a slip of the hand must not cost the footage."""
+"""Refuses commands that would write over a file that they read, or write one file twice.
+
+Which values name files is a column of the option table (`options.files`).
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,92 @@ import argparse
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 from urllib.parse import unquote
 
-from nlens_video.cli.command_paths import Use, uses
 from nlens_video.core.errors import OutputError
+from nlens_video.options.files import Files
+from nlens_video.options.option import Option
+from nlens_video.options.table import JOBS, ROWS
 from nlens_video.video.named_files import NamedFiles, local_path
 
 _URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')
 _LISTS = {".m3u8", ".m3u", ".mpd", ".ffconcat", ".txt", ".sdp"}
 _MOST_LIST_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """Files that a command reads or writes.
+
+    Attributes:
+        name: what they are, for messages.
+        given: as the user named them.
+        files: they.
+        derived: whether the user named another file, beside which they lie.
+    """
+
+    name: str
+    given: str
+    files: NamedFiles
+    derived: bool = False
+
+    @property
+    def folder(self) -> bool:
+        """Whether the user named their folder."""
+        return bool(self.files.inside)
+
+
+def file_options(command: str) -> Iterator[tuple[Option, Files]]:
+    """The options of a command, or of a form of it such as `study make`, that name files."""
+    return (
+        (option, files) for option in ROWS if command in option.commands for files in option.files
+    )
+
+
+def uses(words: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
+    """The files that a parsed command line names, to be read or to be written."""
+    for option, files in file_options(_form(words)):
+        if files.role != role or not files.holds(words):
+            continue
+        value = getattr(words, option.attribute, None)
+        for given in value if isinstance(value, list) else [value]:
+            path = None if given is None else local_path(str(given))
+            if path is None or (files.or_word and not path.suffix):
+                continue
+            if files.of is not None:
+                path = files.of(path)
+            single = role == "reads" and not path.is_dir()  # a chunk by itself, a folder of them
+            yield Use(
+                files.name or option.flags[0],
+                str(given),
+                NamedFiles(path, () if single else files.inside),
+                files.of is not None,
+            )
+
+
+def drop_protocol(words: argparse.Namespace) -> None:
+    """Replace `file:p.mp4`, FFmpeg's form of a path, by that path, in place."""
+    for attribute in {option.attribute for option, _ in file_options(_form(words))}:
+        value = getattr(words, attribute, None)
+        if isinstance(value, list):
+            setattr(words, attribute, [_bare(one) for one in value])
+        elif value is not None:
+            setattr(words, attribute, _bare(value))
+
+
+def _bare(given: str | Path) -> str | Path:
+    path = local_path(str(given)) if str(given).startswith("file:") else None
+    return given if path is None else type(given)(path)
+
+
+def _form(words: argparse.Namespace) -> str:
+    """The form of a command that has options of its own, else the command."""
+    if words.command == "farm" and words.jobs is not None:
+        return JOBS
+    return f"study {words.what}" if words.command == "study" else str(words.command)
 
 
 def refuse_overwriting(*commands: argparse.Namespace) -> None:
@@ -32,7 +111,7 @@ def refuse_overwriting(*commands: argparse.Namespace) -> None:
         for read in (*uses(words, "reads"), *_named_inside(words)):
             taken.add(read)
     for words in commands:
-        for written in uses(words, "writes"):
+        for written in sorted(uses(words, "writes"), key=lambda use: use.folder):
             other = taken.meeting(written)
             if other is not None:
                 raise OutputError(_line(written, other))

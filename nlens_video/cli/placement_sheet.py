@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.cli.placement_choices import Choice, choices
 from nlens_video.core.errors import OutputError, SceneError, UsageError
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.placement import (
@@ -20,7 +20,8 @@ from nlens_video.core.placement import (
     focal_of_fov,
     fov_of_focal,
 )
-from nlens_video.core.settings import PlaceSettings, SourceSettings
+from nlens_video.core.playback import ALL
+from nlens_video.core.settings import ObjectSettings, PlaceSettings, SourceSettings
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.placement_camera import contact_point, place_camera
@@ -185,3 +186,66 @@ def _caption(width: int, lines: list[str], height: int) -> Bgr:
         spot = (_LEFT, 17 + _LINE_HEIGHT * number)
         cv2.putText(caption, line, spot, cv2.FONT_HERSHEY_SIMPLEX, _FONT, _INK, 1, cv2.LINE_AA)
     return caption
+
+
+_HORIZON_STEP, _SIZE_FACTOR, _YAW_STEP = 0.12, 1.5, 45.0
+_LENS_FACTOR = 0.5  # of the field of view: a longer lens, from farther away [1]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A place, and the field of view that it is seen with.
+
+    Attributes:
+        placing: where the object stands.
+        fov_deg: across the frame, None for the plate's own or the assumed one [deg].
+    """
+
+    placing: Placement
+    fov_deg: float | None
+
+    def words(self, scene: ObjectSettings) -> tuple[str, ...]:
+        """The options that repeat it, an option with its value each.
+
+        Args:
+            scene: the object, with the options that do not differ between choices.
+        """
+        played = scene.playback
+        fov = None if self.fov_deg is None else f"{self.fov_deg:.4g}"
+        given = (
+            ("--fov", fov),
+            ("--ground-y", None if scene.ground_y is None else f"{scene.ground_y:g}"),
+            ("--scene", scene.scene),
+            ("--animation", None if played.animation == ALL else played.animation),
+            ("--animation-speed", None if played.speed == 1.0 else f"{played.speed:g}"),
+            ("--animation-offset", None if played.offset_s == 0.0 else f"{played.offset_s:g}"),
+        )
+        place = self.placing.describe().split(" --")
+        return (
+            place[0],
+            *(f"--{option}" for option in place[1:]),
+            *(f"{name} {shlex.quote(value)}" for name, value in given if value is not None),
+            *(["--loop"] if played.loop else []),
+        )
+
+
+def choices(start: Placement, fov_deg: float | None, assumed_fov_deg: float) -> tuple[Choice, ...]:
+    """Nine choices: the given one first; then horizon, size, turn and lens changed by a step.
+
+    Args:
+        start: the place round which they lie.
+        fov_deg: field of view that was asked for, None where nothing was said [deg].
+        assumed_fov_deg: what it is then [deg].
+    """
+    lowest = 0.5 * (start.horizon + start.at[1])  # a horizon must lie above the contact point
+    horizons = (start.horizon - _HORIZON_STEP, min(start.horizon + _HORIZON_STEP, lowest))
+    sizes = (start.size / _SIZE_FACTOR, start.size * _SIZE_FACTOR)
+    yaws = (start.yaw_deg - _YAW_STEP, start.yaw_deg + _YAW_STEP, start.yaw_deg + 180.0)
+    places = (
+        start,
+        *(replace(start, horizon=horizon) for horizon in horizons),
+        *(replace(start, yaw_deg=yaw) for yaw in yaws),
+        *(replace(start, size=size) for size in sizes),
+    )
+    longer = _LENS_FACTOR * (assumed_fov_deg if fov_deg is None else fov_deg)
+    return (*(Choice(place, fov_deg) for place in places), Choice(start, longer))

@@ -18,7 +18,7 @@ Frames = TypeVar("Frames")
 _THIN = 8  # of the rows and columns, one in so many tells whether samples are in [0, 1]
 
 
-def taken(frame: object) -> npt.NDArray[Any]:
+def to_samples(frame: object) -> npt.NDArray[Any]:
     """A copy of a frame in samples that can be composited in.
 
     Types that such samples hold exactly are honoured too: half precision, the other byte order.
@@ -52,8 +52,8 @@ def taken(frame: object) -> npt.NDArray[Any]:
     return result
 
 
-def given_back(result: npt.NDArray[Any], frame: Frames) -> Frames:
-    """A composited copy in the form of the frame that it was taken from."""
+def from_samples(result: npt.NDArray[Any], frame: Frames) -> Frames:
+    """A composited copy in the form of the frame that it was made from."""
     given: Any = frame
     if _is_tensor(frame):
         return cast("Frames", given.new_tensor(result))

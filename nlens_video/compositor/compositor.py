@@ -8,24 +8,25 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
-from nlens_video.compositor.array_frames import Frames, as_format_of, given_back, taken
-from nlens_video.compositor.frame_loop import FrameLoop
-from nlens_video.compositor.options import (
+from nlens_video.compositor.arguments import (
     as_fit,
     as_lens,
     as_moment,
     as_objects,
     as_words,
     check_settings,
+    in_python,
+    naming_parameters,
 )
-from nlens_video.compositor.own_thread import OwnThread
-from nlens_video.compositor.parameter_names import in_python, naming_parameters
+from nlens_video.compositor.array_frames import Frames, as_format_of, from_samples, to_samples
+from nlens_video.compositor.frame_loop import FrameLoop, OwnThread
 from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.lens_models import NO_OVERRIDES, LensOverrides
 from nlens_video.core.settings import Device, Fallback, ObjectSettings, Occlusion
 from nlens_video.graph.base.profiler import Profiler, Summary
+from nlens_video.options.table import PARAMETERS
 
 if TYPE_CHECKING:
     import av
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from nlens_video.compositor.notebook import Shown
 
 R = TypeVar("R")
+_CHECKED = ("fit", "aperture", "budget_ms")
+"""Parameters that take more than the option's text, or are checked apart."""
 
 
 class Compositor:
@@ -132,24 +135,14 @@ class Compositor:
         shutter_deg: float | None = None,
         optics: LensOverrides = NO_OVERRIDES,
     ) -> None:
+        given = locals()  # by the names of the command line's options
         with naming_parameters():
             check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)
-            words = as_words(
-                dict(
-                    preset=preset, effects=effects, fallback=fallback, device=device,
-                    cat_eye=cat_eye, shutter=shutter, vignetting=vignetting, distortion=distortion,
-                    camera=camera, scene=scene, ground_y=ground_y, footprint=footprint,
-                    animation=animation, loop=loop, animation_speed=animation_speed,
-                    animation_offset=animation_offset, at=at, size=size, yaw=yaw, fov=fov,
-                    horizon=horizon, env=env, env_rotation=env_rotation, env_exposure=env_exposure,
-                    shadow_strength=shadow_strength, holdout=holdout, occlusion=occlusion,
-                    reflect=reflect, track_focus=track_focus,
-                )
-            )  # fmt: skip
-            told = as_lens(
+            words = as_words({name: given[name] for name in PARAMETERS if name not in _CHECKED})
+            lens = as_lens(
                 words, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
             )
-            self._loop = FrameLoop(as_objects(glb, words), told, fps, Profiler(budget_ms))
+            self._loop = FrameLoop(as_objects(glb, words), lens, fps, Profiler(budget_ms))
         self._thread = OwnThread(self._loop.close)
 
     def process(self, frame: Frames, time: float | None = None) -> Frames:
@@ -172,9 +165,9 @@ class Compositor:
         """
         from nlens_video.video.pixels.picture import ArrayPicture
 
-        result, moment = taken(frame), as_moment(time)
+        result, moment = to_samples(frame), as_moment(time)
         self._call(lambda: self._loop.composite(ArrayPicture(result), moment))
-        return given_back(result, frame)
+        return from_samples(result, frame)
 
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
         """Composite one of PyAV's frames; format, pts and colour tags stay as they are.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import io
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -17,6 +18,7 @@ from nlens_video.core.errors import OutputError, ReaderGone
 
 _PLAIN = {"…": "...", "±": "+-", "·": "*", "–": "-", "−": "-", "×": "x", "→": "->", "°": " deg"}
 _CHARACTERS = "nlens_video.plain"
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 codecs.register_error(_CHARACTERS, lambda error: _plainly(error))
 
 
@@ -49,6 +51,15 @@ def _plainly(error: UnicodeError) -> tuple[bytes, int]:
         errors = "surrogateescape" if lone else "backslashreplace"
         written += _PLAIN.get(character, character).encode("ascii", errors)
     return written, error.end
+
+
+def escape_controls(text: str) -> str:
+    r"""Text with its control characters, which could move the cursor or hide a part, spelled out.
+
+    >>> escape_controls("plate\x1b[2J.mp4")
+    'plate\\x1b[2J.mp4'
+    """
+    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def print_out(text: str, stream: TextIO | None = None) -> None:

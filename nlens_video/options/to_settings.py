@@ -1,59 +1,82 @@
-"""The words of a command, parsed, as `Settings`."""
+"""Parsed options as `Settings`: each option of the table goes to the field that it feeds."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+from typing import Any
 
 from nlens_video.core.aperture import parse_aperture
+from nlens_video.core.errors import UsageError
+from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.placement import LEVEL, Placement
+from nlens_video.core.playback import Playback
 from nlens_video.core.settings import (
+    LightSettings,
     ObjectSettings,
     OutputSettings,
     PlaceSettings,
+    RealSettings,
     Settings,
     SourceSettings,
 )
-from nlens_video.options.lens_options import optics
-from nlens_video.options.object_options import (
-    object_settings,
-    placing,
-    playback,
-)
+from nlens_video.options.table import ROWS
+
+_FEEDS = {option.feeds: option.attribute for option in ROWS if option.feeds}
+_START = Placement(at=(0.5, 0.8), size=0.35, horizon=0.4)
+"""What `place` shows where nothing is said."""
 
 
 def settings(words: argparse.Namespace) -> Settings:
-    """Settings of `render` and `fit`."""
-    output = output_settings(words) if words.command in ("render", "farm") else None
+    """Settings of `render`, `farm` and `fit`.
+
+    Raises:
+        UsageError: options that contradict each other, or values that make no sense.
+    """
+    defaults = {"effects": "defocus"} if words.command == "fit" else {}
     return Settings(
         source=source_settings(words),
         scene=object_settings(words),
-        output=output,
-        preset=words.preset,
-        effects="defocus" if words.command == "fit" else words.effects,
-        budget_ms=getattr(words, "budget_ms", 180.0),
-        hold_budget=getattr(words, "hold_budget", False),
-        late=getattr(words, "late", "keep"),
-        device=words.device,
+        output=None if words.command == "fit" else output_settings(words),
         aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
-        shutter_deg=getattr(words, "shutter", None),
-        optics=optics(words),
-        track_focus=getattr(words, "track_focus", "off"),
-        fit=getattr(words, "fit", None),
-        save_fit=words.save_fit,
-        fallback=words.fallback,
-        report=words.report,
-        aov=getattr(words, "aov", None),
-        timings=getattr(words, "timings", None),
+        optics=lens_overrides(words),
+        **{**defaults, **_given(words, "run")},
     )
 
 
+def source_settings(words: argparse.Namespace) -> SourceSettings:
+    """The plate of any command that reads one."""
+    return SourceSettings(**_given(words, "source"))
+
+
 def output_settings(words: argparse.Namespace) -> OutputSettings:
-    """The result of `render` and `merge`."""
-    return OutputSettings(
-        spec=words.output,
-        codec=words.codec,
-        crf=words.crf,
-        pix_fmt=words.pix_fmt,
-        keep_partial=words.keep_partial,
+    """The result of `render`, `farm` and `merge`."""
+    return OutputSettings(**_given(words, "output"))
+
+
+def lens_overrides(words: argparse.Namespace) -> LensOverrides:
+    """What is known of the lens beside its focus."""
+    return LensOverrides(**_given(words, "optics"))
+
+
+def object_settings(words: argparse.Namespace) -> ObjectSettings:
+    """The object of `render`, `farm` and `fit`.
+
+    Raises:
+        UsageError: options that contradict each other.
+    """
+    light, real = _given(words, "light"), _given(words, "real")
+    for field, name in (("env_rotation_deg", "rotation"), ("env_exposure_ev", "exposure")):
+        if field in light and "env" not in light:
+            raise UsageError(f"--env-{name} needs a map; give --env-map MAP.hdr too")
+    if "holdout" in real and real["occlusion"] == "auto":
+        raise UsageError("--holdout tells what is in front; leave --occlusion auto out")
+    return ObjectSettings(
+        **_given(words, "scene"),
+        playback=Playback(**_given(words, "playback")),
+        placing=_placement(words),
+        light=LightSettings(**light),
+        real=RealSettings(**real),
     )
 
 
@@ -62,25 +85,33 @@ def place_settings(words: argparse.Namespace) -> PlaceSettings:
     return PlaceSettings(
         source=source_settings(words),
         scene=ObjectSettings(
-            glb=words.glb,
-            ground_y=words.ground_y,
-            playback=playback(words),
-            scene=words.scene,
-            fov_deg=words.fov,
+            **_given(words, "scene"), playback=Playback(**_given(words, "playback"))
         ),
-        start=placing(words, at=(0.5, 0.8), size=0.35, horizon=0.4),
+        start=replace(_START, **_given(words, "placing")),
         output=words.output,
     )
 
 
-def source_settings(words: argparse.Namespace) -> SourceSettings:
-    """The plate of any command that reads one."""
-    return SourceSettings(
-        spec=words.input,
-        input_format=words.input_format,
-        input_size=words.input_size,
-        input_rate=words.input_rate,
-        input_transfer=words.input_transfer,
-        frames=getattr(words, "range", None) or (0, None),
-        reconnect_s=getattr(words, "reconnect", 0.0),
-    )
+def _given(words: argparse.Namespace, owner: str) -> dict[str, Any]:
+    """The fields of one settings class that options give; None leaves the class' default."""
+    values = {
+        feeds.removeprefix(f"{owner}."): getattr(words, attribute, None)
+        for feeds, attribute in _FEEDS.items()
+        if feeds.startswith(f"{owner}.")
+    }
+    return {field: value for field, value in values.items() if value is not None}
+
+
+def _placement(words: argparse.Namespace) -> Placement | None:
+    place = _given(words, "placing")
+    if not place:
+        if words.fov is not None:
+            raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
+        return None
+    if "at" not in place or "size" not in place:
+        raise UsageError(
+            "to place the object give both --at X,Y and --size S, fractions of the frame"
+        )
+    if words.camera is not None:
+        raise UsageError("--camera and --at place the object twice; leave one of them out")
+    return Placement(**{"horizon": LEVEL, **place})

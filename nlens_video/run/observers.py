@@ -17,6 +17,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import OutputSettings, Settings
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.executor import FrameState
+from nlens_video.graph.nodes.registry import FORMER_NAMES
 from nlens_video.graph.session import Session
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.exr import write_layers
@@ -135,7 +136,10 @@ def save_fit(fit: LensFit, path: Path) -> None:
 
 
 class TimingRows(BaseObserver):
-    """`--timings`: one row per frame, written as it comes, so that memory stays the same."""
+    """`--timings`: one row per frame, written as it comes, so that memory stays the same.
+
+    Under `aliases` stand the names before 1.0 of the nodes that ran: today's to the former one.
+    """
 
     def __init__(self, path: Path, settings: Settings, started: RunContext) -> None:
         check_folder(path)
@@ -150,6 +154,7 @@ class TimingRows(BaseObserver):
             "device": started.session.device.name,
         }
         self._rows = 0
+        self._ran: set[str] = set()
 
     def __enter__(self) -> Self:
         partial = self._stack.enter_context(replacing(self._path))
@@ -178,12 +183,14 @@ class TimingRows(BaseObserver):
         }
         self._stream.write(("," if self._rows else "") + "\n  " + json.dumps(row))
         self._rows += 1
+        self._ran.update(timing.nodes)
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Close the list, and give the file its name."""
         assert self._stream is not None
         tail = json.dumps({**asdict(summary), "fps": summary.fps})
-        self._stream.write(f'\n ],\n "summary": {tail}\n}}\n')
+        former = {new: old for old, new in FORMER_NAMES.items() if new in self._ran}
+        self._stream.write(f'\n ],\n "aliases": {json.dumps(former)},\n "summary": {tail}\n}}\n')
         self._stack.close()
 
 

@@ -1,14 +1,14 @@
-"""The table of what commands read and write knows every option that may name a file."""
+"""The option table says of every option that may name a file what is done with the file."""
 
 import argparse
 from pathlib import Path
 
 import pytest
 
-from nlens_video.cli.command_paths import PATH_WORDS
-from nlens_video.options import options as arguments
-from nlens_video.options.farm_options import jobs_parser
-from nlens_video.options.parser import path, word
+from nlens_video.cli.path_guard import file_options
+from nlens_video.options.options import parser_of
+from nlens_video.options.readers import path, word
+from nlens_video.options.table import COMMANDS, JOBS
 
 NO_PATHS = {
     "camera", "scene", "footprint", "animation", "input_format", "input_rate", "codec", "pix_fmt",
@@ -17,7 +17,7 @@ NO_PATHS = {
 """Options that take a word which is no path: names of nodes, codecs, effects, answers."""
 
 
-def options(parser):
+def text_options(parser):
     """The options of a parser that take any text, or a path; those of its subcommands not."""
     for action in parser._actions:
         takes_value = action.nargs != 0 and action.choices is None
@@ -26,29 +26,21 @@ def options(parser):
 
 
 def forms():
-    """Each form of a command with the rows of the table that hold for it, and its parser."""
-    for command in arguments.COMMANDS:
-        parser = arguments.parser_of(command)
+    """Each form of a command that has options of its own, and its parser."""
+    for command in (*COMMANDS, JOBS):
+        parser = parser_of(command)
         below = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
         if below:
             for name, subparser in below[0].choices.items():
                 yield f"{command} {name}", subparser
         else:
             yield command, parser
-    yield "farm --jobs", jobs_parser()
 
 
 @pytest.mark.parametrize(("form", "parser"), list(forms()), ids=lambda value: str(value)[:20])
-def test_every_option_that_may_name_a_file_is_in_the_table(form, parser):
-    listed = {word.dest for word in PATH_WORDS[form]}
-    given = set(options(parser))
-    missing = given - listed - NO_PATHS - ({"jobs"} if form == "farm" else set())
-    assert not missing, (
-        f"{form}: list {sorted(missing)} in command_paths.PATH_WORDS, or in NO_PATHS"
+def test_every_option_that_may_name_a_file_says_what_is_done_with_it(form, parser):
+    listed = {option.attribute for option, _ in file_options(form)}
+    missing = (
+        set(text_options(parser)) - listed - NO_PATHS - ({"jobs"} if form == "farm" else set())
     )
-
-
-@pytest.mark.parametrize(("form", "parser"), list(forms()), ids=lambda value: str(value)[:20])
-def test_the_table_lists_no_option_that_is_gone(form, parser):
-    known = {action.dest for action in parser._actions}
-    assert {word.dest for word in PATH_WORDS[form]} <= known
+    assert not missing, f"{form}: give {sorted(missing)} a column `files`, or list it in NO_PATHS"

@@ -46,6 +46,8 @@ def test_video_comes_out_with_every_frame_its_time_and_its_audio(files, tmp_path
     timings = json.loads((tmp_path / "t.json").read_text())
     assert timings["budget_ms"] == 180 and timings["preset"] == "standard"
     assert len(timings["frames"]) == 12
+    assert timings["aliases"]["reblur"] == "scatter"
+    assert set(timings["aliases"]) <= set(timings["frames"][0]["nodes"])
     assert {"decode", "render", "composite", "encode"} <= set(timings["frames"][5]["nodes"])
     assert "fit" in timings["frames"][0]["nodes"] and "fit" not in timings["frames"][1]["nodes"]
     fit = json.loads((tmp_path / "fit.json").read_text())

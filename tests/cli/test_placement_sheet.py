@@ -12,7 +12,7 @@ from support.command import nlens
 from support.glb_builder import GlbBuilder
 
 from nlens_video import Compositor
-from nlens_video.cli.placement_choices import Choice, choices
+from nlens_video.cli.placement_sheet import Choice, choices
 from nlens_video.core.errors import UsageError
 from nlens_video.core.placement import Placement, focal_of_fov, fov_of_focal
 from nlens_video.core.settings import ObjectSettings

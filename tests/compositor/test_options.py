@@ -10,7 +10,7 @@ from support import shots
 
 import nlens_video
 from nlens_video import Compositor
-from nlens_video.compositor.parameter_names import PARAMETERS, in_python
+from nlens_video.compositor.arguments import PARAMETERS, in_python
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
@@ -41,7 +41,7 @@ def test_every_option_of_the_command_line_that_concerns_frames_is_a_parameter():
     options = {action.dest for action in parser_of("render")._actions}
     missing = options - FILES_AND_STREAMS - TALK - set(signature.parameters)
     assert missing == set()
-    assert set(signature.parameters) >= PARAMETERS
+    assert set(signature.parameters) >= set(PARAMETERS)
     assert all(
         one.annotation is not inspect.Parameter.empty for one in signature.parameters.values()
     )

@@ -27,6 +27,43 @@ def test_slips_of_the_hand_are_told_with_what_was_meant(words, said):
     assert said in one_line(nlens(*words), 2)
 
 
+@pytest.mark.parametrize(
+    ("former", "now", "attribute"),
+    [
+        ("--hold-budget", "--adaptive-quality", "hold_budget"),
+        ("--late drop", "--on-late drop", "late"),
+        ("--env a.hdr", "--env-map a.hdr", "env"),
+        ("--shutter 90", "--shutter-angle 90", "shutter"),
+        ("--footprint near", "--footprint-node near", "footprint"),
+        ("--reflect 0.2", "--ground-reflectance 0.2", "reflect"),
+        ("--as-chunk", "--chunk-out", "as_chunk"),
+        ("farm --chunk 5", "farm --chunk-seconds 5", "chunk"),
+        ("farm --chunks kept", "farm --chunk-store kept", "chunks"),
+        ("check --against p.mp4", "check --plate p.mp4", "input"),
+        ("check --plate p.mp4 --objects 2", "check --plate p.mp4 --max-objects 2", "objects"),
+        ("merge --from p.mp4", "merge --plate p.mp4", "input"),
+        ("study make --things cups", "study make --subject cups", "things"),
+    ],
+)
+def test_former_names_of_options_mean_the_same(former, now, attribute):
+    more = {"check": ["o.mp4"], "merge": ["o.mp4", "c.nut"], "study": ["o.html"]}
+    parsed = [
+        vars(options.parse([*words, *more.get(words[0], ["i.mp4", "a.glb", "o.mp4"])]))
+        for words in (former.split(), now.split())
+    ]
+    plain = options.parser_of("render").get_default(attribute)
+    assert parsed[0] == parsed[1] and parsed[0][attribute] not in (None, False, plain)
+
+
+def test_two_names_of_one_option_may_be_abbreviated():
+    assert options.parse(["i.mp4", "a.glb", "o.mp4", "--foot", "near"]).footprint == "near"
+
+
+def test_control_characters_of_a_name_do_not_reach_the_terminal():
+    line = one_line(nlens("no\x1b[2Jsuch.mp4", "a.glb", "o.mp4"), 3)
+    assert "no\\x1b[2Jsuch.mp4" in line
+
+
 def test_value_that_begins_with_a_minus_needs_no_equals_sign():
     words = options.parse(
         ["in.mp4", "a.glb", "-", "--distortion", "-0.1,0.02", "--at", "-0.1,0.5", "--yaw", "-30",

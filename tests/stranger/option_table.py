@@ -113,6 +113,15 @@ COMMANDS = {
             "report": SHOWN["report"],
         },
     ),
+    "graph": Command(
+        words=("graph", "draft"),
+        places={"preset": 1},
+        rows={
+            **{name: row for name, row in TALK.items() if name != "json"},
+            "preset": Row(sense=("paper",), nonsense=("", "fast", "text.txt", "missing.toml")),
+            "dot": option("--dot"),
+        },
+    ),
     "evaluate": Command(
         words=("evaluate", "coc", "folder"),
         places={"what": 1, "folder": 2},

@@ -3,7 +3,8 @@
 import pytest
 from support.command import nlens, one_line
 
-from nlens_video.cli.command_paths import CHUNKS, PATH_WORDS
+from nlens_video.cli.path_guard import file_options
+from nlens_video.options.files import CHUNKS
 
 RUN = (
     "{input} {glb} {output} --layers {layers} --holdout {holdout} --env {env} --aperture "
@@ -64,14 +65,15 @@ def contents(folder):
 def pairs():
     """Every word that names a written file, with every word that names a read one."""
     for form in COMMANDS:
-        row = PATH_WORDS[form]
-        written = [w.dest for w in row if w.role == "writes" and not w.inside and w.of is None]
-        for one in written:
-            for other in row:
-                if other.role == "reads" and other.dest != "folder":
-                    yield form, one, other.dest
-            if form == "study make":
-                yield form, one, "folder"
+        chunk = form.endswith(" --as-chunk")
+        row = list(file_options(form.removesuffix(" --as-chunk")))
+        for option, files in row:
+            alone = not files.inside and files.of is None and not (chunk and files.when)
+            for other, read in row if files.role == "writes" and alone else ():
+                if read.role == "reads" and other.attribute != "folder":
+                    yield form, option.attribute, other.attribute
+        if form == "study make":
+            yield form, "page", "folder"
 
 
 @pytest.mark.parametrize(("form", "written", "read"), list(pairs()))

@@ -18,11 +18,11 @@ import pytest
 from hard.faults import kills
 from support import shots
 
-from nlens_video.cli.command_paths import chunks_beside
 from nlens_video.cli.main import main
 from nlens_video.core.errors import NlensError, OutputError
 from nlens_video.farm.folder import alone_in, remove
 from nlens_video.networks import model_store
+from nlens_video.options.files import chunks_beside
 from nlens_video.run import preflight as preflight_module
 from nlens_video.video.atomic_files import left_over, partial_name, remove_stale
 from nlens_video.video.input.source import open_source

@@ -1,36 +1,39 @@
-"""What a `Compositor` is told, checked where it is said rather than at a later frame."""
+"""Arguments of a `Compositor`: checked when it is made, by the rules of the command line's options.
+
+Messages name Python's parameters where the command line's name options.
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from nlens_video.core.aperture import Aperture, as_aperture
-from nlens_video.core.errors import UsageError
+from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.lens_models import NO_OVERRIDES, LensOverrides
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.effects.planner import requested_effects
+from nlens_video.effects.planner import EFFECTS, requested_effects
 from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.pipeline_file import load_pipeline
-from nlens_video.options.lens_options import optics as optics_of
-from nlens_video.options.object_options import object_settings
-from nlens_video.options.options import parser_of
-from nlens_video.options.parser import word
+from nlens_video.options.option import Option
+from nlens_video.options.readers import word
+from nlens_video.options.table import PARAMETERS
+from nlens_video.options.to_settings import lens_overrides, object_settings
 
-_OF_THE_LENS = frozenset(
-    "preset effects fallback device cat_eye vignetting distortion shutter track_focus".split()
-)
-"""Options that may stand beside `ObjectSettings`."""
+_OF_THE_OBJECT = ("scene", "playback", "placing", "light", "real")
+"""Settings that `ObjectSettings` hold."""
 
 
 def check_settings(*, fps: float, budget_ms: float, track_focus: str) -> None:
-    """Refuse what makes no sense.
+    """Check what no option of the command line checks.
 
     Raises:
-        UsageError: one of them does not.
+        UsageError: a value out of its range.
     """
     for name, value in (("fps", fps), ("budget_ms", budget_ms)):
         if not isinstance(value, int | float) or not 0.0 < value < math.inf:
@@ -39,36 +42,39 @@ def check_settings(*, fps: float, budget_ms: float, track_focus: str) -> None:
         raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
 
 
-def as_words(options: Mapping[str, object]) -> argparse.Namespace:
-    """Keyword arguments as the command line's words, read by its own rules.
+def as_words(given: Mapping[str, object]) -> argparse.Namespace:
+    """Keyword arguments as the command line parses them.
 
     Args:
-        options: by the name of the option with `_` for `-`; None where nothing is said.
+        given: by the name of the parameter; None for the option's default.
 
     Raises:
         UsageError: a value that the option does not take.
     """
-    actions = {action.dest: action for action in parser_of("render")._actions}
-    words = argparse.Namespace(**{name: one.default for name, one in actions.items()})
-    for name, value in options.items():
+    words = argparse.Namespace(**{name: one.initial for name, one in PARAMETERS.items()})
+    for name, value in given.items():
         if value is not None:
-            setattr(words, name, _read(name, actions[name], value))
+            setattr(words, name, _read(name, PARAMETERS[name], value))
     return words
 
 
 def as_objects(glb: str | Path | ObjectSettings, words: argparse.Namespace) -> ObjectSettings:
-    """The object that the words are about.
+    """The object's settings.
+
+    Args:
+        glb: its file, or all of its settings.
+        words: of `as_words`.
 
     Raises:
-        UsageError: `ObjectSettings` with options that are a part of it, or words that contradict.
+        UsageError: options that contradict each other, or that stand beside `ObjectSettings`.
     """
     if not isinstance(glb, ObjectSettings):
         words.glb = Path(glb)
         return object_settings(words)
     given = [
-        action.dest
-        for action in parser_of("render")._actions
-        if getattr(words, action.dest) != action.default and action.dest not in _OF_THE_LENS
+        name
+        for name, option in PARAMETERS.items()
+        if option.feeds.split(".")[0] in _OF_THE_OBJECT and getattr(words, name) != option.initial
     ]
     if given:
         raise UsageError(f"{', '.join(given)}: stand in the ObjectSettings; leave them out")
@@ -79,7 +85,7 @@ def as_lens(
     words: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
     aperture: Aperture | str, optics: LensOverrides, shutter_deg: float | None,
 ) -> LensRequest:  # fmt: skip
-    """The lens that the words are about; what can be wrong speaks up here, not at a frame.
+    """How the lens is found and simulated.
 
     Args:
         words: of `as_words`.
@@ -95,7 +101,7 @@ def as_lens(
     """
     load_pipeline(words.preset)
     requested_effects(words.effects)
-    said = optics_of(words)
+    said = lens_overrides(words)
     if words.shutter is not None and shutter_deg is not None:
         raise UsageError("shutter and shutter_deg are the same; leave one of them out")
     if NO_OVERRIDES not in (said, optics):
@@ -140,19 +146,65 @@ def as_moment(time: float | None) -> float | None:
     return moment
 
 
-def _read(name: str, action: argparse.Action, value: object) -> object:
-    """A value as the option's own reader makes it from text."""
-    if action.nargs == 0:
+def _read(name: str, option: Option, value: object) -> object:
+    """A value as the option's reader makes it from text."""
+    if not option.takes_value:
         return bool(value)
-    if action.nargs == "?" and value is True:
-        return action.const
+    if option.nargs == "?" and value is True:
+        return option.const
     text = str(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         text = ",".join(str(one) for one in value)
-    if action.choices is not None and text not in action.choices:
-        raise UsageError(f"{name}={value!r}: expected one of {', '.join(action.choices)}")
-    reader = action.type if callable(action.type) else word
+    if option.choices is not None and text not in option.choices:
+        raise UsageError(f"{name}={value!r}: expected one of {', '.join(option.choices)}")
     try:
-        return reader(text)
+        return (option.type or word)(text)
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"{name}={value!r}: {error}") from None
+
+
+_BY_FLAG = {flag: name for name, option in PARAMETERS.items() for flag in option.flags}
+_NUMBER = r"-?\d[\d.]*"
+_PLACEHOLDER = re.compile(r"[A-Z][A-Z0-9,]*(\.[a-z]+)?")
+_FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)(?P<gap>[ =](?P<value>[^\s;:()]*[^\s;:(),.]))?")
+_WORDS = frozenset(
+    [*EFFECTS, "auto", "all", "none", "off", "constant", "cpu", "cuda"]
+    + ["draft", "realtime", "standard", "reference", "paper"]
+)
+
+
+@contextmanager
+def naming_parameters() -> Iterator[None]:
+    """Errors from the body name Python's parameters, not the command line's options."""
+    try:
+        yield
+    except NlensError as error:
+        error.args = (in_python(str(error)),)
+        raise
+
+
+def in_python(message: str) -> str:
+    """A message with the command line's options as Python's parameters.
+
+    >>> in_python("--at 0.4,0.2 lies above the horizon (--horizon 0.5); see --plan")
+    'at=(0.4, 0.2) lies above the horizon (horizon=0.5); see --plan'
+    """
+    return _FLAG.sub(_parameter, message)
+
+
+def _parameter(found: re.Match[str]) -> str:
+    name = _BY_FLAG.get(f"--{found['name']}")
+    if name is None:
+        return found[0]
+    value = found["value"]
+    if value is None:
+        return name
+    if re.fullmatch(_NUMBER, value):
+        return f"{name}={value}"
+    if re.fullmatch(rf"{_NUMBER}(,{_NUMBER})+", value):
+        return f"{name}=({value.replace(',', ', ')})"
+    if all(word.lstrip("+-") in _WORDS for word in value.split(",")):
+        return f'{name}="{value}"'
+    if _PLACEHOLDER.fullmatch(value):
+        return name
+    return f"{name}{found['gap']}"

@@ -1,0 +1,68 @@
+"""Files that option values name: the column of the option table that the path guard reads."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from nlens_video.video.atomic_files import kept_name
+
+
+@dataclass(frozen=True, slots=True)
+class Files:
+    """Files that an option's value names.
+
+    Attributes:
+        role: what is done with them.
+        name: what messages call them; empty: the option itself.
+        inside: shell patterns of the files, where the value names their folder.
+        of: the path that is meant, from the one that is named; None: that one.
+        when: an option that must be given for this to hold, `!` before it for one that must not;
+            empty: it always holds.
+        or_word: whether a value without a suffix is a name of another kind, such as a preset's.
+    """
+
+    role: Literal["reads", "writes"]
+    name: str = ""
+    inside: tuple[str, ...] = ()
+    of: Callable[[Path], Path] | None = None
+    when: str = ""
+    or_word: bool = False
+
+    def holds(self, words: argparse.Namespace) -> bool:
+        """Whether `when` is fulfilled."""
+        given = bool(getattr(words, self.when.lstrip("!"), False))
+        return not self.when or given != self.when.startswith("!")
+
+
+CHUNKS = ("*.nut", "fit-*.json")
+"""Files of a folder of chunks."""
+PAGE = ("index.html",)
+"""The file of a report's folder."""
+PICTURES = ("*.csv", "*.png", "*.jpg", "*.jpeg", "*.webp")
+TABLES = ("*.md", "*.csv", "reliability.png", "error_by_coc.png", "composite.png")
+BENCH = ("bench.md", "bench*.csv", "bench.png")
+
+
+def chunks_beside(output: Path) -> Path:
+    """The folder of the chunks that become a result."""
+    return output.with_name(f"{output.name}.chunks")
+
+
+READ, WRITE = (Files("reads"),), (Files("writes"),)
+PIPELINE = (Files("reads", "the pipeline", or_word=True),)
+APERTURE = (Files("reads", or_word=True),)
+PLATE, SCENE = (Files("reads", "the plate"),), (Files("reads", "the scene"),)
+_RENDERED = ("bg*.*", "object*.*", "gt*.png", "params.json", "env.hdr")
+PLATE_FOLDER = (Files("reads", "FOLDER", _RENDERED),)
+REPORT = (Files("writes", inside=PAGE),)
+RESULT = (
+    Files("writes", "the result", when="!as_chunk"),
+    Files("writes", "the part that --keep-partial keeps", of=kept_name, when="keep_partial"),
+)
+CHUNK_FOLDER = Files("writes", "the folder of chunks", CHUNKS, when="as_chunk")
+CHUNKS_BESIDE = Files("writes", "the folder of chunks", CHUNKS, of=chunks_beside)
+RESUMED_CHUNKS = Files("writes", "the folder of chunks", CHUNKS, of=chunks_beside, when="resume")

@@ -1,0 +1,154 @@
+"""Readers of option values: text from the command line to a checked value.
+
+Each raises `argparse.ArgumentTypeError` with what came and what is expected.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from nlens_video.core.settings import TrackFocus
+from nlens_video.video.standard_names import input_name, output_name
+
+_LARGEST = 1e9
+"""Numbers beyond it are typing errors, and overflow somewhere."""
+_LONGEST_NAME = 255  # of a file or folder on Linux and macOS [byte]
+
+
+def between(low: float, high: float, expected: str) -> Callable[[str], float]:
+    """A reader of numbers in [low, high].
+
+    Args:
+        low: the least one.
+        high: the greatest one.
+        expected: what the value must be, for the message.
+    """
+
+    def read(text: str) -> float:
+        value = _float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not {expected}")
+        return value
+
+    return read
+
+
+number = between(-_LARGEST, _LARGEST, "a number of usual size")
+positive = between(1.0 / _LARGEST, _LARGEST, "a positive number of usual size")
+
+
+def count(text: str) -> int:
+    """A whole number from 1 on."""
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1 on")
+    return int(text)
+
+
+def word(text: str) -> str:
+    """A name: not empty, no part of it longer than the name of a file may be."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("is empty; give a name")
+    longest = max(len(os.fsencode(part)) for part in text.split("/"))
+    if "://" not in text and longest > _LONGEST_NAME:
+        raise argparse.ArgumentTypeError(
+            f"is a name of {longest} bytes; a name has {_LONGEST_NAME} at most"
+        )
+    return text
+
+
+def plate_name(text: str) -> str:
+    """Name of a source: a file, a pattern, a device, a URL, `-`."""
+    return input_name(word(text))
+
+
+def result_name(text: str) -> str:
+    """Name of a result: a file, a pattern, a URL, `-`."""
+    return output_name(word(text))
+
+
+def path(text: str) -> Path:
+    """A file or a folder on this machine.
+
+    `Path("")` would be the current folder, and `Path("http://…")` a tree of folders.
+    """
+    if "://" in text and not text.startswith("file:"):
+        raise argparse.ArgumentTypeError(f"{text!r} is an address; give a file on this machine")
+    return Path(word(text))
+
+
+def point(text: str) -> tuple[float, float]:
+    """X,Y; `core.placement.Placement` checks their range."""
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
+    return x, y
+
+
+def distortion(text: str) -> tuple[float, float]:
+    """K1 or K1,K2: radial coefficients."""
+    values = [_float(part) for part in text.split(",")]
+    if len(values) > 2 or not all(abs(value) <= 10.0 for value in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is not K1 or K1,K2, such as -0.12,0.01")
+    return values[0], values[1] if len(values) == 2 else 0.0
+
+
+def track_focus(text: str) -> TrackFocus:
+    """`auto`, `off` or every so many frames."""
+    if text == "auto":
+        return "auto"
+    if text == "off":
+        return "off"
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not auto, off or a number of frames")
+    return int(text)
+
+
+def transfer(text: str) -> str:
+    """FFmpeg's name of a transfer function, or `srgb`."""
+    from nlens_video.core.color import TRANSFERS  # here: the help does without NumPy
+
+    names = {**{name: name for name in TRANSFERS.values()}, "srgb": "iec61966-2-1"}
+    if text not in names:
+        raise argparse.ArgumentTypeError(f"'{text}': expected one of {', '.join(sorted(names))}")
+    return names[text]
+
+
+def frame_range(text: str) -> tuple[int, int | None]:
+    """A:B, with 0 <= A < B; either may be left out."""
+    first, colon, end = text.partition(":")
+    try:
+        frames = (int(first or 0), int(end) if end else None)
+    except ValueError:
+        colon = ""
+    if not colon or frames[0] < 0 or (frames[1] is not None and frames[1] <= frames[0]):
+        raise argparse.ArgumentTypeError(f"{text!r} is not A:B with 0 <= A < B")
+    return frames
+
+
+def one_frame(text: str) -> tuple[int, int]:
+    """N, as the range N:N+1."""
+    if not text.isdecimal() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"{text!r} is not the number of a frame, from 0 on")
+    return int(text), int(text) + 1
+
+
+def frame_size(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT [px]."""
+    width, _, height = text.partition("x")
+    sides = [int(side) if side.isdecimal() and len(side) < 7 else 0 for side in (width, height)]
+    if not all(sides):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, such as 960x512")
+    return sides[0], sides[1]
+
+
+def _float(text: str) -> float:
+    """The number, or NaN, which no comparison accepts."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,292 @@
+"""Every option of every command: a new option is one row here.
+
+Parsers (`options.parser_of`), settings (`to_settings`), the parameters of a `Compositor` and the
+files that a command reads and writes (`cli.path_guard`) are derived from these rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from nlens_video.core.playback import ALL
+from nlens_video.core.settings import REFLECTANCE
+from nlens_video.options import files
+from nlens_video.options import readers as read
+from nlens_video.options.option import Option
+
+COMMANDS = (
+    "render", "fit", "farm", "merge", "place", "check", "graph", "evaluate", "bench", "study",
+    "doctor", "completion",
+)  # fmt: skip
+JOBS, MAKE, ANALYSE = "farm --jobs", "study make", "study analyse"
+"""Forms of a command with options of their own."""
+
+_RUN = ("render", "farm")
+_SHOT = ("render", "fit", "farm")
+_ENCODED = ("render", "farm", "merge")
+_SOURCE = ("render", "fit", "farm", "merge", "place", "check")
+_PLACED = ("render", "fit", "farm", "place")
+_SMALL = read.between(-1e4, 1e4, "a number of usual size")
+_BAR = ("render", "fit", "farm", JOBS, "merge")
+_ANY = (*COMMANDS, JOBS)
+
+# fmt: off
+OPTIONS: dict[str, tuple[Option, ...]] = {
+    "": (
+        Option("what", ["evaluate"], choices=("coc", "composite", "scene", "sequences"),
+               help="the plate's CoC and the lens fit; composites; the rendered object and its "
+               "shadow; clips: the lens found against the true one"),
+        Option("folder", ["evaluate"], "FOLDER", read.path, "one subfolder per plate",
+               files=files.PLATE_FOLDER),
+        Option("folder", ["bench"], "FOLDER", read.path, "plates rendered with their object",
+               nargs="?", files=files.PLATE_FOLDER),
+        Option("folder", [MAKE], "FOLDER", read.path, "pictures and stimuli.csv", nargs="?",
+               files=(files.Files("reads", "FOLDER", files.PICTURES),)),
+        Option("page", [MAKE], "OUT.html", read.path, "the page",
+               files=(files.Files("writes", "the page"),)),
+        Option("answers", [ANALYSE], "ANSWERS", read.path, "JSON or CSV", nargs="+",
+               files=(files.Files("reads", "the answers"),)),
+        Option("shell", ["completion"], choices=("bash", "zsh", "fish"), help="which shell"),
+        Option("preset", ["graph"], "PRESET", help="a preset, or the path of a pipeline file",
+               files=files.PIPELINE),
+        Option("result", ["check"], "OUT", read.plate_name, "what nlens-video has written",
+               files=(files.Files("reads", "the result"),)),
+        Option("input", _SHOT, "IN", read.plate_name,
+               "video, still, plate_%%04d.png, device, URL, -",
+               feeds="source.spec", files=files.PLATE),
+        Option("input", ["place"], "IN", read.plate_name, "the plate, as of nlens-video",
+               feeds="source.spec", files=files.PLATE),
+        Option("glb", _SHOT, "ANIM.glb", read.path, "the animated object (glTF 2.0)",
+               feeds="scene.glb", files=files.SCENE),
+        Option("glb", ["place"], "ANIM.glb", read.path, "the object (glTF 2.0)",
+               feeds="scene.glb", files=files.SCENE),
+        Option("output", ["render"], "OUT", read.result_name,
+               "video, still, out_%%04d.png, pipe, URL, -", feeds="output.spec",
+               files=(*files.RESULT, files.CHUNK_FOLDER, files.RESUMED_CHUNKS)),
+        Option("output", ["farm"], "OUT", read.result_name,
+               "video, still, out_%%04d.png, pipe, URL, -",
+               feeds="output.spec", files=(*files.RESULT, files.CHUNKS_BESIDE)),
+        Option("output", ["merge"], "OUT", read.result_name, "video, out_%%04d.png, pipe, -",
+               feeds="output.spec", files=files.RESULT),
+        Option("output", ["place"], "OUT.png", read.path, "the contact sheet",
+               files=(files.Files("writes", "the contact sheet"),)),
+        Option("chunks", ["merge"], "CHUNK", read.path, "files or folders of --chunk-out",
+               nargs="+", files=(files.Files("reads", "a chunk", files.CHUNKS),)),
+        Option("save_fit", ["fit"], "FIT.json", read.path, "the lens fit to write",
+               feeds="run.save_fit", files=(files.Files("writes", "the lens fit"),)),
+
+        Option("-v --verbose", _ANY, help="tell more; tracebacks"),
+        Option("-q --quiet", _ANY, help="errors only"),
+        Option("--json", [one for one in _ANY if one != "graph"], often=True,
+               help="print the summary as JSON"),
+        Option("--json", [ANALYSE], default=argparse.SUPPRESS, help="print the tables as JSON"),
+        Option("-y --overwrite", (*_BAR, "place", "check", MAKE),
+               help="replace what is there without asking"),
+        Option("--dot", ["graph"], help="Graphviz' language in place of Mermaid"),
+        Option("--plate --against", ["check"], "IN", read.plate_name, "its plate", dest="input",
+               required=True, feeds="source.spec", files=files.PLATE),
+        Option("--plate --from", ["merge"], "IN", read.plate_name, "the plate they were made from",
+               dest="input", required=True, feeds="source.spec", files=files.PLATE),
+        Option("--max-objects --objects", ["check"], "N", read.count, "separate changed places (1)",
+               dest="objects", default=1),
+        Option("--report", ["check"], "DIR", read.path, "a page with the plots",
+               files=files.REPORT),
+        Option("--jobs", [JOBS], "JOBS.toml", read.path,
+               "a [[shot]] for each, with in, object, out, and options, a list of words",
+               required=True, files=files.READ),
+        Option("--out", ["evaluate"], "DIR", read.path, "tables (Markdown, CSV) and plots",
+               files=(files.Files("writes", inside=files.TABLES),)),
+        Option("--out", ["bench"], "DIR", read.path, "bench.md, bench.csv, bench.png",
+               files=(files.Files("writes", inside=files.BENCH),)),
+        Option("--quick", ["bench"], help="a coarser truth, fewer frames"),
+        Option("--demo", [MAKE], help="pictures of rendered balls on a table"),
+        Option("--choices", [MAKE], "LIST", help="answers, such as red,green,blue"),
+        Option("--subject --things", [MAKE], "THINGS", help="what is looked for",
+               dest="things", default="billiard balls"),
+        Option("--reference", [ANALYSE], "METHOD", help="tested against", default="ours"),
+        Option("--track-focus", _RUN, "T", read.track_focus,
+               "follow a lens that changes: auto, off, or every N frames (files)", default="auto",
+               feeds="run.track_focus", parameter=True),
+        Option("--track-focus", ["fit"], "T", read.track_focus,
+               "follow a lens that changes: auto, off, or every N frames (files)", default="off",
+               feeds="run.track_focus"),
+    ),
+    "the object": (
+        Option("--camera", _SHOT, "NAME", help="the GLB's camera (default: its first)",
+               feeds="scene.camera", parameter=True),
+        Option("--scene", _PLACED, "NAME", help="the GLB's scene (default: as it says)",
+               feeds="scene.scene", parameter=True),
+        Option("--layers", _SHOT, "P.exr", help="pre-rendered RGBA + Z layers, or %%04d",
+               feeds="scene.layers", files=files.READ),
+        Option("--ground-y", _PLACED, "Y", read.number,
+               "height of the ground plane in the GLB's units (default: the object's lowest point)",
+               feeds="scene.ground_y", parameter=True),
+        Option("--footprint-node --footprint", _SHOT, "NODE",
+               help="fit under this object (default: all)",
+               dest="footprint", feeds="scene.footprint", parameter=True),
+    ),
+    "its animation (a moving camera keeps the plate's time)": (
+        Option("--animation", _PLACED, "NAME",
+               help="which one plays: name, number, or all", default=ALL,
+               feeds="playback.animation", parameter=True, often=True),
+        Option("--loop", _PLACED, help="start again, not rest at the end",
+               feeds="playback.loop", parameter=True),
+        Option("--animation-speed", _PLACED, "S", read.positive, "times its own speed (1)",
+               default=1.0, feeds="playback.speed", parameter=True),
+        Option("--animation-offset", _PLACED, "SEC", read.number,
+               "start so many seconds into it", default=0.0,
+               feeds="playback.offset_s", parameter=True),
+    ),
+    "its place if the GLB has no camera (fractions of the frame)": (
+        Option("--at", _PLACED, "X,Y", read.point,
+               "where it touches the ground, from 0,0 (upper left) to 1,1",
+               feeds="placing.at", parameter=True, often=True),
+        Option("--size", _PLACED, "S", read.number, "its height, 1 is all of the frame's",
+               feeds="placing.size", parameter=True),
+        Option("--yaw", _PLACED, "D", read.number,
+               "turn about the vertical in degrees (default 0: its front faces the viewer)",
+               feeds="placing.yaw_deg", parameter=True),
+        Option("--fov", _PLACED, "DEG", read.between(1, 170, "an angle from 1 to 170 degrees"),
+               "the plate's field of view across the frame, 1 to 170",
+               feeds="scene.fov_deg", parameter=True),
+        Option("--horizon", _PLACED, "H", read.number,
+               "row of the plate's horizon (default 0.5: a level camera)",
+               feeds="placing.horizon", parameter=True),
+    ),
+    "its light, beside the lights of its file": (
+        Option("--env-map --env", _SHOT, "MAP.hdr", read.path,
+               "light from around: an equirectangular map, .hdr or .exr",
+               dest="env", feeds="light.env", parameter=True, often=True, files=files.READ),
+        Option("--env-rotation", _SHOT, "D", _SMALL,
+               "turn the map about the vertical, in degrees",
+               feeds="light.env_rotation_deg", parameter=True),
+        Option("--env-exposure", _SHOT, "EV", _SMALL,
+               "brighten the map by so many stops",
+               feeds="light.env_exposure_ev", parameter=True),
+        Option("--shadow-strength", _SHOT, "S", read.between(0, 2, "a number from 0 to 2"),
+               "0 none, 1 as the light has it, up to 2; a shadow even without lights",
+               feeds="light.shadow_strength", parameter=True, often=True),
+    ),
+    "occlusion and reflection": (
+        Option("--holdout", _SHOT, "PATH",
+               help="matte of what is in front (white), or EXR with depth Z",
+               feeds="real.holdout", parameter=True, often=True, files=files.READ),
+        Option("--occlusion", _SHOT, choices=("none", "auto"), default="none",
+               help="auto: by the plate's blur", feeds="real.occlusion", parameter=True),
+        Option("--ground-reflectance --reflect", _SHOT, "R",
+               read.between(0, 1, "a number from 0 to 1"),
+               f"the ground mirrors so much from above (default {REFLECTANCE:g}), more at a slant",
+               nargs="?", const=REFLECTANCE, dest="reflect", feeds="real.reflectance",
+               parameter=True),
+    ),
+    "the lens": (
+        Option("--preset", _SHOT, "NAME",
+               help="draft, realtime, standard, reference, paper, or an own .toml",
+               default="standard", feeds="run.preset", parameter=True, often=True,
+               files=files.PIPELINE),
+        Option("--device", _SHOT, choices=("auto", "cpu", "cuda"), default="auto",
+               help="where networks and kernels run", feeds="run.device", parameter=True),
+        Option("--fallback", _SHOT, choices=("none", "constant"), default="none",
+               help="what if no lens fit is possible: stop, or one CoC for the whole object",
+               feeds="run.fallback", parameter=True),
+        Option("--aperture", _SHOT, "A", default="round", parameter=True, files=files.APERTURE,
+               help="its shape: round, BLADES[:TURN[:ROUNDNESS]] as 6:15:0.2, or a picture A.png"),
+        Option("--cat-eye", _SHOT, "S", read.number,
+               "how much the aperture narrows towards the corners, 0 to 1",
+               default=0.0, parameter=True),
+    ),
+    "the plate": (
+        Option("--input-format", _SOURCE, "F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …",
+               feeds="source.input_format"),
+        Option("--input-size", _SOURCE, "WxH", read.frame_size,
+               "size of raw video, such as 960x512", feeds="source.input_size"),
+        Option("--input-rate", _SOURCE, "FPS", feeds="source.input_rate",
+               help="frames a second of raw video and sequences, such as 25 or 30000/1001"),
+        Option("--input-transfer", _SOURCE, "NAME", read.transfer,
+               "take the plate's transfer to be srgb, bt709, linear …, where its tag is wrong",
+               feeds="source.input_transfer"),
+        Option("--range", _PLACED, "A:B", read.frame_range, "frames A to B-1, counted from 0",
+               default=(0, None), feeds="source.frames", often=True, one_of="range"),
+        Option("--frame", _PLACED, "N", read.one_frame,
+               "this frame only, which may become a picture", dest="range",
+               default=(0, None), often=True, one_of="range"),
+        Option("--range", ["check"], "A:B", read.frame_range,
+               "the plate's frames A to B-1 became OUT (default: found by OUT's first one)",
+               feeds="source.frames", one_of="range"),
+        Option("--frame", ["check"], "N", read.one_frame, "the plate's frame N became OUT",
+               dest="range", one_of="range"),
+    ),
+    "what is shown": (
+        Option("--report", _SHOT, "DIR", read.path, "a self-contained HTML report",
+               feeds="run.report", often=True, files=files.REPORT),
+        Option("--no-progress", _BAR, help="no progress bar"),
+    ),
+    "effects of the camera": (
+        Option("--effects", _RUN, "E", default="auto", feeds="run.effects", parameter=True,
+               often=True, help="auto, all, none, names, or auto,+shadow,-grain; --plan says why "
+               "each is on or off"),
+        Option("--shutter-angle --shutter", _RUN, "D",
+               read.between(0, 360, "an angle from 0 to 360 degrees"),
+               "how long the shutter is open, 360 is all of a frame (default: read, else 180)",
+               dest="shutter", feeds="run.shutter_deg", parameter=True),
+        Option("--vignetting", _RUN, "STOPS",
+               read.between(0, 8, "a loss of light from 0 to 8 stops"),
+               "light lost at the corners, 0 for none", feeds="optics.vignetting_stops",
+               parameter=True),
+        Option("--distortion", _RUN, "K1[,K2]", read.distortion,
+               "radial coefficients as OpenCV defines them, 0 for none",
+               feeds="optics.distortion", parameter=True),
+    ),
+    "the run": (
+        Option("--budget-ms", _RUN, "MS", read.positive,
+               "what a frame may take, in milliseconds (180)", default=180.0,
+               feeds="run.budget_ms", parameter=True, often=True),
+        Option("--hold-budget --adaptive-quality", _RUN, feeds="run.hold_budget",
+               help="step quality down and up to keep the budget"),
+        Option("--on-late --late", _RUN, choices=("keep", "drop"), default="keep", dest="late",
+               help="frames that come faster than they are made: let them wait, or leave the "
+               "oldest out", feeds="run.late"),
+        Option("--reconnect", _RUN, "SEC", read.positive, default=0.0, feeds="source.reconnect_s",
+               help="try for so many seconds to open a lost device or URL again"),
+        Option("--fit", _RUN, "FIT.json", read.path, "use this lens fit",
+               feeds="run.fit", parameter=True, often=True, files=files.READ),
+        Option("--save-fit", _RUN, "FIT.json", read.path, "keep the lens fit",
+               feeds="run.save_fit", files=files.WRITE),
+        Option("--aov", _RUN, "DIR", read.path, "EXR layers of each frame",
+               feeds="run.aov", files=(files.Files("writes", inside=("*.exr",)),)),
+        Option("--timings", _RUN, "T.json", read.path, "time of each node and frame",
+               feeds="run.timings", files=files.WRITE),
+        Option("--plan", _RUN, often=True, help="print what would run and why, then stop"),
+        Option("--chunk-out --as-chunk", ["render"], dest="as_chunk",
+               help="OUT is a folder of chunks for merge; needs --fit"),
+        Option("--resume", ["render"], help="go on where a killed run with --resume was"),
+    ),
+    "the encoding (default: as the source)": (
+        Option("--codec", _ENCODED, "NAME", help="FFmpeg's encoder, such as libx264 or ffv1",
+               feeds="output.codec", often=True),
+        Option("--crf", _ENCODED, "Q", read.number,
+               "quality of encoders that have it: less is better", feeds="output.crf", often=True),
+        Option("--pix-fmt", _ENCODED, "NAME", help="pixel format, such as yuv420p10le",
+               feeds="output.pix_fmt"),
+        Option("--keep-partial", _ENCODED, help="keep what an interrupt leaves",
+               feeds="output.keep_partial"),
+    ),
+    "the farm": (
+        Option("--workers", ("farm", JOBS), "N", read.count,
+               "processes (default: one to two processors)"),
+        Option("--chunk-seconds --chunk", ("farm", JOBS), "SECONDS", read.positive,
+               "length of a chunk (10)", dest="chunk", default=10.0),
+        Option("--address", ("farm", JOBS), "A", help="Ray cluster: auto, ray://HOST:PORT"),
+        Option("--chunk-store --chunks", ["farm"], "DIR|URL",
+               help="keep chunks here (default: none stay)", dest="chunks",
+               files=(files.Files("writes", inside=files.CHUNKS),)),
+        Option("--jobs", ["farm"], "JOBS.toml", help="many shots, in place of IN, ANIM.glb, OUT"),
+    ),
+}
+"""By the title of their group in the help."""
+# fmt: on
+
+
+ROWS = tuple(option for group in OPTIONS.values() for option in group)
+PARAMETERS = {option.attribute: option for option in ROWS if option.parameter}
+"""Options that a `Compositor` takes, by the name of the parameter."""

@@ -1,0 +1,36 @@
+"""`nlens-video graph`: a pipeline's frame graph as text."""
+
+import pytest
+from support.command import nlens, one_line
+
+from nlens_video.graph.pipeline_file import shipped_pipelines
+
+FORMER = """\
+[[node]]
+name = "locate"
+stage = "locate"
+"""
+
+
+@pytest.mark.parametrize("preset", shipped_pipelines())
+def test_every_preset_is_printed_as_mermaid_and_as_dot(preset):
+    mermaid, dot = nlens("graph", preset), nlens("graph", preset, "--dot")
+    assert mermaid.returncode == dot.returncode == 0
+    assert "flowchart TD" in mermaid.stdout and "reblur" in mermaid.stdout
+    assert dot.stdout.startswith(f'digraph "{preset}" {{') and dot.stdout.rstrip().endswith("}")
+    assert mermaid.stderr == dot.stderr == ""
+
+
+def test_a_pipeline_file_is_printed_by_its_path(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(shipped_pipelines()["draft"].read_text())
+    assert (
+        nlens("graph", own).stdout.splitlines()[1:]
+        == (nlens("graph", "draft").stdout.splitlines()[1:])
+    )
+
+
+def test_what_is_no_pipeline_is_one_line(tmp_path):
+    assert "'fast' is not one of" in one_line(nlens("graph", "fast"), 2)
+    (tmp_path / "own.toml").write_text("nodes = 3\n")
+    assert "no list 'nodes'" in one_line(nlens("graph", tmp_path / "own.toml"), 2)
