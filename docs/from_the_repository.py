@@ -1,4 +1,4 @@
-"""Pages of the site that live beside their code: README, design, model cards, changes.
+"""Pages of the site that live beside their code: README, model cards, changes, contributing.
 
 A hook of mkdocs. Links are written for who reads the repository; here they are turned to the
 site's own pages, and code is named without a link, because the site holds none.
@@ -17,12 +17,13 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[1]
 PAGES = {
     "README.md": "index.md",
-    "docs/design-notes.md": "design.md",
     "models/coc/README.md": "models/coc.md",
     "models/reblur/README.md": "models/reblur.md",
     "models/paper/README.md": "models/paper.md",
     "benchmarks/README.md": "benchmarks.md",
     "CHANGELOG.md": "changes.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
 }
 """Path in the repository to path in the site."""
 

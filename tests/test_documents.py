@@ -5,6 +5,8 @@ import re
 import pytest
 from support.folders import ROOT
 
+from nlens_video.graph.diagram import mermaid
+from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.options.options import COMMANDS, parser_of
 
 PAGES = [
@@ -41,3 +43,32 @@ def test_gallery_is_small_and_shows_every_picture_that_its_script_makes():
     shown = re.findall(r"\]\((\w+\.jpg)\)", (folder / "README.md").read_text())
     assert len(made) >= 8 and pictures == {f"{name}.jpg" for name in made} == set(shown)
     assert sum((folder / name).stat().st_size for name in pictures) < 2e6
+
+
+def test_architecture_shows_the_frame_graph_of_today():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    diagram = mermaid(load_pipeline("standard"))
+    assert f"```mermaid\n{diagram}```" in page, "write it anew: python docs/make_graph.py"
+
+
+def test_architecture_lists_the_packages_folders_in_import_order():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"^\| folder \| holds \|\n.*?\n\n", page, re.M | re.S)
+    listed = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", table, re.M)))
+    order = (ROOT / "tests" / "test_import_directions.py").read_text(encoding="utf-8")
+    (folders,) = re.findall(r'^FOLDERS = """\n(.*?)^\.$', order, re.M | re.S)
+    assert listed == list(dict.fromkeys(folder.split("/")[0] for folder in folders.split()))
+
+
+DECISIONS = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
+
+
+@pytest.mark.parametrize("page", DECISIONS, ids=lambda path: path.stem)
+def test_decision_record_fits_on_a_page_and_is_listed(page):
+    text = page.read_text(encoding="utf-8")
+    sections = re.findall(r"^## (.*)$", text, re.M)
+    assert sections[:4] == ["Context", "Decision", "Evidence", "Rejected alternatives"]
+    assert len(text.split()) <= 400
+    index = (page.parent / "README.md").read_text(encoding="utf-8")
+    number, title = re.match(r"# (\d+)\. (.*)", text).groups()
+    assert page.stem.startswith(f"{number}-") and f"- [{number}]({page.name}) {title}\n" in index

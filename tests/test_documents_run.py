@@ -105,6 +105,13 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
     pages = {path.stem for path in (tmp_path / "site").glob("*.html")}
-    assert {"index", "tutorial", "python", "design", "how-the-lens-is-found"} <= pages
+    assert {
+        "index",
+        "tutorial",
+        "python",
+        "architecture",
+        "contributing",
+        "how-the-lens-is-found",
+    } <= pages
     python = (tmp_path / "site" / "python.html").read_text()
     assert "process_av" in python and "shutter_deg" in python

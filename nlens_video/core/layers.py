@@ -1,6 +1,6 @@
 """The data between stages: boxes, pictures, CoC maps and object layers.
 
-Conventions (`DESIGN.md`): pixel centres at +0.5, row 0 on top, light scene-linear and
+Conventions (`docs/architecture.md`): pixel centres at +0.5, row 0 on top, light scene-linear and
 premultiplied, `coc_px` a signed diameter in pixels of the plate's frame, positive nearer than the
 focal plane.
 """

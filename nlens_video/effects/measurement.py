@@ -6,13 +6,27 @@ asked about.
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from typing import cast
 
+from nlens_video import effects
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_models import Distortion, LensOverrides, Vignetting
+
+
+def _own_folders() -> dict[str, str]:
+    """Effects in folders of their own: `effects/NAME/measure.py`."""
+    found = {}
+    for folder in pkgutil.iter_modules(effects.__path__):
+        module = f"{effects.__name__}.{folder.name}.measure"
+        if folder.ispkg and find_spec(module) is not None:
+            found[folder.name.replace("_", "-")] = module
+    return found
+
 
 PLATE_EFFECTS: Mapping[str, str] = {
     "aberration": "nlens_video.effects.camera.chromatic_aberration",
@@ -21,8 +35,9 @@ PLATE_EFFECTS: Mapping[str, str] = {
     "vignetting": "nlens_video.effects.camera.vignetting",
     "softness": "nlens_video.effects.camera.softness",
     "grain": "nlens_video.effects.camera.grain_measure",
+    **_own_folders(),
 }
-"""Effect to the module whose `measure(pictures)` looks for it."""
+"""Effect to the module whose `measure(pictures)` detects it."""
 
 MOST_PICTURES = 8
 """How many pictures of a shot are looked at, the first one included."""

@@ -1,34 +1,37 @@
-"""The nodes that a pipeline file can name: all subclasses of `Node` in the modules listed here."""
+"""The nodes that a pipeline file can name: all subclasses of `Node` in this folder's modules.
+
+An effect in a folder of its own (`effects/NAME/`) brings its node in a module `node` there.
+"""
 
 from __future__ import annotations
 
 import inspect
+import pkgutil
+from collections.abc import Iterator
+from importlib import import_module
+from importlib.util import find_spec
 
+from nlens_video import effects
+from nlens_video.graph import nodes
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.nodes import (
-    camera,
-    composite,
-    distortion,
-    find_lens,
-    motion_blur,
-    object_layer,
-    occlusion,
-    reblur,
-    reflection,
-    shadow,
-)
 
-FAMILIES = (
-    find_lens, object_layer, motion_blur, reblur, shadow, reflection, occlusion, distortion,
-    camera, composite,
-)  # fmt: skip
 
-NODES: dict[str, type[Node]] = {
-    cls.name: cls
-    for family in FAMILIES
-    for cls in vars(family).values()
-    if inspect.isclass(cls) and issubclass(cls, Node) and cls.__module__ == family.__name__
-}
+def _modules() -> Iterator[str]:
+    for module in pkgutil.iter_modules(nodes.__path__, f"{nodes.__name__}."):
+        if module.name != __name__:
+            yield module.name
+    for folder in pkgutil.iter_modules(effects.__path__, f"{effects.__name__}."):
+        if folder.ispkg and find_spec(f"{folder.name}.node") is not None:
+            yield f"{folder.name}.node"
+
+
+def _classes(module: str) -> Iterator[type[Node]]:
+    for value in vars(import_module(module)).values():
+        if inspect.isclass(value) and issubclass(value, Node) and value.__module__ == module:
+            yield value
+
+
+NODES: dict[str, type[Node]] = {cls.name: cls for module in _modules() for cls in _classes(module)}
 """Name to class."""
 
 FORMER_NAMES = {
