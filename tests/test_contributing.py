@@ -22,6 +22,19 @@ from nlens_video.cli.main import main
 sys.exit(main(sys.argv[2:]))
 """
 
+OPTION = """
+import sys
+import nlens_video.core, nlens_video.options
+for package in (nlens_video.core, nlens_video.options):
+    package.__path__.insert(0, sys.argv[1] + "/" + package.__name__.partition(".")[2])
+from nlens_video.options.options import parser_of
+from nlens_video.options.to_settings import settings
+words = parser_of("render").parse_args(["in.mp4", "anim.glb", "out.mp4", "--gop", "12"])
+words.command = "render"
+assert settings(words).output.group == 12
+print(parser_of("render").format_help())
+"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -77,6 +90,25 @@ def test_the_pages_effect_is_measured_decided_and_applied(folder):
         "--preset", "veiled.toml", "--effects", "auto,-veiling-glare",
     )  # fmt: skip
     assert plan.returncode == 0 and "veiling-glare" in plan.stdout + plan.stderr
+
+
+def test_the_pages_option_reaches_the_settings(tmp_path):
+    field, row = re.findall(r"^```text\n(    .*?)^```", PAGE, re.M | re.S)
+    changes = {
+        "core/settings.py": ("    pix_fmt: str | None = None\n", field),
+        "options/table.py": ('feeds="output.pix_fmt"),\n', row),
+    }
+    for name, (above, lines) in changes.items():
+        text = (ROOT / "nlens_video" / name).read_text(encoding="utf-8")
+        assert text.count(above) == 1
+        path = tmp_path / name
+        path.parent.mkdir()
+        path.write_text(text.replace(above, above + lines), encoding="utf-8")
+    run = subprocess.run(
+        [sys.executable, "-c", OPTION, tmp_path], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert "frames from key frame to key frame" in run.stdout
 
 
 @pytest.mark.parametrize("name", FILES)
