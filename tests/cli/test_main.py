@@ -298,12 +298,15 @@ def endless(files, output, more=(), **options):
     )  # fmt: skip
 
 
+def _partial_bytes(folder):
+    return sum(path.stat().st_size for path in folder.glob(".*partial*"))
+
+
 def stopped(run, folder, *signals, patience=60):
-    """Let a run get going, send it signals, wait for its end."""
+    """Let a run write some frames, send it signals, wait for its end."""
     deadline = time.monotonic() + patience
-    while not list(folder.glob(".*partial*")) and time.monotonic() < deadline:
+    while _partial_bytes(folder) < 40_000 and time.monotonic() < deadline:
         time.sleep(0.1)
-    time.sleep(1.0)
     for number in signals:
         run.send_signal(number)
         time.sleep(0.05)

@@ -148,7 +148,7 @@ def test_wrong_mattes_are_answered_with_one_line(files, tmp_path):
     ],
 )
 def test_the_plan_says_what_is_in_front_and_mirrored_and_why(files, words, line):
-    run = nlens(files / "plate.png", files / "anim.glb", "o.png", "--plan", *words)
+    run = nlens(files / "plate.png", files / "anim.glb", "o.png", "--plan", "-v", *words)
     assert run.returncode == 0 and line in run.stdout, run.stdout
 
 

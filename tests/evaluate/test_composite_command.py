@@ -163,7 +163,7 @@ def test_a_folder_without_plates_is_one_line(tmp_path):
     assert "object_coc.npy" in one_line(nlens("evaluate", "composite", tmp_path), 3)
 
 
-def test_an_out_that_is_a_file_is_one_line(tmp_path):
+def test_an_out_that_is_a_file_is_one_line(folder, tmp_path):
     (tmp_path / "taken").write_text("")
-    run = nlens("evaluate", "composite", tmp_path, "--out", tmp_path / "taken")
-    assert "cannot be made" in one_line(run, 6)
+    run = nlens("evaluate", "composite", folder, "--out", tmp_path / "taken")
+    assert "is no folder" in one_line(run, 6)

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support import shots
 from support.glb_builder import GlbBuilder
 
@@ -61,7 +62,8 @@ def files(tmp_path_factory):
     moving.node(mesh=cube, translation=[0, 0, -1.6], scale=[0.35] * 3)
     lens = moving.camera(shots.YFOV, aspect=shots.WIDTH / shots.HEIGHT)
     pose = shots.camera_pose()
-    camera = moving.node(camera=lens, translation=pose[:3, 3].tolist())
+    tilt = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+    camera = moving.node(camera=lens, translation=pose[:3, 3].tolist(), rotation=tilt)
     ends = np.array([pose[:3, 3], pose[:3, 3] + [0, 0, -0.3]], np.float32)
     moving.animation((camera, "translation", [0.0, 1.2], ends, "LINEAR"))
     moving.write(folder / "moving.glb")
