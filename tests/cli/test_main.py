@@ -334,7 +334,7 @@ def test_interrupt_of_the_first_second_gives_line_and_exit_code(tmp_path, start)
     """While modules are loaded: dataclasses are made by exec, libraries run their own start."""
     (tmp_path / "started.py").write_text(f"""
 import os, signal, sys
-from nlens_video import cli
+from nlens_video.cli import main as cli
 
 def abused():
     try:

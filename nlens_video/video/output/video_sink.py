@@ -121,6 +121,7 @@ class VideoSink:
         with self._writing():
             self._carried.begin()
             self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
+        signals.check()  # FFmpeg loses an interrupt that arrives while it writes
 
     def write_packet(self, packet: Packet) -> None:
         """Carry over a packet of another stream; one that was dropped, or after the end: nothing.
@@ -134,6 +135,7 @@ class VideoSink:
             if self._open:
                 self._carried.begin()
                 self._carried.write(packet)
+        signals.check()
 
     def commit(self) -> None:
         """Finish the file and give it its name.
@@ -142,6 +144,7 @@ class VideoSink:
             OutputError: it cannot be written.
         """
         self._finish()
+        signals.check()
         if self._path is not None and self._partial is not None:
             publish(self._partial, self._path)
         self._committed = True
@@ -184,7 +187,6 @@ class VideoSink:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-            signals.check()  # one that came while FFmpeg wrote
         except BrokenPipeError as error:
             raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
         except (av.FFmpegError, OSError, ValueError) as error:
