@@ -16,66 +16,66 @@ COMPLETING = "_ARGCOMPLETE"
 """Environment variable that the shell sets where it asks for completions."""
 
 
-def _doctor(words: argparse.Namespace) -> int:
+def _doctor(args: argparse.Namespace) -> int:
     from nlens_video.cli.doctor import examine
 
-    return examine(as_json=words.json)
+    return examine(as_json=args.json)
 
 
-def _evaluate(words: argparse.Namespace) -> int:
-    if words.what == "composite":
+def _evaluate(args: argparse.Namespace) -> int:
+    if args.what == "composite":
         from nlens_video.evaluate.composite.composite import evaluate_composite as evaluate
-    elif words.what == "scene":
+    elif args.what == "scene":
         from nlens_video.evaluate.composite.scene import evaluate_scene as evaluate
-    elif words.what == "sequences":
+    elif args.what == "sequences":
         from nlens_video.evaluate.composite.sequences import evaluate_sequences as evaluate
     else:
         from nlens_video.evaluate.coc.coc import evaluate_coc as evaluate
-    return evaluate(words.folder, words.out, as_json=words.json, quiet=words.quiet)
+    return evaluate(args.folder, args.out, as_json=args.json, quiet=args.quiet)
 
 
-def _check(words: argparse.Namespace) -> int:
+def _check(args: argparse.Namespace) -> int:
     from nlens_video.check.command import check
 
-    plate = to_settings.source_settings(words)
+    plate = to_settings.source_settings(args)
     return check(
-        words.result, plate, find_range=words.range is None, objects=words.objects,
-        report=words.report, as_json=words.json, quiet=words.quiet,
+        args.result, plate, find_range=args.range is None, objects=args.objects,
+        report=args.report, as_json=args.json, quiet=args.quiet,
     )  # fmt: skip
 
 
-def _bench(words: argparse.Namespace) -> int:
+def _bench(args: argparse.Namespace) -> int:
     from nlens_video.evaluate.bench.bench import bench
 
-    return bench(words.folder, words.out, quick=words.quick, as_json=words.json, quiet=words.quiet)
+    return bench(args.folder, args.out, quick=args.quick, as_json=args.json, quiet=args.quiet)
 
 
-def _study(words: argparse.Namespace) -> int:
+def _study(args: argparse.Namespace) -> int:
     from nlens_video.evaluate.study.command import analyse_answers, make_demo, make_study
 
-    if words.what == "make" and words.demo == (words.folder is not None):
+    if args.what == "make" and args.demo == (args.folder is not None):
         raise UsageError("study make: give either a FOLDER of pictures or --demo, then OUT.html")
-    if words.what == "make" and words.demo:
-        return make_demo(words.page)
-    if words.what == "make":
-        return make_study(words.folder, words.page, words.choices, words.things)
-    return analyse_answers(words.answers, words.reference, as_json=words.json, quiet=words.quiet)
+    if args.what == "make" and args.demo:
+        return make_demo(args.page)
+    if args.what == "make":
+        return make_study(args.folder, args.page, args.choices, args.things)
+    return analyse_answers(args.answers, args.reference, as_json=args.json, quiet=args.quiet)
 
 
-def _completion(words: argparse.Namespace) -> int:
+def _completion(args: argparse.Namespace) -> int:
     from argcomplete.shell_integration import shellcode
 
-    print_out(shellcode(["nlens-video"], shell=words.shell))
+    print_out(shellcode(["nlens-video"], shell=args.shell))
     return 0
 
 
-def _graph(words: argparse.Namespace) -> int:
+def _graph(args: argparse.Namespace) -> int:
     from nlens_video.graph.diagram import dot, mermaid
     from nlens_video.graph.pipeline_file import load_pipeline
 
-    pipeline = load_pipeline(words.preset)
-    print_out(dot(pipeline) if words.dot else mermaid(pipeline))
-    for note in () if words.quiet else pipeline.notes:
+    pipeline = load_pipeline(args.preset)
+    print_out(dot(pipeline) if args.dot else mermaid(pipeline))
+    for note in () if args.quiet else pipeline.notes:
         standard_error().write(f"{'note':7}{note}\n")
     return 0
 
@@ -97,9 +97,9 @@ def complete() -> None:
     from argcomplete.completers import FilesCompleter
 
     line = os.environ.get("COMP_LINE", "")
-    words = line.split()
-    named = len(words) > 2 or (len(words) == 2 and line.endswith(" "))
-    command = words[1] if named else ""
+    typed = line.split()
+    named = len(typed) > 2 or (len(typed) == 2 and line.endswith(" "))
+    command = typed[1] if named else ""
     if command not in COMMANDS:
         parser: argparse.ArgumentParser = parser_of("render")
         first = next(action for action in parser._actions if not action.option_strings)

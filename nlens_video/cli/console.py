@@ -1,4 +1,4 @@
-"""What a person sees: progress, plan, fit and summary; or the same as JSON for a script."""
+"""Console output: progress, plan, fit and summary, as text or as JSON."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OnProgress = Callable[[int, int | None], None]
 
 
 class Console:
-    """Speaks on standard error, and on standard output where that is not taken by the video.
+    """Writes messages to standard error; JSON and plans to standard output, where it is free.
 
     Args:
         quiet: errors only.
@@ -50,10 +50,10 @@ class Console:
 
     @contextmanager
     def progress_bar(self, what: str = "compositing") -> Iterator[OnProgress]:
-        """A function to call with (frames done, frames in all or None).
+        """A progress bar; yields a function of (frames done, frames in all or None).
 
         Args:
-            what: what is done to the frames, from the first one on.
+            what: label of the bar from the first frame on.
         """
         if not self._progress:
             yield lambda done, total: None
@@ -69,13 +69,13 @@ class Console:
             *columns,
             console=self._console,
             transient=True,
-            redirect_stdout=False,  # what libraries print is led to standard error as it is
+            redirect_stdout=False,  # the output of libraries goes to standard error as it is
             redirect_stderr=False,
         ) as bar:
             task = bar.add_task("starting", total=None, pace="")
 
             def on_progress(done: int, total: int | None) -> None:
-                if not done:  # a farm tells the total first
+                if not done:  # a farm reports the total first
                     bar.update(task, total=total)
                     return
                 elapsed = bar.tasks[0].elapsed or 0.0
@@ -103,13 +103,6 @@ class Console:
             self._notes(outcome.notes)
             self._say("saved", str(outcome.path))
 
-    def saved(self, path: Path) -> None:
-        """Show that a file was written."""
-        if self._json:
-            self._emit({"saved": str(path)})
-        elif not self._quiet:
-            self._say("saved", str(path))
-
     def choices(self, path: Path, options: tuple[str, ...]) -> None:
         """Show that a contact sheet was written, and the options of each of its pictures."""
         if self._json:
@@ -130,7 +123,7 @@ class Console:
             self._say("chunk", f"{chunk.path} is there already")
 
     def merged(self, merged: Merged) -> None:
-        """Show how a merge went."""
+        """Show the result of a merge."""
         if self._json:
             self._emit(asdict(merged))
         elif not self._quiet:
@@ -140,7 +133,7 @@ class Console:
             self._notes(merged.notes)
 
     def shots(self, results: Sequence[tuple[str, Merged | NlensError]]) -> None:
-        """Show how each shot of a list went, by the name of its plate; what failed in any case."""
+        """Show the result of each shot of a list by its plate; errors even with `quiet`."""
         if self._json:
             self._emit(
                 [
@@ -158,7 +151,7 @@ class Console:
                 self.merged(one)
 
     def outcome(self, outcome: RunResult) -> None:
-        """Show how a run went."""
+        """Show the result of a run."""
         if self._json:
             self._emit(outcome.as_json())
         elif not self._quiet:

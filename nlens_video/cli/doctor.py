@@ -1,4 +1,4 @@
-"""`nlens-video doctor`: what works on this machine, and what to install for the rest."""
+"""The command `doctor`: which parts work on this machine, and what to install for the rest."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _ENCODERS = ("libx264", "libx265", "libvpx-vp9", "libsvtav1", "ffv1", "prores_ks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that was tried.
+    """The result of one check.
 
     Attributes:
         what: the part.
-        works: whether it does; None where it is optional and absent.
-        detail: version or route; what to do where it does not work.
+        works: whether it works; None where it is optional and absent.
+        detail: version or backend; else what to do.
     """
 
     what: str
@@ -38,7 +38,7 @@ class Finding:
 
 
 def examine(*, as_json: bool) -> int:
-    """Try everything, print the findings; exit code 0 when the main job can run, else 1."""
+    """Run all checks and print them; exit code 0 where a run is possible, else 1."""
     findings = [_program(), *map(_library, _LIBRARIES)]
     for what, attempt in (
         ("renderer", _renderer),

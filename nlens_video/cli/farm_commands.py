@@ -1,8 +1,7 @@
-"""The commands of a farm, as the command line calls them."""
+"""The commands `farm` and `merge`, `render --resume` and `render --chunk-out`."""
 
 from __future__ import annotations
 
-import argparse
 import tomllib
 from argparse import Namespace
 from contextlib import ExitStack
@@ -28,109 +27,107 @@ from nlens_video.options.to_settings import output_settings, source_settings
 from nlens_video.run.sidecar_outputs import tell_missing
 
 
-def run_merge(words: argparse.Namespace, voice: Console) -> int:
+def run_merge(args: Namespace, console: Console) -> int:
     """`merge`; returns the exit code."""
-    with voice.progress_bar("merging") as on_progress:
-        merged = merge(source_settings(words), words.chunks, output_settings(words), on_progress)
-    voice.merged(merged)
+    with console.progress_bar("merging") as on_progress:
+        merged = merge(source_settings(args), args.chunks, output_settings(args), on_progress)
+    console.merged(merged)
     return 0
 
 
-def run_farm(words: argparse.Namespace, settings: Settings, voice: Console) -> int:
+def run_farm(args: Namespace, settings: Settings, console: Console) -> int:
     """`farm` of one shot; returns the exit code.
 
     Raises:
         UsageError: Ray is not installed.
         NlensError: as `run.render` and `merge`.
     """
-    store = store_of(words.chunks or str(chunks_beside(Path(words.output))))
-    run = _on_one_device(absolute(settings), words)
-    shot = Shot(settings=run, store=store, chunk_s=words.chunk)
-    (result,) = _made([shot], words, voice)
+    store = store_of(args.chunks or str(chunks_beside(Path(args.output))))
+    run = _on_one_device(absolute(settings), args)
+    shot = Shot(settings=run, store=store, chunk_s=args.chunk)
+    (result,) = _run_on_ray([shot], args, console)
     if isinstance(result, NlensError):
         raise result
-    if words.chunks is None:
+    if args.chunks is None:
         store.clear()
-    voice.merged(result)
+    console.merged(result)
     return 0
 
 
-def run_jobs(words: argparse.Namespace, voice: Console) -> int:
+def run_jobs(args: Namespace, console: Console) -> int:
     """`farm --jobs`; returns the exit code, of the first shot that failed where one did.
 
     Raises:
-        UsageError: Ray is not installed, or the list makes no sense.
+        UsageError: Ray is not installed, or the list is wrong.
     """
     shots = [
         Shot(
-            settings=_on_one_device(absolute(run), words),
+            settings=_on_one_device(absolute(run), args),
             store=Folder(chunks_beside(output)),
-            chunk_s=words.chunk,
+            chunk_s=args.chunk,
         )
-        for run in read_shot_list(words.jobs, overwrite=words.overwrite)
+        for run in read_shot_list(args.jobs, overwrite=args.overwrite)
         for output in [Path("" if run.output is None else run.output.spec).absolute()]
     ]
-    results = _made(shots, words, voice)
+    results = _run_on_ray(shots, args, console)
     for shot, result in zip(shots, results, strict=True):
         if not isinstance(result, NlensError):
             shot.store.clear()
-    voice.shots(
+    console.shots(
         [(shot.settings.source.spec, one) for shot, one in zip(shots, results, strict=True)]
     )
     return next((one.exit_code for one in results if isinstance(one, NlensError)), 0)
 
 
-def _on_one_device(settings: Settings, words: argparse.Namespace) -> Settings:
-    """A run whose chunks all come from one kind of device, since their last bits differ."""
+def _on_one_device(settings: Settings, args: Namespace) -> Settings:
+    """The settings with one device for all chunks: results of CPU and CUDA differ in last bits."""
     if settings.device != "auto":
         return settings
-    here = choose("auto").name == "cuda" and words.address is None
+    here = choose("auto").name == "cuda" and args.address is None
     return replace(settings, device="cuda" if here else "cpu")
 
 
-def _made(
-    shots: list[Shot], words: argparse.Namespace, voice: Console
-) -> list[Merged | NlensError]:
+def _run_on_ray(shots: list[Shot], args: Namespace, console: Console) -> list[Merged | NlensError]:
     try:
         from nlens_video.farm.on_ray import Cluster
     except ImportError as error:
         raise UsageError(
             f"farm needs Ray ({error}); pip install nlens-video[farm], or render chunks yourself "
-            "with --as-chunk and join them with merge"
+            "with --chunk-out and join them with merge"
         ) from error
     gpus = any(shot.settings.device == "cuda" for shot in shots)
-    cluster = Cluster(address=words.address, workers=words.workers, gpus=gpus)
+    cluster = Cluster(address=args.address, workers=args.workers, gpus=gpus)
     with ExitStack() as stack:
         for shot in shots:
             stack.enter_context(shot.store.held())
-        progress = Progress(len(shots), stack.enter_context(voice.progress_bar()))
+        progress = Progress(len(shots), stack.enter_context(console.progress_bar()))
         return cluster.run([plan(shot, progress) for shot in shots])
 
 
-def run_resumable(words: argparse.Namespace, settings: Settings, voice: Console) -> int:
+def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
     """`render --resume`; returns the exit code.
 
     Raises:
         NlensError: as `job.run_job`.
     """
-    folder = chunks_beside(Path(words.output))
+    folder = chunks_beside(Path(args.output))
     try:
-        with voice.progress_bar() as on_progress:
+        with console.progress_bar() as on_progress:
             merged = run_job(settings, folder, PIECE_S, render_here, on_progress)
     except BaseException as error:
         if folder.is_dir():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")
         raise
     remove(folder)
-    voice.merged(merged)
+    console.merged(merged)
     return 0
 
 
-def run_chunk(settings: Settings, folder: Path, voice: Console) -> int:
-    """`render --as-chunk`; returns the exit code."""
-    with voice.progress_bar() as on_progress:
+def run_chunk(settings: Settings, folder: Path, console: Console) -> int:
+    """`render --chunk-out`; returns the exit code."""
+    with console.progress_bar() as on_progress:
         chunk = render_chunk(settings, folder, on_progress)
-    voice.chunk(chunk)
+    console.chunk(chunk)
     if chunk.outcome is not None:
         tell_missing(str(chunk.path), chunk.outcome.missing)
     return 0
@@ -141,15 +138,15 @@ _FARMED = {"command": "farm", "jobs": None, "chunks": None, "as_chunk": False}
 
 
 def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
-    """The runs that a file lists.
+    """The runs of a list of shots.
 
     Args:
         path: TOML with a `[[shot]]` for each: `in`, `object`, `out`, and `options`, a list of
-            words as on the command line; paths as there, too.
+            options as on the command line; paths are relative to the current folder.
         overwrite: whether what is there may be replaced without asking.
 
     Raises:
-        UsageError: the file cannot be read, or a shot makes no sense.
+        UsageError: the file cannot be read, or a shot is wrong.
         OutputError: a shot writes over what one of them reads, or must not replace what is there.
     """
     try:
@@ -165,7 +162,7 @@ def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
     if twice is not None:
         raise UsageError(f"--jobs {path}: two shots write {twice}; give each its own")
     try:
-        farmed = [words for words, _ in shots]
+        farmed = [args for args, _ in shots]
         refuse_overwriting(Namespace(command="farm", jobs=path), *farmed)
         settle_existing(*farmed, overwrite=overwrite)
     except OutputError as error:
@@ -174,7 +171,7 @@ def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
 
 
 def _parsed(entry: object, where: str) -> tuple[Namespace, Settings]:
-    """The words of a shot, as `farm` would be given them, and what they mean."""
+    """A shot as `farm` parses it, and its settings."""
     if not isinstance(entry, dict):
         raise UsageError(f"{where} is no table")
     unknown = set(entry) - {*_NEEDED, "options"}
@@ -187,7 +184,7 @@ def _parsed(entry: object, where: str) -> tuple[Namespace, Settings]:
     if not isinstance(options, list) or not all(isinstance(w, str) for w in (*named, *options)):
         raise UsageError(f"{where}: in, object and out must be texts, options a list of them")
     try:
-        words = parse(["render", *map(str, named), *options])
-        return Namespace(**{**vars(words), **_FARMED}), to_settings.settings(words)
+        args = parse(["render", *map(str, named), *options])
+        return Namespace(**{**vars(args), **_FARMED}), to_settings.settings(args)
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error

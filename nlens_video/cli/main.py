@@ -1,4 +1,4 @@
-"""The command line: parse, run, answer with a line and an exit code."""
+"""The command line: parse, check files, run; errors become one line and an exit code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from nlens_video.cli.console import Console
 
 INTERRUPTED = 130
-_SMALL = ("doctor", "completion", "study")  # load no library that aborts where memory is short
+_LIGHT = ("doctor", "completion", "study")  # load no library that aborts without memory
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -40,35 +40,35 @@ def main(argv: list[str] | None = None) -> int:
     if COMPLETING in os.environ:
         complete()
     make_ready()
-    words = list(sys.argv[1:] if argv is None else argv)
+    argv = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(sys.__stderr__)  # a crash in a library names the line that called it
     with _interruptible():
-        code = _answered(words)
-    _leave_a_stuck_reader(code)
+        code = _exit_code(argv)
+    _exit_if_reader_blocks(code)
     return code
 
 
-def _answered(words: list[str]) -> int:
+def _exit_code(argv: list[str]) -> int:
     try:
-        return _run(words)
+        return _run(argv)
     except ReaderGone:
         redirect_to_devnull(sys.stdout)
         return 0
     except NlensError as error:
-        _say(str(error), error, trace=_verbose(words))
+        _say(str(error), error, trace=_verbose(argv))
         return error.exit_code
     except MemoryError as error:
         size = f" ({error})" if str(error) else ""
-        text = f"memory does not suffice{size}; give a smaller plate or object"
-        _say(text, error, trace=_verbose(words))
+        text = f"out of memory{size}; give a smaller plate or object"
+        _say(text, error, trace=_verbose(argv))
         return NlensError.exit_code
     except KeyboardInterrupt as interrupt:
         return _interrupted(interrupt)
     except Exception as error:
         if not signals.requested.is_set():
             raise
-        return _interrupted(error)  # what a library's start makes of an interrupt
+        return _interrupted(error)  # a library turned the interrupt into another exception
 
 
 def _interrupted(error: BaseException) -> int:
@@ -81,8 +81,8 @@ def _interrupted(error: BaseException) -> int:
     return INTERRUPTED
 
 
-def _verbose(words: list[str]) -> bool:
-    return "-v" in words or "--verbose" in words
+def _verbose(argv: list[str]) -> bool:
+    return "-v" in argv or "--verbose" in argv
 
 
 def _say(text: str, error: BaseException, *, trace: bool = False) -> None:
@@ -97,7 +97,7 @@ def _say(text: str, error: BaseException, *, trace: bool = False) -> None:
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[None]:
-    """Other signals end a run as Ctrl-C does; a second one does not disturb the cleaning up."""
+    """SIGTERM and the like end a run as Ctrl-C does; a second one does not disturb the clean-up."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -114,8 +114,8 @@ def _interruptible() -> Iterator[None]:
             signal.signal(number, signal.SIG_IGN if signals.requested.is_set() else handler)
 
 
-def _leave_a_stuck_reader(code: int) -> None:
-    """End at once where a read (of a camera gone quiet) blocks: Python would wait for it."""
+def _exit_if_reader_blocks(code: int) -> None:
+    """Exit at once where a read blocks (a camera that sends nothing): Python would wait for it."""
     scheduler = sys.modules.get("nlens_video.graph.scheduler")
     if scheduler is not None and scheduler.reader_blocked():
         sys.stdout.flush()
@@ -124,79 +124,79 @@ def _leave_a_stuck_reader(code: int) -> None:
 
 
 def _run(argv: list[str]) -> int:
-    words = options.parse(argv)
-    drop_protocol(words)
-    if words.command not in _SMALL:
+    args = options.parse(argv)
+    drop_protocol(args)
+    if args.command not in _LIGHT:
         require_memory()
-    refuse_overwriting(words)
-    settle_existing(words, overwrite=getattr(words, "overwrite", False))
-    if words.command in SIDE_COMMANDS:
-        return SIDE_COMMANDS[words.command](words)
+    refuse_overwriting(args)
+    settle_existing(args, overwrite=getattr(args, "overwrite", False))
+    if args.command in SIDE_COMMANDS:
+        return SIDE_COMMANDS[args.command](args)
     from nlens_video.cli.console import Console
 
-    voice = Console(
-        quiet=words.quiet,
-        verbose=words.verbose,
-        as_json=words.json,
-        progress=not getattr(words, "no_progress", True),
-        stdout_taken=getattr(words, "output", None) == "-",
+    console = Console(
+        quiet=args.quiet,
+        verbose=args.verbose,
+        as_json=args.json,
+        progress=not getattr(args, "no_progress", True),
+        stdout_taken=getattr(args, "output", None) == "-",
     )
     with redirect_library_stdout():
-        return _at_work(words, voice)
+        return _dispatch(args, console)
 
 
-def _at_work(words: argparse.Namespace, voice: Console) -> int:
-    """The commands that make pictures, or what belongs to them."""
-    if words.command == "place":
+def _dispatch(args: argparse.Namespace, console: Console) -> int:
+    """The commands whose results the console shows."""
+    if args.command == "place":
         from nlens_video.cli.placement_sheet import write_contact_sheet
 
-        voice.choices(words.output, write_contact_sheet(to_settings.place_settings(words)))
+        console.choices(args.output, write_contact_sheet(to_settings.place_settings(args)))
         return 0
-    if words.command == "merge":
+    if args.command == "merge":
         from nlens_video.cli.farm_commands import run_merge
 
-        return run_merge(words, voice)
-    if words.command == "farm" and words.jobs is not None:
+        return run_merge(args, console)
+    if args.command == "farm" and args.jobs is not None:
         from nlens_video.cli.farm_commands import run_jobs
 
-        return run_jobs(words, voice)
-    return _composite(words, voice)
+        return run_jobs(args, console)
+    return _composite(args, console)
 
 
-def _composite(words: argparse.Namespace, voice: Console) -> int:
-    """The commands that take a plate and an object."""
-    run = to_settings.settings(words)
-    if getattr(words, "plan", False):
+def _composite(args: argparse.Namespace, console: Console) -> int:
+    """The commands that composite, or find the lens: `render`, `farm`, `fit`."""
+    settings = to_settings.settings(args)
+    if getattr(args, "plan", False):
         from nlens_video.run.render import plan
 
-        voice.plan(plan(run, all_reasons=words.verbose or words.json))
+        console.plan(plan(settings, all_reasons=args.verbose or args.json))
         return 0
-    if words.command == "farm":
+    if args.command == "farm":
         from nlens_video.cli.farm_commands import run_farm
 
-        return run_farm(words, run, voice)
-    if words.command == "fit":
+        return run_farm(args, settings, console)
+    if args.command == "fit":
         from nlens_video.run.render import find_fit
         from nlens_video.run.sidecar_outputs import tell_missing
 
-        found = find_fit(run)
-        voice.fit(found)
+        found = find_fit(settings)
+        console.fit(found)
         tell_missing(str(found.path), found.missing)
         return 0
-    if words.resume:
+    if args.resume:
         from nlens_video.cli.farm_commands import run_resumable
 
-        return run_resumable(words, run, voice)
-    if words.as_chunk:
+        return run_resumable(args, settings, console)
+    if args.as_chunk:
         from nlens_video.cli.farm_commands import run_chunk
 
-        return run_chunk(run, Path(words.output), voice)
+        return run_chunk(settings, Path(args.output), console)
     from nlens_video.run.render import render
     from nlens_video.run.sidecar_outputs import tell_missing
 
-    with voice.progress_bar() as on_progress:
-        outcome = render(run, on_progress)
-    voice.outcome(outcome)
+    with console.progress_bar() as on_progress:
+        outcome = render(settings, on_progress)
+    console.outcome(outcome)
     tell_missing(outcome.output, outcome.missing)
     return 0
 

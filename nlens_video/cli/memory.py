@@ -1,4 +1,4 @@
-"""Memory that a run needs at least, checked before libraries are loaded that abort without it."""
+"""The least memory of a run, checked before libraries load that abort without it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from nlens_video.core.errors import NlensError
 
 _GB = 1 << 30
 ADDRESSES = 2.0 * _GB
-"""Address space that libraries and their threads reserve [bytes], and more for each core:"""
+"""Address space that libraries and their threads reserve [bytes], beside that of each core:"""
 ADDRESSES_PER_CORE = 0.2 * _GB
 RESIDENT = 0.4 * _GB
 """Memory that the smallest run uses [bytes]."""
 
 
 def require_memory() -> None:
-    """See that a run can start.
+    """Check that a run can start.
 
     Raises:
         NlensError: a limit, or what is free, is below what every run needs.
@@ -39,12 +39,12 @@ def require_memory() -> None:
 
 
 def address_space() -> int:
-    """What a run needs on this machine [bytes]."""
+    """Address space that a run needs on this machine [bytes]."""
     return int(ADDRESSES + ADDRESSES_PER_CORE * (os.cpu_count() or 1))
 
 
 def _memories() -> Iterator[tuple[str, float]]:
-    """What may be used, by each of those who decide it [bytes]; none where nobody says."""
+    """Limits of memory with their source [bytes]: the container, the machine."""
     for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of control groups 2 and 1
         limit = _read(Path("/sys/fs/cgroup") / name).strip()
         if limit.isdigit():

@@ -32,8 +32,8 @@ class Use:
     Attributes:
         name: what they are, for messages.
         given: as the user named them.
-        files: they.
-        derived: whether the user named another file, beside which they lie.
+        files: the files.
+        derived: whether their name is made from another file's, beside which they lie.
     """
 
     name: str
@@ -54,12 +54,12 @@ def file_options(command: str) -> Iterator[tuple[Option, Files]]:
     )
 
 
-def uses(words: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
+def uses(args: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
     """The files that a parsed command line names, to be read or to be written."""
-    for option, files in file_options(_form(words)):
-        if files.role != role or not files.holds(words):
+    for option, files in file_options(_form(args)):
+        if files.role != role or not files.holds(args):
             continue
-        value = getattr(words, option.attribute, None)
+        value = getattr(args, option.attribute, None)
         for given in value if isinstance(value, list) else [value]:
             path = None if given is None else local_path(str(given))
             if path is None or (files.or_word and not path.suffix):
@@ -75,14 +75,14 @@ def uses(words: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterato
             )
 
 
-def drop_protocol(words: argparse.Namespace) -> None:
+def drop_protocol(args: argparse.Namespace) -> None:
     """Replace `file:p.mp4`, FFmpeg's form of a path, by that path, in place."""
-    for attribute in {option.attribute for option, _ in file_options(_form(words))}:
-        value = getattr(words, attribute, None)
+    for attribute in {option.attribute for option, _ in file_options(_form(args))}:
+        value = getattr(args, attribute, None)
         if isinstance(value, list):
-            setattr(words, attribute, [_bare(one) for one in value])
+            setattr(args, attribute, [_bare(one) for one in value])
         elif value is not None:
-            setattr(words, attribute, _bare(value))
+            setattr(args, attribute, _bare(value))
 
 
 def _bare(given: str | Path) -> str | Path:
@@ -90,36 +90,36 @@ def _bare(given: str | Path) -> str | Path:
     return given if path is None else type(given)(path)
 
 
-def _form(words: argparse.Namespace) -> str:
+def _form(args: argparse.Namespace) -> str:
     """The form of a command that has options of its own, else the command."""
-    if words.command == "farm" and words.jobs is not None:
+    if args.command == "farm" and args.jobs is not None:
         return JOBS
-    return f"study {words.what}" if words.command == "study" else str(words.command)
+    return f"study {args.what}" if args.command == "study" else str(args.command)
 
 
 def refuse_overwriting(*commands: argparse.Namespace) -> None:
-    """See that no file that commands write is one that they read, nor two of them the same.
+    """Check that commands write no file that they read, and none twice.
 
     Args:
-        commands: words of the command line; several where they run side by side.
+        commands: parsed command lines; several where they run together.
 
     Raises:
-        OutputError: one of them is.
+        OutputError: they do.
     """
     taken = _Taken()
-    for words in commands:
-        for read in (*uses(words, "reads"), *_named_inside(words)):
+    for args in commands:
+        for read in (*uses(args, "reads"), *_named_inside(args)):
             taken.add(read)
-    for words in commands:
-        for written in sorted(uses(words, "writes"), key=lambda use: use.folder):
-            other = taken.meeting(written)
+    for args in commands:
+        for written in sorted(uses(args, "writes"), key=lambda use: use.folder):
+            other = taken.find(written)
             if other is not None:
                 raise OutputError(_line(written, other))
             taken.add(written)
 
 
 class _Taken:
-    """Files that have a use already; single ones are looked up, since there may be many."""
+    """Files in use; single files are looked up in a dict, since there may be many."""
 
     def __init__(self) -> None:
         self._uses: list[Use] = []
@@ -129,8 +129,8 @@ class _Taken:
         self._uses.append(use)
         self._by_key.update(dict.fromkeys(use.files.keys(), use))
 
-    def meeting(self, use: Use) -> Use | None:
-        """What has one of these files already."""
+    def find(self, use: Use) -> Use | None:
+        """An earlier use of one of the same files."""
         for key in use.files.keys():
             if key in self._by_key:
                 return self._by_key[key]
@@ -153,9 +153,9 @@ def _line(written: Use, other: Use) -> str:
     return f"{written.name} {written.given}: is {other.name} as well; give it another name"
 
 
-def _named_inside(words: argparse.Namespace) -> Iterator[Use]:
-    """Files that a scene or a playlist names: they are read, too."""
-    scene, plate = getattr(words, "glb", None), getattr(words, "input", None)
+def _named_inside(args: argparse.Namespace) -> Iterator[Use]:
+    """Files that are read because a scene or a playlist names them."""
+    scene, plate = getattr(args, "glb", None), getattr(args, "input", None)
     if scene is not None:
         for path in _beside_scene(Path(scene)):
             yield Use("a file of the scene", str(path), NamedFiles(path))
@@ -166,7 +166,7 @@ def _named_inside(words: argparse.Namespace) -> Iterator[Use]:
 
 
 def _beside_scene(scene: Path) -> Iterator[Path]:
-    """Buffers and pictures that lie beside a glTF file; whoever loads it judges the file."""
+    """Buffers and images that a .gltf file names; a broken file is reported where it is loaded."""
     if scene.suffix.lower() != ".gltf":
         return
     try:
@@ -183,7 +183,7 @@ def _beside_scene(scene: Path) -> Iterator[Path]:
 
 
 def _listed(plate: Path) -> Iterator[Path]:
-    """Files that lines of a playlist name, bare or in quotes."""
+    """Files that a playlist names, bare or in quotes."""
     try:
         if plate.stat().st_size > _MOST_LIST_BYTES:
             return

@@ -1,4 +1,4 @@
-"""The command `place`: a contact sheet of places where an object without a camera could stand."""
+"""The command `place`: a contact sheet of nine placements of an object without a camera."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _LONG_SIDE = 480  # of a choice [px]
 _ACROSS = 3  # choices side by side
-_FONT, _LINE_HEIGHT, _LEFT = 0.42, 19, 6  # of the words under a choice: OpenCV's scale, [px], [px]
+_FONT, _LINE_HEIGHT, _LEFT = 0.42, 19, 6  # of the captions: OpenCV's scale, [px], [px]
 _GRID = np.arange(-4, 5)  # lines of the ground grid, in heights of the object
 _LINE, _PAPER, _INK = (255, 200, 60), 24, (235, 235, 235)  # BGR
 
@@ -44,7 +44,7 @@ Bgr = npt.NDArray[np.uint8]
 
 
 def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
-    """Draw the sharp object on the plate's first frame at each choice, with the words for it.
+    """Draw the sharp object on the plate's first frame in nine placements, each with its options.
 
     Returns:
         The options that repeat each choice, in the order of their numbers.
@@ -63,11 +63,11 @@ def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
     size = (plate.shape[1], plate.shape[0])
     focal = focal or ASSUMED_FOCAL_MM
     shown = choices(settings.start, settings.scene.fov_deg, fov_of_focal(focal, size))
-    words = [choice.words(settings.scene) for choice in shown]
+    options = [choice.options(settings.scene) for choice in shown]
     with replacing(settings.output) as partial:
-        if not cv2.imwrite(str(partial), _drawn(scene, plate, focal, shown, words, settings)):
+        if not cv2.imwrite(str(partial), _drawn(scene, plate, focal, shown, options, settings)):
             raise OutputError(f"{settings.output}: cannot be written; is the disk full?")
-    return tuple(" ".join(one) for one in words)
+    return tuple(" ".join(one) for one in options)
 
 
 def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None]:
@@ -90,7 +90,7 @@ def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:
 
 def _drawn(
     scene: Scene, plate: Bgr, focal: float, shown: Sequence[Choice],
-    words: Sequence[tuple[str, ...]], settings: PlaceSettings,
+    options: Sequence[tuple[str, ...]], settings: PlaceSettings,
 ) -> Bgr:  # fmt: skip
     from nlens_video.render.select import choose_renderer
 
@@ -102,7 +102,7 @@ def _drawn(
         drawn = [stand.choice(choice) for choice in shown]
     texts = [
         _lines(number, one, width) if seen else [f"{number}  reaches behind the camera"]
-        for number, (one, (_, seen)) in enumerate(zip(words, drawn, strict=True), start=1)
+        for number, (one, (_, seen)) in enumerate(zip(options, drawn, strict=True), start=1)
     ]
     height = max(map(len, texts))
     cells = [
@@ -114,7 +114,7 @@ def _drawn(
 
 @dataclass(frozen=True, slots=True)
 class _Stand:
-    """What all choices share."""
+    """What all placements share: object, plate and renderer."""
 
     vertices: Float32
     contact: Float64
@@ -123,7 +123,7 @@ class _Stand:
     renderer: BoxRenderer
 
     def choice(self, choice: Choice) -> tuple[Bgr, bool]:
-        """One place: plate, ground grid, horizon and object, and whether it can be seen so."""
+        """Plate with grid, horizon and object; False where the object reaches behind the camera."""
         picture = self.plate.copy()
         size = (picture.shape[1], picture.shape[0])
         focal = self.focal if choice.fov_deg is None else focal_of_fov(choice.fov_deg, size)
@@ -166,10 +166,10 @@ def _grid_lines(contact: Float64, spacing: float) -> Iterator[Float64]:
             yield contact + spacing * np.stack([x, np.zeros_like(x), z], axis=1)
 
 
-def _lines(number: int, words: tuple[str, ...], width: int) -> list[str]:
-    """The words of a choice in lines that fit under it; no option is parted from its value."""
+def _lines(number: int, options: tuple[str, ...], width: int) -> list[str]:
+    """The caption in lines no wider than the picture; an option stays with its value."""
     lines = [f"{number} "]
-    for word in words:
+    for word in options:
         if len(lines[-1]) > 2 and _wide(f"{lines[-1]} {word}") > width - 2 * _LEFT:
             lines.append("  ")
         lines[-1] += f" {word}"
@@ -194,7 +194,7 @@ _LENS_FACTOR = 0.5  # of the field of view: a longer lens, from farther away [1]
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A place, and the field of view that it is seen with.
+    """A placement and the field of view that it is seen with.
 
     Attributes:
         placing: where the object stands.
@@ -204,11 +204,11 @@ class Choice:
     placing: Placement
     fov_deg: float | None
 
-    def words(self, scene: ObjectSettings) -> tuple[str, ...]:
-        """The options that repeat it, an option with its value each.
+    def options(self, scene: ObjectSettings) -> tuple[str, ...]:
+        """The options that repeat it, each with its value.
 
         Args:
-            scene: the object, with the options that do not differ between choices.
+            scene: the object; its options are the same for all choices.
         """
         played = scene.playback
         fov = None if self.fov_deg is None else f"{self.fov_deg:.4g}"
@@ -233,9 +233,9 @@ def choices(start: Placement, fov_deg: float | None, assumed_fov_deg: float) -> 
     """Nine choices: the given one first; then horizon, size, turn and lens changed by a step.
 
     Args:
-        start: the place round which they lie.
-        fov_deg: field of view that was asked for, None where nothing was said [deg].
-        assumed_fov_deg: what it is then [deg].
+        start: the placement that is varied.
+        fov_deg: field of view that `--fov` gives, else None [deg].
+        assumed_fov_deg: what it is else [deg].
     """
     lowest = 0.5 * (start.horizon + start.at[1])  # a horizon must lie above the contact point
     horizons = (start.horizon - _HORIZON_STEP, min(start.horizon + _HORIZON_STEP, lowest))

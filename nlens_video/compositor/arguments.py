@@ -42,7 +42,7 @@ def check_settings(*, fps: float, budget_ms: float, track_focus: str) -> None:
         raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
 
 
-def as_words(given: Mapping[str, object]) -> argparse.Namespace:
+def as_args(given: Mapping[str, object]) -> argparse.Namespace:
     """Keyword arguments as the command line parses them.
 
     Args:
@@ -51,30 +51,30 @@ def as_words(given: Mapping[str, object]) -> argparse.Namespace:
     Raises:
         UsageError: a value that the option does not take.
     """
-    words = argparse.Namespace(**{name: one.initial for name, one in PARAMETERS.items()})
+    args = argparse.Namespace(**{name: one.initial for name, one in PARAMETERS.items()})
     for name, value in given.items():
         if value is not None:
-            setattr(words, name, _read(name, PARAMETERS[name], value))
-    return words
+            setattr(args, name, _read(name, PARAMETERS[name], value))
+    return args
 
 
-def as_objects(glb: str | Path | ObjectSettings, words: argparse.Namespace) -> ObjectSettings:
+def as_objects(glb: str | Path | ObjectSettings, args: argparse.Namespace) -> ObjectSettings:
     """The object's settings.
 
     Args:
         glb: its file, or all of its settings.
-        words: of `as_words`.
+        args: of `as_args`.
 
     Raises:
         UsageError: options that contradict each other, or that stand beside `ObjectSettings`.
     """
     if not isinstance(glb, ObjectSettings):
-        words.glb = Path(glb)
-        return object_settings(words)
+        args.glb = Path(glb)
+        return object_settings(args)
     given = [
         name
         for name, option in PARAMETERS.items()
-        if option.feeds.split(".")[0] in _OF_THE_OBJECT and getattr(words, name) != option.initial
+        if option.feeds.split(".")[0] in _OF_THE_OBJECT and getattr(args, name) != option.initial
     ]
     if given:
         raise UsageError(f"{', '.join(given)}: stand in the ObjectSettings; leave them out")
@@ -82,13 +82,13 @@ def as_objects(glb: str | Path | ObjectSettings, words: argparse.Namespace) -> O
 
 
 def as_lens(
-    words: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
+    args: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
     aperture: Aperture | str, optics: LensOverrides, shutter_deg: float | None,
 ) -> LensRequest:  # fmt: skip
     """How the lens is found and simulated.
 
     Args:
-        words: of `as_words`.
+        args: of `as_args`.
         fps: frames per second [1/s].
         fit: the lens, when it is known beforehand.
         aperture: its shape.
@@ -99,19 +99,19 @@ def as_lens(
         UsageError: a preset or effects that do not exist, or an option given twice.
         LensFitError: the saved fit cannot be read.
     """
-    load_pipeline(words.preset)
-    requested_effects(words.effects)
-    said = lens_overrides(words)
-    if words.shutter is not None and shutter_deg is not None:
+    load_pipeline(args.preset)
+    requested_effects(args.effects)
+    given = lens_overrides(args)
+    if args.shutter is not None and shutter_deg is not None:
         raise UsageError("shutter and shutter_deg are the same; leave one of them out")
-    if NO_OVERRIDES not in (said, optics):
+    if NO_OVERRIDES not in (given, optics):
         raise UsageError("optics holds vignetting and distortion; leave those out")
     return LensRequest(
-        preset=words.preset, effects=words.effects, fit=None if fit is None else as_fit(fit),
-        fallback=words.fallback, device=words.device, frame_s=1.0 / fps,
-        shutter_deg=words.shutter if shutter_deg is None else shutter_deg,
-        aperture=as_aperture(aperture, words.cat_eye),
-        optics=said if optics == NO_OVERRIDES else optics, live=words.track_focus == "auto",
+        preset=args.preset, effects=args.effects, fit=None if fit is None else as_fit(fit),
+        fallback=args.fallback, device=args.device, frame_s=1.0 / fps,
+        shutter_deg=args.shutter if shutter_deg is None else shutter_deg,
+        aperture=as_aperture(aperture, args.cat_eye),
+        optics=given if optics == NO_OVERRIDES else optics, live=args.track_focus == "auto",
     )  # fmt: skip
 
 
@@ -129,21 +129,21 @@ def as_fit(fit: object) -> LensFit:
     raise UsageError(f"fit takes a LensFit or the path of a saved one, not {type(fit).__name__}")
 
 
-def as_moment(time: float | None) -> float | None:
-    """A moment of the animation [s].
+def as_time(time: float | None) -> float | None:
+    """The time of a frame in the animation [s].
 
     Raises:
-        UsageError: it is no finite number.
+        UsageError: it is not a finite number.
     """
     if time is None:
         return None
     try:
-        moment = float(time)
+        time_s = float(time)
     except (TypeError, ValueError):
-        moment = math.nan
-    if not math.isfinite(moment):
-        raise UsageError(f"{time = } is no moment; give seconds, or leave it out")
-    return moment
+        time_s = math.nan
+    if not math.isfinite(time_s):
+        raise UsageError(f"{time = } is not a time; give seconds, or leave it out")
+    return time_s
 
 
 def _read(name: str, option: Option, value: object) -> object:
@@ -167,7 +167,7 @@ _BY_FLAG = {flag: name for name, option in PARAMETERS.items() for flag in option
 _NUMBER = r"-?\d[\d.]*"
 _PLACEHOLDER = re.compile(r"[A-Z][A-Z0-9,]*(\.[a-z]+)?")
 _FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)(?P<gap>[ =](?P<value>[^\s;:()]*[^\s;:(),.]))?")
-_WORDS = frozenset(
+_VALUES = frozenset(
     [*EFFECTS, "auto", "all", "none", "off", "constant", "cpu", "cuda"]
     + ["draft", "realtime", "standard", "reference", "paper"]
 )
@@ -203,7 +203,7 @@ def _parameter(found: re.Match[str]) -> str:
         return f"{name}={value}"
     if re.fullmatch(rf"{_NUMBER}(,{_NUMBER})+", value):
         return f"{name}=({value.replace(',', ', ')})"
-    if all(word.lstrip("+-") in _WORDS for word in value.split(",")):
+    if all(one.lstrip("+-") in _VALUES for one in value.split(",")):
         return f'{name}="{value}"'
     if _PLACEHOLDER.fullmatch(value):
         return name

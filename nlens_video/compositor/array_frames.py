@@ -1,4 +1,4 @@
-"""Frames of somebody's own loop: the forms they come in, and how they go back into them."""
+"""Arrays, tensors and PyAV's frames, to samples that can be composited and back."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     import av
 
 Frames = TypeVar("Frames")
-"""An array or a tensor, or in a stream one of PyAV's frames: what comes out is what went in."""
+"""An array or a tensor, in a stream also one of PyAV's frames; results have the same type."""
 
-_THIN = 8  # of the rows and columns, one in so many tells whether samples are in [0, 1]
+_THIN = 8  # every so many rows and columns are tested for samples above 1
 
 
 def to_samples(frame: object) -> npt.NDArray[Any]:
-    """A copy of a frame in samples that can be composited in.
+    """A copy of a frame in a sample type that can be composited.
 
-    Types that such samples hold exactly are honoured too: half precision, the other byte order.
+    Half precision and foreign byte order are converted, without loss.
 
     Args:
         frame: a numpy array, or a torch tensor.
@@ -34,7 +34,7 @@ def to_samples(frame: object) -> npt.NDArray[Any]:
         on_cpu: Any = frame
         on_cpu = on_cpu.detach().cpu()
         if on_cpu.is_floating_point() and on_cpu.element_size() == 2:
-            on_cpu = on_cpu.float()  # numpy knows one of the two kinds of half precision
+            on_cpu = on_cpu.float()  # numpy has no bfloat16
         frame = on_cpu.numpy()
     if not isinstance(frame, np.ndarray):
         kind = type(frame).__name__
@@ -46,14 +46,14 @@ def to_samples(frame: object) -> npt.NDArray[Any]:
         some = result[::_THIN, ::_THIN]
         if 2 * np.count_nonzero(some > 1.0) > some.size:
             raise InputError(
-                "a picture of float samples of which most exceed 1; expected [0, 1]: divide by the "
-                "white level, such as 255"
+                "most of the float samples exceed 1; expected [0, 1]: divide by the white level, "
+                "such as 255"
             )
     return result
 
 
 def from_samples(result: npt.NDArray[Any], frame: Frames) -> Frames:
-    """A composited copy in the form of the frame that it was made from."""
+    """A composited copy as the type of the frame that it was made from."""
     given: Any = frame
     if _is_tensor(frame):
         return cast("Frames", given.new_tensor(result))

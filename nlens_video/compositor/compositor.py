@@ -1,4 +1,4 @@
-"""The plug-in for OpenCV, PyAV and numpy loops: frames in, composited frames out."""
+"""The compositor for OpenCV, PyAV and numpy loops: frames in, composited frames out."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
 from nlens_video.compositor.arguments import (
+    as_args,
     as_fit,
     as_lens,
-    as_moment,
     as_objects,
-    as_words,
+    as_time,
     check_settings,
     in_python,
     naming_parameters,
@@ -42,12 +42,11 @@ class Compositor:
     """Puts an animated object into frames, one at a time.
 
     The lens is fitted on the first frame with the object in view and kept. All work happens on one
-    thread of the compositor's own (OpenGL lives there), so it can be called from any thread;
-    frames are processed in the order of the calls. A process that was forked from the one that made
-    it is refused: each makes its own.
+    worker thread, which owns the OpenGL context, so any thread may call it; frames are processed in
+    the order of the calls. A forked process cannot use it, and makes its own.
 
     Options have the names that the command line gives them, with `_` for `-`, and the same meaning
-    and limits (`nlens-video render --help`); None leaves a value to the program.
+    and limits (`nlens-video render --help`); None takes the default.
 
     Args:
         glb: the animated object; or `settings.ObjectSettings`, which hold what `camera` to
@@ -90,7 +89,7 @@ class Compositor:
         optics: `vignetting` and `distortion` as one object.
 
     Raises:
-        UsageError: an argument makes no sense.
+        UsageError: an argument is out of range, or contradicts another.
         LensFitError: the saved fit cannot be read.
         SceneError: the GLB cannot be used; raised at the first frame.
     """
@@ -138,11 +137,11 @@ class Compositor:
         given = locals()  # by the names of the command line's options
         with naming_parameters():
             check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)
-            words = as_words({name: given[name] for name in PARAMETERS if name not in _CHECKED})
+            args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
             lens = as_lens(
-                words, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
+                args, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
             )
-            self._loop = FrameLoop(as_objects(glb, words), lens, fps, Profiler(budget_ms))
+            self._loop = FrameLoop(as_objects(glb, args), lens, fps, Profiler(budget_ms))
         self._thread = OwnThread(self._loop.close)
 
     def process(self, frame: Frames, time: float | None = None) -> Frames:
@@ -152,27 +151,27 @@ class Compositor:
             frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
                 uint16, float32 or float16 in [0, 1]; or a torch tensor of that shape and type, or
                 of bfloat16; left as it is.
-            time: moment of the animation [s]; default: frames so far / fps.
+            time: of the frame in the animation [s]; default: frames so far / fps.
 
         Returns:
             A new array (or a tensor on the same device) of the same shape, type and channel order.
 
         Raises:
             InputError: a shape or type that no picture has, or floats of another range.
-            UsageError: neither array nor tensor, another size than before, no moment.
+            UsageError: neither array nor tensor, another size than before, or not a time.
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """
         from nlens_video.video.pixels.picture import ArrayPicture
 
-        result, moment = to_samples(frame), as_moment(time)
-        self._call(lambda: self._loop.composite(ArrayPicture(result), moment))
+        result, time_s = to_samples(frame), as_time(time)
+        self._call(lambda: self._loop.composite(ArrayPicture(result), time_s))
         return from_samples(result, frame)
 
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
         """Composite one of PyAV's frames; format, pts and colour tags stay as they are.
 
-        The animation's moment is the frame's own time since the first frame, where it has one.
+        Its time in the animation is its own time since the first frame, where it has one.
 
         Args:
             frame: left as it is.
@@ -206,9 +205,9 @@ class Compositor:
 
     @fit.setter
     def fit(self, fit: LensFit) -> None:
-        """Take another lens from the next frame on, and follow no change of it any more."""
-        held = as_fit(fit)
-        self._call(lambda: self._loop.hold(held))
+        """Use another lens from the next frame on; focus tracking ends."""
+        pinned = as_fit(fit)
+        self._call(lambda: self._loop.pin_fit(pinned))
 
     def swap(self, glb: str | Path | ObjectSettings) -> None:
         """Composite another object from the next frame on; the lens is held, time goes on.
@@ -237,15 +236,15 @@ class Compositor:
 
     @property
     def timings(self) -> Summary:
-        """The frames so far in a few numbers."""
+        """Statistics of the frames so far."""
         return self._loop.profiler.summary()
 
     def close(self) -> None:
-        """Free OpenGL, networks and the thread; harmless when repeated."""
+        """Free OpenGL, networks and the thread; may be called again."""
         self._thread.close()
 
     def __reduce__(self) -> NoReturn:
-        raise UsageError("a compositor cannot be sent to another process; make one in each")
+        raise UsageError("a Compositor cannot be pickled; make one in each process")
 
     def __enter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""A compositor's state from frame to frame; all of it belongs to one thread."""
+"""The compositor's loop over frames, and the thread that runs it."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class FrameLoop:
 
         return tuple(describe(self._session))
 
-    def hold(self, fit: LensFit) -> None:
-        """Take another lens from the next frame on."""
+    def pin_fit(self, fit: LensFit) -> None:
+        """Use another lens from the next frame on."""
         self.lens = replace(self.lens, fit=fit)
         if self._session is not None and self._size is not None:
             self._session.executor.pin_fit(fit.for_width(*self._size))
@@ -89,12 +89,11 @@ class FrameLoop:
         return frame.time - self._first_s
 
     def composite(self, picture: Picture, time: float | None) -> None:
-        """Composite in place, at a moment of the animation; None: by the count of frames [s]."""
-        session = self._assembled(picture)
-        steps = session.executor
-        moment = self._count / self.fps if time is None else time
-        state = steps.begin_frame(LoopFrame(self._count, moment, picture))
-        steps.run(state, session.graph.nodes)
+        """Composite in place, at a time of the animation [s]; None: frames so far / fps."""
+        session = self._open(picture)
+        time_s = self._count / self.fps if time is None else time
+        state = session.executor.begin_frame(LoopFrame(self._count, time_s, picture))
+        session.executor.run(state, session.graph.nodes)
         self.last = picture
         self.profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
         self._count += 1
@@ -103,7 +102,7 @@ class FrameLoop:
         """Free OpenGL and networks."""
         self._stack.close()
 
-    def _assembled(self, picture: Picture) -> Session:
+    def _open(self, picture: Picture) -> Session:
         size = (picture.width, picture.height)
         if self._session is None:
             view = View(width=size[0], height=size[1], camera=self.objects.camera)
@@ -122,10 +121,10 @@ class FrameLoop:
 
 
 class OwnThread:
-    """Does work in the order of the calls, from whichever thread they come, until it is closed.
+    """Runs calls from any thread on one worker thread, in their order.
 
     Args:
-        free: run on the thread when it is closed.
+        free: called on the thread when it is closed.
     """
 
     def __init__(self, free: Callable[[], None]) -> None:
@@ -136,21 +135,21 @@ class OwnThread:
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-compositor")
 
     def call(self, work: Callable[[], R]) -> R:
-        """Do the work there, and wait for what it returns.
+        """Run a function there, and return its result.
 
         Raises:
-            UsageError: it is closed, or belongs to another process.
+            UsageError: the thread is closed, or belongs to another process.
         """
         if os.getpid() != self._process:
             raise UsageError("the compositor was made by another process; make one in each")
-        with self._gate:  # nothing gets in between the last frame and the freeing
+        with self._gate:  # no frame after `free`
             if self._closed:
                 raise UsageError("the compositor is closed; make a new one")
-            asked = self._worker.submit(work)
-        return asked.result()
+            future = self._worker.submit(work)
+        return future.result()
 
     def close(self) -> None:
-        """Free what was held and end the thread; harmless when repeated."""
+        """Run `free` and end the thread; may be called again."""
         if os.getpid() != self._process:  # its thread, and OpenGL, are the other process's
             return
         with self._gate:

@@ -1,4 +1,4 @@
-"""What a notebook shows of a compositor: its last picture, the lens, and what runs."""
+"""A compositor as a notebook shows it: last picture, lens and plan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _WIDEST_PX = 640
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A compositor as it is now; a notebook draws it.
+    """The state of a compositor; a notebook renders it as HTML.
 
     Attributes:
         picture: the last composite as a JPEG file, None before the first frame.
@@ -30,7 +30,7 @@ class Shown:
     plan: tuple[str, ...]
 
     def _repr_html_(self) -> str:
-        """What Jupyter asks for; everything is in the text."""
+        """HTML for Jupyter, self-contained."""
         parts = ["<p>no frame yet</p>"]
         if self.picture is not None:
             parts = [jpeg_image(self.picture, self.size, "The last composite")]
@@ -44,7 +44,7 @@ class Shown:
 
 
 def show(picture: Picture | None, fit: LensFit | None, plan: tuple[str, ...]) -> Shown:
-    """Make a small picture of the last composite; `picture` is None before the first frame."""
+    """Shrink the last composite; `picture` is None before the first frame."""
     if picture is None:
         return Shown(None, (0, 0), fit, plan)
     image = shown(picture.srgb(), _WIDEST_PX)

@@ -32,9 +32,9 @@ class Files:
     when: str = ""
     or_word: bool = False
 
-    def holds(self, words: argparse.Namespace) -> bool:
+    def holds(self, args: argparse.Namespace) -> bool:
         """Whether `when` is fulfilled."""
-        given = bool(getattr(words, self.when.lstrip("!"), False))
+        given = bool(getattr(args, self.when.lstrip("!"), False))
         return not self.when or given != self.when.startswith("!")
 
 

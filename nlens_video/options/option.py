@@ -16,7 +16,7 @@ class Option:
 
     Attributes:
         names: of an option, today's first, then others that work as well, separated by spaces; of a
-            positional the attribute of the parsed words.
+            positional the attribute of the parsed arguments.
         commands: those that have it.
         metavar: how the help names the value; an option with neither it nor choices takes
             no value.
@@ -27,7 +27,7 @@ class Option:
         nargs: as argparse has it.
         const: the value of `nargs="?"` where the option is given alone.
         required: whether it must be given.
-        dest: the attribute of the parsed words, where it is not the first name.
+        dest: the attribute of the parsed arguments, where it is not the first name.
         feeds: the setting that it becomes, such as `source.input_rate`; see `to_settings`.
         parameter: whether a `Compositor` takes it, under the name of the attribute.
         often: whether the short help shows it.
@@ -59,7 +59,7 @@ class Option:
 
     @property
     def attribute(self) -> str:
-        """The attribute of the parsed words."""
+        """The attribute of the parsed arguments."""
         long = next(name for name in self.names.split() if name[:1] != "-" or name[:2] == "--")
         return self.dest or long.lstrip("-").replace("-", "_")
 

@@ -27,91 +27,91 @@ _START = Placement(at=(0.5, 0.8), size=0.35, horizon=0.4)
 """What `place` shows where nothing is said."""
 
 
-def settings(words: argparse.Namespace) -> Settings:
+def settings(args: argparse.Namespace) -> Settings:
     """Settings of `render`, `farm` and `fit`.
 
     Raises:
         UsageError: options that contradict each other, or values that make no sense.
     """
-    defaults = {"effects": "defocus"} if words.command == "fit" else {}
+    defaults = {"effects": "defocus"} if args.command == "fit" else {}
     return Settings(
-        source=source_settings(words),
-        scene=object_settings(words),
-        output=None if words.command == "fit" else output_settings(words),
-        aperture=parse_aperture(words.aperture, cat_eye=words.cat_eye),
-        optics=lens_overrides(words),
-        **{**defaults, **_given(words, "run")},
+        source=source_settings(args),
+        scene=object_settings(args),
+        output=None if args.command == "fit" else output_settings(args),
+        aperture=parse_aperture(args.aperture, cat_eye=args.cat_eye),
+        optics=lens_overrides(args),
+        **{**defaults, **_given(args, "run")},
     )
 
 
-def source_settings(words: argparse.Namespace) -> SourceSettings:
+def source_settings(args: argparse.Namespace) -> SourceSettings:
     """The plate of any command that reads one."""
-    return SourceSettings(**_given(words, "source"))
+    return SourceSettings(**_given(args, "source"))
 
 
-def output_settings(words: argparse.Namespace) -> OutputSettings:
+def output_settings(args: argparse.Namespace) -> OutputSettings:
     """The result of `render`, `farm` and `merge`."""
-    return OutputSettings(**_given(words, "output"))
+    return OutputSettings(**_given(args, "output"))
 
 
-def lens_overrides(words: argparse.Namespace) -> LensOverrides:
+def lens_overrides(args: argparse.Namespace) -> LensOverrides:
     """What is known of the lens beside its focus."""
-    return LensOverrides(**_given(words, "optics"))
+    return LensOverrides(**_given(args, "optics"))
 
 
-def object_settings(words: argparse.Namespace) -> ObjectSettings:
+def object_settings(args: argparse.Namespace) -> ObjectSettings:
     """The object of `render`, `farm` and `fit`.
 
     Raises:
         UsageError: options that contradict each other.
     """
-    light, real = _given(words, "light"), _given(words, "real")
+    light, real = _given(args, "light"), _given(args, "real")
     for field, name in (("env_rotation_deg", "rotation"), ("env_exposure_ev", "exposure")):
         if field in light and "env" not in light:
             raise UsageError(f"--env-{name} needs a map; give --env-map MAP.hdr too")
     if "holdout" in real and real["occlusion"] == "auto":
         raise UsageError("--holdout tells what is in front; leave --occlusion auto out")
     return ObjectSettings(
-        **_given(words, "scene"),
-        playback=Playback(**_given(words, "playback")),
-        placing=_placement(words),
+        **_given(args, "scene"),
+        playback=Playback(**_given(args, "playback")),
+        placing=_placement(args),
         light=LightSettings(**light),
         real=RealSettings(**real),
     )
 
 
-def place_settings(words: argparse.Namespace) -> PlaceSettings:
+def place_settings(args: argparse.Namespace) -> PlaceSettings:
     """Settings of `place`."""
     return PlaceSettings(
-        source=source_settings(words),
+        source=source_settings(args),
         scene=ObjectSettings(
-            **_given(words, "scene"), playback=Playback(**_given(words, "playback"))
+            **_given(args, "scene"), playback=Playback(**_given(args, "playback"))
         ),
-        start=replace(_START, **_given(words, "placing")),
-        output=words.output,
+        start=replace(_START, **_given(args, "placing")),
+        output=args.output,
     )
 
 
-def _given(words: argparse.Namespace, owner: str) -> dict[str, Any]:
+def _given(args: argparse.Namespace, owner: str) -> dict[str, Any]:
     """The fields of one settings class that options give; None leaves the class' default."""
     values = {
-        feeds.removeprefix(f"{owner}."): getattr(words, attribute, None)
+        feeds.removeprefix(f"{owner}."): getattr(args, attribute, None)
         for feeds, attribute in _FEEDS.items()
         if feeds.startswith(f"{owner}.")
     }
     return {field: value for field, value in values.items() if value is not None}
 
 
-def _placement(words: argparse.Namespace) -> Placement | None:
-    place = _given(words, "placing")
+def _placement(args: argparse.Namespace) -> Placement | None:
+    place = _given(args, "placing")
     if not place:
-        if words.fov is not None:
+        if args.fov is not None:
             raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
         return None
     if "at" not in place or "size" not in place:
         raise UsageError(
             "to place the object give both --at X,Y and --size S, fractions of the frame"
         )
-    if words.camera is not None:
+    if args.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
     return Placement(**{"horizon": LEVEL, **place})

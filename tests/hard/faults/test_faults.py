@@ -82,7 +82,7 @@ def test_memory_that_does_not_suffice_is_one_line_and_leaves_no_result(shot, tmp
         [*given, "--fit", str(shot / "fit.json"), "--preset", "draft"], preexec_fn=little_memory
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("nlens-video: memory does not suffice (")
+    assert done.stderr.startswith("nlens-video: out of memory (")
     assert done.stderr.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["large.png"]
 
