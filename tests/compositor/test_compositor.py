@@ -315,8 +315,8 @@ def test_setting_that_makes_no_sense_is_refused_where_it_is_given(glb, settings,
 
 
 @pytest.mark.parametrize("time", [float("nan"), float("inf"), "now"])
-def test_moment_that_is_no_finite_number_is_refused(lens, time):
-    with pytest.raises(UsageError, match="moment"):
+def test_time_that_is_not_a_finite_number_is_refused(lens, time):
+    with pytest.raises(UsageError, match="is not a time"):
         lens.process(bgr(), time=time)
 
 
