@@ -50,7 +50,7 @@ def test_given_distortion_moves_the_object_towards_the_middle(tmp_path):
 @pytest.mark.needs_gl
 def test_effect_asked_for_by_name_without_evidence_is_left_out_with_the_reason(tmp_path):
     said = run(tmp_path, "plan", "--effects", "defocus,aberration,bloom", "--plan")
-    assert "left out fringe: edges of red and blue against green" in said
+    assert "left out chromatic-aberration: edges of red and blue against green" in said
     assert "left out bloom: " in said
     bare = run(tmp_path, "bare", "-q", "--effects", "defocus")
     asked = run(tmp_path, "asked", "-q", "--effects", "defocus,aberration,bloom")
@@ -73,7 +73,7 @@ def test_effect_that_is_not_called_for_leaves_every_bit_as_it_was(tmp_path):
         (["--distortion", "barrel"], "K1 or K1,K2"),
         (["--distortion", "0.1,0.2,0.3"], "K1 or K1,K2"),
         (["--distortion", "nan"], "K1 or K1,K2"),
-        (["--distortion", "-0.9"], "nothing is seen in the frame's corners"),
+        (["--distortion", "-0.9"], "the frame's corners stay empty"),
         (["--effects", "vignetting", "--preset", "draft"], "no node for vignetting"),
     ],
 )
