@@ -1,5 +1,6 @@
 # make demo    install everything and composite the samples: samples/out.mp4 and samples/report/
 # make test    install everything and run all tests
+# make check   format check, lint, types and the quick tests, in under two minutes
 # make lint    format check, lint, types
 # make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
 # make gallery  the pictures of docs/gallery
@@ -48,7 +49,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: demo test lint fuzz gallery docs golden bench install system programs clean
+.PHONY: demo test check lint fuzz gallery docs golden bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -81,6 +82,9 @@ lint: system $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+check: programs lint
+	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest -q -m "not slow"
 
 test: programs lint
 	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from support.disks import why_no_mount
-from support.folders import ROOT
+from support.folders import ROOT, TESTS
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX Runtime themselves
 SHARED = ROOT.parent / "shared"
@@ -77,6 +77,19 @@ _NEEDS = {
     "needs_root": ("REQUIRE_ROOT", _why_no_root),
     "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),
 }
+
+
+SLOW_SUITES = {"hard", "stranger", "training"}
+"""Suites that run programs, networks' training or hundreds of damaged files."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        folders = item.path.relative_to(TESTS).parts
+        if folders[0] in SLOW_SUITES:
+            item.add_marker("slow")
+        if "endurance" in folders:
+            item.add_marker("endurance")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

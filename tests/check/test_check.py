@@ -160,6 +160,7 @@ def test_changed_corner_of_the_plate_is_named_with_its_place(source, tmp_path):
     assert "40x32 px at 280,160" in finding.text and 9 < finding.value < 15
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_rendered_composite_passes(tmp_path):
     plate = shots.write_video(tmp_path / "in.mp4", frames=16)

@@ -352,6 +352,7 @@ sys.exit(cli.main(["in.mp4"]))
     assert (run.returncode, run.stderr) == (130, "nlens-video: interrupted, no output written\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [3, 80], ids=["while opening", "while running"])
 def test_interrupt_ends_a_run_whose_source_has_gone_quiet(files, tmp_path, frames):
     run = process(

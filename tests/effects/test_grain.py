@@ -158,6 +158,7 @@ def test_same_frame_gets_the_same_grain_whatever_the_box():
     assert np.abs(grained(FRAME, 4) - whole).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_command_grains_the_object_on_a_noisy_plate_only(tmp_path):
     glb = shots.cube_glb(tmp_path / "cube.glb")

@@ -40,6 +40,7 @@ def rows(measured, table):
     return {row["name"]: row for row in measured.figures[table]["summary"]}
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_accuracy_rises_from_rung_to_rung(measured):
     found = [rows(measured, "bench")[name]["psnr_db"] for name in RUN]
@@ -48,6 +49,7 @@ def test_accuracy_rises_from_rung_to_rung(measured):
     assert likeness == sorted(likeness) and likeness[-1] > 0.98
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_each_rung_tells_its_time_memory_and_start(measured):
     for row in rows(measured, "bench").values():
@@ -57,6 +59,7 @@ def test_each_rung_tells_its_time_memory_and_start(measured):
     assert times[0] < times[2]
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_layers_are_measured_with_their_true_coc_by_all_that_need_one_view(measured):
     found = rows(measured, "bench_plates")
@@ -66,6 +69,7 @@ def test_layers_are_measured_with_their_true_coc_by_all_that_need_one_view(measu
     assert psnr_db is None or psnr_db > 50  # None: to the bit
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_files_tell_the_figures_and_the_machine_but_not_its_name(measured):
     import platform
@@ -85,6 +89,7 @@ def test_files_tell_the_figures_and_the_machine_but_not_its_name(measured):
     assert picture is not None and picture.shape[0] > 300 and picture.std() > 5
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_the_truth_is_the_plate_out_of_the_objects_reach_and_not_within(tmp_path):
     scene = write_scenes(tmp_path, TINY.size)[0]

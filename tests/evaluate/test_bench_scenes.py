@@ -35,6 +35,7 @@ def test_a_place_is_seen_where_it_says_with_the_coc_it_says():
     assert optics.size(Place(0, 0, 28.0), 90.0) == pytest.approx(0.1 * -z)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize(
     ("name", "low", "high"),

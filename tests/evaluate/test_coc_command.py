@@ -33,11 +33,13 @@ def summary(measured, table):
     return {row["name"]: row for row in measured.figures[table]["summary"]}
 
 
+@pytest.mark.slow
 def test_every_plate_is_measured_and_what_is_no_still_is_named(measured):
     assert measured.figures["plates"] == ["one_a", "two_b"]
     assert measured.figures["passed_over"] == ["clip"]
 
 
+@pytest.mark.slow
 def test_the_network_beats_every_baseline_that_is_not_told_the_truth(measured):
     rows = summary(measured, "methods")
     ours = rows["ours (network)"]
@@ -48,6 +50,7 @@ def test_the_network_beats_every_baseline_that_is_not_told_the_truth(measured):
     assert rows["best constant"]["bias_px"] == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_method_is_left_out_on_a_plate_that_lacks_what_it_needs(measured):
     for name in (SHARP, f"{SHARP}, best factor"):
         one, two = [row for row in measured.figures["methods"]["plates"] if row["name"] == name]
@@ -55,11 +58,13 @@ def test_a_method_is_left_out_on_a_plate_that_lacks_what_it_needs(measured):
         assert two == {"name": name, "plate": "two_b"}  # it has no sharp picture
 
 
+@pytest.mark.slow
 def test_the_best_factor_can_only_help(measured):
     rows = summary(measured, "methods")
     assert rows[f"{SHARP}, best factor"]["rmse_px"] <= rows[SHARP]["rmse_px"]
 
 
+@pytest.mark.slow
 def test_each_ablation_and_each_condition_is_measured_on_each_plate(measured):
     assert list(summary(measured, "ablations")) == [
         "shipped", "no confidence", "no V-fit (the paper's line)", "footprint only",
@@ -73,17 +78,20 @@ def test_each_ablation_and_each_condition_is_measured_on_each_plate(measured):
         assert len(measured.figures[table]["plates"]) == 2 * len(summary(measured, table))
 
 
+@pytest.mark.slow
 def test_the_shipped_fit_finds_the_lens_that_made_the_plates(measured):
     assert summary(measured, "ablations")["shipped"]["object_rms_px"] < 1.5
     shipped = summary(measured, "conditions")["as rendered"]["object_rms_px"]
     assert shipped == summary(measured, "ablations")["shipped"]["object_rms_px"]
 
 
+@pytest.mark.slow
 def test_a_frame_of_twice_the_width_is_judged_in_the_plates_pixels(measured):
     rows = summary(measured, "conditions")
     assert rows["1920 px wide"]["rmse_px"] < 2 * rows["as rendered"]["rmse_px"]
 
 
+@pytest.mark.slow
 def test_tables_and_plots_are_written(measured):
     assert sorted(path.name for path in measured.out.iterdir()) == [
         "ablations.csv", "coc.md", "conditions.csv", "error_by_coc.png", "methods.csv",
@@ -98,6 +106,7 @@ def test_tables_and_plots_are_written(measured):
     assert lines[0].startswith("row,plate,") and len(lines) == 1 + 2 * 9
 
 
+@pytest.mark.slow
 def test_a_plates_own_folder_is_enough_and_tables_go_to_standard_output(folder):
     run = nlens("evaluate", "coc", folder / "one_a")
     assert run.returncode == 0, run.stderr

@@ -57,6 +57,7 @@ def test_every_layered_preset_every_rival_and_both_bounds_are_methods():
     assert names[3:-2] == ["draft", "realtime", "standard", "paper"]
 
 
+@pytest.mark.slow
 def test_each_method_is_measured_on_each_plate(measured):
     assert measured.figures["plates"] == ["one_a", "two_b"]
     assert list(rows(measured)) == ROWS
@@ -64,6 +65,7 @@ def test_each_method_is_measured_on_each_plate(measured):
     assert all(row["psnr_db_count"] == 2 for row in rows(measured).values() if row["psnr_db"])
 
 
+@pytest.mark.slow
 def test_ours_beats_naive_and_blind_augmentation_and_is_bounded_by_the_true_lens(measured):
     found = rows(measured)
     psnr = {name: found[name]["psnr_db"] or math.inf for name in ROWS}  # exact: no dB
@@ -72,12 +74,14 @@ def test_ours_beats_naive_and_blind_augmentation_and_is_bounded_by_the_true_lens
     assert psnr[GAUSSIAN] < psnr[TRUE_COC]
 
 
+@pytest.mark.slow
 def test_the_error_of_the_objects_coc_is_that_of_what_was_told(measured):
     found = {name: row["object_rms_px"] for name, row in rows(measured).items()}
     assert found[TRUE_COC] == found[GAUSSIAN] == 0.0
     assert 0 < found[TRUE_FIT] < 0.05 < found[DEFAULT] == found["draft"] < found[NAIVE]
 
 
+@pytest.mark.slow
 def test_tables_and_a_picture_are_written(measured):
     assert sorted(path.name for path in measured.out.iterdir()) == [
         "composite.csv", "composite.md", "composite.png", "composite_plate_coc.csv",
@@ -131,6 +135,7 @@ def test_more_plates_of_the_same_scenes_narrow_no_interval(figures, times):
     assert again.mean == pytest.approx(found.mean) and again.half == pytest.approx(found.half)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_truth
 def test_figures_agree_with_an_independent_scorer_of_finished_pictures(shared, tmp_path):
     spec = importlib.util.spec_from_file_location("score", shared / "tools" / "score.py")

@@ -87,6 +87,7 @@ def test_lens_found_comes_close_to_the_true_one_and_no_blur_does_not(rendered, t
     assert np.mean(true_db) == pytest.approx(true["psnr_db"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_error_of_the_lens_found_is_counted_against_the_told_one(sequence, capsys):
     off = rows_of(capsys, sequence)["lens found"]["object_rms_px"]
     describe(sequence, scale=1.5)

@@ -26,6 +26,7 @@ def picture(folder, name):
     return codes.astype(np.float32)
 
 
+@pytest.mark.slow
 def test_every_position_lens_and_method_is_shown_once(folder):
     stimuli = load_stimuli(folder)
     assert len(stimuli) == 3 * 1 * 3 * 3

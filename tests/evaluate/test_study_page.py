@@ -93,6 +93,7 @@ def take_part(page, person):
     return kept, log
 
 
+@pytest.mark.slow
 @pytest.mark.needs_chromium
 def test_a_person_with_a_keyboard_sees_every_picture_once_in_an_order_of_their_own(made):
     page, stimuli = made

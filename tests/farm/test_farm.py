@@ -59,6 +59,7 @@ def children_at_work(chunks):
     return [int(match[1]) for match in found if match]
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole):
     command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, "out.mkv")]
@@ -104,6 +105,7 @@ print(during, interrupted())
 """
 
 
+@pytest.mark.slow
 def test_signal_that_ends_a_run_is_heard_while_ray_runs_and_when_it_has_ended():
     """While the last piece is joined Ray has ended: half-written results would stay behind."""
     ran = subprocess.run(
@@ -135,6 +137,7 @@ def test_job_renders_only_what_is_missing(shot, whole):
     assert rendered == [0, 5, 10, 5]
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_list_of_shots_is_made_by_one_farm_and_a_broken_one_stops_no_other(shot, whole, capfd):
     jobs = shot / "jobs.toml"

@@ -131,6 +131,7 @@ def test_shot_by_way_of_a_url_has_the_single_runs_bits_and_nothing_stays_here(
     assert not [path for path in own_temporaries.rglob("*.nut")]
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_farm_of_two_processes_that_share_a_url_gives_the_single_runs_bits(shot, whole, tmp_path):
     command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, tmp_path / "out.mkv")]

@@ -239,6 +239,7 @@ def test_oblong_pixels_scale_the_disc_along_columns():
     assert np.ptp(seen[:, 0]) == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slab", "least_db"),
     [
@@ -256,6 +257,7 @@ def test_a_slab_looks_as_through_a_sampled_lens(slab, least_db):
     assert psnr_over_plate(scatter(sharp, coc), truth) > least_db
 
 
+@pytest.mark.slow
 def test_large_discs_on_coarse_pixels_look_as_the_definition_says():
     rgba = blob(150, 160, margin=60, seed=3)
     rgba[75, 80, :3] = 50.0  # a highlight
@@ -287,6 +289,7 @@ def largest_bend(frames):
     return float(np.abs(np.diff(np.stack(frames), 2, axis=0)).mean(axis=(1, 2, 3)).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
 def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(detail, times):
     # An antialiased edge bends by itself as it crosses pixels: the definition says how much.
@@ -311,6 +314,7 @@ def test_an_edge_is_as_wide_as_its_own_disc_however_the_coc_changes_inside():
     assert off[0] < 0.004 and off[1] < 0.01 and off[2] < 0.017
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
 def test_an_object_that_moves_through_focus_never_pops(detail, times):
     rgba = blob(56, 56, margin=20)

@@ -49,6 +49,7 @@ def patch(shape, margin, seed=2):
     return rgba
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("coc", [-20.0, 14.0])
 def test_fast_and_reference_agree_on_a_patch(shape, coc):
@@ -61,6 +62,7 @@ def test_fast_and_reference_agree_on_a_patch(shape, coc):
     assert np.sqrt(np.mean((fast - slow) ** 2)) < 3e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_fast_and_reference_agree_on_a_ramp_through_focus_of_oblong_pixels(shape):
     rgba = patch((56, 54), 20)
@@ -72,6 +74,7 @@ def test_fast_and_reference_agree_on_a_ramp_through_focus_of_oblong_pixels(shape
     assert np.sqrt(np.mean((fast - slow) ** 2)) < (1e-2 if SHAPES[shape].cat_eye else 6e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coc", [-9.0, 15.0])
 def test_fast_and_reference_agree_on_a_picture(drop, coc):
     rgba = patch((56, 58), 20)

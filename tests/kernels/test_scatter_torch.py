@@ -33,6 +33,7 @@ def spread(name="cpu"):
     return TorchSpread(name)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_torch
 @pytest.mark.parametrize(
     ("shape", "least", "largest", "detail"),
@@ -60,6 +61,7 @@ def test_torch_comes_as_close_to_the_definition_as_the_kernel():
     assert np.abs(scatter(rgba, coc, spread=spread()) - truth).max() < kernel + 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.needs_torch
 def test_an_aperture_that_is_a_picture_is_spread_by_torch_too(tmp_path):
     import cv2

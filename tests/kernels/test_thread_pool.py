@@ -62,11 +62,11 @@ def test_processors_that_are_forbidden_do_not_count():
 def test_a_forked_child_shares_work_and_both_end():
     code = (
         "import os, sys\n"
-        "from nlens_video.kernels.thread_pool import share\n"
+        "from nlens_video.kernels.thread_pool import parallel_for\n"
         "done = []\n"
-        "share(done.append, range(50), 3)\n"
+        "parallel_for(done.append, range(50), 3)\n"
         "child = os.fork()\n"
-        "share(done.append, range(50), 3)\n"
+        "parallel_for(done.append, range(50), 3)\n"
         "status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) if child else 0\n"
         "sys.exit(status if len(done) == 100 else 1)\n"
     )

@@ -33,8 +33,8 @@ def renderer_class(request, monkeypatch):
 ObjectRenderer = PyrenderObjectRenderer
 
 
-def draw(builder, tmp_path, *view):
-    return draw_with(ObjectRenderer, builder, tmp_path, *view)
+def draw(builder, tmp_path, *view, **options):
+    return draw_with(ObjectRenderer, builder, tmp_path, *view, **options)
 
 
 def centre(layer):

@@ -146,6 +146,7 @@ def test_command_follows_and_says_so(pulled, capsys):
     assert first is not None and np.abs(first.astype(int) - last).max() > 20
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_fit_keeps_a_pull_and_a_run_with_it_is_the_run_that_follows(pulled, tmp_path):
     plate, glb, _ = words(pulled)[:3]

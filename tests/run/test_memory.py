@@ -29,6 +29,7 @@ def peak_mb(folder, frames):
     return int(run.stdout.split()[-1]) / 1024
 
 
+@pytest.mark.slow
 def test_peak_memory_is_the_same_for_a_clip_ten_times_as_long(tmp_path):
     shots.cube_glb(tmp_path / "anim.glb", end=(0.3, 0.0, -2.6), seconds=20.0)
     shots.fit_json(tmp_path / "fit.json")

@@ -76,6 +76,7 @@ LEAST_GAIN_DB = {  # strong texture goes on behind every edge, and nobody can kn
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_it_comes_nearer_to_a_sampled_lens_than_the_scatter(repair, scene):
     sharp = defocused(SCENES[scene])
@@ -143,6 +144,7 @@ def test_an_object_that_moves_by_64_px_takes_its_picture_along(repair):
     assert pictures[1] == pytest.approx(pictures[0], abs=2e-6)
 
 
+@pytest.mark.slow
 def test_a_slide_by_tenths_of_a_pixel_does_not_pop(repair):
     pictures, before = [], []
     for step in range(24):
@@ -159,6 +161,7 @@ def test_a_slide_by_tenths_of_a_pixel_does_not_pop(repair):
     assert rougher.max() < 2.0 * rough.max()
 
 
+@pytest.mark.slow
 def test_a_step_that_appears_slowly_does_not_pop(repair):
     frames = []
     for near in np.linspace(1.2, 6.0, 49):

@@ -104,6 +104,7 @@ def see(tmp_path, request):
         seen.renderer.close()
 
 
+@pytest.mark.slow
 def test_a_hidden_red_card_shows_through_the_blur_of_a_near_rod_as_through_the_lens(see):
     seen = see(ROD, HIDDEN)
     truth = seen.truth()
@@ -249,6 +250,7 @@ def test_a_pull_of_focus_does_not_pop(see):
     assert rough(frames).max() < 0.03
 
 
+@pytest.mark.slow
 def test_what_is_hidden_fades_in_with_its_distance(see):
     frames = []
     for coc in np.linspace(27.0, 12.0, 31):  # from no step at all to one of 5 px

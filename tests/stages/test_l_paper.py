@@ -27,6 +27,7 @@ def networks():
     return OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10**6), height=st.integers(1, 21), width=st.integers(1, 21))
 def test_classical_renderer_is_the_papers_formula(seed, height, width):

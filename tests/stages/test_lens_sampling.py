@@ -165,6 +165,7 @@ def test_a_card_across_the_axis_is_blurred_by_the_exact_disc(renderer):
     assert psnr_over_plate(views, cv2.filter2D(sharp, -1, disc)) > 50.0
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_a_leaning_card_through_the_focus_agrees_with_its_truth(renderer):
     drawn = renderer((3.0, {"half": (0.35, 0.25), "lean": 1.2}))
@@ -174,6 +175,7 @@ def test_a_leaning_card_through_the_focus_agrees_with_its_truth(renderer):
     assert psnr_over_plate(sampled(drawn), truth(drawn, 256)) > 50.0
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_self_occlusion_is_right_where_scatter_is_wrong(near_over_far, near_over_far_truth):
     blurred = whole(BLUR(centre(near_over_far), FRAME))
@@ -183,6 +185,7 @@ def test_self_occlusion_is_right_where_scatter_is_wrong(near_over_far, near_over
     )
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_error_falls_with_the_count_as_the_law_says(near_over_far, near_over_far_truth):
     reached = []
@@ -192,6 +195,7 @@ def test_error_falls_with_the_count_as_the_law_says(near_over_far, near_over_far
     assert reached == sorted(reached)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_law_holds_for_a_narrow_sharp_card_before_a_blurred_one(renderer):
     # in focus at 1.4, so the wide card behind is blurred by 26 px

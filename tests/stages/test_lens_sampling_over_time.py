@@ -73,6 +73,7 @@ def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(drawn):
     assert largest_bend(frames) < 0.67 * largest_bend(sharp)
 
 
+@pytest.mark.slow
 def test_an_object_that_goes_through_focus_never_pops(drawn):
     fits = [lens(coc, coc - 10.0) for coc in np.arange(-3.0, 13.0, 0.5)]
     frames = [seen(drawn, fit) for fit in fits]

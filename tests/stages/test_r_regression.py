@@ -16,6 +16,7 @@ def plate(plane, slope, focus, sigma=0.5):
     return CocMap(coc_px=coc, sigma_px=np.full_like(coc, sigma))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(slope=st.floats(6.0, 80.0), focus=st.floats(0.02, 1.5))
 def test_noise_free_lens_is_found_again(slope, focus):
@@ -78,6 +79,7 @@ def test_unsure_samples_carry_little_weight():
     assert fit.slope == pytest.approx(30.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_standard_errors_cover_the_truth_of_errors_that_many_samples_share():
     inside, trials, places, copies = 0, 200, 12, 50
     for seed in range(trials):

@@ -109,6 +109,7 @@ def see(tmp_path):
         seen.renderer.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["software", pytest.param("opengl", marks=pytest.mark.needs_gl)])
 def test_small_discs_come_closer_to_the_lens_than_any_scatter(see, kind):
     path = np.array(
@@ -183,6 +184,7 @@ def layer_of(coc):
     return DefocusedLayer(layer=layer, coc_px=np.nan_to_num(coc))
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10_000))
 def test_the_share_is_what_no_large_disc_reaches(seed):

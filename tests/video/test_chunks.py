@@ -244,6 +244,7 @@ def test_chunk_without_a_fit_encoded_or_of_a_stream_is_refused(shot, tmp_path, c
     assert "record the stream" in one_line(capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_loop_that_the_document_shows_gives_the_single_runs_bits(shot, tmp_path):
     page = (ROOT / "docs" / "farm.md").read_text()
