@@ -8,16 +8,11 @@ in half precision and widened on loading.
 
 from __future__ import annotations
 
-import argparse
-import io
 from pathlib import Path
 
-import onnx
-import torch
 from torch import Tensor, nn
 
-from models.coc.export import with_half_weights
-from models.manifest import sha256_of, write_entry
+from models.exporting import arguments, load_into, update_manifest, write_onnx, write_weights
 from models.paper.network import ARNet, IUNet
 from models.paper.train import PaperNets
 
@@ -58,32 +53,15 @@ class ShippedIunet(nn.Module):
 
 def load_networks(path: Path) -> PaperNets:
     """Both networks with the weights of a checkpoint, or with shipped ones."""
-    state = torch.load(path, weights_only=True)
-    state = state.get("nets", state)
-    nets = PaperNets().eval()
-    nets.load_state_dict({name: value.float() for name, value in state.items()})
+    nets = PaperNets()
+    load_into(nets, path)
     return nets
 
 
 def _write(network: nn.Module, inputs: dict[str, tuple[int, ...]], output: str, path: Path) -> None:
-    buffer = io.BytesIO()
     axes = {name: {1: f"{name}_H", 2: f"{name}_W"} for name in (*inputs, output)}
-    torch.onnx.export(
-        network.eval(),
-        tuple(torch.rand(shape) for shape in inputs.values()),
-        buffer,
-        input_names=list(inputs),
-        output_names=[output],
-        dynamic_axes=axes,
-        opset_version=18,
-        dynamo=False,  # much faster than the new exporter, and the same graph here
-    )
-    model = with_half_weights(onnx.load_from_string(buffer.getvalue()))
-    for node in model.graph.node:  # names of source files
-        node.doc_string = ""
-    model.doc_string = "BokehMe's shapes, trained anew; see the model card beside this file"
-    onnx.checker.check_model(model, full_check=True)
-    onnx.save(model, path)
+    note = "BokehMe's shapes, trained anew; see the model card beside this file"
+    write_onnx(network, path, inputs, (output,), axes, note=note)
 
 
 def export(nets: PaperNets, folder: Path) -> tuple[Path, Path]:
@@ -95,38 +73,22 @@ def export(nets: PaperNets, folder: Path) -> tuple[Path, Path]:
     return arnet, iunet
 
 
-def entry(name: str, weights: Path, inputs: dict[str, str], outputs: dict[str, str]) -> str:
-    """A network's entry in the manifest."""
-    tables = [
-        f'[model.{name}]\nfile = "{weights.parent.name}/{weights.name}"\n'
-        f'sha256 = "{sha256_of(weights)}"\nlicence = "Apache-2.0"\ncard = "paper/README.md"'
-    ]
-    for kind, values in (("inputs", inputs), ("outputs", outputs)):
-        lines = "\n".join(f'{key} = "{value}"' for key, value in values.items())
-        tables.append(f"[model.{name}.{kind}]\n{lines}")
-    return "\n\n".join(tables) + "\n"
-
-
 def main() -> None:
     """Export a checkpoint, keep its weights in half precision, update the manifest."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--checkpoint", type=Path, required=True)
-    parser.add_argument("--out", type=Path, default=HERE, help="folder")
-    options = parser.parse_args()
+    options = arguments(__doc__, HERE)
     nets = load_networks(options.checkpoint)
     arnet, iunet = export(nets, options.out)
     if options.out == HERE:
-        torch.save({k: v.half() for k, v in nets.state_dict().items()}, HERE / "weights.pt")
+        write_weights(nets, HERE)
         seen = {
             "code": "(1, H, W, 3) float32, light^(1 / 2.2); H, W even",
             "defocus": "(1, H, W, 1) float32, signed radius / 10 px",
         }
-        manifest = HERE.parent / "manifest.toml"
         rendered = {"rendered": "(1, H, W, 4) float32: code values, error map in [0, 1]"}
-        write_entry(manifest, "paper-arnet", entry("paper-arnet", arnet, seen, rendered))
+        update_manifest("paper-arnet", arnet, seen, rendered)
         coarse = {**seen, "coarse": "(1, H / 2, W / 2, 3) float32, code values"}
         refined = {"refined": "(1, H, W, 3) float32, code values"}
-        write_entry(manifest, "paper-iunet", entry("paper-iunet", iunet, coarse, refined))
+        update_manifest("paper-iunet", iunet, coarse, refined)
     print(*(f"{path}: {path.stat().st_size / 1e6:.2f} MB" for path in (arnet, iunet)), sep="\n")
 
 

@@ -3,17 +3,14 @@
     python -m models.paper.train --data /tmp/paper_data --validation /tmp/paper_val \
         --out /tmp/paper_run --minutes 20
 
-A run that stopped goes on from its checkpoint; `--begin-from` starts from shipped weights.
+An interrupted run resumes from its checkpoint; `--begin-from` starts from shipped weights.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
-import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -23,11 +20,10 @@ from torch import Tensor, nn
 from models.paper.data import PARTS
 from models.paper.network import ARNet, IUNet
 from models.reblur.data import Reservoir, split_maps
+from models.training import Schedule, TrainingRun, arguments, train
 from nlens_video.stages.reblur.l_paper import GAMMA, NEURAL_RADIUS_PX
 
-WARM_UP_STEPS = 60
 RIM_PX = 16  # not counted: discs from beyond the crop arrive there
-CHECK_EVERY_S = 300.0
 
 
 class PaperNets(nn.Module):
@@ -67,26 +63,19 @@ class PaperNets(nn.Module):
         return neural, coarse, error
 
 
-@dataclass(frozen=True, slots=True)
-class Recipe:
-    """What a run does.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recipe(Schedule):
+    """Schedule and batches of a run.
 
     Attributes:
-        minutes: training time, checks not counted [min].
-        rate: peak learning rate.
         batch: composites of a batch.
-        seed: of the weights and the batches.
     """
 
     minutes: float = 20.0
     rate: float = 5e-4
+    warm_up_steps: int = 60
+    last: float = 0.02
     batch: int = 2
-    seed: int = 1
-
-    def rate_at(self, progress: float, step: int) -> float:
-        """Learning rate at a share of the time."""
-        warm = min(1.0, (step + 1) / WARM_UP_STEPS)
-        return self.rate * warm * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(progress, 1))))
 
 
 def coded(light: Tensor) -> Tensor:
@@ -124,67 +113,25 @@ def loss_of(nets: PaperNets, parts: dict[str, Tensor]) -> Tensor:
     return wrong(blend, truth) + 0.5 * wrong(neural, truth) + 0.25 * wrong(coarse, small)
 
 
-class Run:
-    """The state of a training run."""
+class Run(TrainingRun):
+    """Training of both networks."""
 
-    def __init__(self, recipe: Recipe) -> None:
-        torch.manual_seed(recipe.seed)
-        self.recipe = recipe
-        self.nets = PaperNets().to(memory_format=torch.channels_last)
-        self.optimiser = torch.optim.AdamW(self.nets.parameters(), recipe.rate, weight_decay=0.01)
-        self.rng = np.random.default_rng(recipe.seed)
-        self.step = 0
-        self.trained_s = 0.0
+    BETAS = (0.9, 0.999)
 
-    @property
-    def progress(self) -> float:
-        """Share of the training time that has passed."""
-        return self.trained_s / (60 * self.recipe.minutes)
+    def build(self) -> PaperNets:
+        """ARNet and IUNet."""
+        return PaperNets()
 
-    def advance(self, data: Reservoir) -> float:
-        """One step; returns its loss."""
-        start = time.perf_counter()
+    def loss(self, data: Reservoir) -> tuple[Tensor, float]:
+        """Loss of a batch of composites, turned and mirrored; twice."""
         picked = [
             np.rot90(data.maps[index], int(self.rng.integers(4)))[
                 :, :: int(self.rng.integers(2)) * 2 - 1
             ]
             for index in self.rng.integers(0, data.drawn, self.recipe.batch)
         ]
-        for group in self.optimiser.param_groups:
-            group["lr"] = self.recipe.rate_at(self.progress, self.step)
-        loss = loss_of(self.nets, to_tensors(np.stack(picked)))
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.nets.parameters(), 1.0)
-        self.optimiser.step()
-        self.step += 1
-        self.trained_s += time.perf_counter() - start
-        return float(loss.detach())
-
-    def save(self, path: Path) -> None:
-        """Write a checkpoint; the old one stays until the new one is complete."""
-        state = {
-            "nets": self.nets.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "step": self.step,
-            "trained_s": self.trained_s,
-        }
-        fresh = path.with_suffix(".new")
-        torch.save(state, fresh)
-        fresh.replace(path)
-
-    def load(self, path: Path) -> None:
-        """Go on from a checkpoint (other batches follow than without the stop)."""
-        state = torch.load(path, weights_only=True)
-        self.nets.load_state_dict(state["nets"])
-        self.optimiser.load_state_dict(state["optimiser"])
-        self.step, self.trained_s = state["step"], state["trained_s"]
-        self.rng = np.random.default_rng([self.recipe.seed, self.step])
-
-    def begin_from(self, path: Path) -> None:
-        """Take the shipped half-precision weights as the beginning of a new run."""
-        weights = torch.load(path, weights_only=True)
-        self.nets.load_state_dict({name: value.float() for name, value in weights.items()})
+        loss = loss_of(self.network, to_tensors(np.stack(picked)))
+        return loss, float(loss.detach())
 
 
 def validate(nets: PaperNets, data: Reservoir) -> tuple[float, float, float]:
@@ -201,56 +148,24 @@ def validate(nets: PaperNets, data: Reservoir) -> tuple[float, float, float]:
     return float(naive), float(classical), float(blend)
 
 
-def check(run: Run, loss: float, options: argparse.Namespace) -> None:
-    """Validate, log a line in the curve, save."""
-    naive, classical, blend = validate(run.nets, Reservoir(options.validation, parts=PARTS))
-    row = {
-        "minutes": round(run.trained_s / 60, 2),
-        "step": run.step,
-        "loss": round(loss, 5),
-        "naive_db": round(naive, 3),
-        "classical_db": round(classical, 3),
-        "blend_db": round(blend, 3),
-    }
+def held_out(run: Run, options: argparse.Namespace) -> dict[str, float]:
+    """PSNR on the held-out composites [dB]."""
+    found = validate(run.network, Reservoir(options.validation, parts=PARTS))
+    names = ("naive_db", "classical_db", "blend_db")
+    row = {name: round(value, 3) for name, value in zip(names, found, strict=True)}
     print("  ", row, flush=True)
-    curve = options.out / "curve.csv"
-    fresh = not curve.exists()
-    with curve.open("a", newline="") as file:
-        writer = csv.DictWriter(file, list(row))
-        if fresh:
-            writer.writeheader()
-        writer.writerow(row)
-    run.save(options.out / "checkpoint.pt")
+    return row
 
 
 def main() -> None:
     """Train until the time is up."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="reservoir written by data.py")
-    parser.add_argument("--validation", type=Path, required=True, help="held-out reservoir")
-    parser.add_argument("--out", type=Path, required=True, help="checkpoint and curve")
-    parser.add_argument("--minutes", type=float, default=Recipe().minutes)
-    parser.add_argument("--rate", type=float, default=Recipe().rate)
-    parser.add_argument("--begin-from", type=Path, help="shipped weights")
-    options = parser.parse_args()
+    options = arguments(__doc__, Recipe()).parse_args()
     torch.set_num_threads(1)
-    options.out.mkdir(parents=True, exist_ok=True)
     run = Run(Recipe(minutes=options.minutes, rate=options.rate))
-    if (options.out / "checkpoint.pt").exists():
-        run.load(options.out / "checkpoint.pt")
-    elif options.begin_from:
-        run.begin_from(options.begin_from)
-    data = Reservoir(options.data, parts=PARTS)
-    recent, checked = 0.0, run.trained_s
-    while run.progress < 1:
-        loss = run.advance(data)
-        recent = loss if run.step == 1 else recent * 0.97 + 0.03 * loss
-        if run.step % 50 == 0:
-            minutes = run.trained_s / 60
-            print(f"{minutes:6.1f} min  step {run.step}  loss {recent:.5f}", flush=True)
-        if run.trained_s - checked > CHECK_EVERY_S or run.progress >= 1:
-            check(run, recent, options)
-            checked = run.trained_s
+    train(
+        run, Reservoir(options.data, parts=PARTS), options, lambda: held_out(run, options),
+        figure=("loss", 5), shown=lambda loss: f"loss {loss:.5f}", every_steps=50, memory=0.97,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

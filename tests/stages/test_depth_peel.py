@@ -117,6 +117,18 @@ def test_a_hidden_red_card_shows_through_the_blur_of_a_near_rod_as_through_the_l
     assert np.sqrt((error**2).mean()) < 0.35 * np.sqrt((before**2).mean())
 
 
+def test_what_is_hidden_does_not_depend_on_what_was_rendered_in_between(see):
+    seen, other = see(ROD, HIDDEN), see(WIDE)
+    front = seen.renderer.render(0.0, seen.camera, 20)
+    alone = seen.renderer.render_behind(front, front.box, 0.05)
+    other.peeled()
+    seen.renderer.render(0.0, replace(seen.camera, cx=seen.camera.cx + 40.0), 20)
+    after = seen.renderer.render_behind(front, front.box, 0.05)
+    assert alone.hidden.rgba.any()
+    assert np.array_equal(alone.hidden.rgba, after.hidden.rgba)
+    assert np.array_equal(alone.hidden.depth, after.hidden.depth)
+
+
 def test_behind_a_rod_before_nothing_stays_nothing(see):
     seen = see(ROD)
     sharp = seen.peeled()

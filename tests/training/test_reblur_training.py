@@ -154,14 +154,14 @@ def test_the_papers_networks_have_its_sizes_and_train(photos, tmp_path):
     for index in range(2):
         store.append(draw_maps(1, index, photos, held_out=False))
     run = Run(Recipe(minutes=1, batch=1))
-    assert sum(p.numel() for p in run.nets.arnet.parameters()) == 923_664
-    assert sum(p.numel() for p in run.nets.iunet.parameters()) == 240_076
+    assert sum(p.numel() for p in run.network.arnet.parameters()) == 923_664
+    assert sum(p.numel() for p in run.network.iunet.parameters()) == 240_076
     assert np.isfinite([run.advance(store) for _ in range(2)]).all()
     run.save(tmp_path / "checkpoint.pt")
     again = Run(Recipe(minutes=1, batch=1))
     again.load(tmp_path / "checkpoint.pt")
     assert again.step == 2
-    assert validate(again.nets, store) == validate(run.nets, store)
+    assert validate(again.network, store) == validate(run.network, store)
 
 
 def test_torch_runs_the_papers_shipped_weights_as_onnx_does():

@@ -1,0 +1,129 @@
+"""Nodes: ports derived from signatures, alternatives, operations and conditions."""
+
+import pytest
+
+from nlens_video.core.layers import Box
+from nlens_video.graph.base.node import Condition, Node, port_type, ports_of
+from nlens_video.graph.base.values import FrameValues
+from nlens_video.graph.nodes.registry import NODES
+
+
+def values(**ports):
+    given = {"frame": None, "picture": "plate", "frame_box": Box(0, 0, 4, 4)}
+    return FrameValues(**{**given, **ports})
+
+
+class FromLayer(Node):
+    name, writes = "from-layer", "blurred"
+
+    def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":  # noqa: F821
+        return "from the layer"
+
+
+class FromDefocused(Node):
+    name, writes = "from-defocused", "blurred"
+
+    def __call__(self, defocused: "DefocusedLayer") -> "BlurredLayer":  # noqa: F821
+        return "from the defocused layer"
+
+
+class Operation(Node):
+    name, writes = "operation", "blurred"
+
+    def __call__(self, blurred: "BlurredLayer", fit: "LensFit | None") -> "BlurredLayer":  # noqa: F821
+        return f"{blurred}, changed"
+
+
+def run(nodes, frame):
+    for node in nodes:
+        if node.runs_on(frame):
+            setattr(frame, node.writes, node.run(*node.arguments(frame)))
+    return frame.blurred
+
+
+def test_ports_are_derived_from_the_signature():
+    assert [(port.name, port.type, port.optional) for port in Operation.inputs()] == [
+        ("blurred", "BlurredLayer", False),
+        ("fit", "LensFit", True),
+    ]
+
+
+def test_a_wrong_annotation_is_refused_when_the_class_is_created():
+    with pytest.raises(TypeError, match="port 'layer' is a ObjectLayer, not a Picture"):
+
+        class Wrong(Node):
+            name, writes = "wrong", "blurred"
+
+            def __call__(self, layer: "Picture") -> "BlurredLayer":  # noqa: F821
+                return layer
+
+
+def test_a_parameter_that_is_not_a_port_is_refused_when_the_class_is_created():
+    with pytest.raises(TypeError, match="'sparkle' is not a port"):
+
+        class Wrong(Node):
+            name, writes = "wrong", "blurred"
+
+            def __call__(self, sparkle: "Picture") -> "BlurredLayer":  # noqa: F821
+                return sparkle
+
+
+def test_a_wrong_result_is_refused_when_the_class_is_created():
+    with pytest.raises(TypeError, match="returns Picture, but its port 'blurred' is a Blurred"):
+
+        class Wrong(Node):
+            name, writes = "wrong", "blurred"
+
+            def __call__(self, picture: "Picture") -> "Picture":  # noqa: F821
+                return picture
+
+
+def test_a_node_without_a_call_is_refused_when_the_class_is_created():
+    with pytest.raises(TypeError, match="defines no __call__"):
+
+        class Wrong(Node):
+            name, writes = "wrong", "blurred"
+
+
+def test_a_condition_on_something_that_is_not_a_port_is_refused():
+    with pytest.raises(TypeError, match="'sparkle' is not a port"):
+        Condition("bright", "the frame sparkles", lambda sparkle: True)
+
+
+def test_a_condition_fails_on_a_frame_without_its_port():
+    def wide(frame_box: "Box", layer: "ObjectLayer") -> bool:  # noqa: F821
+        return frame_box.width > 3
+
+    condition = Condition("wide", "the frame is wide", wide)
+    assert condition.met(values(layer="layer")) and not condition.met(values())
+
+
+@pytest.mark.parametrize(
+    ("ports", "expected"),
+    [
+        ({"layer": 1}, "from the layer"),
+        ({"defocused": 1}, "from the defocused layer"),
+        ({"layer": 1, "defocused": 1}, "from the defocused layer"),
+        ({}, None),
+    ],
+)
+def test_of_alternatives_the_first_that_can_run_writes_the_port(ports, expected):
+    assert run([FromDefocused(), FromLayer()], values(**ports)) == expected
+
+
+def test_operations_form_a_chain_on_the_port_that_they_read_and_write():
+    chain = [FromLayer(), Operation(), Operation()]
+    assert run(chain, values(layer=1)) == "from the layer, changed, changed"
+    assert run([Operation()], values()) is None
+
+
+def test_every_node_reads_and_writes_ports_of_their_types():
+    for node in NODES.values():
+        assert all(port.type == port_type(port.name) for port in node.inputs()), node
+        assert node.when is None or ports_of(node.when.test), node
+
+
+def test_a_stateful_node_takes_the_picture_alone():
+    for node in NODES.values():
+        if node.stateful:
+            assert [port.name for port in node.inputs()] == ["picture"], node

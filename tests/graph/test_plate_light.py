@@ -1,0 +1,71 @@
+"""The light estimated from the plate is a value of the graph; the renderer keeps none of it."""
+
+import numpy as np
+import pytest
+from support import shots
+
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.effects.planner import decide
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.object_setup import open_object, shadow_scene
+from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.values import LoopFrame
+from nlens_video.graph.builder import build
+from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.scene.scene import Scene
+from nlens_video.video.pixels.picture import ArrayPicture
+
+
+@pytest.fixture
+def context(tmp_path):
+    """Nodes' dependencies for a cube without lights, with one renderer for all graphs."""
+    settings = ObjectSettings(glb=shots.cube_glb(tmp_path / "cube.glb", sun=False))
+    scene = Scene.load(settings.glb)
+    shadow = shadow_scene(settings, scene)
+    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    source, opened, _ = open_object(settings, scene, view, shadow.light)
+    with opened():
+        yield NodeContext(
+            objects=source, estimate_coc=lambda: None, ground_y=0.0, fallback_constant=False,
+            pixel_aspect=1.0, views=source.renderer, hidden=source.renderer, shadow_scene=shadow,
+        )  # fmt: skip
+
+
+def executor(context):
+    graph = build(load_pipeline("standard"), decide("shadow"), context, fit_given=True)
+    return GraphExecutor(graph, Profiler())
+
+
+def run(runner, level, index=0):
+    picture = ArrayPicture(np.full((shots.HEIGHT, shots.WIDTH, 3), level, np.uint8), "rgb")
+    state = runner.begin_frame(LoopFrame(index, index / 25, picture))
+    return runner.run(state, runner.graph.nodes).values
+
+
+def test_light_of_the_plate_flows_through_the_bounds_to_the_rendered_object(context):
+    bright, dark = run(executor(context), 200), run(executor(context), 40)
+    for values in (bright, dark):
+        assert values.plate_light is not None
+        assert values.bounds.plate_light is values.plate_light
+    assert bright.layer.rgba[..., :3].mean() > 2 * dark.layer.rgba[..., :3].mean()
+
+
+def test_the_shadow_takes_the_light_of_its_own_frames_bounds(context):
+    values = run(executor(context), 200)
+    assert values.shadow is not None and values.shadow.loss.any()
+
+
+def test_the_renderer_keeps_no_light_of_another_shot(context):
+    first = run(executor(context), 200).layer
+    run(executor(context), 40)
+    again = run(executor(context), 200).layer
+    assert np.array_equal(first.rgba, again.rgba)
+
+
+def test_later_frames_of_a_shot_keep_the_light_of_the_first(context):
+    runner = executor(context)
+    first, later = run(runner, 200), run(runner, 40, index=1)
+    assert later.plate_light is first.plate_light
+    assert np.array_equal(first.layer.rgba, later.layer.rgba)
