@@ -10,11 +10,11 @@ from support.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, write_rendered
 
 from nlens_video.core.layers import Box
 from nlens_video.evaluate.bench import bench
-from nlens_video.evaluate.bench.bench_case import built_case, plate_case
-from nlens_video.evaluate.bench.bench_measure import Effort, OneCase, RungRun
-from nlens_video.evaluate.bench.bench_plot import Point, pareto
-from nlens_video.evaluate.bench.bench_rungs import all_rungs
-from nlens_video.evaluate.bench.bench_scenes import write_scenes
+from nlens_video.evaluate.bench.case import built_case, plate_case
+from nlens_video.evaluate.bench.measure import Effort, OneCase, RungRun
+from nlens_video.evaluate.bench.methods import all_rungs
+from nlens_video.evaluate.bench.report import Point, pareto
+from nlens_video.evaluate.bench.scenes import write_scenes
 
 TINY = Effort(size=(240, 128), views=64, frames=3, seconds=0.1)
 RUN = ("naive", "realtime", "lens, 8 views")

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from nlens_video.evaluate.bench.bench_scenes import plate, write_scenes
-from nlens_video.evaluate.bench.bench_shapes import Place, SceneLens
+from nlens_video.evaluate.bench.scenes import plate, write_scenes
+from nlens_video.evaluate.bench.shapes import Place, SceneLens
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import object_coc

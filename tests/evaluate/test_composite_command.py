@@ -12,7 +12,7 @@ from support.command import nlens, one_line
 from support.truth_folder import write_rendered
 
 from nlens_video.evaluate.composite import composite
-from nlens_video.evaluate.composite.composite_methods import (
+from nlens_video.evaluate.composite.methods import (
     BLIND,
     DEFAULT,
     GAUSSIAN,
@@ -21,7 +21,7 @@ from nlens_video.evaluate.composite.composite_methods import (
     TRUE_FIT,
     all_methods,
 )
-from nlens_video.evaluate.composite.composite_subject import load_subject
+from nlens_video.evaluate.composite.subject import load_subject
 from nlens_video.evaluate.metrics import over_scenes
 
 ROWS = [NAIVE, BLIND, GAUSSIAN, "draft", DEFAULT, TRUE_FIT, TRUE_COC]

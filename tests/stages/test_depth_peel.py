@@ -6,8 +6,8 @@ import pytest
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import TexturedMesh, write_glb
-from nlens_video.evaluate.bench.bench_shapes import (
+from nlens_video.evaluate.bench.glb_writer import TexturedMesh, write_glb
+from nlens_video.evaluate.bench.shapes import (
     YFOV,
     Place,
     SceneLens,

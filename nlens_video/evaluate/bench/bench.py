@@ -1,4 +1,4 @@
-"""`nlens-video bench`: what accuracy costs in time, rung by rung."""
+"""`nlens-video bench`: accuracy of each reblur method against its time."""
 
 from __future__ import annotations
 
@@ -7,11 +7,22 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from nlens_video.evaluate.bench.bench_case import Case, built_case, plate_case
-from nlens_video.evaluate.bench.bench_measure import FULL, QUICK, Effort, RungRun, run_apart
-from nlens_video.evaluate.bench.bench_output import Report, machine, plates_table, scenes_table
-from nlens_video.evaluate.bench.bench_rungs import Rung, all_rungs
-from nlens_video.evaluate.bench.bench_scenes import BuiltScene, write_scenes
+from nlens_video.evaluate.bench.case import Case, built_case, plate_case
+from nlens_video.evaluate.bench.measure import (
+    FULL,
+    QUICK,
+    Effort,
+    RungRun,
+    run_apart,
+)
+from nlens_video.evaluate.bench.methods import Rung, all_rungs
+from nlens_video.evaluate.bench.report import (
+    Report,
+    machine,
+    plates_table,
+    scenes_table,
+)
+from nlens_video.evaluate.bench.scenes import BuiltScene, write_scenes
 from nlens_video.evaluate.console import Progress, check_matplotlib, make_folder, tell_and_write
 from nlens_video.evaluate.plates import find_plates
 from nlens_video.evaluate.tables import Entry, Table

@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from nlens_video.evaluate.bench.bench_output import machine
+from nlens_video.evaluate.bench.report import machine
 from nlens_video.evaluate.coc.quadratic import nearest_blur, quadratic_coc
-from nlens_video.evaluate.composite.composite_methods import all_methods
-from nlens_video.evaluate.composite.composite_report import Report
-from nlens_video.evaluate.composite.composite_subject import load_subject
+from nlens_video.evaluate.composite.methods import all_methods
 from nlens_video.evaluate.composite.paper_figures import NETWORK, QUADRATIC
+from nlens_video.evaluate.composite.report import Report
+from nlens_video.evaluate.composite.subject import load_subject
 from nlens_video.evaluate.console import Progress, check_matplotlib, make_folder, tell_and_write
 from nlens_video.evaluate.metrics import coc_figures
 from nlens_video.evaluate.plates import Plate, find_plates

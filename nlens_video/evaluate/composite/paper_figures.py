@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from nlens_video.evaluate.composite.composite_methods import (
+from nlens_video.evaluate.composite.methods import (
     BLIND,
     DEFAULT,
     GAUSSIAN,

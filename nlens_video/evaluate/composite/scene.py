@@ -6,8 +6,8 @@ import json
 from functools import partial
 from pathlib import Path
 
-from nlens_video.evaluate.bench.bench_case import codes_of
-from nlens_video.evaluate.composite.drawn import measure_render, render_accuracy_table
+from nlens_video.evaluate.bench.case import codes_of
+from nlens_video.evaluate.composite.render_accuracy import measure_render, render_accuracy_table
 from nlens_video.evaluate.composite.shadow import DEPTH, TRUTH, Shaded, shadow_table
 from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
 from nlens_video.evaluate.plates import find_plates, load_plate

@@ -20,8 +20,8 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Float32
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_case import codes_of
-from nlens_video.evaluate.bench.bench_glb import UInt8
+from nlens_video.evaluate.bench.case import codes_of
+from nlens_video.evaluate.bench.glb_writer import UInt8
 from nlens_video.video.exr import read_layer
 
 MARK = "gt_patch"

@@ -13,7 +13,7 @@ import numpy as np
 from nlens_video.check.series import second_difference
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import UInt8
+from nlens_video.evaluate.bench.glb_writer import UInt8
 from nlens_video.evaluate.metrics import psnr
 
 BLOCK_PX = 4

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.evaluate.bench.bench_case import codes_of
+from nlens_video.evaluate.bench.case import codes_of
 from nlens_video.evaluate.composite.sequence import Sequence, find_sequences, load_sequence
 from nlens_video.evaluate.composite.sequence_figures import (  # fmt: skip
     BLOCK_PX,

@@ -15,8 +15,8 @@ from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.projection import Moment
-from nlens_video.evaluate.bench.bench_case import Case, case_of, codes_of
-from nlens_video.evaluate.bench.bench_glb import UInt8
+from nlens_video.evaluate.bench.case import Case, case_of, codes_of
+from nlens_video.evaluate.bench.glb_writer import UInt8
 from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate
 from nlens_video.evaluate.tables import Column, Entry, Table

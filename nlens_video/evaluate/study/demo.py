@@ -16,12 +16,17 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_case import Case
-from nlens_video.evaluate.bench.bench_glb import UInt8, write_glb
-from nlens_video.evaluate.bench.bench_measure import one_frame
-from nlens_video.evaluate.bench.bench_rungs import ObjectCoc, opened, preset_rungs, rival_rung
+from nlens_video.evaluate.bench.case import Case
+from nlens_video.evaluate.bench.glb_writer import UInt8, write_glb
+from nlens_video.evaluate.bench.measure import one_frame
+from nlens_video.evaluate.bench.methods import (
+    ObjectCoc,
+    opened,
+    preset_rungs,
+    rival_rung,
+)
 from nlens_video.evaluate.coc.quadratic import fit_quadratic, nearest_blur
-from nlens_video.evaluate.composite.composite_methods import DEFAULT, ByDisparity
+from nlens_video.evaluate.composite.methods import DEFAULT, ByDisparity
 from nlens_video.evaluate.plates import relative_disparity
 from nlens_video.evaluate.study.demo_shapes import YFOV, ball, room
 from nlens_video.evaluate.study.stimuli import Stimulus, write_stimuli

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from nlens_video.evaluate.bench.bench_glb import TexturedMesh, UInt8
+from nlens_video.evaluate.bench.glb_writer import TexturedMesh, UInt8
 
 YFOV = 0.8
 _GROUND, _RADIUS, _WALL, _NEAR, _WIDE, _HIGH = -0.25, 0.07, 3.0, 0.35, 5.0, 3.0

@@ -1,4 +1,4 @@
-"""Ways to composite, and what each is told beside plate and object."""
+"""Methods of compositing, and which inputs each is given beside plate and object."""
 
 from __future__ import annotations
 
@@ -10,12 +10,18 @@ import numpy as np
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Float32
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_measure import one_frame
-from nlens_video.evaluate.bench.bench_rungs import ObjectCoc, Rung, opened, preset_rungs, rival_rung
+from nlens_video.evaluate.bench.measure import one_frame
+from nlens_video.evaluate.bench.methods import (
+    ObjectCoc,
+    Rung,
+    opened,
+    preset_rungs,
+    rival_rung,
+)
 from nlens_video.evaluate.coc.protocol import object_rms
 from nlens_video.evaluate.coc.quadratic import Quadratic, fit_quadratic, nearest_blur
 from nlens_video.evaluate.coc.reblur_ratio import edge_blur
-from nlens_video.evaluate.composite.composite_subject import Subject
+from nlens_video.evaluate.composite.subject import Subject
 from nlens_video.evaluate.metrics import rms_within
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.stages.l_reblur import object_coc
@@ -39,7 +45,7 @@ ABOUT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodInputs:
-    """What a method is told of the lens.
+    """What a method is given of the lens.
 
     Attributes:
         fit: the lens, None to find it.
@@ -59,24 +65,24 @@ class Method:
     Attributes:
         name: of its row.
         rung: how it blurs.
-        told: what it is told on a plate.
+        inputs: what it is given on a plate.
     """
 
     name: str
     rung: Rung
-    told: Callable[[Subject], MethodInputs]
+    inputs: Callable[[Subject], MethodInputs]
 
     def measure(self, subject: Subject) -> dict[str, float]:
         """All figures on a plate; none where the plate tells no lens."""
-        told = self.told(subject)
+        given = self.inputs(subject)
         profiler = Profiler()
         case = subject.case
         try:
-            with opened(self.rung, case, profiler, told.fit, told.defocus) as steps:
+            with opened(self.rung, case, profiler, given.fit, given.defocus) as steps:
                 picture, spent = one_frame(steps, case, 0)
         except LensFitError:
             return {}
-        rms = object_rms(subject.known, steps.fit) if told.rms_px is None else told.rms_px
+        rms = object_rms(subject.known, steps.fit) if given.rms_px is None else given.rms_px
         return subject.score(picture) | {
             "object_rms_px": rms,
             "time_s": sum(spent.values()) / 1e3,
@@ -89,14 +95,14 @@ def all_methods() -> list[Method]:
     default = next(rung for rung in presets if rung.name == DEFAULT)
     layered = rival_rung("layered Gaussian")
     return [
-        Method(name=NAIVE, rung=rival_rung("naive"), told=_no_blur),
-        Method(name=BLIND, rung=layered, told=_quadratic),
-        Method(name=GAUSSIAN, rung=layered, told=_true_coc),
-        *(Method(name=rung.name, rung=rung, told=lambda _: MethodInputs()) for rung in presets),
+        Method(name=NAIVE, rung=rival_rung("naive"), inputs=_no_blur),
+        Method(name=BLIND, rung=layered, inputs=_quadratic),
+        Method(name=GAUSSIAN, rung=layered, inputs=_true_coc),
+        *(Method(name=rung.name, rung=rung, inputs=lambda _: MethodInputs()) for rung in presets),
         Method(
-            name=TRUE_FIT, rung=default, told=lambda subject: MethodInputs(fit=subject.case.fit)
+            name=TRUE_FIT, rung=default, inputs=lambda subject: MethodInputs(fit=subject.case.fit)
         ),
-        Method(name=TRUE_COC, rung=default, told=_true_coc),
+        Method(name=TRUE_COC, rung=default, inputs=_true_coc),
     ]
 
 
@@ -112,7 +118,7 @@ def _true_coc(subject: Subject) -> MethodInputs:
 
 
 def _quadratic(subject: Subject) -> MethodInputs:
-    """Their model of the plate, asked at the object's true depth."""
+    """Their model of the plate, evaluated at the object's true depth."""
     known, fit = subject.known, subject.case.fit
     if known.sharp is None:
         blur = edge_blur(known.rgb)
@@ -130,7 +136,7 @@ def _quadratic(subject: Subject) -> MethodInputs:
 
 @dataclass(frozen=True, slots=True)
 class ByDisparity:
-    """A quadratic asked by disparity in the scene's unit.
+    """A quadratic evaluated at disparities in the scene's unit.
 
     Attributes:
         model: of the plate.

@@ -1,4 +1,4 @@
-"""What every rung is measured on: a plate, an object, the lens, and what the lens really sees."""
+"""Test cases of `bench`: plate, object, true lens, and ground truth by the sampled lens."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import UInt8
-from nlens_video.evaluate.bench.bench_scenes import BuiltScene, plate
+from nlens_video.evaluate.bench.glb_writer import UInt8
+from nlens_video.evaluate.bench.scenes import BuiltScene, plate
 from nlens_video.evaluate.metrics import WINDOW, psnr, ssim
 from nlens_video.evaluate.plates import Plate, load_plate
 from nlens_video.render.select import choose_renderer

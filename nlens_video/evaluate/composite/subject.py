@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
 from nlens_video.core.layers import Bool, DefocusedLayer, Float32, ObjectLayer
-from nlens_video.evaluate.bench.bench_case import Case, case_of
-from nlens_video.evaluate.bench.bench_glb import UInt8
+from nlens_video.evaluate.bench.case import Case, case_of
+from nlens_video.evaluate.bench.glb_writer import UInt8
 from nlens_video.evaluate.metrics import WINDOW, psnr, ssim_map
 from nlens_video.evaluate.plates import Plate, load_plate
 

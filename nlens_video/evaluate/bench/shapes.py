@@ -1,4 +1,4 @@
-"""Shapes of the scenes that `bench` makes, placed by where a picture shows them and how blurred."""
+"""Shapes of the built-in scenes, placed by screen position and CoC."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float64
-from nlens_video.evaluate.bench.bench_glb import TexturedMesh, UInt8
+from nlens_video.evaluate.bench.glb_writer import TexturedMesh, UInt8
 
 WIDTH, HEIGHT, FOCAL_PX = 960, 512, 900.0
 """The picture that places are told in [px]."""

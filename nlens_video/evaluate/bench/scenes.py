@@ -1,7 +1,7 @@
-"""The scenes that `bench` makes itself: an object and its lens each, of what makes blur hard.
+"""Built-in scenes of `bench`: an object and its lens each, one difficulty of the reblur each.
 
-Each object covers about 200x400 of 960x512 pixels, with CoC to +-28 px. The CoC is given, so what
-is measured is the reblur alone.
+Each object covers about 200x400 of 960x512 pixels, with CoC to +-28 px. The CoC is given, so that
+the reblur alone is measured.
 """
 
 from __future__ import annotations
@@ -16,8 +16,13 @@ import numpy as np
 
 from nlens_video.core.color import transfer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.bench_glb import Joint, TexturedMesh, UInt8, write_glb
-from nlens_video.evaluate.bench.bench_shapes import (
+from nlens_video.evaluate.bench.glb_writer import (
+    Joint,
+    TexturedMesh,
+    UInt8,
+    write_glb,
+)
+from nlens_video.evaluate.bench.shapes import (
     HEIGHT,
     WIDTH,
     YFOV,

@@ -1,4 +1,4 @@
-"""The rungs of the ladder: shipped presets, the lens at other counts of views, and rivals."""
+"""Reblur methods that `bench` compares: presets, the sampled lens at other view counts, rivals."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from nlens_video.core.layers import DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.evaluate.bench.bench_case import Case
-from nlens_video.evaluate.bench.bench_rivals import RIVALS
-from nlens_video.evaluate.bench.stand_ins import GivenCoc, RivalReblur
+from nlens_video.evaluate.bench.case import Case
+from nlens_video.evaluate.bench.rivals import RIVALS, GivenCoc, RivalReblur
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.object_source import View
 from nlens_video.graph.base.profiler import Profiler

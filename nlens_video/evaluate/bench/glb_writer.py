@@ -1,4 +1,4 @@
-"""A small writer of GLB files, for the scenes that `bench` makes itself."""
+"""A small GLB writer for the scenes of `bench` and of the study."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The object that our rasteriser draws, against its layer by a path tracer."""
+"""Mask and depth of the software rasteriser against a path tracer's layer."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _HALF = 0.5  # coverage from which a pixel belongs to a mask [1]
 
 
 def render_accuracy_table() -> Table:
-    """An empty table of drawn objects."""
+    """An empty table of rendered objects."""
     return Table(
         name="drawn",
-        title="Mask and depth of the drawn object, against its layer",
+        title="Mask and depth of the rendered object, against its layer",
         columns=(
             Column("iou", "mask, IoU", 4),
             Column("depth_error", "depth, mean error [%]", 4),
@@ -33,7 +33,7 @@ def render_accuracy_table() -> Table:
 
 
 def measure_render(scene: Scene, known: Plate, alpha: np.ndarray) -> Entry:
-    """Draw a plate's object and compare it.
+    """Render a plate's object and compare it with its ground-truth layer.
 
     Args:
         scene: the object.

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from nlens_video.evaluate.composite.composite_methods import ABOUT, NAIVE
-from nlens_video.evaluate.composite.composite_plot import Bar, plot
+from nlens_video.evaluate.composite.methods import ABOUT, NAIVE
 from nlens_video.evaluate.composite.paper_figures import paper_comparison
 from nlens_video.evaluate.metrics import LEVEL, Interval, over_scenes
 from nlens_video.evaluate.tables import Column, Table, grid
 from nlens_video.video.atomic_files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 _COMPARED = {"psnr_db": 2, "ssim": 3, "rmse_px": 2}
 
@@ -191,3 +195,53 @@ def _known(interval: Interval) -> dict[str, float | int | None]:
     half = round(interval.half, 4) if math.isfinite(interval.half) else None
     mean = round(interval.mean, 4) if math.isfinite(interval.mean) else None
     return {"mean": mean, "half_width": half, "scenes": interval.scenes}
+
+
+_INK, _MEAN, _PLATES = "#222222", "#0072b2", "#9aa5ad"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """A method in the picture.
+
+    Attributes:
+        name: of its row.
+        psnr_db: mean over scenes [dB].
+        gain_db: over naive, mean over scenes [dB].
+        plates_db: each plate's PSNR [dB].
+        plate_gains_db: each plate's gain over naive [dB].
+    """
+
+    name: str
+    psnr_db: Interval
+    gain_db: Interval
+    plates_db: tuple[float, ...]
+    plate_gains_db: tuple[float, ...]
+
+
+def plot(bars: Sequence[Bar], path: Path) -> None:
+    """Draw both panels, a row for each method (PNG)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 1.6 + 0.45 * len(bars)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    _panel(left, [(bar.psnr_db, bar.plates_db) for bar in bars], "PSNR in the object's box [dB]")
+    _panel(right, [(bar.gain_db, bar.plate_gains_db) for bar in bars], "gain over naive [dB]")
+    right.axvline(0, color=_INK, lw=1, ls="--")
+    left.set_yticks(range(len(bars)), [bar.name for bar in bars])
+    left.invert_yaxis()
+    left.plot([], [], "o", color=_PLATES, ms=4, label="each plate")
+    left.plot([], [], "D-", color=_MEAN, ms=7, label=f"mean over scenes, {LEVEL:.0%} interval")
+    figure.legend(frameon=False, loc="outside lower center", ncols=2)
+    figure.savefig(path, dpi=120, format="png", metadata={"Software": ""})
+
+
+def _panel(axes: Axes, rows: Sequence[tuple[Interval, tuple[float, ...]]], label: str) -> None:
+    for number, (interval, plates) in enumerate(rows):
+        axes.plot(plates, [number] * len(plates), "o", color=_PLATES, ms=4)
+        half = interval.half if math.isfinite(interval.half) else 0.0
+        axes.errorbar(interval.mean, number, xerr=half, fmt="D", color=_MEAN, ms=7, lw=2, capsize=4)
+    axes.set_xlabel(label)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="#e5e8ea", lw=0.7)
+    axes.set_axisbelow(True)

@@ -1,4 +1,4 @@
-"""Run a rung on its cases in a process of its own: pictures, times, memory, start-up."""
+"""Runs a method on its cases in a process of its own: pictures, times, memory, start-up."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.core.errors import NlensError
-from nlens_video.evaluate.bench.bench_case import Case
-from nlens_video.evaluate.bench.bench_glb import UInt8
-from nlens_video.evaluate.bench.bench_rungs import Rung, opened
+from nlens_video.evaluate.bench.case import Case
+from nlens_video.evaluate.bench.glb_writer import UInt8
+from nlens_video.evaluate.bench.methods import Rung, opened
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.executor import GraphExecutor

@@ -1,4 +1,4 @@
-"""What others do with the same sharp layer and the same CoC, run in the place of our scatter."""
+"""Other methods' blur from the same sharp layer and CoC, as nodes that replace shipped ones."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.planner import DEFOCUS
+from nlens_video.graph.base.conditions import OUT_OF_FOCUS
+from nlens_video.graph.base.node import Node
 from nlens_video.stages.l_reblur import crop_to_frame
 
 SIGMA_PER_COC = 0.25
@@ -92,3 +96,31 @@ RIVALS: dict[str, Rival] = {
     "one Gaussian": one_gaussian,
     "layered Gaussian": layered_gaussian,
 }
+
+
+class RivalReblur(Node):
+    """Another method's blur, in place of the scatter."""
+
+    name, writes = "reblur", "blurred"
+    effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
+
+    def __init__(self, rival: Callable[[DefocusedLayer, Box], BlurredLayer]) -> None:
+        self._rival = rival
+
+    def __call__(self, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
+        """Blur one frame's object."""
+        return self._rival(defocused, frame_box)
+
+
+class GivenCoc(Node):
+    """A given CoC, in place of the lens fit's."""
+
+    name, writes = "object-coc", "defocused"
+    effect = DEFOCUS
+
+    def __init__(self, coc: Callable[[ObjectLayer], DefocusedLayer]) -> None:
+        self._coc = coc
+
+    def __call__(self, layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
+        """The object with the given CoC."""
+        return self._coc(layer)
