@@ -115,10 +115,10 @@ class Console:
     def chunk(self, chunk: Chunk) -> None:
         """Show a chunk that was rendered, or was there."""
         if self._json:
-            rendered = None if chunk.outcome is None else chunk.outcome.as_json()
+            rendered = None if chunk.result is None else chunk.result.as_json()
             self._emit({"chunk": str(chunk.path), "outcome": rendered})
-        elif chunk.outcome is not None:
-            self.outcome(chunk.outcome)
+        elif chunk.result is not None:
+            self.outcome(chunk.result)
         elif not self._quiet:
             self._say("chunk", f"{chunk.path} is there already")
 

@@ -13,7 +13,7 @@ from nlens_video.cli.existing_outputs import settle_existing
 from nlens_video.cli.path_guard import refuse_overwriting
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
-from nlens_video.farm.chunk import render_chunk, render_here
+from nlens_video.farm.chunk import render_chunk, render_locally
 from nlens_video.farm.folder import remove
 from nlens_video.farm.job import PIECE_S, absolute, run_job
 from nlens_video.farm.merge import Merged, merge
@@ -24,7 +24,7 @@ from nlens_video.options import to_settings
 from nlens_video.options.files import chunks_beside
 from nlens_video.options.options import parse
 from nlens_video.options.to_settings import output_settings, source_settings
-from nlens_video.run.sidecar_outputs import tell_missing
+from nlens_video.run.sidecar_outputs import check_sidecars
 
 
 def run_merge(args: Namespace, console: Console) -> int:
@@ -113,7 +113,7 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
     folder = chunks_beside(Path(args.output))
     try:
         with console.progress_bar() as on_progress:
-            merged = run_job(settings, folder, PIECE_S, render_here, on_progress)
+            merged = run_job(settings, folder, PIECE_S, render_locally, on_progress)
     except BaseException as error:
         if folder.is_dir():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")
@@ -128,8 +128,8 @@ def run_chunk(settings: Settings, folder: Path, console: Console) -> int:
     with console.progress_bar() as on_progress:
         chunk = render_chunk(settings, folder, on_progress)
     console.chunk(chunk)
-    if chunk.outcome is not None:
-        tell_missing(str(chunk.path), chunk.outcome.missing)
+    if chunk.result is not None:
+        check_sidecars(str(chunk.path), chunk.result.missing)
     return 0
 
 

@@ -177,11 +177,11 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
         return run_farm(args, settings, console)
     if args.command == "fit":
         from nlens_video.run.render import find_fit
-        from nlens_video.run.sidecar_outputs import tell_missing
+        from nlens_video.run.sidecar_outputs import check_sidecars
 
         found = find_fit(settings)
         console.fit(found)
-        tell_missing(str(found.path), found.missing)
+        check_sidecars(str(found.path), found.missing)
         return 0
     if args.resume:
         from nlens_video.cli.farm_commands import run_resumable
@@ -192,12 +192,12 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
 
         return run_chunk(settings, Path(args.output), console)
     from nlens_video.run.render import render
-    from nlens_video.run.sidecar_outputs import tell_missing
+    from nlens_video.run.sidecar_outputs import check_sidecars
 
     with console.progress_bar() as on_progress:
         outcome = render(settings, on_progress)
     console.outcome(outcome)
-    tell_missing(outcome.output, outcome.missing)
+    check_sidecars(outcome.output, outcome.missing)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""One chunk: a range of a shot rendered into a file of its own, unless that is there already."""
+"""Rendering of chunks: frame ranges of a shot, each a lossless file named by its content."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import OutputSettings, Settings
-from nlens_video.farm.folder import make
+from nlens_video.farm.folder import create
 from nlens_video.farm.key import job_key, plate_key
 from nlens_video.farm.store import Folder
 from nlens_video.run.render import OnProgress, render
@@ -24,11 +24,11 @@ class Chunk:
 
     Attributes:
         path: its file.
-        outcome: how the run went that has made it; None where it was there.
+        result: of the run that rendered it; None where it existed already.
     """
 
     path: Path
-    outcome: RunResult | None
+    result: RunResult | None
 
 
 def render_chunk(
@@ -37,8 +37,8 @@ def render_chunk(
     """Render the range of a run into a folder of chunks.
 
     Args:
-        settings: the run, with the lens that all chunks share; its output counts for nothing.
-        folder: where chunks lie; made where it is not there.
+        settings: the run, with the lens fit that all chunks share; its output is ignored.
+        folder: of the chunks; created if missing.
         on_progress: as of `run.render`.
 
     Raises:
@@ -49,8 +49,8 @@ def render_chunk(
         raise UsageError(
             "--as-chunk: chunks share one lens; find it with nlens-video fit and give --fit"
         )
-    asked = settings.output
-    if asked is not None and (asked.codec, asked.crf, asked.pix_fmt) != (None, None, None):
+    output = settings.output
+    if output is not None and (output.codec, output.crf, output.pix_fmt) != (None, None, None):
         raise UsageError(
             "--as-chunk: chunks are lossless and as the plate; give the encoding to merge"
         )
@@ -58,7 +58,7 @@ def render_chunk(
 
 
 def mark_of(settings: Settings) -> ChunkMark:
-    """Where the range of a run belongs.
+    """The chunk that the range of a run makes.
 
     Raises:
         UsageError: the plate is a stream.
@@ -79,12 +79,12 @@ def write_chunk(
     settings: Settings, mark: ChunkMark, folder: Path,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Chunk:  # fmt: skip
-    """Render the frames of a mark, unless their file is there.
+    """Render one chunk, unless its file exists.
 
     Args:
-        settings: the run; its output counts for nothing.
-        mark: what to render.
-        folder: where chunks lie; made where it is not there.
+        settings: the run; its output is ignored.
+        mark: the chunk.
+        folder: of the chunks; created if missing.
         on_progress: as of `run.render`.
 
     Raises:
@@ -92,44 +92,44 @@ def write_chunk(
     """
     path = folder / mark.file_name
     if Folder(folder).has(mark.file_name):
-        return Chunk(path=path, outcome=None)
+        return Chunk(path=path, result=None)
     feed = ChunkFeed((mark,))
     feed.end()
-    outcome = write_chunks(settings, feed, folder, on_progress)
-    return Chunk(path=path, outcome=replace(outcome, output=str(path)))
+    result = write_chunks(settings, feed, folder, on_progress)
+    return Chunk(path=path, result=replace(result, output=str(path)))
 
 
 def write_chunks(
     settings: Settings, feed: ChunkFeed, folder: Path,
     on_progress: OnProgress = lambda done, total: None,
 ) -> RunResult:  # fmt: skip
-    """Render chunks in one go, which starts, and reads the plate, once.
+    """Render queued chunks by one run, which starts and decodes the plate once.
 
     Args:
-        settings: the run; its output counts for nothing.
+        settings: the run; its output is ignored.
         feed: the chunks.
-        folder: where chunks lie; made where it is not there.
+        folder: of the chunks; created if missing.
         on_progress: as of `run.render`.
 
     Raises:
-        NlensError: as `run.render`; the chunks that were whole by then stay.
+        NlensError: as `run.render`; chunks that are complete stay.
     """
-    make(folder)
-    part = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
-    return render(part, on_progress, feed)
+    create(folder)
+    run = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
+    return render(run, on_progress, feed)
 
 
-def render_here(
+def render_locally(
     settings: Settings, marks: Sequence[ChunkMark], folder: Path,
     on_done: Callable[[ChunkMark], None],
 ) -> None:  # fmt: skip
-    """Render chunks by one run, which starts and decodes once.
+    """Render chunks by one run in this process.
 
     Args:
         settings: the run.
-        marks: what to render, in order.
-        folder: where chunks lie.
-        on_done: called with each that is done.
+        marks: the chunks, in order.
+        folder: of the chunks.
+        on_done: called with each finished chunk.
 
     Raises:
         NlensError: as `run.render`.

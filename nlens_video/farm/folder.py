@@ -1,4 +1,4 @@
-"""The folder in which the chunks of a run lie until its result is there."""
+"""The folder that holds the chunks and the fit of a run until they are merged."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 
 from nlens_video.core.errors import OutputError
 
-OURS = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
+FARM_FILES = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
 """Names of chunks and fits, and of their temporaries."""
 
 
-def make(folder: Path) -> None:
-    """Make a folder for chunks, unless it is there.
+def create(folder: Path) -> None:
+    """Create a folder for chunks, if missing.
 
     Raises:
         OutputError: it cannot be made.
@@ -31,15 +31,15 @@ def make(folder: Path) -> None:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Make the folder, and hold it against a second run; a killed one lets go by itself.
+def locked(folder: Path) -> Iterator[None]:
+    """Create the folder and lock it against a second run; the lock ends with the process.
 
     Raises:
-        OutputError: it cannot be made, or another run holds it.
+        OutputError: it cannot be created, or another run has locked it.
     """
-    make(folder)
+    create(folder)
     try:
-        handle = _locked(folder)
+        handle = _lock(folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error.strerror})") from error
     try:
@@ -49,11 +49,11 @@ def alone_in(folder: Path) -> Iterator[None]:
             os.close(handle)
 
 
-def _locked(folder: Path) -> int | None:
-    """What holds the folder's lock until it is closed; None on Windows, which has no such locks.
+def _lock(folder: Path) -> int | None:
+    """File descriptor that holds the lock until it is closed; None on Windows, without `flock`.
 
     Raises:
-        OutputError: another run holds it.
+        OutputError: another run has locked it.
         OSError: the folder cannot be opened.
     """
     if sys.platform == "win32":
@@ -66,17 +66,17 @@ def _locked(folder: Path) -> int | None:
     except BlockingIOError as error:
         os.close(handle)
         raise OutputError(
-            f"{folder}: another run is at work in it; wait for it, or give OUT another name"
+            f"{folder}: another run is using it; wait for it, or give OUT another name"
         ) from error
     except OSError:
-        pass  # some network file systems have no locks: there, one run at a time is the user's care
+        pass  # some network file systems have no locks: users must not start two runs there
     return handle
 
 
 def remove(folder: Path) -> None:
-    """Remove chunks and fits; the folder too, unless something else lies in it."""
+    """Remove chunks and fits, and the folder if it is then empty."""
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
-            if OURS.fullmatch(path.name):
+            if FARM_FILES.fullmatch(path.name):
                 path.unlink()
         folder.rmdir()

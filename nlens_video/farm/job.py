@@ -1,4 +1,4 @@
-"""A whole shot as a job: one fit, chunks rendered by whoever there is, one merge."""
+"""A shot rendered in chunks: one lens fit, chunks, one merge."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.output.stream_output import is_stream
 
 RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]
-"""Renders chunks of a run into a folder, and calls back with each that is done."""
+"""Renders chunks of a run into a folder and calls back with each finished one."""
 
 PIECE_S = 2.0
-"""About so long is a file of frames: what a killed run or a lost worker loses at most [s]."""
+"""Length of one file of frames, which is what a killed run or a lost worker loses [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prepared:
-    """What a farm needs to know.
+    """A shot that is ready for rendering in chunks.
 
     Attributes:
-        settings: the run, with the lens if one was given.
-        fit: name of the lens in the store where it was found here, else None.
+        settings: the run, with the lens fit if one was given.
+        fit: name of the lens fit in the store, None where it was given or is not needed.
         marks: the chunks, in order; together the whole plate.
         frames: of the plate [1].
-        frame_s: from one of them to the next [s].
+        frame_s: frame interval [s].
     """
 
     settings: Settings
@@ -49,30 +49,30 @@ class Prepared:
 def run_job(
     settings: Settings, folder: Path, chunk_s: float, render_all: RenderAll, on_progress: OnProgress
 ) -> Merged:
-    """Fit, render what is missing, merge.
+    """Fit the lens, render the missing chunks, merge.
 
     Args:
         settings: the run.
-        folder: where chunks and fit lie; made where it is not there.
+        folder: of chunks and fit; created if missing.
         chunk_s: length of a chunk, > 0 [s].
         render_all: renders chunks.
         on_progress: called with (frames rendered, frames in all).
 
     Raises:
-        UsageError: a range, a report or the like is asked for, which belong to single runs.
-        OutputError: the folder cannot be made, or another run is at work in it.
+        UsageError: an option is given that needs a single run, such as --range or --report.
+        OutputError: the folder cannot be created, or another run is using it.
         NlensError: as `run.render` and `merge`.
     """
     if settings.output is None:
         raise UsageError("no output was named")
-    check(settings)
+    check_chunkable(settings)
     with opened(settings.source) as plate:
         preflight(settings, plate.info)
     store = Folder(folder)
     with store.held():
         prepared = prepare(settings, store, chunk_s)
-        there = store.there(mark.file_name for mark in prepared.marks)
-        missing = [mark for mark in prepared.marks if mark.file_name not in there]
+        existing = store.existing(mark.file_name for mark in prepared.marks)
+        missing = [mark for mark in prepared.marks if mark.file_name not in existing]
         done = prepared.frames - sum(length_of(mark, prepared.frames) for mark in missing)
         on_progress(done, prepared.frames)
 
@@ -82,29 +82,29 @@ def run_job(
             on_progress(done, prepared.frames)
 
         if missing:
-            known = with_stored(prepared.settings, prepared.fit, store)
-            render_all(known, missing, folder, finished)
+            fitted = with_stored_fit(prepared.settings, prepared.fit, store)
+            render_all(fitted, missing, folder, finished)
         files = [folder / mark.file_name for mark in prepared.marks]
         return merge(settings.source, files, settings.output)
 
 
 def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
-    """Find the lens and cut the plate into chunks.
+    """Fit the lens and divide the plate into chunks.
 
     Args:
         settings: the run.
-        store: where the fit is kept.
+        store: of the fit.
         chunk_s: length of a chunk, > 0 [s].
 
     Raises:
         NlensError: as `run.find_fit`.
     """
     counted: list[int] = []
-    with opened(settings.source) as plate:  # first: it is there
+    with opened(settings.source) as plate:
         seconds = frame_s(plate.info) or 1 / 25
     fit = _found_fit(settings, store, counted.append)
-    frames = counted[0] if counted else _counted(settings.source)
-    whole = mark_of(with_stored(settings, fit, store))
+    frames = counted[0] if counted else _count_frames(settings.source)
+    whole = mark_of(with_stored_fit(settings, fit, store))
     return Prepared(
         settings=settings,
         fit=fit,
@@ -123,13 +123,13 @@ def ranges(frames: int, length: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + length, frames)
 
 
-def with_stored(settings: Settings, fit: str | None, store: Store) -> Settings:
-    """A run with a lens that lies in a store, None for the lens that it has."""
+def with_stored_fit(settings: Settings, fit: str | None, store: Store) -> Settings:
+    """The run with a lens fit of the store; unchanged where `fit` is None."""
     return settings if fit is None else replace(settings, fit=store.fetch(fit))
 
 
 def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], None]) -> str | None:
-    """Name of the lens, found once; None where one is given or no frame needs it.
+    """Name of the lens fit, made once; None where one is given or no frame needs it.
 
     Raises:
         NlensError: as `run.find_fit`.
@@ -138,20 +138,20 @@ def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], Non
         return None
     name = f"fit-{mark_of(settings).key}.json"
     if not store.has(name):
-        asked = replace(settings, effects="defocus", output=None, save_fit=store.local / name)
+        fit_run = replace(settings, effects="defocus", output=None, save_fit=store.local / name)
         try:
-            find_fit(asked, look_through=math.inf, on_counted=on_counted)
+            find_fit(fit_run, search_frames=math.inf, on_counted=on_counted)
         except OutOfViewError:
             return None  # no frame shows the object
         store.put(name)
     return name
 
 
-def check(settings: Settings) -> None:
-    """See that a run can be made of chunks.
+def check_chunkable(settings: Settings) -> None:
+    """Check that a run can be rendered in chunks.
 
     Raises:
-        UsageError: it cannot.
+        UsageError: an option or the output does not allow it.
     """
     for option, given in (
         ("--range", settings.source.frames != (0, None)),
@@ -167,8 +167,8 @@ def check(settings: Settings) -> None:
         raise UsageError(f"{settings.output.spec}: chunks are merged into a file; name one")
 
 
-def _counted(source: SourceSettings) -> int:
-    """Number of frames, as the decoder gives them."""
+def _count_frames(source: SourceSettings) -> int:
+    """Number of frames that the decoder gives."""
     count = 0
     with opened(source) as plate:
         for frame in plate:
@@ -178,25 +178,27 @@ def _counted(source: SourceSettings) -> int:
 
 
 def length_of(mark: ChunkMark, frames: int) -> int:
-    """Frames of a chunk of a plate that has so many."""
+    """Number of frames of a chunk; `frames` is that of the plate [1]."""
     return (frames if mark.end is None else mark.end) - mark.first
 
 
 def absolute(settings: Settings) -> Settings:
-    """The settings with every file named from the root."""
+    """The settings with absolute paths."""
     scene, light, real = settings.scene, settings.scene.light, settings.scene.real
     own_pipeline = settings.preset.endswith(".toml")
     return replace(
         settings,
-        source=replace(settings.source, spec=_word(settings.source.spec)),
+        source=replace(settings.source, spec=_absolute_spec(settings.source.spec)),
         scene=replace(
             scene,
             glb=scene.glb.absolute(),
-            layers=None if scene.layers is None else _word(scene.layers),
+            layers=None if scene.layers is None else _absolute_spec(scene.layers),
             light=replace(light, env=_path(light.env)),
-            real=replace(real, holdout=None if real.holdout is None else _word(real.holdout)),
+            real=replace(
+                real, holdout=None if real.holdout is None else _absolute_spec(real.holdout)
+            ),
         ),
-        preset=_word(settings.preset) if own_pipeline else settings.preset,
+        preset=_absolute_spec(settings.preset) if own_pipeline else settings.preset,
         aperture=replace(settings.aperture, image=_path(settings.aperture.image)),
         fit=_path(settings.fit),
     )
@@ -206,5 +208,5 @@ def _path(path: Path | None) -> Path | None:
     return None if path is None else path.absolute()
 
 
-def _word(spec: str) -> str:
+def _absolute_spec(spec: str) -> str:
     return str(Path(spec).absolute())

@@ -1,7 +1,6 @@
-"""Content-addressed names: equal inputs, equal names, wherever and whenever they are asked for.
+"""Content-addressed names of chunks: a hash of everything that their pictures depend on.
 
-A key holds what the pictures depend on and nothing else: neither paths nor times of files, so that
-copies on other machines count as the same.
+Paths and times of files are not part of it, so that copies on other machines have the same key.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ def job_key(settings: Settings) -> str:
     """Key of a result's pictures: plate, object, settings, lens, weights and version.
 
     Args:
-        settings: the run; where it writes to, which range, and what it reports do not count.
+        settings: the run; output, range and sidecar outputs are not part of the key.
 
     Raises:
         InputError: a file that it names cannot be read.
@@ -49,13 +48,13 @@ def job_key(settings: Settings) -> str:
         "plate": plate_key(settings.source),
         "layers": _of_spec(settings.scene.layers),
         "holdout": _of_spec(settings.scene.real.holdout),
-        "settings": _meaning(bare),
+        "settings": _plain(bare),
     }
     return _digest(json.dumps(parts, sort_keys=True).encode("utf-8", "surrogateescape"))
 
 
 def plate_key(source: SourceSettings) -> str:
-    """Key of a plate: its bytes, and how they are read.
+    """Key of a plate: its bytes and its input options.
 
     Raises:
         InputError: it cannot be read, or is no file.
@@ -63,26 +62,31 @@ def plate_key(source: SourceSettings) -> str:
     return _digest(f"{_of_spec(source.spec)} {source.hints}".encode("utf-8", "surrogateescape"))
 
 
-_SPECS = ("spec", "layers", "holdout", "preset")  # words that name files, each with a part
+_SPECS = (
+    "spec",
+    "layers",
+    "holdout",
+    "preset",
+)  # fields that name files, hashed apart
 
 
-def _meaning(value: object) -> object:
-    """Plain data that says the same, with the contents of files in place of their names."""
+def _plain(value: object) -> object:
+    """Settings as plain data, with hashes of files in place of paths."""
     if isinstance(value, Path):
         return _of_file(value)
     if is_dataclass(value):
         return {
-            field.name: _meaning(getattr(value, field.name))
+            field.name: _plain(getattr(value, field.name))
             for field in fields(value)
             if field.name not in _SPECS
         }
     if isinstance(value, tuple):
-        return [_meaning(one) for one in value]
+        return [_plain(one) for one in value]
     return value if value is None or isinstance(value, str | bool | int) else repr(value)
 
 
 def _of_spec(spec: str | None) -> str:
-    """Of a file or a sequence of files."""
+    """Hash of a file or of a sequence of files."""
     if spec is None:
         return ""
     if Path(spec).is_file() or not ImageSequence.matches(spec):
@@ -93,7 +97,7 @@ def _of_spec(spec: str | None) -> str:
 
 
 def _of_file(path: Path) -> str:
-    """Of a file's bytes; of a large one its size and parts of it count."""
+    """Hash of a file's bytes; of a large file, of its size and some parts."""
     try:
         size = path.stat().st_size
         digest = hashlib.sha256(f"{size}\n".encode("utf-8", "surrogateescape"))

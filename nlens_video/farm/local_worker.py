@@ -1,4 +1,4 @@
-"""One task at a time in this process, beside what workers do elsewhere."""
+"""Runs one task at a time in a thread of this process, beside the workers of the cluster."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from nlens_video.farm.worker import Worker
 
 
 class _Stopped(Exception):
-    """Nobody wants the result any more."""
+    """The task was cancelled."""
 
 
-class OwnHand:
-    """Does a task on a thread; asks it to look now and then whether it is still wanted."""
+class LocalWorker:
+    """Runs one task in a thread; the task polls for cancellation."""
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None
@@ -22,22 +22,22 @@ class OwnHand:
         self._answer: object = None
 
     def start(self, task: Task) -> None:
-        """Begin a task; the work of one that follows others takes `look`, which it calls often."""
-        looking = {"look": self._look} if task.follows else {}
+        """Start a task; one that follows others is called with `poll`, which it calls often."""
+        polling = {"poll": self._poll} if task.follows else {}
 
         def work() -> None:
             try:
-                with Worker() as bench:
-                    self._answer = task.work(bench, *task.arguments, **looking)
-            except BaseException as error:  # noqa: BLE001 - handed on by `take`
+                with Worker() as worker:
+                    self._answer = task.work(worker, *task.arguments, **polling)
+            except BaseException as error:  # noqa: BLE001 - raised by `take`
                 self._answer = error
 
         self._stop.clear()
-        self._thread = threading.Thread(target=work, name="nlens-own-hand", daemon=True)
+        self._thread = threading.Thread(target=work, name="nlens-local-worker", daemon=True)
         self._thread.start()
 
     def ready(self, patience_s: float) -> bool:
-        """Whether the task has come to its end, which is waited for so long at most [s]."""
+        """Whether the task has ended; waits at most `patience_s` for it [s]."""
         if self._thread is not None:
             self._thread.join(patience_s)
         return self._thread is None or not self._thread.is_alive()
@@ -54,13 +54,13 @@ class OwnHand:
             raise answer
         return answer
 
-    def drop(self) -> None:
-        """End the task at hand; what it was writing goes."""
+    def cancel(self) -> None:
+        """Cancel the task; it removes its partial files."""
         if self._thread is not None:
             self._stop.set()
             self._thread.join()
             self._thread = self._answer = None
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         if self._stop.is_set():
             raise _Stopped

@@ -1,4 +1,4 @@
-"""Chunks joined into the result: every frame checked against the plate, encoded once."""
+"""Merging of chunks: every frame is checked against the plate and encoded once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlens_video.farm.key import plate_key
 from nlens_video.farm.store import Store
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.run.open_run import opened
-from nlens_video.run.render import OnProgress, telling_what_is_kept
+from nlens_video.run.render import OnProgress, note_on_partial_file
 from nlens_video.video.chunks.chunk_file import ChunkFile, fill
 from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.info import SourceFrame
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Merged:
-    """What a merge has written.
+    """The result of a merge.
 
     Attributes:
-        output: the result.
-        frames: how many [1].
-        chunks: of how many chunks [1].
-        notes: what a person should know.
+        output: file name of the result.
+        frames: written [1].
+        chunks: merged [1].
+        notes: for the user.
     """
 
     output: str
@@ -49,53 +49,56 @@ def merge(
     source: SourceSettings, chunks: Sequence[Path], output: OutputSettings,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Merged:  # fmt: skip
-    """Join chunks; audio, subtitles, tags and times are the plate's.
+    """Merge chunks; audio, subtitles, tags and times are the plate's.
 
-    The plate is decoded once more: its frames tell count and times, and carry what FFmpeg keeps
-    beside samples, so that the encoder is given just what a run without chunks gives it.
+    The plate is decoded once more: its frames give count, times and side data, so that the encoder
+    gets the same frames as in a run without chunks.
 
     Args:
-        source: the plate that the chunks were made from.
+        source: the plate of the chunks.
         chunks: files, in any order, or folders of them.
         output: the result and its encoding.
         on_progress: called after each frame with (frames written, frames expected or None).
 
     Raises:
-        UsageError: a chunk is missing, there twice, of another plate or of other settings.
+        UsageError: a chunk is missing, present twice, of another plate or of other settings.
         InputError: the plate or a chunk cannot be read.
         OutputError: the result cannot be written.
     """
-    files = in_order([ChunkFile(path) for path in _files(chunks)], plate_key(source), source.spec)
-    return _join(source, files, output, on_progress)
+    files = sorted_chunks(
+        [ChunkFile(path) for path in _files(chunks)], plate_key(source), source.spec
+    )
+    ordered = sorted_chunks(files, plate_key(source), source.spec)
+    return _merged(source, ordered, output, on_progress)
 
 
 def merge_arriving(
     source: SourceSettings, marks: Sequence[ChunkMark], store: Store, output: OutputSettings,
-    look: Callable[[], None],
+    poll: Callable[[], None],
 ) -> Merged:  # fmt: skip
-    """Join chunks in their order, each as soon as it is there.
+    """Merge chunks in order, each as soon as it is in the store.
 
     Args:
-        source: the plate that the chunks were made from.
+        source: the plate of the chunks.
         marks: of the chunks, in order and without a gap.
-        store: where they lie, or will.
+        store: in which they are or will be.
         output: the result and its encoding.
-        look: called after each frame, and while a chunk is waited for; ends it by raising.
+        poll: called after each frame and while waiting for a chunk; raises to cancel.
 
     Raises:
         NlensError: as `merge`.
     """
-    arriving = _arriving(marks, store, look)
-    return _join(source, arriving, output, lambda done, total: look())
+    arriving = _arriving(marks, store, poll)
+    return _merged(source, arriving, output, lambda done, total: poll())
 
 
 def _arriving(
-    marks: Sequence[ChunkMark], store: Store, look: Callable[[], None]
+    marks: Sequence[ChunkMark], store: Store, poll: Callable[[], None]
 ) -> Iterator[ChunkFile]:
     for mark in marks:
         name = mark.file_name
         while not store.has(name):
-            look()
+            poll()
             time.sleep(store.poll_s)
         file = ChunkFile(store.fetch(name))
         if file.mark != mark:
@@ -104,19 +107,19 @@ def _arriving(
         store.forget(name)
 
 
-def _join(
+def _merged(
     source: SourceSettings, files: Iterable[ChunkFile], output: OutputSettings,
     on_progress: OnProgress,
 ) -> Merged:  # fmt: skip
-    """Put the samples of chunks into the plate's frames, and encode them."""
+    """Write the chunks' samples into the plate's frames and encode them."""
     written = 0
     with opened(source) as plate:
         sink = open_sink(
             output.spec, plate.info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
             keep_partial=output.keep_partial,
         )  # fmt: skip
-        with telling_what_is_kept(sink), sink:
-            rendered = _Rendered(files)
+        with note_on_partial_file(sink), sink:
+            rendered = _RenderedFrames(files)
             for item in FrameRange(plate, (0, None)).items():
                 signals.check()
                 if not isinstance(item, SourceFrame):
@@ -132,16 +135,16 @@ def _join(
     return Merged(output=output.spec, frames=written, chunks=rendered.chunks, notes=notes)
 
 
-def in_order(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
-    """Chunks of one result, in order and without a gap.
+def sorted_chunks(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
+    """The chunks in order of their frames.
 
     Args:
         files: in any order, at least one.
         plate: key of the plate.
-        name: of the plate, for the messages.
+        name: of the plate, for messages.
 
     Raises:
-        UsageError: they are not.
+        UsageError: they are not of one result, overlap, or leave a gap.
     """
     for file in files:
         if file.mark.plate != plate:
@@ -171,11 +174,11 @@ def in_order(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
     return ordered
 
 
-class _Rendered:
-    """The chunks' frames, one after the other.
+class _RenderedFrames:
+    """The frames of all chunks in order.
 
     Attributes:
-        chunks: begun so far [1].
+        chunks: opened so far [1].
     """
 
     def __init__(self, files: Iterable[ChunkFile]) -> None:
@@ -188,7 +191,7 @@ class _Rendered:
 
         Raises:
             UsageError: the chunks end before the plate.
-            InputError: the rendered frame is not that of this moment, or is damaged.
+            InputError: the rendered frame has another time, or is damaged.
         """
         following = next(self._frames, None)
         if following is None:
@@ -206,10 +209,10 @@ class _Rendered:
         fill(frame.picture, rendered)
 
     def finish(self, count: int) -> None:
-        """See that no frame is left.
+        """Check that no rendered frame is left.
 
         Raises:
-            InputError: there is one.
+            InputError: the chunks are longer than the plate.
         """
         following = next(self._frames, None)
         if following is not None:
@@ -230,6 +233,6 @@ def _files(chunks: Sequence[Path]) -> list[Path]:
     for path in chunks:
         inside = sorted(path.glob("[!.]*.nut")) if path.is_dir() else [path]
         if not inside:
-            raise UsageError(f"{path}: has no chunks (*.nut) in it")
+            raise UsageError(f"{path}: contains no chunks (*.nut)")
         found += inside
     return found

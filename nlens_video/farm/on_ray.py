@@ -1,7 +1,8 @@
-"""Shots on a Ray cluster: the only module that knows Ray.
+"""Rendering of shots on a Ray cluster; the only module that imports Ray.
 
-An actor is a process that stays: Python, compiled kernels and drivers are loaded once. Only
-settings and paths travel; the files lie where all machines see them under one path.
+Each worker is an actor, a process that lives for the whole run, so that Python, compiled kernels
+and drivers are loaded once. Only settings and paths are sent; all machines see the files under one
+path.
 """
 
 from __future__ import annotations
@@ -23,26 +24,26 @@ from ray.exceptions import RayError
 
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, UsageError
-from nlens_video.farm.local_worker import OwnHand
+from nlens_video.farm.local_worker import LocalWorker
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.shot_tasks import Plan
-from nlens_video.farm.task_queue import TaskQueue, Waiting
+from nlens_video.farm.task_queue import QueuedTask, TaskQueue
 from nlens_video.farm.worker import Worker
 from nlens_video.render.select import VARIABLE, renderer_name
 
-_CPUS = 2  # of a worker: a run keeps about two busy
-_LOOK_S = 0.5  # from one look for an interruption to the next
-_SHORT_S = 0.05  # the same where nothing but this process is at work
+_CPUS = 2  # of a worker: a run uses about two
+_POLL_S = 0.5  # interval of polling for interruptions while workers are busy
+_IDLE_POLL_S = 0.05  # the same while only this process works
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cluster:
-    """Who renders.
+    """The Ray cluster that renders.
 
     Attributes:
         address: of a Ray cluster, `auto`, `ray://HOST:PORT` or `HOST:PORT`; None for one on this
             machine that ends with the run.
-        workers: how many, None for one to every two processors, or to every GPU.
+        workers: number of workers, None for one per two processors or per GPU.
         gpus: whether each worker needs a GPU of its own.
     """
 
@@ -51,104 +52,104 @@ class Cluster:
     gpus: bool = False
 
     def run(self, plans: Sequence[Plan]) -> list[Merged | NlensError]:
-        """Have shots made; a worker that is lost is replaced, and its task done again.
+        """Render shots; a lost worker is replaced and its task repeated.
 
         Args:
-            plans: of the shots; earlier ones go first where workers are few.
+            plans: of the shots; earlier ones have priority.
 
         Returns:
-            What was merged, or what failed, shot by shot: one that fails does not stop the others.
+            Result or error of each shot; a failure does not stop the others.
 
         Raises:
             UsageError: there is no such cluster, or it has no GPU where one is needed.
         """
-        # a client has no such files
-        near = self.address is None or not self.address.startswith("ray://")
-        crew = WorkerPool(TaskQueue(plans), OwnHand() if near else None, int(self.gpus))
+        # a Ray client may not see the files
+        has_files = self.address is None or not self.address.startswith("ray://")
+        pool = WorkerPool(TaskQueue(plans), LocalWorker() if has_files else None, int(self.gpus))
         try:
             if self.address is None:
-                crew.begin()
-            # Ray tells of a lost worker on standard output, where results belong; a note says so
+                pool.begin()
+            # Ray reports lost workers on standard output, which is for results; a note reports them
             with redirect_stdout(StringIO()), _connected(self) as count:
-                crew.run(count)
-            return crew.finish()
+                pool.run(count)
+            return pool.finish()
         finally:
-            crew.drop()
+            pool.cancel()
 
 
 @dataclass(frozen=True, slots=True)
 class _Failed:
-    """An error that a person can answer for; it would come again on any machine."""
+    """An `NlensError` of a task, which would fail on any machine."""
 
     error: NlensError
 
 
-class _Worker:
-    """Does one task after the other, in a process of its own."""
+class _RemoteWorker:
+    """Ray actor that runs one task after the other."""
 
     def __init__(self) -> None:
-        self._bench = Worker()
+        self._worker = Worker()
 
     def do(self, work: Callable[..., object], arguments: tuple[object, ...]) -> object:
         try:
-            return work(self._bench, *arguments)
+            return work(self._worker, *arguments)
         except NlensError as error:
             return _Failed(error)
 
 
 class WorkerPool:
-    """Workers, and who of them does what; one task is done here, where that is of use."""
+    """Distributes tasks to Ray workers and, where it can, one task to this process."""
 
-    def __init__(self, queue: TaskQueue, hand: OwnHand | None, gpus: int) -> None:
+    def __init__(self, queue: TaskQueue, local: LocalWorker | None, gpus: int) -> None:
         self._most = 1
         self._gpus = gpus
         self._queue = queue
-        self._hand = hand
-        self._at_hand: Waiting | None = None
+        self._local = local
+        self._local_task: QueuedTask | None = None
         self._idle: list[tuple[Any, int]] = []
-        self._busy: dict[Any, tuple[Any, Waiting]] = {}
+        self._busy: dict[Any, tuple[Any, QueuedTask]] = {}
 
     def begin(self) -> None:
-        """Do here what the first shot wants first: Ray takes seconds to start."""
+        """Start the first task of the first shot here, since Ray takes seconds to start."""
         self._queue.begin(1)
-        if self._hand is not None and self._queue.waiting:
-            self._take_in_hand(self._hand, self._queue.next())
+        if self._local is not None and self._queue.waiting:
+            self._start_locally(self._local, self._queue.next())
 
     def run(self, most: int) -> None:
-        """Have all done that needs workers, with Ray at work and so many of them at most."""
+        """Run all tasks that need workers, on at most `most` of them; Ray is initialised."""
         self._most = most
-        if self._at_hand is not None:
-            self._idle.append((self._hired(), 0))  # it starts meanwhile
+        if self._local_task is not None:
+            self._idle.append((self._new_worker(), 0))  # starts in the meantime
         self._queue.begin(len(self._queue))
         while self._needed():
             self._start()
             signals.check()
             for reference in self._ready():
                 self._take(reference)
-            self._look_at_hand()
+            self._poll_local_task()
 
     def finish(self) -> list[Merged | NlensError]:
-        """Do here what is left, without Ray: the end of the merge that follows the last worker."""
-        while self._hand is not None and self._at_hand is not None:
+        """Wait for the local task, without Ray: the end of the merge after the last chunk."""
+        while self._local is not None and self._local_task is not None:
             signals.check()
-            self._look_at_hand(_SHORT_S)
+            self._poll_local_task(_IDLE_POLL_S)
         return self._queue.results()
 
-    def drop(self) -> None:
-        """End what is done here."""
-        if self._hand is not None:
-            self._hand.drop()
+    def cancel(self) -> None:
+        """Cancel the local task."""
+        if self._local is not None:
+            self._local.cancel()
 
     def _needed(self) -> bool:
-        """Whether there is, or may come, something for a worker."""
-        comes = self._at_hand is not None and not self._at_hand.task.follows
-        return bool(self._busy) or comes or self._queue.waiting
+        """Whether there is or will be a task for a worker."""
+        coming = self._local_task is not None and not self._local_task.task.follows
+        return bool(self._busy) or coming or self._queue.waiting
 
     def _ready(self) -> list[Any]:
         if not self._busy:
-            time.sleep(_SHORT_S)
+            time.sleep(_IDLE_POLL_S)
             return []
-        ready, _ = ray.wait(list(self._busy), timeout=_LOOK_S)
+        ready, _ = ray.wait(list(self._busy), timeout=_POLL_S)
         return list(ready)
 
     def _start(self) -> None:
@@ -157,20 +158,20 @@ class WorkerPool:
             worker = self._worker(waiting.shot)
             task = waiting.task
             self._busy[worker.do.remote(task.work, task.arguments)] = (worker, waiting)
-        if self._hand is not None and self._at_hand is None:
-            follower = self._queue.next_beside()
+        if self._local is not None and self._local_task is None:
+            follower = self._queue.next_follower()
             if follower is not None:
-                self._take_in_hand(self._hand, follower)
+                self._start_locally(self._local, follower)
 
     def _worker(self, shot: int) -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
-        """One with nothing to do, who knows the shot if there is such a one."""
+        """An idle worker, if possible one that has the shot open."""
         if not self._idle:
-            return self._hired()
+            return self._new_worker()
         known = next((at for at, (_, last) in enumerate(self._idle) if last == shot), 0)
         return self._idle.pop(known)[0]
 
-    def _hired(self) -> Any:  # noqa: ANN401  # Ray's handles have no type
-        kind = ray.remote(num_cpus=_CPUS, num_gpus=self._gpus, max_restarts=0)(_Worker)
+    def _new_worker(self) -> Any:  # noqa: ANN401  # Ray's handles have no type
+        kind = ray.remote(num_cpus=_CPUS, num_gpus=self._gpus, max_restarts=0)(_RemoteWorker)
         return kind.remote()
 
     def _take(self, reference: Any) -> None:  # noqa: ANN401  # Ray's references have no type
@@ -183,25 +184,25 @@ class WorkerPool:
         self._idle.append((worker, waiting.shot))
         self._queue.answered(waiting, answer.error if isinstance(answer, _Failed) else answer)
 
-    def _take_in_hand(self, hand: OwnHand, waiting: Waiting) -> None:
-        self._at_hand = waiting
-        hand.start(waiting.task)
+    def _start_locally(self, local: LocalWorker, waiting: QueuedTask) -> None:
+        self._local_task = waiting
+        local.start(waiting.task)
 
-    def _look_at_hand(self, patience_s: float = 0.0) -> None:
-        """Take what the task at hand has come to; drop it where its shot has failed."""
-        if self._hand is None or self._at_hand is None:
+    def _poll_local_task(self, patience_s: float = 0.0) -> None:
+        """Take the result of the local task; cancel it where its shot has failed."""
+        if self._local is None or self._local_task is None:
             return
-        waiting = self._at_hand
+        waiting = self._local_task
         if not self._queue.wants(waiting):
-            self._hand.drop()
-            self._at_hand = None
-        elif self._hand.ready(patience_s):
-            self._at_hand = None
-            self._queue.answered(waiting, self._hand.take())
+            self._local.cancel()
+            self._local_task = None
+        elif self._local.ready(patience_s):
+            self._local_task = None
+            self._queue.answered(waiting, self._local.take())
 
 
-def _hear_as(handlers: dict[signal.Signals, Any]) -> None:
-    """Put handlers of signals back: Ray has its own while it runs, and none when it has ended."""
+def _restore_handlers(handlers: dict[signal.Signals, Any]) -> None:
+    """Restore signal handlers: Ray installs its own and removes them when it ends."""
     for number, handler in handlers.items():
         if handler is not None:
             signal.signal(number, handler)
@@ -209,15 +210,15 @@ def _hear_as(handlers: dict[signal.Signals, Any]) -> None:
 
 @contextmanager
 def _connected(cluster: Cluster) -> Iterator[int]:
-    """How many workers there are to be."""
-    here = threading.current_thread() is threading.main_thread()  # others hear no signals
-    handlers = {number: signal.getsignal(number) for number in signals.ENDING if here}
+    """Connect to Ray; yields the number of workers to use."""
+    main = threading.current_thread() is threading.main_thread()  # others get no signals
+    handlers = {number: signal.getsignal(number) for number in signals.ENDING if main}
     workers = cluster.workers or max(1, (os.cpu_count() or 1) // _CPUS)
     local = cluster.address is None
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray may report to its makers
-    if local:  # Ray's first autoscaler, which has nothing to do here, takes a second to end
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray sends usage statistics by default
+    if local:  # version 1 of the autoscaler takes a second to end
         os.environ.setdefault("RAY_enable_autoscaler_v2", "1")
-        # by itself Ray keeps one in the home folder, which a service or a container may not have
+        # by default Ray stores one in the home folder, which a service or container may not have
         os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex())
     try:
         ray.init(
@@ -226,7 +227,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             include_dashboard=False if local else None,
             logging_level=logging.ERROR,
             log_to_driver=False,
-            # what is started here has this process's environment, and needs no process of its own
+            # local workers inherit the environment; a runtime environment would need a process
             runtime_env=None if local else {"env_vars": {VARIABLE: renderer_name()}},
         )
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
@@ -235,7 +236,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             f"({str(error).splitlines()[0]}); start one with ray start --head, or leave it out"
         ) from error
     try:
-        _hear_as(handlers)
+        _restore_handlers(handlers)
         # Ray leaves this function without types
         found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         if cluster.address and cluster.workers is None:
@@ -251,4 +252,4 @@ def _connected(cluster: Cluster) -> Iterator[int]:
         yield workers
     finally:
         ray.shutdown()
-        _hear_as(handlers)
+        _restore_handlers(handlers)

@@ -1,4 +1,4 @@
-"""Shots on their way through a farm: fit, chunks, merge, each a task that any worker can do."""
+"""Tasks of a shot: fit, chunks and merge, each of which any worker can run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, cast
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import Settings
-from nlens_video.farm.job import PIECE_S, Prepared, check, length_of
+from nlens_video.farm.job import PIECE_S, Prepared, check_chunkable, length_of
 from nlens_video.farm.merge import Merged
 from nlens_video.farm.store import Store
 from nlens_video.farm.worker import Worker
@@ -18,15 +18,15 @@ from nlens_video.video.chunks.chunk_id import ChunkMark
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """A run that is to be made in chunks.
+    """A run to render in chunks.
 
     Attributes:
         settings: the run, its paths absolute.
-        store: where fit and chunks lie.
-        chunk_s: length of a chunk, what a worker is given at a time, > 0 [s].
+        store: of fit and chunks.
+        chunk_s: length of a chunk, which is the work of one task, > 0 [s].
 
     Raises:
-        UsageError: a range, a report or the like is asked for, which belong to single runs.
+        UsageError: an option is given that needs a single run, such as --range or --report.
     """
 
     settings: Settings
@@ -36,24 +36,24 @@ class Shot:
     def __post_init__(self) -> None:
         if self.settings.output is None:
             raise UsageError("no output was named")
-        check(self.settings)
+        check_chunkable(self.settings)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Something for one worker.
+    """Work for one worker.
 
     Attributes:
-        words: what it is, for errors and notes.
-        work: a method of `Workbench`, so that another process finds it by its name.
-        arguments: of it; they travel, and so does what it returns.
-        files: what a worker that dies may leave half-written.
-        done: called here with what it returned.
-        follows: whether it waits for what the tasks beside it write: it may be done while they are
-            at work, by somebody else than a worker, or after them.
+        description: for errors and notes.
+        work: a method of `Worker`, which pickles by its name.
+        arguments: of it; they are pickled, and so is its result.
+        files: that a worker may leave partly written when it dies.
+        done: called in this process with its result.
+        follows: whether it reads what the other tasks write: it runs beside them in this process,
+            or after them.
     """
 
-    words: str
+    description: str
     work: Callable[..., Any]
     arguments: tuple[object, ...]
     files: tuple[Path, ...] = ()
@@ -62,11 +62,11 @@ class Task:
 
 
 Plan = Generator[list[Task], list[object], Merged]
-"""Gives tasks that may run at the same time, takes their answers, and ends with the result."""
+"""Yields lists of tasks that may run in parallel, is sent their results, and returns the merge."""
 
 
 class Progress:
-    """Frames rendered of all shots; the total is known once every plate was counted."""
+    """Frames rendered of all shots; the total is known once every plate is counted."""
 
     def __init__(self, shots: int, on_progress: Callable[[int, int | None], None]) -> None:
         self._uncounted = shots
@@ -74,13 +74,13 @@ class Progress:
         self._done = self._total = 0
 
     def counted(self, frames: int, done: int) -> None:
-        """A plate has so many frames, of which some were there."""
+        """Add a plate of `frames` frames, `done` of which were rendered before."""
         self._uncounted -= 1
         self._total += frames
         self.rendered(done)
 
     def rendered(self, frames: int) -> None:
-        """So many more."""
+        """Add rendered frames."""
         self._done += frames
         self._on_progress(self._done, None if self._uncounted else self._total)
 
@@ -88,28 +88,27 @@ class Progress:
 def plan(shot: Shot, progress: Progress) -> Plan:
     """The tasks of a shot: one that counts and fits, one for each missing chunk, one that merges.
 
-    A chunk lies in the store as pieces of some two seconds, so that the merge follows close behind
-    and little is lost with a worker. A shot of one chunk is rendered at once: nothing goes through
-    the store, nothing is merged.
+    A chunk is stored as pieces of about two seconds, so that the merge can follow closely and a
+    lost worker costs little. A shot of a single chunk is rendered directly, without a merge.
 
     Args:
         shot: the shot.
-        progress: told of what is done.
+        progress: counts rendered frames.
     """
     name = shot.settings.source.spec
     pieces = max(1, round(shot.chunk_s / PIECE_S))
-    asked = (shot.settings, shot.store, shot.chunk_s / pieces)
-    (counted,) = yield [Task(f"the fit of {name}", Worker.prepare, asked)]
+    arguments = (shot.settings, shot.store, shot.chunk_s / pieces)
+    (counted,) = yield [Task(f"the fit of {name}", Worker.prepare, arguments)]
     prepared = cast("Prepared", counted)
     marks = prepared.marks
-    names = shot.store.there(mark.file_name for mark in marks)
-    there = {mark for mark in marks if mark.file_name in names}
-    progress.counted(prepared.frames, sum(length_of(mark, prepared.frames) for mark in there))
+    names = shot.store.existing(mark.file_name for mark in marks)
+    existing = {mark for mark in marks if mark.file_name in names}
+    progress.counted(prepared.frames, sum(length_of(mark, prepared.frames) for mark in existing))
     longest = max((length_of(mark, prepared.frames) for mark in marks), default=1)
-    pieces = max(1, round(shot.chunk_s / (longest * prepared.frame_s)))  # frames may be seconds
+    pieces = max(1, round(shot.chunk_s / (longest * prepared.frame_s)))  # frames may last seconds
     chunks = [marks[at : at + pieces] for at in range(0, len(marks), pieces)]
-    missing = [tuple(mark for mark in chunk if mark not in there) for chunk in chunks]
-    if len(chunks) == 1 and not there:
+    missing = [tuple(mark for mark in chunk if mark not in existing) for chunk in chunks]
+    if len(chunks) == 1 and not existing:
         (whole,) = yield [_whole(prepared, shot.store, progress)]
         return cast("Merged", whole)
     merging = Task(

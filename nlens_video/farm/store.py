@@ -1,6 +1,6 @@
-"""Where the chunks and fits of a farm lie: a folder that all machines see, or a URL of fsspec.
+"""Storage of chunks and fits: a shared folder, or a URL that fsspec opens.
 
-Names are content-addressed and files appear whole, so a name that is there never changes.
+Names are content-addressed and files appear complete, so an existing file never changes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from nlens_video.core.errors import InputError, NlensError, OutputError, UsageError
-from nlens_video.farm.folder import OURS, alone_in, remove
+from nlens_video.farm.folder import FARM_FILES, locked, remove
 from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.chunks.chunk_file import ChunkFile
 
@@ -23,44 +23,44 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "adl", "oss", "oci", "memory"}
-"""Protocols whose files appear when they are whole; elsewhere they are renamed at the end."""
+"""Protocols whose uploads are atomic; elsewhere files are renamed at the end."""
 
 
 class Store(Protocol):
-    """Files that all workers share; a value that travels to them."""
+    """Files that all workers share; a value that can be pickled."""
 
     @property
     def local(self) -> Path:
-        """A folder of this machine, in which files are made before `put`."""
+        """Folder on this machine in which files are written before `put`."""
         ...
 
     @property
     def poll_s(self) -> float:
-        """How often to look for a file that is waited for [s]."""
+        """Polling interval while waiting for a file [s]."""
         ...
 
     def held(self) -> AbstractContextManager[None]:
-        """Make it ready, and keep other runs out where that can be done.
+        """Create the store and lock it against other runs where it has locks.
 
         Raises:
-            NlensError: it cannot be reached or written, or another run is at work in it.
+            NlensError: it cannot be reached or written, or another run is using it.
         """
         ...
 
     def has(self, name: str) -> bool:
-        """Whether a file is there, whole."""
+        """Whether a complete file exists."""
         ...
 
-    def there(self, names: Iterable[str]) -> set[str]:
-        """Which of some files `has` would find.
+    def existing(self, names: Iterable[str]) -> set[str]:
+        """The names for which `has` is true.
 
         Raises:
-            InputError: it cannot be asked.
+            InputError: the store cannot be read.
         """
         ...
 
     def put(self, name: str) -> None:
-        """Give everybody a file of `local`; it need not stay there.
+        """Publish a file of `local`, which may be removed there.
 
         Raises:
             OutputError: it cannot be written.
@@ -68,7 +68,7 @@ class Store(Protocol):
         ...
 
     def fetch(self, name: str) -> Path:
-        """A file of this machine with the bytes of one that is there.
+        """Local path of a file, downloaded if necessary.
 
         Raises:
             InputError: it cannot be read.
@@ -76,7 +76,7 @@ class Store(Protocol):
         ...
 
     def forget(self, name: str) -> None:
-        """What `fetch` gave is not needed any more."""
+        """Release a file that was fetched."""
         ...
 
     def clear(self) -> None:
@@ -85,23 +85,23 @@ class Store(Protocol):
 
 
 def store_of(spec: str) -> Store:
-    """The store that a path or a URL names."""
+    """The store at a path or URL."""
     return Bucket(spec.rstrip("/")) if "://" in spec else Folder(Path(spec).absolute())
 
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A folder that all machines see under one absolute path."""
+    """A folder with the same absolute path on all machines."""
 
     local: Path
     poll_s: float = 0.1
 
     def held(self) -> AbstractContextManager[None]:
-        """Make it, and hold it against a second run."""
-        return alone_in(self.local)
+        """Create and lock the folder."""
+        return locked(self.local)
 
     def has(self, name: str) -> bool:
-        """Whether a file is there; a chunk only if it is what its name says."""
+        """Whether a file exists; a chunk also has to match its name."""
         path = self.local / name
         if not path.is_file() or path.suffix != ".nut":
             return path.is_file()
@@ -110,28 +110,28 @@ class Folder:
         except NlensError:
             return False
 
-    def there(self, names: Iterable[str]) -> set[str]:
-        """Which files are there."""
+    def existing(self, names: Iterable[str]) -> set[str]:
+        """The names for which `has` is true."""
         return {name for name in names if self.has(name)}
 
     def put(self, name: str) -> None:
-        """Nothing: it is there."""
+        """Nothing to do."""
 
     def fetch(self, name: str) -> Path:
-        """The file itself."""
+        """Path in the folder."""
         return self.local / name
 
     def forget(self, name: str) -> None:
-        """Nothing: others may want it."""
+        """Nothing to do: the file stays in the folder."""
 
     def clear(self) -> None:
-        """Remove chunks and fits, and the folder unless something else lies in it."""
+        """Remove chunks and fits, and the folder if it is then empty."""
         remove(self.local)
 
 
 @dataclass(frozen=True, slots=True)
 class Bucket:
-    """What fsspec opens: object stores, file servers.
+    """A URL that fsspec opens, such as an object store.
 
     Attributes:
         url: of a folder or a prefix, `s3://bucket/shot`.
@@ -142,62 +142,62 @@ class Bucket:
 
     @property
     def local(self) -> Path:
-        """A folder for temporaries that belongs to this URL."""
+        """Temporary folder of this URL."""
         name = hashlib.sha256(self.url.encode("utf-8", "surrogateescape")).hexdigest()[:16]
         return Path(tempfile.gettempdir()) / f"nlens-video-{name}"
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Make the prefix; two runs in one are the user's care, since a URL has no locks."""
-        with self._reached(OutputError, "be made") as (files, folder):
+        """Create the prefix; URLs have no locks, so users must not start two runs in one."""
+        with self._opened(OutputError, "be made") as (files, folder):
             files.makedirs(folder, exist_ok=True)
         yield
 
     def has(self, name: str) -> bool:
-        """Whether a file is there."""
-        with self._reached(InputError, "be read") as (files, folder):
+        """Whether a file exists."""
+        with self._opened(InputError, "be read") as (files, folder):
             return bool(files.exists(f"{folder}/{name}"))
 
-    def there(self, names: Iterable[str]) -> set[str]:
-        """Which files are there, by one look at all of them: each request takes its time."""
-        with self._reached(InputError, "be read") as (files, folder):
+    def existing(self, names: Iterable[str]) -> set[str]:
+        """The existing files, by one listing, since each request is slow."""
+        with self._opened(InputError, "be read") as (files, folder):
             found = {str(path).rsplit("/", 1)[-1] for path in files.find(folder, maxdepth=1)}
         return found.intersection(names)
 
     def put(self, name: str) -> None:
-        """Upload a file of `local`, and remove it there."""
-        made = self.local / name
-        with self._reached(OutputError, "be written") as (files, folder):
+        """Upload a file of `local` and remove it there."""
+        path = self.local / name
+        with self._opened(OutputError, "be written") as (files, folder):
             protocols = files.protocol
             if _OBJECTS.intersection([protocols] if isinstance(protocols, str) else protocols):
-                files.put_file(str(made), f"{folder}/{name}")
+                files.put_file(str(path), f"{folder}/{name}")
             else:
-                partial = f"{folder}/{partial_name(made).name}"
-                files.put_file(str(made), partial)
+                partial = f"{folder}/{partial_name(path).name}"
+                files.put_file(str(path), partial)
                 files.mv(partial, f"{folder}/{name}")
-        made.unlink()
+        path.unlink()
 
     def fetch(self, name: str) -> Path:
-        """Download a file, unless it was."""
+        """Download a file, unless it was downloaded before."""
         path = self._fetched / name
         if path.is_file():
             return path
         self._fetched.mkdir(parents=True, exist_ok=True)
         partial = partial_name(path)
-        with self._reached(InputError, "be read") as (files, folder):
+        with self._opened(InputError, "be read") as (files, folder):
             files.get_file(f"{folder}/{name}", str(partial))
         return partial.replace(path)
 
     def forget(self, name: str) -> None:
-        """Remove what was downloaded."""
+        """Remove the download."""
         (self._fetched / name).unlink(missing_ok=True)
 
     def clear(self) -> None:
-        """Remove chunks and fits, there and here."""
-        with self._reached(OutputError, "be emptied") as (files, folder):
+        """Remove chunks and fits from the URL and from this machine."""
+        with self._opened(OutputError, "be emptied") as (files, folder):
             found = [str(path) for path in files.ls(folder, detail=False)]
             for path in found:
-                if OURS.fullmatch(path.rsplit("/", 1)[-1]):
+                if FARM_FILES.fullmatch(path.rsplit("/", 1)[-1]):
                     files.rm_file(path)
         remove(self._fetched)
         remove(self.local)
@@ -206,10 +206,10 @@ class Bucket:
 
     @property
     def _fetched(self) -> Path:
-        return self.local / "fetched"  # apart from what this machine is making
+        return self.local / "fetched"  # apart from files being written
 
     @contextmanager
-    def _reached(
+    def _opened(
         self, kind: type[NlensError], what: str
     ) -> Iterator[tuple[AbstractFileSystem, str]]:
         try:

@@ -1,4 +1,4 @@
-"""Shots under way: which of their tasks may be done now, and what becomes of the answers."""
+"""Queue of the tasks of several shots: which may run now, results and retries."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from nlens_video.farm.merge import Merged
 from nlens_video.farm.shot_tasks import Plan, Task
 from nlens_video.video.atomic_files import remove_stale
 
-_MOST_TRIES = 3  # of one task, before it counts as what kills its workers
+_MOST_TRIES = 3  # of one task, before its shot fails
 
 
 @dataclass(order=True, frozen=True, slots=True)
-class Waiting:
-    """A task of a shot, in the order in which they are done.
+class QueuedTask:
+    """A task of a shot, ordered by shot and number.
 
     Attributes:
-        shot: its number, from 0.
-        number: of the task among those that its shot wants done at the same time, from 0.
-        task: what is to be done.
+        shot: index of the shot.
+        number: index of the task among those that its plan has yielded together.
+        task: the task.
     """
 
     shot: int
@@ -31,65 +31,65 @@ class Waiting:
 
 
 @dataclass(slots=True)
-class _UnderWay:
-    """A shot: answers of the tasks that it waits for, and the one that follows the others."""
+class _ShotState:
+    """A shot: results of the tasks that it waits for, and the task that follows the others."""
 
     plan: Plan
     answers: list[object]
     awaited: int = 0
-    follower: Waiting | None = None
+    follower: QueuedTask | None = None
     notes: tuple[str, ...] = ()
     result: Merged | NlensError | None = None
 
 
 class TaskQueue:
-    """Gives tasks of shots, earlier shots first, to whoever does them.
+    """Tasks of shots, earlier shots first.
 
     Args:
-        plans: of the shots; none is begun yet.
+        plans: of the shots; none has started yet.
     """
 
     def __init__(self, plans: Sequence[Plan]) -> None:
-        self._shots = [_UnderWay(plan, []) for plan in plans]
+        self._shots = [_ShotState(plan, []) for plan in plans]
         self._begun = 0
-        self._waiting: list[Waiting] = []
+        self._waiting: list[QueuedTask] = []
         self._losses: Counter[tuple[int, str]] = Counter()
 
     def begin(self, shots: int) -> None:
-        """Take what the first so many shots want done first, unless they have begun."""
+        """Start the first `shots` plans, unless they have started."""
         for number in range(self._begun, min(shots, len(self._shots))):
             self._begun = number + 1
-            self._go_on(number, None)
+            self._advance(number, None)
 
     def __len__(self) -> int:
-        """How many shots there are."""
+        """Number of shots."""
         return len(self._shots)
 
     @property
     def waiting(self) -> bool:
-        """Whether something may be done now."""
+        """Whether a task may run now."""
         while self._waiting and not self.wants(self._waiting[0]):
             heappop(self._waiting)
         return bool(self._waiting)
 
-    def next(self) -> Waiting:
-        """What is to be done now; `waiting` has said that there is something."""
+    def next(self) -> QueuedTask:
+        """The next task; call only where `waiting` is true."""
         return heappop(self._waiting)
 
-    def next_beside(self) -> Waiting | None:
-        """What follows tasks that are not done yet, for one who can wait for what they write."""
+    def next_follower(self) -> QueuedTask | None:
+        """A task that may run beside the unfinished tasks whose files it reads."""
         for shot in self._shots:
             if shot.follower is not None and shot.result is None:
                 found, shot.follower = shot.follower, None
                 return found
         return None
 
-    def wants(self, waiting: Waiting) -> bool:
-        """Whether a task is of use: its shot has not failed."""
+    def wants(self, waiting: QueuedTask) -> bool:
+        """Whether a task is still needed: its shot has not failed."""
         return self._shots[waiting.shot].result is None
 
-    def answered(self, waiting: Waiting, answer: object) -> None:
-        """Hand a shot what a task has come to, an `NlensError` where it has failed."""
+    def answered(self, waiting: QueuedTask, answer: object) -> None:
+        """Store the result of a task, an `NlensError` where it has failed."""
         shot = self._shots[waiting.shot]
         if shot.result is not None:
             return
@@ -100,33 +100,33 @@ class TaskQueue:
         shot.answers[waiting.number] = answer
         shot.awaited -= 1
         if not shot.awaited:
-            self._go_on(waiting.shot, shot.answers)
+            self._advance(waiting.shot, shot.answers)
         elif shot.awaited == 1 and shot.follower is not None:
             heappush(self._waiting, shot.follower)
             shot.follower = None
 
-    def lost(self, waiting: Waiting, reason: str) -> None:
-        """Have a task done again whose worker is gone; after three times its shot has failed."""
+    def lost(self, waiting: QueuedTask, reason: str) -> None:
+        """Repeat a task whose worker was lost; the third time its shot fails."""
         task = waiting.task
         for file in task.files:
-            remove_stale(file)  # what it has left
-        self._losses[waiting.shot, task.words] += 1
-        if self._losses[waiting.shot, task.words] < _MOST_TRIES:
-            self._shots[waiting.shot].notes += (f"{task.words}: done again ({reason})",)
+            remove_stale(file)
+        self._losses[waiting.shot, task.description] += 1
+        if self._losses[waiting.shot, task.description] < _MOST_TRIES:
+            self._shots[waiting.shot].notes += (f"{task.description}: done again ({reason})",)
             heappush(self._waiting, waiting)
             return
         error = NlensError(
-            f"{task.words}: {_MOST_TRIES} workers were lost over it ({reason}); render it alone "
-            "with -v to see why"
+            f"{task.description}: {_MOST_TRIES} workers were lost over it ({reason}); render it "
+            "alone with -v to see why"
         )
         self.answered(waiting, error)
 
     def results(self) -> list[Merged | NlensError]:
-        """What the shots have come to, once nothing is left to do."""
+        """Results and errors of the shots, once all tasks are done."""
         return [shot.result for shot in self._shots if shot.result is not None]
 
-    def _go_on(self, number: int, answers: list[object] | None) -> None:
-        """Give a shot its answers, and take what it wants done next."""
+    def _advance(self, number: int, answers: list[object] | None) -> None:
+        """Send the results to a shot's plan and queue its next tasks."""
         shot = self._shots[number]
         try:
             tasks = next(shot.plan) if answers is None else shot.plan.send(answers)
@@ -139,7 +139,7 @@ class TaskQueue:
             return
         shot.answers, shot.awaited = [None] * len(tasks), len(tasks)
         for at, task in enumerate(tasks):
-            waiting = Waiting(number, at, task)
+            waiting = QueuedTask(number, at, task)
             if task.follows and len(tasks) > 1:
                 shot.follower = waiting
             else:

@@ -1,4 +1,4 @@
-"""Parts of a source: `--range`, with what lies beside it in time, and chunks of a longer result."""
+"""Frame ranges of a source: `--range` with its audio and subtitles, and chunks of a result."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
 
 class SourceSlice(ABC):
-    """Reads a source, whose first frames may be looked at whatever part of it is asked for.
+    """Iterates over a part of a source; its first frames can be previewed whatever the part.
 
     Args:
         source: the frames.
 
     Attributes:
-        passed_over: called with each frame before or between what is asked for.
-        skip_to: where those need not be seen: tells the source that the ones before a number may be
-            left out.
+        on_skipped: called with each frame that is decoded and lies outside the part.
+        skip_to: called with the number of the first frame that is needed; earlier frames may then
+            be left undecoded. Does nothing unless the source can seek.
     """
 
     def __init__(self, source: Source) -> None:
@@ -41,16 +41,16 @@ class SourceSlice(ABC):
         self._ahead: deque[SourceFrame] = deque()
 
     def peek(self, count: int) -> tuple[Picture, ...]:
-        """The pictures of the source's first `count` frames, whatever the part; before `items`.
+        """The pictures of the source's first `count` frames; call before `items`.
 
-        What a shot is like must not depend on which part of it is asked for.
+        The shot is measured on these frames, so that every part of it is measured alike.
         """
         self._ahead.extend(islice(self._frames, count - len(self._ahead)))
         return tuple(frame.picture for frame in self._ahead)
 
     @abstractmethod
     def items(self) -> Iterator[SourceFrame | Packet]:
-        """Frames and packets in the order in which the source holds them."""
+        """Frames and packets in the source's order."""
 
     def _in_order(self) -> Iterator[SourceFrame]:
         while self._ahead:
@@ -59,11 +59,11 @@ class SourceSlice(ABC):
 
 
 class ChunkRange(SourceSlice):
-    """Lets through the frames of chunks, at the source's own times; no packets.
+    """The frames of queued chunks, at the source's own times; no packets.
 
     Args:
         source: the frames.
-        feed: the chunks; asked for the next one when the first frame after one has come.
+        feed: the chunks; the next one is taken when the first frame after a chunk is decoded.
     """
 
     def __init__(self, source: Source, feed: ChunkFeed) -> None:
@@ -71,7 +71,7 @@ class ChunkRange(SourceSlice):
         self._feed = feed
 
     def items(self) -> Iterator[SourceFrame | Packet]:
-        """Frames in the order in which the source holds them."""
+        """Frames in the source's order."""
         mark = self._feed.next()
         for frame in self._in_order():
             while mark is not None and mark.end is not None and frame.index >= mark.end:
@@ -85,7 +85,7 @@ class ChunkRange(SourceSlice):
 
 
 class FrameRange(SourceSlice):
-    """Lets through what a range asks for; its first frame is at time 0.
+    """The frames and packets of one range; its first frame is at time 0.
 
     Args:
         source: the frames and, through its `packet_sink`, the other streams' packets.
@@ -103,14 +103,14 @@ class FrameRange(SourceSlice):
         source.packet_sink = self._packets.append
 
     def items(self) -> Iterator[SourceFrame | Packet]:
-        """Frames and packets in the order in which the source holds them."""
+        """Frames and packets in the source's order."""
         self.skip_to(self._first)
         for frame in self._in_order():
             moment = frame.pts * frame.time_base
             if self._end is not None and frame.index >= self._end:
                 if self._end_s is None:
                     self._end_s = moment
-                # sound that belongs beside the last frames may come after them
+                # audio packets of the last frames may follow later in the file
                 if not self._source.info.copied or moment > self._end_s + INTERLEAVING_S:
                     break
             yield from self._released(moment)
@@ -124,7 +124,7 @@ class FrameRange(SourceSlice):
         yield from self._released(None)
 
     def _released(self, moment: Fraction | None) -> Iterator[Packet]:
-        """The packets that may go; those before the beginning wait until it is known."""
+        """Packets whose time is decided; those before the range wait until its start is known."""
         if self._start_s is None:
             while self._packets and moment is not None:
                 if _seconds(self._packets[0]) > moment - INTERLEAVING_S:

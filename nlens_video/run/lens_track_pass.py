@@ -1,14 +1,15 @@
-"""Following a lens that changes: a pass over a file that finds where, and fits there.
+"""Focus and zoom tracking: a first pass over a file detects lens changes and fits each of them.
 
-The watch (`stages.lens_watch`) sees every third frame and decides where the lens must be found
-anew; only there the network runs. A file whose lens stays as it is costs that pass and nothing
-more: its lens is found in the run itself, as ever.
+The change detector (`stages.r_change_detector`) measures every third frame; the CoC network runs
+only on the frames where it reports a change. A file whose lens does not change costs the detection
+pass alone, and its lens is fitted in the run itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
@@ -24,17 +25,17 @@ from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import Source
 
-_EVERY = 3  # frames from one look to the next
-_SPACING_S = 0.16  # least time between two fits of one shot
-_STRETCH_S = 0.2  # over which fits are smoothed
-_SETTLED_S = 0.5  # after so much time a smaller change is looked into, too
+_EVERY = 3  # frames between two signatures
+_SPACING_S = 0.16  # least time between two fits of one shot [s]
+_SMOOTHING_S = 0.2  # standard deviation of the smoothing of fits over time [s]
+_SETTLED_S = 0.5  # time since the last fit after which a smaller change counts as well [s]
 _SETTLED_CHANGE = 0.4 * CHANGED
-_SURE = 3.0  # standard errors by which a fit of doubtful sign may differ from the one before
+_MOST_DEVIATION = 3.0  # of a fit of unresolved sign from the one before [standard error]
 
 
 @dataclass(frozen=True, slots=True)
 class FitRequest:
-    """A frame on which the lens must be found.
+    """A frame on which the lens is fitted.
 
     Attributes:
         index: of the frame [1].
@@ -48,15 +49,15 @@ class FitRequest:
 def lens_track_pass(
     settings: Settings, on_counted: Callable[[int], None] = lambda frames: None
 ) -> FitTrack | None:
-    """Find the lens of a file all along it.
+    """Fit the lens over the length of a file.
 
     Args:
-        settings: of the run; `track_focus` says how. A stream, which can be read only once, is
-            not followed here, nor is a still.
+        settings: of the run; `track_focus` sets the interval. Streams, which can be read only
+            once, and stills are not tracked.
         on_counted: called with the number of frames up to the end of the range, if they were read.
 
     Returns:
-        The track; None where the lens does not change, or is not to be followed.
+        The track; None where the lens does not change or tracking is off.
 
     Raises:
         NlensError: as `run.render`.
@@ -65,7 +66,7 @@ def lens_track_pass(
         settings.track_focus == "off"
         or settings.fit is not None
         or not requested_effects(settings.effects)
-        or settings.source.one_frame  # whose lens is found on itself
+        or settings.source.one_frame  # the run fits the lens on that frame
     ):
         return None
     if not can_be_read_again(settings.source.spec):
@@ -76,36 +77,37 @@ def lens_track_pass(
         seconds = frame_s(source.info) or 1 / 25
         every = settings.track_focus if isinstance(settings.track_focus, int) else None
         end = settings.source.frames[1]
-        seen = _Seen(source, end)
-        needs = tuple(_needs(seen.pictures(), _Times.of(seconds), every))
-    on_counted(seen.count)
-    if len(needs) < 2:
+        counted = _CountedFrames(source, end)
+        requests = tuple(_fit_requests(counted.pictures(), _Intervals.of(seconds), every))
+    on_counted(counted.count)
+    if len(requests) < 2:
         return None
-    keys = tuple(_keys(settings, needs))
-    if len(keys) < 2:
+    keyframes = tuple(_keyframes(settings, requests))
+    if len(keyframes) < 2:
         return None
     spacing = max(1, round(_SPACING_S / seconds))
-    cuts = [need.index for before, need in zip(needs[:-1], needs[1:], strict=True)
-            if need.shot != before.shot]  # fmt: skip
+    cuts = [after.index for before, after in pairwise(requests) if after.shot != before.shot]
     return FitTrack(
-        hold_segments(keys, spacing, seen.count), max(1.0, _STRETCH_S / seconds), tuple(cuts)
+        hold_segments(keyframes, spacing, counted.count),
+        max(1.0, _SMOOTHING_S / seconds),
+        tuple(cuts),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Times:
-    """Times in frames."""
+class _Intervals:
+    """`_SPACING_S` and `_SETTLED_S` in frames."""
 
     spacing: int
     settled: int
 
     @classmethod
-    def of(cls, frame_s: float) -> _Times:
+    def of(cls, frame_s: float) -> _Intervals:
         return cls(max(1, round(_SPACING_S / frame_s)), max(2, round(_SETTLED_S / frame_s)))
 
 
-class _Seen:
-    """The frames of a source up to an end, counted."""
+class _CountedFrames:
+    """The frames of a source up to an end, counted as they are read."""
 
     def __init__(self, source: Source, end: int | None) -> None:
         self._source = source
@@ -113,7 +115,7 @@ class _Seen:
         self.count = 0
 
     def pictures(self) -> Iterator[tuple[int, Picture]]:
-        """Number and picture of each."""
+        """Index and picture of each frame."""
         for frame in self._source:
             if self._end is not None and frame.index >= self._end:
                 return
@@ -122,10 +124,10 @@ class _Seen:
             yield frame.index, frame.picture
 
 
-def _needs(
-    pictures: Iterator[tuple[int, Picture]], times: _Times, every: int | None
+def _fit_requests(
+    pictures: Iterator[tuple[int, Picture]], intervals: _Intervals, every: int | None
 ) -> Iterator[FitRequest]:
-    """Frames on which the lens must be found: the first, after cuts, and where the blur changed."""
+    """Frames to fit the lens on: the first one, those after cuts, and where the blur changed."""
     shot, last = 0, 0
     reference = before = None
     skipped: list[tuple[int, Picture]] = []
@@ -143,7 +145,7 @@ def _needs(
             shot, last = shot + 1, _first_after_cut(before, now, skipped, index)
             reference = now
             yield FitRequest(last, shot)
-        elif _asks(reference, now, index - last, times, every):
+        elif _needs_fit(reference, now, index - last, intervals, every):
             reference, last = now, index
             yield FitRequest(index, shot)
         before = now
@@ -153,55 +155,57 @@ def _needs(
 def _first_after_cut(
     before: Signature, after: Signature, skipped: list[tuple[int, Picture]], index: int
 ) -> int:
-    """Of the frames between two looks and the latter, the first of the new shot."""
+    """The first frame of the new shot: one of the skipped frames, or the one at `index`."""
     for at, picture in skipped:
-        here = signature(picture)
-        if abs(here.light - after.light).mean() < abs(here.light - before.light).mean():
+        skipped_one = signature(picture)
+        if (
+            abs(skipped_one.light - after.light).mean()
+            < abs(skipped_one.light - before.light).mean()
+        ):
             return at
     return index
 
 
-def _asks(
-    reference: Signature, now: Signature, since: int, times: _Times, every: int | None
+def _needs_fit(
+    reference: Signature, now: Signature, since: int, intervals: _Intervals, every: int | None
 ) -> bool:
     if every is not None:
         return since >= every
     change = changed(reference, now)
-    if since >= times.settled:
+    if since >= intervals.settled:
         return change > _SETTLED_CHANGE
-    return since >= times.spacing and change > CHANGED
+    return since >= intervals.spacing and change > CHANGED
 
 
-def _keys(settings: Settings, needs: tuple[FitRequest, ...]) -> Iterator[Keyframe]:
-    """The lens at each frame that needs it; where it cannot be found there is none."""
-    wanted = {need.index: need for need in needs}
+def _keyframes(settings: Settings, requests: tuple[FitRequest, ...]) -> Iterator[Keyframe]:
+    """The lens fit of each request, left out where it fails or its sign is not to be trusted."""
+    wanted = {request.index: request for request in requests}
     ranged = replace(settings.source, frames=(0, max(wanted) + 1))
     run = replace(settings, source=ranged, effects="defocus", fallback="none")
     known: LensFit | None = None
-    with open_run(run, Profiler()) as intake:
-        steps = intake.session.executor
-        # no frames ahead: their mean would lag behind a lens that changes
-        for item, _ in intake.frames.iterate(lambda: False):
+    with open_run(run, Profiler()) as run_input:
+        executor = run_input.session.executor
+        # no lookahead: the mean of later frames would lag behind a lens that changes
+        for item, _ in run_input.frames.iterate(lambda: False):
             if not isinstance(item, SourceFrame) or item.index not in wanted:
                 continue
             signals.check()
-            state = steps.begin_frame(item)
+            state = executor.begin_frame(item)
             try:
-                fit = steps.find_lens(state)
+                fit = executor.find_lens(state)
             except LensFitError:
                 continue
             finally:
-                steps.profiler.close_frame(item.index, 0)
+                executor.profiler.close_frame(item.index, 0)
             if fit is None or (known is not None and _doubtful(known, fit)):
                 continue
             known = fit
-            need = wanted[item.index]
-            yield Keyframe(need.index, need.shot, fit)
+            yield Keyframe(item.index, wanted[item.index].shot, fit)
 
 
 def _doubtful(known: LensFit, fit: LensFit) -> bool:
-    """Whether a fit may have taken the wrong side of the focus."""
+    """Whether a fit may lie on the wrong side of the focus."""
     if fit.sign == "resolved":
         return False
     error = max(fit.intercept_stderr, known.intercept_stderr)
-    return abs(fit.intercept - known.intercept) > _SURE * error
+    return abs(fit.intercept - known.intercept) > _MOST_DEVIATION * error

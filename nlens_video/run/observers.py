@@ -1,4 +1,4 @@
-"""Those who look on while a run goes by: timing rows, EXR layers, the report."""
+"""Observers of a run: the saved fit, timing rows, EXR layers and the report."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from nlens_video.video.info import SourceInfo
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """What is known when a run begins."""
+    """Source, session and profiler of a run that begins."""
 
     info: SourceInfo
     session: Session
@@ -34,7 +34,7 @@ class RunContext:
 
 
 class Observer(AbstractContextManager["Observer"], Protocol):
-    """Looks on; changes nothing.
+    """Is called for each frame of a run and changes nothing.
 
     Attributes:
         what: the option that asks for it and its value, for messages.
@@ -43,7 +43,7 @@ class Observer(AbstractContextManager["Observer"], Protocol):
     what: str
 
     def on_frame_start(self, state: FrameState) -> None:
-        """A frame comes in, not yet touched (on the decoding thread)."""
+        """A frame was decoded and nothing is composited yet; called on the decoding thread."""
         ...
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
@@ -56,35 +56,35 @@ class Observer(AbstractContextManager["Observer"], Protocol):
 
 
 def observers(
-    settings: Settings, started: RunContext, output: OutputSettings | None
+    settings: Settings, context: RunContext, output: OutputSettings | None
 ) -> list[Observer]:
-    """Those that the settings ask for.
+    """The observers that the settings ask for.
 
     Args:
         settings: the run.
-        started: what is known of it.
-        output: its result; None where that is the lens fit.
+        context: its source and session.
+        output: the result; None where that is the lens fit.
 
     Raises:
         OutputError: a folder or file cannot be made.
     """
-    watching: list[Observer] = []
+    found: list[Observer] = []
     if settings.save_fit is not None and output is not None:
-        watching.append(SavedFit(settings.save_fit, started))
+        found.append(SavedFit(settings.save_fit, context))
     if settings.timings is not None:
-        watching.append(TimingRows(settings.timings, settings, started))
+        found.append(TimingRows(settings.timings, settings, context))
     if settings.aov is not None:
-        watching.append(AovLayers(settings.aov, started))
+        found.append(AovLayers(settings.aov, context))
     if settings.report is not None:
         from nlens_video.report.collect import Report
 
         written = output.spec if output is not None else str(settings.save_fit)
-        watching.append(Report(settings.report, started.info, started.session, written))
-    return watching
+        found.append(Report(settings.report, context.info, context.session, written))
+    return found
 
 
 class BaseObserver:
-    """What most observers leave as it is."""
+    """An observer that does nothing."""
 
     what = ""
 
@@ -110,19 +110,19 @@ class BaseObserver:
 
 
 class SavedFit(BaseObserver):
-    """`--save-fit`: the lens, where the object was in view."""
+    """`--save-fit`: the lens fit, where there is one."""
 
-    def __init__(self, path: Path, started: RunContext) -> None:
+    def __init__(self, path: Path, context: RunContext) -> None:
         check_folder(path)
         remove_stale(path)
         self.what = f"--save-fit {path}"
         self._path = path
-        self._steps = started.session.executor
+        self._executor = context.session.executor
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Write it."""
-        if self._steps.fit is not None:
-            save_fit(self._steps.fit, self._path)
+        if self._executor.fit is not None:
+            save_fit(self._executor.fit, self._path)
 
 
 def save_fit(fit: LensFit, path: Path) -> None:
@@ -136,12 +136,12 @@ def save_fit(fit: LensFit, path: Path) -> None:
 
 
 class TimingRows(BaseObserver):
-    """`--timings`: one row per frame, written as it comes, so that memory stays the same.
+    """`--timings`: one row per frame, written at once, so that memory does not grow.
 
     Under `aliases` stand the names before 1.0 of the nodes that ran: today's to the former one.
     """
 
-    def __init__(self, path: Path, settings: Settings, started: RunContext) -> None:
+    def __init__(self, path: Path, settings: Settings, context: RunContext) -> None:
         check_folder(path)
         remove_stale(path)
         self.what = f"--timings {path}"
@@ -150,8 +150,8 @@ class TimingRows(BaseObserver):
         self._stream: IO[str] | None = None
         self._head = {
             "budget_ms": settings.budget_ms,
-            "preset": started.session.graph.pipeline,
-            "device": started.session.device.name,
+            "preset": context.session.graph.pipeline,
+            "device": context.session.device.name,
         }
         self._rows = 0
         self._ran: set[str] = set()
@@ -195,9 +195,9 @@ class TimingRows(BaseObserver):
 
 
 class AovLayers(BaseObserver):
-    """`--aov`: what the nodes made of each frame, as multi-channel OpenEXR."""
+    """`--aov`: the layers of each frame as multi-channel OpenEXR."""
 
-    def __init__(self, folder: Path, started: RunContext) -> None:
+    def __init__(self, folder: Path, context: RunContext) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -207,11 +207,11 @@ class AovLayers(BaseObserver):
         remove_stale(folder / "any.exr", whole_folder=True)
         self.what = f"--aov {folder}"
         self._folder = folder
-        self._frame = Box(0, 0, started.info.width, started.info.height)
-        self._executor = started.session.executor
+        self._frame = Box(0, 0, context.info.width, context.info.height)
+        self._executor = context.session.executor
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
-        """Write one file, with the same channels on every frame; what is not there is empty."""
+        """Write one file with the same channels on every frame, empty where there is no layer."""
         nothing = Box(0, 0, 0, 0)
         layer, defocused = state.values.layer, state.values.defocused
         blurred = state.values.blurred
@@ -229,7 +229,7 @@ class AovLayers(BaseObserver):
         write_layers(self._folder / f"{state.frame.number:06d}.exr", channels)
 
     def _plate(self) -> dict[str, Float32]:
-        """What the fit was made from; empty until it is made, and where it was given."""
+        """Plate CoC and footprint of the fit; zero until it is made, and where it was given."""
         size = (self._frame.height, self._frame.width)
         coc, ground = self._executor.shot.plate_coc, self._executor.shot.ground
         none = np.zeros(size, np.float32)

@@ -1,4 +1,4 @@
-"""From settings to frames that the graph can take: source, foresight and session joined."""
+"""Opening a run: source, lookahead and session from the settings."""
 
 from __future__ import annotations
 
@@ -39,44 +39,44 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RunInput:
-    """A source that is open, and the graph that will take its frames.
+    """An open source and the graph for its frames.
 
     Attributes:
-        source: it.
+        source: the plate.
         frames: its frames and packets.
         session: the graph.
-        profiler: times it.
-        foresight: whether later frames may be read for the sake of one that finds the lens.
+        profiler: times the run.
+        lookahead_allowed: whether the frame that fits the lens may wait for later frames.
     """
 
     source: Source
     frames: LookAhead[SourceFrame | Packet]
     session: Session
     profiler: Profiler
-    foresight: bool
+    lookahead_allowed: bool
 
     @property
     def info(self) -> SourceInfo:
         """What is known about the source."""
         return self.source.info
 
-    def items(self, watching: Sequence[Observer]) -> Iterator[FrameState | Packet]:
+    def items(self, observers: Sequence[Observer]) -> Iterator[FrameState | Packet]:
         """Frames as the graph takes them, and packets, in the source's order."""
-        steps = self.session.executor
-        foresees = self.foresight and steps.graph.has("estimate-coc")
-        for item, following in self.frames.iterate(lambda: foresees and steps.fit is None):
+        executor = self.session.executor
+        ahead_allowed = self.lookahead_allowed and executor.graph.has("estimate-coc")
+        for item, following in self.frames.iterate(lambda: ahead_allowed and executor.fit is None):
             if not isinstance(item, SourceFrame):
                 yield item
                 continue
             if self.info.kind == "stream":
                 self.profiler.arrived(item.index)
-            state = steps.begin_frame(item, following)
-            for observer in watching:
+            state = executor.begin_frame(item, following)
+            for observer in observers:
                 observer.on_frame_start(state)
             yield state
 
     def may_drop(self, item: object) -> bool:
-        """Whether a late item may be left out, as frames may and packets not; counts them."""
+        """Whether a late item may be dropped: frames may, packets not. Counts dropped frames."""
         if isinstance(item, FrameState):
             self.profiler.drop(item.frame.index)
         return isinstance(item, FrameState)
@@ -88,7 +88,7 @@ def open_run(settings: Settings, profiler: Profiler) -> Iterator[RunInput]:
 
     Args:
         settings: the run.
-        profiler: times it.
+        profiler: times the run.
 
     Raises:
         NlensError: as `run.render`.
@@ -107,63 +107,62 @@ def take_in(
     """Build the graph for a source that is open.
 
     Args:
-        source: it, of which no frame has been taken.
+        source: the plate; no frame of it has been read yet.
         settings: the run.
-        profiler: times it.
-        track: the lens all along a file whose lens changes.
-        chunks: what is taken in, in place of the settings' range.
+        profiler: times the run.
+        track: the lens over the length of the file, where it changes.
+        chunks: frames to render in place of the settings' range.
 
     Raises:
         NlensError: as `run.render`.
     """
     if settings.late == "drop" and source.info.kind != "stream":
         raise UsageError(
-            f"--late drop: {source.info.name} is a {source.info.kind}, which waits; leave it "
-            "out, or pipe it in"
+            f"--late drop: {source.info.name} is a {source.info.kind}, which drops no frames; "
+            "leave it out, or pipe the plate in"
         )
-    part = (
+    frames = (
         FrameRange(source, settings.source.frames) if chunks is None else ChunkRange(source, chunks)
     )
-    session = _assembled(settings, source.info, profiler, part, track)
-    part.on_skipped = session.executor.observe_skipped
+    session = _assembled(settings, source.info, profiler, frames, track)
+    frames.on_skipped = session.executor.observe_skipped
     if isinstance(source, Sought) and not session.graph.stateful:
-        part.skip_to = source.skip_to
+        frames.skip_to = source.skip_to
     return RunInput(
         source,
-        LookAhead(_decoded(part, profiler, live=source.info.kind == "stream")),
+        LookAhead(_decoded(frames, profiler, live=source.info.kind == "stream")),
         session,
         profiler,
-        # chunks have their lens, and one may be waited for whose frames are not yet wanted
-        foresight=chunks is None and _may_wait(source.info),
+        # chunks come with their lens, and the next chunk may be far away or not queued yet
+        lookahead_allowed=chunks is None and _may_wait(source.info),
     )
 
 
 @contextmanager
 def opened(given: SourceSettings) -> Iterator[Source]:
-    """The source; left open where its reader still blocks in a read.
+    """The source, closed at the end unless its reader thread still blocks in a read.
 
     Args:
-        given: the plate, as the user names it.
+        given: the plate.
 
     Raises:
         InputError: the source cannot be read.
-        UsageError: one that cannot be opened again is to be.
+        UsageError: `--reconnect` is given for a source that cannot be opened again.
     """
     if given.reconnect_s and (given.spec == "-" or can_be_read_again(given.spec)):
         raise UsageError(
-            f"--reconnect: {given.spec} does not come back when it has ended; leave it out (it is "
-            "for devices and URLs)"
+            f"--reconnect: {given.spec} ends for good; leave it out (it is for devices and URLs)"
         )
 
-    ahead = given.frames[0] > 0 and can_be_read_again(given.spec)
+    seekable = given.frames[0] > 0 and can_be_read_again(given.spec)
 
     def connect() -> Source:
-        return (open_sought if ahead else open_source)(given.spec, **given.hints)
+        return (open_sought if seekable else open_source)(given.spec, **given.hints)
 
-    def lasting() -> Source:
+    def reconnecting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()
 
-    source = run_in_thread(lasting)
+    source = run_in_thread(reconnecting)
     try:
         yield source
     finally:
@@ -175,7 +174,7 @@ def _assembled(
     settings: Settings,
     info: SourceInfo,
     profiler: Profiler,
-    part: SourceSlice,
+    frames: SourceSlice,
     track: FitTrack | None,
 ) -> Session:
     lens = LensRequest(
@@ -194,7 +193,7 @@ def _assembled(
     )
 
     def pictures() -> tuple[Picture, ...]:
-        return run_in_thread(lambda: part.peek(MOST_PICTURES if _may_wait(info) else 1))
+        return run_in_thread(lambda: frames.peek(MOST_PICTURES if _may_wait(info) else 1))
 
     plate = PlatePreview(pictures, settings.source.frames[0])
     return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
@@ -212,13 +211,13 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
 
 
 def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
-    """The lens all along the file, where the given fit holds that."""
+    """The track in the file of `--fit`, None where that holds a single fit."""
     given = None if settings.fit is None else FitTrack.load(settings.fit)
     return None if given is None else given.for_width(info.width, info.height)
 
 
 def _may_wait(info: SourceInfo) -> bool:
-    """Whether later frames may be waited for: a stream is somebody's live picture."""
+    """Whether later frames may be waited for, which would delay a live stream."""
     return info.kind in ("video", "sequence")
 
 
@@ -230,15 +229,15 @@ def frame_s(info: SourceInfo) -> float:
 
 
 def _decoded(
-    part: SourceSlice, profiler: Profiler, *, live: bool
+    frames: SourceSlice, profiler: Profiler, *, live: bool
 ) -> Iterator[SourceFrame | Packet]:
-    """The source's items; the time that each frame took goes to the profiler.
+    """The source's items; the profiler gets the decoding time of each frame.
 
-    Waiting for a live source is no cost of a frame: else a camera of 30 frames a second would
-    exceed 33 ms by itself, and `--hold-budget` step down for nothing.
+    Waiting for a live source does not count: a camera of 30 frames a second would use up a budget
+    of 33 ms by itself, and `--hold-budget` would lower the quality without a reason.
     """
-    items = part.items()
-    spent_ms = 0.0  # a frame's decoding may end in a packet that lay before it
+    items = frames.items()
+    spent_ms = 0.0  # includes packets before the frame
     while True:
         with profiler.clock(waits=live) as clock:
             item = next(items, None)

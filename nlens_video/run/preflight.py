@@ -1,4 +1,4 @@
-"""What can be known of a run before its plate is decoded: told then, and not after a long pass."""
+"""Checks of a run before its plate is decoded, and of its result before it gets its name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_MOMENTS = 20_000
 
 
 def preflight(settings: Settings, info: SourceInfo) -> None:
-    """See that a run which is made in parts, and encoded at last, can come to its end.
+    """Check a run that is rendered in chunks and encoded at the end.
 
     Args:
         settings: the run.
@@ -37,20 +37,20 @@ def preflight(settings: Settings, info: SourceInfo) -> None:
     Raises:
         NlensError: as `run.render`.
     """
-    check_words(settings)
+    check_settings(settings)
     check_shot(settings, info)
     if settings.output is not None:
         with open_result(settings.output, info, settings.source):
-            pass  # it opens; left without a commit, it leaves nothing
+            pass  # closed without a commit, it leaves no file
 
 
 def open_result(output: OutputSettings, info: SourceInfo, source: SourceSettings) -> Sink:
-    """Open a run's result, which is written to a temporary name.
+    """Open the result under a temporary name.
 
     Args:
         output: the result and its encoding.
         info: the plate.
-        source: how much of it is asked for.
+        source: its range.
 
     Raises:
         UsageError: codec, quality or pixel format make no sense.
@@ -62,8 +62,8 @@ def open_result(output: OutputSettings, info: SourceInfo, source: SourceSettings
     )  # fmt: skip
 
 
-def check_words(settings: Settings, *, as_chunks: bool = False) -> None:
-    """See that what is known without the plate makes sense: names, folders, the lens, effects.
+def check_settings(settings: Settings, *, as_chunks: bool = False) -> None:
+    """Check what needs no plate: names, folders, lens fit, preset and effects.
 
     Args:
         settings: the run.
@@ -90,7 +90,7 @@ def check_words(settings: Settings, *, as_chunks: bool = False) -> None:
 
 
 def check_shot(settings: Settings, info: SourceInfo) -> None:
-    """See that the object stands in the plate, and that the plate has the range.
+    """Check that the plate has the range and that the object is in view.
 
     Args:
         settings: the run.
@@ -126,7 +126,7 @@ def _check_files(objects: ObjectSettings) -> None:
 
 
 def check_written(settings: Settings, info: SourceInfo, frames: int, *, changed: bool) -> None:
-    """See, before a result gets its name, that it is what was asked for.
+    """Check the written frames before the result gets its name.
 
     Args:
         settings: the run.
@@ -142,19 +142,19 @@ def check_written(settings: Settings, info: SourceInfo, frames: int, *, changed:
         raise UsageError(_no_such_frames(settings))
     if not changed and _is_whole(settings, info):
         raise SceneError(
-            f"{settings.scene.glb}: the object is to be seen on none of {frames} frames; check "
+            f"{settings.scene.glb}: the object is in view on none of {frames} frames; check "
             "--camera, --at, --size and --animation, or render a part with --range"
         )
 
 
 def _no_such_frames(settings: Settings) -> str:
-    """What to say of a range that holds no frame."""
+    """Message for a range without a frame."""
     first, end = settings.source.frames
     return f"--range {first}:{'' if end is None else end} of the plate: no such frames"
 
 
 def _is_whole(settings: Settings, info: SourceInfo) -> bool:
-    """Whether a run takes all of a shot that ends: then its object should be in it somewhere."""
+    """Whether a run covers a whole file, in which the object must be in view somewhere."""
     return settings.source.frames == (0, None) and info.kind != "stream"
 
 
@@ -171,7 +171,7 @@ def _check_in_view(objects: ObjectSettings, scene: Scene, view: View, info: Sour
 
 
 def _moments(scene: Scene, info: SourceInfo) -> Iterator[float]:
-    """Moments of the plate, twice as many as frames [s]; none where its length is not known."""
+    """Times at half the frame interval over the plate [s]; none where its length is unknown."""
     step = 0.5 * frame_s(info)
     if not scene.moves or not step:
         yield 0.0
@@ -182,7 +182,7 @@ def _moments(scene: Scene, info: SourceInfo) -> Iterator[float]:
 
 
 def _where(scene: Scene, view: View, time_s: float) -> str:
-    """Where an object is that no frame shows, in words."""
+    """Where the object lies relative to the frame, for a message."""
     camera = view.camera_at(scene, time_s)
     seen = camera.to_camera(scene.pose(time_s).vertices().astype(np.float64))
     ahead = seen[seen[:, 2] < 0.0]

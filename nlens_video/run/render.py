@@ -1,4 +1,4 @@
-"""One run of the command line: source, graph and sink joined, results kept."""
+"""The commands `render`, `plan` and `fit`: source, graph, sink and observers joined."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from nlens_video.graph.warmup import KernelWarmup
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import RunContext, observers, save_fit
 from nlens_video.run.open_run import frame_s, open_run, opened, take_in
-from nlens_video.run.preflight import check_shot, check_words, check_written, open_result
+from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.run.result import FitOutcome, RunResult
-from nlens_video.run.sidecar_outputs import Beside, telling_what_is_complete
+from nlens_video.run.sidecar_outputs import SidecarOutputs, note_on_complete_result
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 OnProgress = Callable[[int, int | None], None]
-ENOUGH_FOR_A_FIT = 240
-"""Frames that `fit` looks through for the object."""
+FIT_SEARCH_FRAMES = 240
+"""Frames within which `fit` expects the object to come into view."""
 
 
 def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
@@ -52,23 +52,26 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
     Raises:
         NlensError: as `render`.
     """
-    with open_run(settings, Profiler(settings.budget_ms)) as intake:
-        return (*_describe_source(intake.info), *describe(intake.session, all_reasons=all_reasons))
+    with open_run(settings, Profiler(settings.budget_ms)) as run_input:
+        return (
+            *_describe_source(run_input.info),
+            *describe(run_input.session, all_reasons=all_reasons),
+        )
 
 
 def find_fit(
     settings: Settings,
-    look_through: float = ENOUGH_FOR_A_FIT,
+    search_frames: float = FIT_SEARCH_FRAMES,
     on_counted: Callable[[int], None] = lambda frames: None,
 ) -> FitOutcome:
-    """Find the lens on the first frame with the object in view, and save it.
+    """Fit the lens on the first frame with the object in view, and save the fit.
 
-    Where it changes over a file and `track_focus` says so, it is saved as it is all along.
+    Where the lens changes over a file and `track_focus` is on, the whole track is saved.
 
     Args:
         settings: the run; `save_fit` names the file.
-        look_through: as many frames at most, infinity for all [1].
-        on_counted: as of `follow.follow`.
+        search_frames: frames to search at most, infinity for all [1].
+        on_counted: as of `lens_track_pass`.
 
     Raises:
         NlensError: as `render`; OutOfViewError when the object does not come into view.
@@ -84,22 +87,22 @@ def find_fit(
         return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.describe(),))
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
-        intake = stack.enter_context(open_run(settings, profiler))
-        session = intake.session
-        started = RunContext(intake.info, session, profiler)
-        beside = stack.enter_context(Beside(observers(settings, started, None)))
-        shot = session.graph.find_lens
+        run_input = stack.enter_context(open_run(settings, profiler))
+        session = run_input.session
+        context = RunContext(run_input.info, session, profiler)
+        sidecars = stack.enter_context(SidecarOutputs(observers(settings, context, None)))
+        find_lens = session.graph.find_lens
         seen = 0
-        for state in intake.items([beside]):
+        for state in run_input.items([sidecars]):
             if not isinstance(state, FrameState):
                 continue
             seen += 1
             signals.check()
-            session.executor.run(state, shot)
+            session.executor.run(state, find_lens)
             frame = cast("SourceFrame", state.frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
-            beside.frame(state, timing)
-            if session.executor.fit is not None or seen >= look_through:
+            sidecars.frame(state, timing)
+            if session.executor.fit is not None or seen >= search_frames:
                 break
         fit = session.executor.fit
         if not seen:
@@ -111,10 +114,10 @@ def find_fit(
                 "so there is nothing to fit; check the camera or --range"
             )
         save_fit(fit, settings.save_fit)
-        with telling_what_is_complete(str(settings.save_fit)):
-            beside.finish(profiler.summary(), session.notes())
+        with note_on_complete_result(str(settings.save_fit)):
+            sidecars.finish(profiler.summary(), session.notes())
     return FitOutcome(
-        fit=fit, path=settings.save_fit, notes=session.notes(), missing=beside.missing
+        fit=fit, path=settings.save_fit, notes=session.notes(), missing=sidecars.missing
     )
 
 
@@ -128,11 +131,11 @@ def render(
     Args:
         settings: the run.
         on_progress: called after each frame with (frames written, frames expected or None).
-        chunks: parts of a longer result that are written in place of the settings' range, lossless
-            and for `merge`; the output is then their folder.
+        chunks: frame ranges to render in place of the settings' range, as lossless chunks for
+            `merge`; the output is then their folder.
 
     Raises:
-        UsageError: settings that make no sense.
+        UsageError: settings do not go together.
         InputError: the plate or the layers cannot be read.
         SceneError: the GLB cannot be used.
         LensFitError: no usable lens fit, none given, no fallback allowed.
@@ -141,7 +144,7 @@ def render(
     if settings.output is None:
         raise UsageError("no output was named")
     output = settings.output
-    check_words(settings, as_chunks=chunks is not None)
+    check_settings(settings, as_chunks=chunks is not None)
     composited = written = 0
     changed = False
     with ExitStack() as stack:
@@ -149,20 +152,22 @@ def render(
         if chunks is None:
             check_shot(settings, source.info)
         sink = _open_result(output, part_of(source.info, settings.source.frames), settings, chunks)
-        stack.enter_context(telling_what_is_kept(sink))
+        stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        intake = take_in(source, settings, profiler, lens_track_pass(settings), chunks)
-        session = intake.session
-        ahead = stack.enter_context(KernelWarmup(*session.graphs))
+        run_input = take_in(source, settings, profiler, lens_track_pass(settings), chunks)
+        session = run_input.session
+        warmup = stack.enter_context(KernelWarmup(*session.graphs))
         zoom = ZoomCheck(frame_s(source.info))
-        started = RunContext(source.info, session, profiler)
-        beside = stack.enter_context(Beside(observers(settings, started, settings.output)))
-        watching = (beside, zoom)
+        context = RunContext(source.info, session, profiler)
+        sidecars = stack.enter_context(
+            SidecarOutputs(observers(settings, context, settings.output))
+        )
+        observing = (sidecars, zoom)
         total = _expected(source.info, settings)
-        lanes = session.workers()
-        may_drop = intake.may_drop if settings.late == "drop" else None
-        items = run_workers(intake.items(watching), lanes, may_drop=may_drop)
+        workers = session.workers()
+        may_drop = run_input.may_drop if settings.late == "drop" else None
+        items = run_workers(run_input.items(observing), workers, may_drop=may_drop)
         stack.callback(_close, items, chunks)
         for item in items:
             signals.check()
@@ -177,34 +182,33 @@ def render(
             written += 1
             composited += item.composited
             changed = changed or item.composited or item.traced
-            for observer in watching:
+            for observer in observing:
                 observer.frame(item, timing)
             on_progress(written, total)
         check_written(settings, source.info, written, changed=changed or chunks is not None)
-        timing_of_all = profiler.summary()
-        outcome = RunResult(
+        result = RunResult(
             output=output.spec, fit=session.executor.fit, decisions=session.decisions,
-            timing=timing_of_all, composited=composited, damaged=source.damaged,
+            timing=profiler.summary(), composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
                 *source.warnings(),
                 *session.notes(),
                 *session.device.notes,
-                *ahead.notes,
+                *warmup.notes,
                 *sink.notes,
-                *_lost(source),
+                *_reconnections(source),
                 *zoom.notes,
             ),
         )  # fmt: skip
         sink.commit()
-        with telling_what_is_complete(output.spec):
-            beside.finish(outcome.timing, outcome.notes)
-    return replace(outcome, missing=beside.missing)
+        with note_on_complete_result(output.spec):
+            sidecars.finish(result.timing, result.notes)
+    return replace(result, missing=sidecars.missing)
 
 
 def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
     if chunks is not None:
-        chunks.end()  # what waits for more of them does not close
+        chunks.end()  # a reader that waits for the next chunk could not be closed
     items.close()
 
 
@@ -217,8 +221,8 @@ def _open_result(
 
 
 @contextmanager
-def telling_what_is_kept(sink: Sink) -> Iterator[None]:
-    """Name the partial file to whoever hears of the interruption."""
+def note_on_partial_file(sink: Sink) -> Iterator[None]:
+    """Add the name of a kept partial file to the error that ends the run."""
     try:
         yield
     except BaseException as error:
@@ -243,11 +247,11 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         yield f"note: {note}"
 
 
-def _lost(source: Source) -> tuple[str, ...]:
+def _reconnections(source: Source) -> tuple[str, ...]:
     if not isinstance(source, Reconnecting) or not source.lost:
         return ()
     often = "once" if source.lost == 1 else f"{source.lost} times"
-    return (f"the source was lost and opened again {often}; pictures are missing there",)
+    return (f"the source was lost and opened again {often}; frames are missing there",)
 
 
 def _expected(info: SourceInfo, settings: Settings) -> int | None:

@@ -1,4 +1,4 @@
-"""How a run went: what the command line shows and scripts read."""
+"""Results of a run, for the command line and for `--json`."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from nlens_video.graph.base.profiler import Summary
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunResult:
-    """How a run went.
+    """The result of `render`.
 
     Attributes:
         output: what was written.
-        fit: the lens, None where the object was never in view.
-        decisions: which effects were simulated, and why.
-        timing: the frames in a few numbers.
+        fit: the lens fit, None where the object was never in view.
+        decisions: of each effect, whether it was simulated and why.
+        timing: statistics of the frame times.
         composited: frames on which the object was in view [1].
         damaged: packets and frames of the source that were damaged [1].
-        notes: what a person should know.
-        missing: what was asked for beside the result and could not be written, and why.
+        notes: for the user.
+        missing: sidecar outputs that could not be written, and why.
     """
 
     output: str
@@ -36,13 +36,13 @@ class RunResult:
     missing: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """For scripts."""
+        """Plain data for JSON."""
         return {**asdict(self), "timing": {**asdict(self.timing), "fps": self.timing.fps}}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOutcome:
-    """A lens fit, where it was saved, what a person should know, and what is missing beside it."""
+    """The result of `fit`: fit and file, notes and missing sidecar outputs as in `RunResult`."""
 
     fit: LensFit
     path: Path

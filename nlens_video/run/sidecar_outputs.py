@@ -1,4 +1,4 @@
-"""What a run writes beside its result: none of it may cost the result."""
+"""Sidecar outputs of a run (fit, timings, AOVs, report): their failure never fails the result."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.run.observers import BaseObserver, Observer
 
 
-class Beside(BaseObserver):
-    """Observers that write, as one; what cannot be written any more is left out from then on.
+class SidecarOutputs(BaseObserver):
+    """Several observers as one; an observer that fails to write is dropped.
 
     Args:
-        watching: they.
+        observers: that write files.
     """
 
-    def __init__(self, watching: Sequence[Observer]) -> None:
-        self._watching = tuple(watching)  # replaced, never changed: two threads look at it
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self._observers = tuple(observers)  # replaced, never changed: two threads read it
         self._missing: list[str] = []
         self._stack = ExitStack()
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """What could not be written so far, and why, a line each."""
+        """One line for each output that could not be written so far, with the reason."""
         return tuple(self._missing)
 
     def __enter__(self) -> Self:
         with ExitStack() as entered:
-            for one in self._watching:
+            for one in self._observers:
                 entered.enter_context(one)
             self._stack = entered.pop_all()
         return self
@@ -46,44 +46,44 @@ class Beside(BaseObserver):
         self._stack.__exit__(kind, error, trace)
 
     def on_frame_start(self, state: FrameState) -> None:
-        """A frame comes in, not yet touched (on the decoding thread)."""
-        for one in self._watching:
+        """A frame was decoded; called on the decoding thread."""
+        for one in self._observers:
             one.on_frame_start(state)
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
         """A frame was written."""
-        for one in self._watching:
-            with self._spared(one):
+        for one in self._observers:
+            with self._dropped_on_error(one):
                 one.frame(state, timing)
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """The result is complete."""
-        for one in self._watching:
-            with self._spared(one):
+        for one in self._observers:
+            with self._dropped_on_error(one):
                 one.finish(summary, notes)
 
     @contextmanager
-    def _spared(self, one: Observer) -> Iterator[None]:
-        """Go on without an observer that cannot write."""
+    def _dropped_on_error(self, one: Observer) -> Iterator[None]:
+        """Drop an observer that cannot write."""
         try:
             yield
         except (OutputError, OSError) as error:
-            with suppress(OutputError, OSError):  # a second word on the same full disk
+            with suppress(OutputError, OSError):  # the same full disk again
                 one.__exit__(type(error), error, error.__traceback__)
-            self._watching = tuple(other for other in self._watching if other is not one)
+            self._observers = tuple(other for other in self._observers if other is not one)
             reason = error.strerror if isinstance(error, OSError) else str(error)
             self._missing.append(f"{one.what}: {reason or error}")
 
 
-def tell_missing(result: str, missing: Sequence[str]) -> None:
-    """End a command whose result is complete, and what belongs beside it not.
+def check_sidecars(result: str, missing: Sequence[str]) -> None:
+    """Fail a command whose result is complete but whose sidecar outputs are not.
 
     Args:
-        result: what is complete.
-        missing: as of `Beside`.
+        result: name of the result.
+        missing: as of `SidecarOutputs`.
 
     Raises:
-        OutputError: something is missing.
+        OutputError: a sidecar output is missing.
     """
     if missing:
         raise OutputError(
@@ -92,8 +92,8 @@ def tell_missing(result: str, missing: Sequence[str]) -> None:
 
 
 @contextmanager
-def telling_what_is_complete(result: str) -> Iterator[None]:
-    """Say of a result that is complete that it is, to whoever hears of an interruption."""
+def note_on_complete_result(result: str) -> Iterator[None]:
+    """Add to an error that the result is complete."""
     try:
         yield
     except BaseException as error:

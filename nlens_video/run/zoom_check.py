@@ -1,4 +1,4 @@
-"""Looks on whether the GLB's camera zooms as the plate does."""
+"""Check whether the GLB's camera zooms as the plate does."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from nlens_video.run.observers import BaseObserver
 from nlens_video.scene.camera import Camera
 
 _EVERY_S = 0.5
-_TOLERATED = 0.03  # of the size; a zoom is seen from there on, and breathing of the focus is less
-_AT_REST = 1e-3  # of the way to the object: a camera that moves on makes things larger as well
+_TOLERATED = 0.03  # of the size: focus breathing is less, a visible zoom more
+_AT_REST = 1e-3  # of the distance to the object: a moving camera also changes sizes
 
 
 class ZoomCheck(BaseObserver):
-    """An `Observer` that compares the plate's size with the camera's focal length.
+    """An `Observer` that compares the plate's scale with the camera's focal length.
 
-    Where the GLB's camera moves nothing is said, for then the plate grows by right.
+    Frames on which the GLB's camera has moved are not compared.
 
     Args:
-        frame_s: from one frame to the next [s].
+        frame_s: frame interval [s].
     """
 
     def __init__(self, frame_s: float) -> None:
         self._every = max(1, round(_EVERY_S / frame_s)) if frame_s > 0 else 1
-        self._watch = WatchZoom()
+        self._tracker = ZoomTracker()
         self._lock = Lock()
         self._seen: dict[int, Zoom] = {}
         self._first: tuple[Camera, Zoom] | None = None
@@ -41,24 +41,24 @@ class ZoomCheck(BaseObserver):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know; empty where both agree."""
+        """A note on the largest difference; empty where both agree."""
         if self._worst is None:
             return ()
         plate, camera, index = self._worst
         return (
             Note(
-                f"by frame {index} the plate has {_words(plate)} and the GLB's camera has "
-                f"{_words(camera)}: animate its field of view as the plate's zoom goes (or its "
-                "place, if the real camera moved)",
+                f"by frame {index} the plate has {_scale_text(plate)} and the GLB's camera has "
+                f"{_scale_text(camera)}: animate its field of view as the plate's zoom goes (or "
+                "its place, if the real camera moved)",
                 NoteKind.INFORMATION,
             ),
         )
 
     def on_frame_start(self, state: FrameState) -> None:
-        """Look at the plate."""
+        """Measure the plate."""
         if state.frame.index % self._every:
             return
-        zoom = self._watch(state.frame.picture)
+        zoom = self._tracker(state.frame.picture)
         with self._lock:
             self._seen[state.frame.index] = zoom
 
@@ -67,7 +67,7 @@ class ZoomCheck(BaseObserver):
         with self._lock:
             zoom = self._seen.pop(state.frame.index, None)
             for late in [index for index in self._seen if index < state.frame.index]:
-                del self._seen[late]  # frames that were left out
+                del self._seen[late]  # of dropped frames
         placement = state.values.bounds
         if zoom is None or placement is None:
             return
@@ -85,43 +85,43 @@ class ZoomCheck(BaseObserver):
 
 
 def _moved(before: Camera, now: Camera) -> float:
-    """Way between two places [scene unit]."""
+    """Distance between two camera positions [scene unit]."""
     return float(np.linalg.norm((now.world_from_camera - before.world_from_camera)[:3, 3]))
 
 
-def _words(log_scale: float) -> str:
+def _scale_text(log_scale: float) -> str:
     percent = round(100.0 * abs(math.expm1(log_scale)))
     if not percent:
         return "kept its size"
     return f"{'grown' if log_scale > 0 else 'shrunk'} by {percent} %"
 
 
-_WIDTH = 240  # of what is looked at [px]
-_POINTS, _FEWEST = 80, 24
+_WIDTH = 240  # of the picture that is tracked [px]
+_POINTS, _FEWEST = 80, 24  # tracked points, at most and at least
 _QUALITY, _SPACING_PX = 0.01, 6
 _WINDOW_PX, _LEVELS = 21, 3
-_WITHIN_PX = 1.0  # of where the motion of the whole puts a point
+_WITHIN_PX = 1.0  # inlier distance of a point from the common similarity transform
 
 
 @dataclass(frozen=True, slots=True)
 class Zoom:
-    """The plate's size on one frame against the shot's first.
+    """The plate's scale on one frame relative to the first of its shot.
 
     Attributes:
         log_scale: logarithm of the ratio, above 0 where things have grown [1].
-        shot: number of the stretch in which it can be told; from one to the next nothing is [1].
+        shot: number of the segment in which points are tracked; scales of two are unrelated [1].
     """
 
     log_scale: float
     shot: int
 
 
-class WatchZoom:
-    """Looks at frames in order, some apart if need be.
+class ZoomTracker:
+    """Scale of a plate by sparse optical flow (Lucas-Kanade) and a similarity fit.
 
-    Points are followed from look to look, and compared with where they were at first; when too few
-    are left, new ones are taken and the scale goes on from there. Where nothing can be followed (a
-    cut, a plate without detail), another stretch begins.
+    Called with frames in order, not necessarily each. When too few points are left, new ones are
+    detected and the scale continues from there; where tracking fails (a cut, a plate without
+    detail), a new segment begins.
     """
 
     def __init__(self) -> None:
@@ -132,26 +132,26 @@ class WatchZoom:
         self._shot = 0
 
     def __call__(self, picture: Picture) -> Zoom:
-        """Look at a frame; it is left as it is."""
+        """Track one frame."""
         seen = _small(picture)
         if self._before is not None and not self._follow(self._before, seen):
             self._shot += 1
             self._log_scale = 0.0
-            self._take(seen)
+            self._detect(seen)
         if len(self._now) < _FEWEST * 2:
             self._log_scale += self._since
-            self._take(seen)
+            self._detect(seen)
         self._before = seen
         return Zoom(self._log_scale + self._since, self._shot)
 
-    def _take(self, seen: npt.NDArray[np.uint8]) -> None:
+    def _detect(self, seen: npt.NDArray[np.uint8]) -> None:
         found = cv2.goodFeaturesToTrack(seen, _POINTS, _QUALITY, _SPACING_PX)
         empty = np.empty((0, 1, 2), np.float32)
         self._first = self._now = empty if found is None else np.asarray(found, np.float32)
         self._since = 0.0
 
     def _follow(self, before: npt.NDArray[np.uint8], seen: npt.NDArray[np.uint8]) -> bool:
-        """Where the points are now, and how far apart they have come; False where they are lost."""
+        """Track the points and update the scale since detection; False where they are lost."""
         if len(self._now) < _FEWEST:
             return False
         moved, held, _ = cv2.calcOpticalFlowPyrLK(
@@ -177,7 +177,7 @@ class WatchZoom:
 
 
 def _small(picture: Picture) -> npt.NDArray[np.uint8]:
-    """Green, coded as the root of light (h, w)."""
+    """Square root of the green light as 8 bit (h, w)."""
     width = min(_WIDTH, picture.width)
     height = max(1, round(picture.height * width / picture.width))
     light: Float32 = picture.reduced(width, height)[..., 1]

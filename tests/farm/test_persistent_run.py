@@ -12,7 +12,7 @@ from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
-from nlens_video.farm.persistent_run import OpenRun
+from nlens_video.farm.persistent_run import PersistentRun
 from nlens_video.farm.store import Bucket, Folder
 from nlens_video.farm.worker import Worker
 from nlens_video.options.options import parse
@@ -63,15 +63,15 @@ def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
     shot, run, whole, tmp_path
 ):
     """Two workers take turns, so each passes over what the other renders; one chunk has pieces."""
-    first, second = OpenRun(run, Folder(tmp_path)), OpenRun(run, Folder(tmp_path))
+    first, second = PersistentRun(run, Folder(tmp_path)), PersistentRun(run, Folder(tmp_path))
     parts = marks(run, (0, 3), (3, 7), (7, 8), (8, 9), (9, 11), (11, 13), (13, 20))
     chunks = (parts[:1], parts[1:2], parts[2:3], parts[3:6], parts[6:])
     for chunk, worker in zip(chunks, (first, second, first, second, first), strict=True):
-        assert worker.takes(run, Folder(tmp_path), chunk[0])
+        assert worker.accepts(run, Folder(tmp_path), chunk[0])
         worker.render(chunk)
         assert all((tmp_path / mark.file_name).is_file() for mark in chunk)
-    assert not first.takes(run, Folder(tmp_path), parts[1])  # behind it
-    assert not second.takes(replace(run, preset="draft"), Folder(tmp_path), parts[6])  # another run
+    assert not first.accepts(run, Folder(tmp_path), parts[1])  # behind it
+    assert not second.accepts(replace(run, preset="draft"), Folder(tmp_path), parts[6])  # other
     first.close()
     second.close()
     merge(run.source, [tmp_path], run.output)
@@ -96,10 +96,10 @@ def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(
 def test_open_run_that_fails_says_so_to_who_waits_for_the_chunk(run, tmp_path):
     (mark,) = marks(run, (0, 3))
     broken = replace(run, source=replace(run.source, spec=str(tmp_path / "gone.mp4")))
-    worker = OpenRun(broken, Folder(tmp_path))
+    worker = PersistentRun(broken, Folder(tmp_path))
     with pytest.raises(InputError, match="no such file"):
         worker.render([mark])
-    assert not worker.takes(broken, Folder(tmp_path), mark)
+    assert not worker.accepts(broken, Folder(tmp_path), mark)
     worker.close()
 
 
@@ -114,10 +114,10 @@ class Full(Folder):
 @pytest.mark.needs_gl
 def test_rest_of_a_chunk_is_not_rendered_once_a_piece_of_it_cannot_be_stored(run, tmp_path):
     pieces = marks(run, *((first, first + 1) for first in range(14)))
-    worker = OpenRun(run, Full(tmp_path))
+    worker = PersistentRun(run, Full(tmp_path))
     with pytest.raises(OutputError, match="no space"):
         worker.render(pieces)
-    assert not worker.takes(run, Full(tmp_path), pieces[-1])
+    assert not worker.accepts(run, Full(tmp_path), pieces[-1])
     worker.close()
     assert len(list(tmp_path.glob("[!.]*.nut"))) < len(pieces)
 

@@ -10,7 +10,7 @@ from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, OutputError, UsageError
-from nlens_video.farm.folder import make
+from nlens_video.farm.folder import create
 from nlens_video.farm.job import absolute
 from nlens_video.farm.shot_tasks import Progress, Shot, plan
 from nlens_video.farm.store import Bucket, Folder, store_of
@@ -67,7 +67,7 @@ def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
     assert isinstance(store, Bucket)
     with store.held():
         assert not store.has("fit-0123456789abcdef.json")
-        assert not store.there(["fit-0123456789abcdef.json"])
+        assert not store.existing(["fit-0123456789abcdef.json"])
         (store.local / "fit-0123456789abcdef.json").write_text("{}")
         store.put("fit-0123456789abcdef.json")
         assert store.has("fit-0123456789abcdef.json")
@@ -77,7 +77,7 @@ def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
         assert store.fetch("fit-0123456789abcdef.json") == fetched
         store.forget(fetched.name)
         assert not fetched.exists() and store.has(fetched.name)
-        assert store.there([fetched.name, "fit-00000000deadbeef.json"]) == {fetched.name}
+        assert store.existing([fetched.name, "fit-00000000deadbeef.json"]) == {fetched.name}
     files, folder = fsspec.core.url_to_fs(store.url)
     assert [path.rsplit("/", 1)[-1] for path in files.ls(folder, detail=False)] == [fetched.name]
     files.pipe_file(f"{folder}/keep.txt", b"mine")
@@ -90,7 +90,7 @@ def test_folder_for_chunks_that_is_a_file_is_one_clear_line(tmp_path):
     file = tmp_path / "out.mp4"
     file.write_bytes(b"mine")
     with pytest.raises(OutputError, match="out.mp4: is a file; name a folder for the chunks$"):
-        make(file)
+        create(file)
     with pytest.raises(OutputError, match="name a folder"), Folder(file).held():
         pass
     assert file.read_bytes() == b"mine"

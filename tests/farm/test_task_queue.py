@@ -132,14 +132,14 @@ def test_tasks_of_earlier_shots_go_first_and_one_that_follows_waits_for_the_othe
     queue.begin(1)
     assert queue.waiting
     a = queue.next()
-    assert a.task.words == "a" and not queue.waiting
+    assert a.task.description == "a" and not queue.waiting
     queue.begin(len(queue))
     b, c = queue.next(), queue.next()
-    assert (b.task.words, c.task.words, queue.waiting) == ("b", "c", False)
+    assert (b.task.description, c.task.description, queue.waiting) == ("b", "c", False)
     for answered in (b, a, c):
         assert not queue.waiting
         queue.answered(answered, "done")
-    assert queue.next_beside() is None  # it is everybody's now
+    assert queue.next_follower() is None  # it is everybody's now
     queue.answered(queue.next(), "done")
     assert queue.results() == [MERGED, MERGED]
 
@@ -147,8 +147,10 @@ def test_tasks_of_earlier_shots_go_first_and_one_that_follows_waits_for_the_othe
 def test_one_that_follows_is_given_once_to_who_can_wait():
     queue = TaskQueue([steps([task("a"), task("b", follows=True)])])
     queue.begin(1)
-    follower = queue.next_beside()
-    assert follower is not None and follower.task.words == "b" and queue.next_beside() is None
+    follower = queue.next_follower()
+    assert (
+        follower is not None and follower.task.description == "b" and queue.next_follower() is None
+    )
     queue.answered(queue.next(), None)
     assert not queue.waiting
     queue.answered(follower, None)
@@ -161,10 +163,10 @@ def test_shot_that_has_failed_wants_nothing_more_and_others_go_on():
     queue.begin(2)
     a = queue.next()
     queue.answered(a, broken)
-    assert not queue.wants(a) and queue.next_beside() is None
+    assert not queue.wants(a) and queue.next_follower() is None
     assert queue.waiting
     d = queue.next()
-    assert d.task.words == "d"
+    assert d.task.description == "d"
     queue.answered(d, None)
     assert not queue.waiting and queue.results() == [broken, MERGED]
 

@@ -8,7 +8,7 @@ from support import shots
 from support.glb_builder import GlbBuilder
 
 from nlens_video.cli.main import main
-from nlens_video.run.zoom_check import WatchZoom
+from nlens_video.run.zoom_check import ZoomTracker
 from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAMES = 30
@@ -29,7 +29,7 @@ def picture(rgb, seed=0, noise=1.5):
 @pytest.mark.parametrize("total", [0.7, 0.9, 1.0, 1.15, 1.6])
 def test_zoom_is_measured_over_many_looks_and_a_pan_is_none(total):
     rgb = shots.plate()
-    watch = WatchZoom()
+    watch = ZoomTracker()
     for at in range(21):
         factor = total ** (at / 20)
         zoom = watch(picture(scaled(rgb, factor, shift=(1.5 * at, 0.0)), at))
@@ -38,11 +38,11 @@ def test_zoom_is_measured_over_many_looks_and_a_pan_is_none(total):
 
 
 def test_a_cut_begins_again_and_a_plate_without_detail_says_nothing():
-    watch = WatchZoom()
+    watch = ZoomTracker()
     assert watch(picture(shots.plate())).shot == 0
     other = watch(picture(np.rot90(shots.plate(9), 2), 1))
     assert (other.log_scale, other.shot) == (0.0, 1)
-    grey = WatchZoom()
+    grey = ZoomTracker()
     assert all(grey(picture(shots.grey(), seed, 0.0)).log_scale == 0.0 for seed in range(3))
 
 

@@ -39,7 +39,7 @@ def no_pass(monkeypatch):
     def decodes(*given, **named):
         pytest.fail("the plate is decoded before the slip is told")
 
-    monkeypatch.setattr(run_module, "follow", decodes)
+    monkeypatch.setattr(run_module, "lens_track_pass", decodes)
     monkeypatch.setattr(job_module, "find_fit", decodes)
 
 
@@ -154,7 +154,7 @@ class TestOutOfView:
         """So near that its blur might have reached in: only drawing it tells."""
         out = tmp_path / "o.png"
         run = nlens(shot / "plate.png", shot / "near.glb", out, "--effects", "none")
-        assert "is to be seen on none of 1 frames" in one_line(run, 4)
+        assert "is in view on none of 1 frames" in one_line(run, 4)
         assert not list(tmp_path.iterdir())
 
     def test_an_object_that_leaves_the_frame_is_none(self, shot, tmp_path):
