@@ -144,7 +144,7 @@ def test_wrong_mattes_are_answered_with_one_line(files, tmp_path):
         (("--reflect",), "effect reflection: yes, --reflect: the ground mirrors 0.04"),
         (("--reflect", "0.3"), "effect reflection: yes, --reflect: the ground mirrors 0.3"),
         (("--effects", "defocus"), "effect reflection: no, left out by --effects"),
-        (("--effects", "occlusion"), "node occlusion-cue [each frame; lane render] F: CoC network on each"),
+        (("--effects", "occlusion"), "node occlusion-cue [each frame; lane render] F: CoC network"),
     ],
 )
 def test_the_plan_says_what_is_in_front_and_mirrored_and_why(files, words, line):
