@@ -1,11 +1,14 @@
 """What is written for people is finished and true."""
 
+import inspect
+import json
 import re
 
 import pytest
 from support.folders import ROOT
 
 from nlens_video.graph.diagram import mermaid
+from nlens_video.graph.nodes.registry import FORMER_NAMES, NODES
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.options.options import COMMANDS, parser_of
 
@@ -49,6 +52,25 @@ def test_architecture_shows_the_frame_graph_of_today():
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     diagram = mermaid(load_pipeline("standard"))
     assert f"```mermaid\n{diagram}```" in page, "write it anew: python docs/make_graph.py"
+
+
+def test_pipeline_file_of_the_page_loads(tmp_path):
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
+    path = tmp_path / "mine.toml"
+    path.write_text(shown, encoding="utf-8")
+    assert load_pipeline(str(path)).notes == ()
+
+
+def test_page_lists_the_options_and_the_former_names_of_nodes():
+    page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
+    for former, today in FORMER_NAMES.items():
+        assert f"| `{former}` | `{today}` |" in page
+    for name, node in NODES.items():
+        for option in inspect.signature(node.__init__).parameters.values():
+            if option.kind is option.KEYWORD_ONLY:
+                default = json.dumps(option.default)
+                assert re.search(rf"^\| `{name}` \|.*`{option.name} = {default}`", page, re.M)
 
 
 def test_architecture_lists_the_packages_folders_in_import_order():
