@@ -129,20 +129,20 @@ class _Frame:
 
 
 class _UnblurredShadow(Node):
-    """The shadow's node, not told the fit."""
+    """The node `shadow` without the lens fit."""
 
     name, writes = "shadow", "shadow"
 
     def __init__(self, shadow: Node) -> None:
         self._shadow = shadow
 
-    def __call__(self, placement: ScreenBounds) -> Shadow | None:
+    def __call__(self, bounds: ScreenBounds) -> Shadow | None:
         """Cast it."""
-        return self._shadow.run(placement, None, None)
+        return self._shadow.run(bounds, None, None)
 
 
 def _sharp_shadow(glb: Path) -> Image.Image:
-    """The composite with a shadow that no lens has blurred: its node is not told the fit."""
+    """The composite with a sharp shadow, of a node without the lens fit."""
     fit = LensFit.load(SAMPLES / "in.json")
     profiler = Profiler()
     session = open_session(
