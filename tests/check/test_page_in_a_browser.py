@@ -53,6 +53,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "least"), [(360, 300), (400, 340), (800, 400), (1400, 700)])
 def test_findings_have_room_at_every_width(folder, width, least):
     harness = folder / f"look{width}.html"

@@ -32,6 +32,7 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_video_comes_out_with_every_frame_its_time_and_its_audio(files, tmp_path):
     run = nlens(
         files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4",
@@ -96,6 +97,7 @@ def read_channel(path, name):
         return np.array(file.channels()[name].pixels)
 
 
+@pytest.mark.slow
 def test_two_runs_give_the_same_bytes_of_picture(files, tmp_path):
     for name in ("a.mkv", "b.mkv"):
         run = nlens(
@@ -155,6 +157,7 @@ def test_variable_frame_rate_keeps_every_pts(files, tmp_path):
     assert [at for at, _ in shots.read_planes(tmp_path / "out.mkv")] == pts
 
 
+@pytest.mark.slow
 def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
     whole = nlens(
         files / "in.mp4", files / "anim.glb", tmp_path / "whole.mkv", "--codec", "ffv1",
@@ -222,6 +225,7 @@ def test_plan_names_nodes_backends_and_effects_and_writes_nothing(files, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["nut", "yuv4mpegpipe", "rawvideo"])
 def test_webcam_like_source_on_standard_input(files, tmp_path, form):
     """Frames come at 25 fps through a pipe, as a camera would send them."""
@@ -267,6 +271,7 @@ def feed(pipe, form, rgb, frames):
     pipe.close()
 
 
+@pytest.mark.slow
 def test_stream_on_standard_output_is_read_by_another_process(files, tmp_path):
     run = process(
         files / "in.mp4", files / "anim.glb", "-", "--fit", files / "fit.json", "-q",

@@ -100,7 +100,7 @@ CASES: list[Case] = []
 
 
 def case(run: Callable[[], Outcome]) -> Callable[[], None]:
-    """Enter `test_NAME` of `hard/THEME/` in the catalogue; its docstring is the claim."""
+    """Enter `test_NAME`, or a recorded `NAME`, of `hard/THEME/`; its docstring is the claim."""
     entry = Case(
         theme=Path(run.__code__.co_filename).parent.name,
         name=run.__name__.removeprefix("test_"),

@@ -58,13 +58,16 @@ def test_a_file_of_frames():
     return _of_file(stream.file(SHORT), SHORT)
 
 
+# Recorded runs: cases of the page, not tests.
+
+
 @case
-def test_a_loop_of_100_000_frames():
+def a_loop_of_100_000_frames():
     """The same over 100 000 frames, as `tests/hard/endurance/stream.py` recorded it."""
     return _of_loop(_long()["loop"], 100_000)
 
 
 @case
-def test_a_file_of_100_000_frames():
+def a_file_of_100_000_frames():
     """An hour of frames, likewise recorded: no tick lost, memory but for the file's index."""
     return _of_file(_long()["file"], 100_000)
