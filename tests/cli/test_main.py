@@ -111,6 +111,7 @@ def test_two_runs_give_the_same_bytes_of_picture(files, tmp_path):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
+@pytest.mark.slow
 def test_saved_fit_is_used_again_and_gives_the_same_picture(files, tmp_path):
     plate, glb = files / "plate.png", files / "anim.glb"
     first = nlens(plate, glb, tmp_path / "a.png", "--save-fit", tmp_path / "fit.json")
@@ -177,6 +178,7 @@ def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
         assert np.array_equal(a[0], b[0])
 
 
+@pytest.mark.slow
 def test_range_takes_the_sound_beside_its_frames_along(files, tmp_path):
     run = nlens(
         files / "long.mp4", files / "anim.glb", tmp_path / "part.mp4",

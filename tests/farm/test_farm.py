@@ -114,6 +114,7 @@ def test_signal_that_ends_a_run_is_heard_while_ray_runs_and_when_it_has_ended():
     assert (ran.returncode, ran.stdout) == (0, "True True\n"), ran.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_job_renders_only_what_is_missing(shot, whole):
     """With a plain loop in place of a cluster."""
@@ -182,6 +183,7 @@ def test_list_that_makes_no_sense_is_refused_in_one_line(text, says, tmp_path, c
     assert said.count("\n") == 1 and says in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("declared", "says"),
     [

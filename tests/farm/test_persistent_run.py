@@ -58,6 +58,7 @@ def same(found, expected):
             np.testing.assert_array_equal(plane, other)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
     shot, run, whole, tmp_path
@@ -78,6 +79,7 @@ def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
     same(shots.read_planes(shot / "out.mkv"), whole)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(run, tmp_path):
     bench = Worker()
@@ -122,6 +124,7 @@ def test_rest_of_a_chunk_is_not_rendered_once_a_piece_of_it_cannot_be_stored(run
     assert len(list(tmp_path.glob("[!.]*.nut"))) < len(pieces)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_path):
     parts = marks(run, (0, 6), (6, 10), (10, 14))

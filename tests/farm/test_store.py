@@ -106,6 +106,7 @@ def test_file_with_the_name_of_a_chunk_that_is_none_does_not_count(tmp_path):
     assert not Folder(tmp_path).has(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.needs_gl
 def test_shot_by_way_of_a_url_has_the_single_runs_bits_and_nothing_stays_here(

@@ -106,6 +106,7 @@ def same(first, second):
             np.testing.assert_array_equal(plane, also)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_merged_chunks_are_the_single_run_bit_for_bit(shot, whole, pieces):
     out = shot / "merged.mkv"
@@ -133,6 +134,7 @@ def test_exposure_followed_in_a_range_is_that_of_the_whole(shot, whole):
     assert (shots.read_planes(plain)[0][1][0] != shots.read_planes(part)[0][1][0]).any()
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("sun", [True, False])
 def test_every_effect_in_a_range_is_that_of_the_whole(shot, tmp_path, sun):
