@@ -75,7 +75,7 @@ def outliers(bent: Float64, limit: float, error: Float64 | float = 0.0) -> list[
 def steps(values: Float64, limit: float) -> list[tuple[int, float]]:
     """Where a series goes to another level within one frame: position and how far.
 
-    What comes back with the next frame is a jump (`pops`), not a step.
+    What comes back with the next frame is a jump (`outliers`), not a step.
 
     Args:
         values: (n,), NaN where there is none.

@@ -28,7 +28,7 @@ from nlens_video.video.chunks.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.reconnect import Reconnecting
-from nlens_video.video.input.seek import Sought, open_sought
+from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.input.source import Source, open_source
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def take_in(
     )
     session = _assembled(settings, source.info, profiler, frames, track)
     frames.on_skipped = session.executor.observe_skipped
-    if isinstance(source, Sought) and not session.graph.stateful:
+    if isinstance(source, SeekableSource) and not session.graph.stateful:
         frames.skip_to = source.skip_to
     return RunInput(
         source,
@@ -157,7 +157,7 @@ def opened(given: SourceSettings) -> Iterator[Source]:
     seekable = given.frames[0] > 0 and can_be_read_again(given.spec)
 
     def connect() -> Source:
-        return (open_sought if seekable else open_source)(given.spec, **given.hints)
+        return (open_seekable if seekable else open_source)(given.spec, **given.hints)
 
     def reconnecting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()

@@ -13,7 +13,7 @@ from support.clips import planes
 from nlens_video.cli.main import main
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.video.info import SourceFrame
-from nlens_video.video.input.seek import Sought, open_sought
+from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.input.source import open_source
 
 FRAMES = 180
@@ -98,7 +98,7 @@ def read(source, first, end, *, skip=False):
 @given(first=st.integers(1, FRAMES - 1), length=st.integers(1, 12))
 def test_range_that_is_sought_is_the_part_of_the_whole(clip, kind, first, length):
     path, (whole, _) = clip(kind)
-    found, left_out = read(open_sought(str(path)), first, first + length, skip=True)
+    found, left_out = read(open_seekable(str(path)), first, first + length, skip=True)
     expected = whole[first : first + length]
     assert [one[0] for one in found] == [one[0] for one in expected]
     for (_, pts, time, duration, samples), (_, at, moment, lasts, also) in zip(
@@ -113,7 +113,7 @@ def test_range_that_is_sought_is_the_part_of_the_whole(clip, kind, first, length
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if KINDS[kind][3] is not None])
 def test_frames_are_left_out_where_that_is_certain_and_nowhere_else(clip, kind):
     path, _ = clip(kind)
-    _, left_out = read(open_sought(str(path)), 150, 152, skip=True)
+    _, left_out = read(open_seekable(str(path)), 150, 152, skip=True)
     assert (left_out > 80) is KINDS[kind][3]
 
 
@@ -133,10 +133,10 @@ def packets(source, *, skip):
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".mov"])
 def test_sound_beside_a_range_that_is_sought_is_that_of_the_whole(suffix, tmp_path):
     path = shots.write_video(tmp_path / f"in{suffix}", 160, group=12)
-    jumping = open_sought(str(path))
-    before = jumping._now
+    jumping = open_seekable(str(path))
+    before = jumping._source
     sought = packets(jumping, skip=True)
-    assert jumping._now is not before
+    assert jumping._source is not before
     assert sought == packets(open_source(str(path)), skip=False) != []
 
 
@@ -149,7 +149,7 @@ def test_packets_without_times_are_not_sought(clip, tmp_path):
             if packet.size:
                 packet.stream = stream
                 made.mux(packet)
-    found, left_out = read(open_sought(str(bare)), 150, 152, skip=True)
+    found, left_out = read(open_seekable(str(bare)), 150, 152, skip=True)
     assert left_out == 0
     assert [one[4] for one in found] == [one[4] for one in whole[150:152]]
 
@@ -162,7 +162,7 @@ def test_packets_that_a_file_says_are_damaged_are_not_sought(clip, tmp_path):
     torn = tmp_path / "torn.ts"
     torn.write_bytes(data[:middle] + data[middle + 5 * 188 :])
     plain, _ = read(open_source(str(torn)), 140, 144)
-    found, left_out = read(open_sought(str(torn)), 140, 144, skip=True)
+    found, left_out = read(open_seekable(str(torn)), 140, 144, skip=True)
     assert left_out == 0 and found == plain
 
 
@@ -175,9 +175,9 @@ def test_range_is_sought_unless_a_stage_must_see_what_is_before_it(
     slide = {"start": (-0.3, 0.0, -1.6), "end": (0.3, 0.0, -1.4), "seconds": 5.2}
     shots.cube_glb(tmp_path / "anim.glb", **slide)
     shots.fit_json(tmp_path / "fit.json")
-    jumped, go_over = [], Sought._go_over_to
+    jumped, go_over = [], SeekableSource._switch_to
     monkeypatch.setattr(
-        Sought, "_go_over_to", lambda self, later: (jumped.append(1), go_over(self, later))
+        SeekableSource, "_switch_to", lambda self, later: (jumped.append(1), go_over(self, later))
     )
     words = [str(tmp_path / "in.mp4"), str(tmp_path / "anim.glb")]
     asked = ["--fit", str(tmp_path / "fit.json"), "--codec", "ffv1", "--effects", effects, "-q"]

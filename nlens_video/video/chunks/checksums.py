@@ -1,4 +1,4 @@
-"""Checksums of a file's packets, in one line behind its end, where players do not look."""
+"""Checksums of a file's packets, in a line appended after the container's last packet."""
 
 from __future__ import annotations
 

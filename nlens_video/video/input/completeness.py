@@ -1,4 +1,4 @@
-"""Whether a file that was read to its end holds as much as it says."""
+"""Detection of truncated files: the stated duration against the times of the packets."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Completeness:
         self._reached_s = self._longest_s = Fraction(0)
 
     def saw(self, packet: Packet) -> None:
-        """Take note of a packet."""
+        """Count a packet."""
         if packet.pts is None or not packet.time_base:
             return
         start_s = packet.pts * Fraction(packet.time_base)
@@ -50,7 +50,7 @@ class Completeness:
         self._reached_s = max(self._reached_s, end_s)
 
     def notes(self) -> tuple[str, ...]:
-        """What to say once the end was reached: a word on a file that is not whole."""
+        """A note where the file ended early; call once its end was reached."""
         if self._stated_s is None:
             return ()
         slack_s = max(self._stated_s * _SHARE, 2 * self._longest_s, _SLACK_S)

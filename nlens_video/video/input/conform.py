@@ -1,4 +1,4 @@
-"""Frames of a source that changes its size or pixel format on the way."""
+"""Conversion of frames of a source that changes its size or pixel format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What really stands before the object: mattes and depth maps, frame by frame."""
+"""Holdouts: mattes and depth maps of what occludes the object, frame by frame."""
 
 from __future__ import annotations
 

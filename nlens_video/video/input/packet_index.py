@@ -1,4 +1,4 @@
-"""Which packet holds which frame, and where a decoder can begin, without decoding."""
+"""Index of a file's packets: times of the frames and random access points, without decoding."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _REORDERED = 64
 """Packets that a frame may come later in a file than one that is shown after it, amply [1]."""
 Packet: TypeAlias = "av.Packet[VideoStream]"
 _IDR, _SLICES = 5, range(1, 6)
-"""Types of H.264's units."""
+"""H.264 NAL unit types: IDR slice, slices of any kind."""
 
 
 @dataclass(frozen=True, slots=True)
 class PacketIndex:
-    """The frames of a file, as its packets promise them.
+    """Frame times and random access points of a file.
 
     Attributes:
         pts: of the frames in the order in which they are shown [ticks].

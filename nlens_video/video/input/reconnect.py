@@ -1,4 +1,4 @@
-"""A camera or an address that is lost is opened again, and its time goes on."""
+"""Reopening of a lost device or URL; frame numbers and times continue."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _RETRY_S = 0.5
 
 
 class Reconnecting:
-    """A source that ends only when it stays away, or when it is closed.
+    """A source that is reopened when it ends, until it stays away or is closed.
 
     Frames keep counting. Where pictures were missing, time is missing as well: the first frame of
     another connection comes as much later as it came later by the clock, and what travels along
@@ -26,7 +26,7 @@ class Reconnecting:
 
     Args:
         connect: opens the source.
-        patience_s: how long a lost source is waited for [s].
+        patience_s: how long to wait for a lost source [s].
 
     Attributes:
         info: as the first connection gave it.
@@ -43,7 +43,7 @@ class Reconnecting:
         self._closed = threading.Event()
         self._connection = connect()
         self._damaged_before = 0
-        self._mishaps_before: tuple[str, ...] = ()
+        self._warnings_before: tuple[str, ...] = ()
         # from this connection's times to the output's [s], None until its first frame tells
         self._shift: Fraction | None = Fraction(0)
         self._waiting: list[Packet] = []  # for that
@@ -61,7 +61,7 @@ class Reconnecting:
 
     def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
-        return (*self._mishaps_before, *self._connection.warnings())
+        return (*self._warnings_before, *self._connection.warnings())
 
     def __enter__(self) -> Self:
         return self
@@ -127,7 +127,7 @@ class Reconnecting:
                     return False
                 continue
             self._damaged_before += self._connection.damaged
-            self._mishaps_before += self._connection.warnings()
+            self._warnings_before += self._connection.warnings()
             self._connection = again
             self._check(again.info)
             self._shift = None

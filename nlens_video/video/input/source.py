@@ -206,7 +206,7 @@ class AvSource:
         self._index = number
         for time in pts[:number]:
             self._clock.tick(time)
-        return not self._clock.resolve
+        return not self._clock.repaired
 
     def _decode(self) -> Generator[av.VideoFrame, None, None]:
         """The frames of the video stream; hands on the packets of the others."""
@@ -253,7 +253,7 @@ class AvSource:
 
     def warnings(self) -> tuple[str, ...]:
         """What happened so far that a person should know, beside the damaged packets."""
-        mended = self._clock.resolve
+        mended = self._clock.repaired
         frames = "frame" if mended == 1 else "frames"
         times = f"{mended} {frames} without a time stamp that makes sense: each follows the last"
         return (*self._conform.notes(), *((times,) if mended else ()), *self._ended_early)

@@ -1,4 +1,4 @@
-"""When a source's frames are shown, whatever its time stamps say."""
+"""Presentation times of a source, with missing and implausible time stamps repaired."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class SourceClock:
 
     Attributes:
         time_base: seconds per tick [s].
-        mended: frames whose own time was not kept [1].
+        repaired: frames whose own time was not kept [1].
     """
 
     def __init__(self, info: SourceInfo) -> None:
         self.time_base = info.time_base
-        self.resolve = 0
+        self.repaired = 0
         self._step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
         self._length_s = info.duration_s
         self._shift = 0
@@ -37,7 +37,7 @@ class SourceClock:
     def tick(self, pts: int | None) -> int:
         """The frame's pts [ticks], later than the one before."""
         if self._first is None:
-            self.resolve += pts is None
+            self.repaired += pts is None
             self._first = self._last = pts or 0
             return self._last
         self._last = self._after(pts)
@@ -46,14 +46,14 @@ class SourceClock:
     def _after(self, pts: int | None) -> int:
         following = self._last + self._step
         if pts is None:
-            self.resolve += 1
+            self.repaired += 1
             return following
         if self._is_leap(pts + self._shift):
             # one wrong time stamp, or all from here on: where the own ones fit they come back
             self._shift = 0 if not self._is_leap(pts) else following - pts
-            self.resolve += 1
+            self.repaired += 1
         elif pts + self._shift <= self._last:
-            self.resolve += 1
+            self.repaired += 1
         return max(pts + self._shift, self._last + 1)
 
     def _is_leap(self, pts: int) -> bool:

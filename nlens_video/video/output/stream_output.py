@@ -87,7 +87,7 @@ class StreamOutput:
 class _Pipe:
     """What FFmpeg writes to: an interrupt ends a write that a stalled reader blocks.
 
-    PyAV loses what is raised here, so the interrupt is left for `interrupts.look` to raise.
+    PyAV loses what is raised here, so the interrupt is left for `signals.check` to raise.
     """
 
     def __init__(self, pipe: BinaryIO) -> None:

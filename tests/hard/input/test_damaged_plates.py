@@ -202,7 +202,7 @@ def test_time_stamps_that_make_no_sense_are_mended_where_they_stand(stamps, time
 def test_a_time_stamp_far_beyond_the_stated_length_is_not_believed():
     ticking = clock(length_s=2.0)
     assert [ticking.tick(pts) for pts in (0, 40, 600_000, 120)] == [0, 40, 80, 120]
-    assert ticking.resolve == 2
+    assert ticking.repaired == 2
 
 
 stamps = st.lists(st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1), st.integers(0, 4000)))
