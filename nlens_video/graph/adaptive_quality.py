@@ -74,7 +74,7 @@ class BudgetControl:
         return self.levels[self.at]
 
     def observe(self, frame: int, level: str, total_ms: float) -> None:
-        """Take a frame's time into account.
+        """Account for the time of a frame.
 
         Args:
             frame: its index.
@@ -147,7 +147,7 @@ CROSSFADE_FRAMES = 8
 
 
 def check_level(preset: str) -> None:
-    """See that a preset has levels to step down to.
+    """Check that a preset has levels to step down to.
 
     Raises:
         UsageError: it is none of the levels, or the lowest.
@@ -204,18 +204,18 @@ class QualityExecutor:
         """Run one lane's nodes of a frame's level, and of the level that it comes from."""
         if not state.level:
             self._choose(state)
-        twin = state.crossfade
-        if twin is not None and lane == "composite":  # nothing is composited before this lane
-            twin.values.picture = state.frame.picture.copy()
+        previous = state.crossfade
+        if previous is not None and lane == "composite":  # nothing is composited before this lane
+            previous.values.picture = state.frame.picture.copy()
         self._executor.run(state, self.graphs[state.level].lane(lane))
-        if twin is None:
+        if previous is None:
             return
-        if not twin.started:
-            twin.values.fit = state.values.fit
-            twin.started = True
-        self._executor.run(twin, self.graphs[twin.level].lane(lane))
+        if not previous.started:
+            previous.values.fit = state.values.fit
+            previous.started = True
+        self._executor.run(previous, self.graphs[previous.level].lane(lane))
         if lane == "composite":
-            state.frame.picture.mix(twin.picture, twin.blend_weight)
+            state.frame.picture.mix(previous.picture, previous.blend_weight)
 
     def wrote(self, state: FrameState, timing: FrameTiming) -> None:
         """A frame is written: learn from its time."""

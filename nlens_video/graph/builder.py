@@ -1,4 +1,4 @@
-"""From a pipeline file and the run's context to a graph of ready nodes."""
+"""Builds the graph of a run from a pipeline file and the nodes' dependencies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Graph:
         summary: what it does.
         nodes: those that were built.
         left_out: name of each node that was not, and why.
-        notes: what stands in for something better, and why.
+        notes: fallbacks in use, and why.
     """
 
     pipeline: str
@@ -38,7 +38,7 @@ class Graph:
 
     @property
     def stateful(self) -> tuple[Node, ...]:
-        """The nodes that must see every frame of the source."""
+        """Nodes whose result depends on all earlier frames."""
         return tuple(node for node in self.nodes if node.stateful)
 
     @property
@@ -59,15 +59,15 @@ def build(
     fit_given: bool,
     built: Built | None = None,
 ) -> Graph:
-    """Make the nodes that this run calls for.
+    """Construct the nodes of the effects that are simulated.
 
     Args:
         pipeline: the file.
         effects: which effects are simulated.
-        context: what nodes are made from.
+        context: dependencies of the nodes.
         fit_given: whether the lens is known already; then nothing that finds it is built.
-        built: nodes of other graphs of the run, which are taken where name and options are the
-            same; gets those that are made.
+        built: nodes of other graphs of the run, shared where name and options are the same;
+            extended by new ones.
 
     Raises:
         UsageError: an option that a node cannot take.

@@ -10,12 +10,12 @@ from nlens_video.graph.pipeline_file import NodeSpec, PipelineFile
 
 PLATE = "plate"
 """Name of the source's frame in the diagram."""
-_UNDRAWN = ("frame", "frame_box", "following")  # what nearly every node takes from the plate
+_UNDRAWN = ("frame", "frame_box", "following")  # inputs of nearly every node
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A value on its way from one node to another.
+    """A value that flows from one node to another.
 
     Attributes:
         source: name of the node that writes it, or `PLATE`.
@@ -33,8 +33,8 @@ class Edge:
 def edges(pipeline: PipelineFile) -> Iterator[Edge]:
     """The edges, in the nodes' order.
 
-    A value that several nodes change passes through all of them in turn: each takes it from the
-    last one above. Alternatives, which write a value without taking it, all lead to its next user.
+    Operations on a value form a chain: each reads it from the last one above. Alternatives, which
+    write a value without reading it, all lead to its next reader.
     """
     writers: dict[str, list[str]] = {"picture": [PLATE]}
     changed: set[str] = set()
@@ -97,7 +97,7 @@ def _box(spec: NodeSpec) -> str:
 
 
 def _id(name: str) -> str:
-    """Mermaid takes a hyphen for the beginning of an arrow in places."""
+    """Identifier without hyphens, which Mermaid reads as arrows in places."""
     return name.replace("-", "_")
 
 

@@ -1,4 +1,4 @@
-"""What a scene calls for: the effects that this run simulates."""
+"""Decides which effects this run simulates, from the scene and the plate's first frames."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from nlens_video.scene.scene import Scene
 
 @dataclass(frozen=True, slots=True)
 class EffectPlan:
-    """Effects, what the plate showed of them, and its shutter."""
+    """Decisions on effects, their measurements on the plate, and the shutter."""
 
     decisions: tuple[Decision, ...]
     measured: Mapping[str, Measurement]
@@ -98,14 +98,14 @@ def decide_effects(
             measured.update(measure_plate(looked_for, pictures))
             if reads_shutter:
                 shutter = _read_shutter(shutter, pictures)
-    wanted = decide(requested, _circumstances(shot, shutter, measured))
+    wanted = decide(requested, _shot_facts(shot, shutter, measured))
     return EffectPlan(
         restrict_to_pipeline(wanted, there, pipeline.name, requested), measured, shutter
     )
 
 
 def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
-    """The shutter as the plate's own smear tells it, if it does."""
+    """The shutter as measured from the plate's motion blur, if that shows."""
     from nlens_video.effects.camera.shutter_angle import shutter_angle
 
     angle = shutter_angle(pictures)
@@ -114,7 +114,7 @@ def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
     return replace(assumed, angle_deg=angle, source="read off the plate's own smear")
 
 
-def _circumstances(
+def _shot_facts(
     shot: ShotContext, shutter: Shutter, measured: Mapping[str, Measurement]
 ) -> ShotFacts:
     """What the scene, as it is at first, calls for."""

@@ -1,4 +1,4 @@
-"""Runs a graph's nodes on each frame, and keeps what a shot has found out."""
+"""Executes a graph frame by frame; holds the lens of the shot."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHOT_PORTS = tuple(one.name for one in fields(ShotValues))
 
 @dataclass(frozen=True, slots=True)
 class CachedResult:
-    """What a node has computed on a frame, so that another graph need not compute it again."""
+    """A node's result with its arguments, for reuse by another graph on the same frame."""
 
     node: Node
     arguments: list[object]
@@ -38,8 +38,8 @@ class FrameState:
         frame: as the source gave it.
         values: of the ports.
         carried_fit: whether the lens was fitted on this frame.
-        started: whether the first lane has given it what the shot knew at that moment.
-        level: name of its graph where quality is held to a budget, else empty.
+        started: whether the first lane has set the lens as it was known at that moment.
+        level: name of its graph under adaptive quality, else empty.
         blend_weight: of its picture in the frame that is written, 0 to 1 [1].
         crossfade: the same frame by the level before, while one fades into the other.
         results: what its nodes have computed, kept where there is a crossfade.
@@ -68,7 +68,7 @@ class FrameState:
 
     @property
     def traced(self) -> bool:
-        """Whether the object leaves a trace on the ground: a shadow or a mirror image."""
+        """Whether the object has a shadow or a reflection on this frame."""
         return self.values.shadow is not None or self.values.reflection is not None
 
 
@@ -101,7 +101,7 @@ class GraphExecutor:
         self._live = live
 
     def pin_fit(self, fit: LensFit) -> None:
-        """Take a lens, in the pixels of this stream, and follow no change of it any more."""
+        """Use this lens, in pixels of this stream, from now on and ignore its changes."""
         self._track = self._live = None
         self.fit = fit
 
@@ -120,13 +120,13 @@ class GraphExecutor:
         return FrameState(frame, values)
 
     def observe_skipped(self, frame: StreamFrame) -> None:
-        """Show a frame before the range to stateful nodes: a part is as in the whole."""
+        """Run stateful nodes on a frame before the range, so that a range equals the whole."""
         for node in self.graph.stateful:
             node.run(frame.picture)
 
     def run(self, state: FrameState, nodes: tuple[Node, ...]) -> FrameState:
         """Run some nodes on one frame."""
-        if not state.started:  # later lanes must not see what later frames have found out
+        if not state.started:  # later lanes must not see a lens that later frames have changed
             self._give_lens(state)
             state.started = True
         for node in nodes:
@@ -137,10 +137,10 @@ class GraphExecutor:
         return state
 
     def find_lens(self, state: FrameState) -> LensFit | None:
-        """The lens of one frame, whatever is known already; None where the object is out of view.
+        """Fit the lens on one frame again; None where the object is out of view.
 
         Raises:
-            LensFitError: the frame does not tell.
+            LensFitError: the frame gives no usable fit.
         """
         for node in self.graph.find_lens:
             if node.runs_on(state.values):
@@ -176,13 +176,13 @@ class GraphExecutor:
             setattr(self.shot, node.writes, value)
 
     def _follow(self, state: FrameState, live: LiveLens) -> None:
-        """See whether the lens has changed, and take it a step on its way."""
+        """Refit where the plate's blur has changed; step towards the newest fit."""
         index = state.frame.index
         with self.profiler.timed(index, "watch"):
             due = live.needs_refit(index, state.frame.picture)
         if due:
             probe = self.begin_frame(state.frame)
-            with suppress(LensFitError):  # this frame does not tell: the lens stays as it is
+            with suppress(LensFitError):  # no usable fit on this frame: the lens stays
                 fit = self.find_lens(probe)
                 if fit is not None:
                     live.found(fit)

@@ -1,7 +1,7 @@
-"""Lanes: a stream passes through steps that overlap, one thread each, a few items between them.
+"""Pipeline parallelism: lanes on a thread each, with bounded queues between them.
 
-Order is kept, at most `depth` finished items wait before each lane, a
-fault in any lane surfaces at the consumer, and closing the stream ends every thread.
+Items stay in order, at most `depth` of them wait before each lane, a fault in any lane is raised at
+the consumer, and closing the stream ends every thread.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def run_workers(
 
 
 def run_in_thread(work: Callable[[], T]) -> T:
-    """Do something that may block in a read on a thread of its own, so that Ctrl-C is heard.
+    """Run a blocking call on a thread of its own, so that Ctrl-C still interrupts.
 
     Raises:
         Whatever the work raises.

@@ -1,4 +1,4 @@
-"""Kernels compiled, and networks loaded, while the source opens and the lens is looked for.
+"""Kernel warm-up in the background while the source opens and the lens is fitted.
 
 numba compiles a kernel when it is first called, some ten seconds for all of them after an
 installation, and reads it from its cache after that, a fraction of one. Nodes say what that is

@@ -1,4 +1,4 @@
-"""The last step: the blurred object over the plate, in the plate's own samples."""
+"""Compositing: the blurred object over the plate, behind foreground mattes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForegroundMatte:
-    """Something real before a layer, on a box of the frame; nothing is known beyond.
+    """Matte of a real thing in front of a layer, on a box of the frame.
 
     Attributes:
         box: where the arrays lie; inside the frame.
@@ -26,7 +26,7 @@ class ForegroundMatte:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Foreground:
-    """What hides the layers of one frame; None: nothing does.
+    """Foreground mattes of one frame; None: nothing in front.
 
     Attributes:
         before_object: what stands nearer than the object.

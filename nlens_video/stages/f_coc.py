@@ -43,7 +43,7 @@ class EstimateCoc:
         Args:
             picture: the plate.
             following: later frames of the same size; those that a still camera saw are averaged
-                with it against noise (`f_pool`).
+                with it against noise (`f_temporal_mean`).
         """
         working, used = to_working_size(picture.srgb(), self.pixel_aspect), 1
         if following:

@@ -1,4 +1,4 @@
-"""What the stages ask of their tools; the backends fulfil it, tests do so in three lines."""
+"""Protocols of the networks and renderers that stages call."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CocNetwork(Protocol):
 
 
 class ReblurNetwork(Protocol):
-    """A network that repairs what scatter cannot know: order inside the object."""
+    """Repairs the depth order inside the object, which the scatter ignores."""
 
     def __call__(self, defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
         """Repair one frame.
@@ -55,7 +55,7 @@ class ReblurNetwork(Protocol):
 
 
 class ViewRenderer(Protocol):
-    """Draws the object from wherever it is asked to."""
+    """Renders the object from any pinhole camera."""
 
     def render(
         self,
@@ -106,7 +106,7 @@ class ViewRenderer(Protocol):
 
 
 class BehindRenderer(Protocol):
-    """Draws what the object hides of itself."""
+    """Renders surfaces that the object hides of itself (depth peeling)."""
 
     def render_behind(
         self, front: ObjectLayer, region: Box, disparity_step: float

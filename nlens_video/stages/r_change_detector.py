@@ -1,6 +1,6 @@
-"""A cheap watch on the plate: does the lens still do what it did when it was fitted?
+"""Change detector for the lens: compares the plate's blur with that at the last fit.
 
-The estimate of the CoC costs a tenth of a second; this costs a few milliseconds. Patches on a grid
+Estimating the CoC takes a tenth of a second; this takes a few milliseconds. Patches on a grid
 are split in octaves of detail. Blur takes detail away octave by octave, whatever the light and the
 contrast, so the ratio between neighbouring octaves is what is watched: by rows of patches, since
 the depth of a ground, and so its blur, goes by rows; and by medians, so that what moves through
@@ -32,7 +32,7 @@ _FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """What a frame looks like to the watch.
+    """Signature of a frame's blur and light on a grid of patches.
 
     Attributes:
         ratios: log-ratios of neighbouring octaves (rows, columns, octaves - 1), nan where a patch
@@ -45,7 +45,7 @@ class Signature:
 
 
 def signature(picture: Picture) -> Signature:
-    """Look at a frame; it is left as it is."""
+    """Signature of a frame, which is not changed."""
     side = int(min(max(_PATCH_SHARE * picture.width, _SMALLEST_PX), _LARGEST_PX))
     side = min(side, picture.width, picture.height)
     patches = np.empty((side, side, _ROWS * _COLUMNS), np.float32)

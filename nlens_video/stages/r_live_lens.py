@@ -1,7 +1,7 @@
-"""A lens that changes while a stream runs: seen late, followed softly.
+"""Exponential smoothing of the lens fit on a live stream.
 
-A stream cannot be looked through beforehand, so a change is known only once it is there. The lens
-then moves towards the newest fit, a share of the way on each frame, and never jumps but at a cut.
+A live stream has no second pass, so a change is detected only after it occurred. The lens then
+moves towards the newest fit by a fixed share per frame, and jumps at cuts only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.stages.r_change_detector import CHANGED, Signature, changed, is_cut, signature
 
 EVERY = 3
-"""Frames from one look at the plate to the next."""
+"""Frames from one change detection to the next."""
 
 _SPACING_S = 0.2  # least time between two fits
 _SOFTNESS_S = 0.15  # after so much time two thirds of the way are done
@@ -81,5 +81,5 @@ class LiveLens:
         return self._now
 
     def describe(self) -> str:
-        """What a person should know of it."""
+        """A note for the user."""
         return f"the lens changes: followed by {self.fits} fits as they were found"

@@ -1,9 +1,9 @@
 """R: the linear lens model from the plate's CoC and the ground's disparity (paper, section 4.2).
 
 The paper turns the estimated, unsigned CoC into a signed one by a rule and fits a least-squares
-line on the footprint. Here the V itself is fitted, both sign branches competing (`v_fit`). The
-whole ground plane takes part under a loss that shrugs off what stands on it; the footprint, where
-virtual and real ground are known to coincide, is the anchor.
+line on the footprint. Here the V itself is fitted, both sign branches competing (`r_robust_v`). The
+whole ground plane takes part under a robust loss that rejects what stands on it; the footprint,
+where virtual and real ground are known to coincide, is the anchor.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class FitSamples:
 
     Attributes:
         disparity: of the ground plane [1 / scene unit].
-        coc_px: unsigned diameter that the estimate is evidence of (`r_evidence`) [px].
+        coc_px: unsigned diameter that the estimate is evidence of (`r_debias`) [px].
         sigma_px: its expected error [px].
         anchor: whether the sample lies in the footprint.
         weight: what the robust loss left of it, 0 to 1 [1].
@@ -218,12 +218,12 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
             "--fit FILE.json or --fallback constant"
         )
     patch = step * _CLUSTER_SAMPLES
-    said, error = values[use].astype(np.float64), sigma[use].astype(np.float64)
+    debiased, error = values[use].astype(np.float64), sigma[use].astype(np.float64)
     if coc.prior is not None:
-        said, error = remove_prior(said, error, coc.prior)
+        debiased, error = remove_prior(debiased, error, coc.prior)
     return FitSamples(
         disparity=disparity[use].astype(np.float64),
-        coc_px=said,
+        coc_px=debiased,
         sigma_px=error,
         anchor=anchor[use],
         weight=np.ones(int(use.sum())),

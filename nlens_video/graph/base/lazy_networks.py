@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> ReblurNetwork:
-    """The ordering at depth steps, made by the first frame that has one.
+    """Depth ordering at CoC discontinuities, set up by the first frame that has one.
 
     Args:
         pixel_aspect: width of a pixel by its height [1].

@@ -1,4 +1,4 @@
-"""The object of a run: its light, and what renders it."""
+"""Sets up the object of a run: lighting, and renderer or layer reader."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlens_video.scene.scene_light import SceneLight
 
 
 def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:
-    """What a shadow is cast from: the posed scene, and its light.
+    """Geometry and lighting of the shadow: the posed scene, lights and environment map.
 
     Raises:
         InputError: the environment map cannot be read.
@@ -42,23 +42,23 @@ def open_object(
     Callable[[], AbstractContextManager[object]],
     Callable[[], tuple[str, ...]],
 ]:
-    """Open what gives the object's layers.
+    """Open the source of the object's layers.
 
     Args:
         objects: the object.
         scene: the GLB.
         view: the frame that sees it.
-        light: what a file tells of its light.
+        light: lights of the file and the environment map.
 
     Returns:
-        The source; what the render lane's thread must hold open; what a person should know.
+        The source; a context that the render lane's thread holds open; notes for the user.
 
     Raises:
         SceneError: there is no node of the footprint's name.
         InputError: the layers cannot be read.
     """
     if objects.footprint is not None:
-        scene.triangles(0.0, objects.footprint)  # a wrong name speaks up before the run
+        scene.triangles(0.0, objects.footprint)  # reports a wrong name before the run
     if objects.layers is not None:
         from nlens_video.video.exr import LayerReader
 

@@ -1,4 +1,4 @@
-"""Where the object's layers come from: rendered here, read from files in `prerendered`."""
+"""Sources of the object's layers: rendered from the GLB here, read from files in `prerendered`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScreenBounds:
-    """The object at one moment, known to be near the frame.
+    """Camera, screen bounds and depth range of the object at one moment.
 
     Attributes:
         time_s: moment of the animation [s].
@@ -72,8 +72,8 @@ class ScreenBounds:
         box: the object's bounds on the frame's pixel grid; may reach beyond the frame.
         nearest: least depth of the object in front of the camera [scene unit].
         farthest: greatest depth [scene unit].
-        layer: the picture of it, where it was read rather than rendered.
-        plate_light: lights it where its file does not, None for a plausible light.
+        layer: the object's layer, where it was read rather than rendered.
+        plate_light: lighting estimated from the plate, None for a default light.
     """
 
     time_s: float
@@ -150,11 +150,11 @@ def choose_camera(
 
 
 class ObjectSource(Protocol):
-    """Gives the object's place, geometry and picture on each frame."""
+    """Bounds, geometry and rendering of the object on each frame."""
 
     @property
     def description(self) -> str:
-        """What makes the layers, in words."""
+        """The source in one phrase."""
         ...
 
     def locate(self, index: int, time_s: float) -> ScreenBounds | None:
@@ -210,7 +210,7 @@ class RenderedObject:
 
     @property
     def description(self) -> str:
-        """What makes the layers, in words."""
+        """The source in one phrase."""
         return self.renderer.description
 
     def camera(self, time_s: float) -> Camera:

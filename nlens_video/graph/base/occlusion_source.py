@@ -1,4 +1,4 @@
-"""Where it is known from what really stands before the object: a file, or the plate's own blur."""
+"""Sources of foreground occlusion: a matte or depth file, or the plate's CoC."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class OcclusionFile:
 
     @property
     def description(self) -> str:
-        """What tells it, in words."""
+        """The source in one phrase."""
         return self.reader.description
 
     def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
@@ -35,17 +35,17 @@ class OcclusionFile:
 
 @dataclass(frozen=True, slots=True)
 class OcclusionFromCoc:
-    """The plate's CoC, estimated on each frame anew: what stands in front may move."""
+    """The plate's CoC, estimated on every frame, since the foreground may move."""
 
     load: Callable[[], Estimator]
 
     @property
     def description(self) -> str:
-        """What tells it, in words."""
+        """The source in one phrase."""
         return "F: CoC network on each frame, onnxruntime on the CPU"
 
     def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
-        """The CoC of a frame, of that one alone: the fit's may be the mean of several."""
+        """CoC map of this frame alone; that of the lens fit may be of a mean of several."""
         if plate_coc is not None and plate_coc.frames == 1:
             return plate_coc
         return self.load()(picture, ())
@@ -54,13 +54,13 @@ class OcclusionFromCoc:
 def open_occlusion_source(
     real: RealSettings, size: tuple[int, int], load: Callable[[], Estimator], *, asked_for: bool
 ) -> OcclusionSource | None:
-    """What tells of things in front.
+    """Open the source that the options call for.
 
     Args:
-        real: what the user says of them.
+        real: the options on occlusion.
         size: width and height of the plate [px].
-        load: gives F.
-        asked_for: whether the effect is asked for by name: then the plate tells, if nothing else.
+        load: loads F.
+        asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
 
     Raises:
         InputError: the holdout cannot be read.

@@ -1,4 +1,4 @@
-"""Objects that come as pictures; their GLB still gives camera, ground and footprint."""
+"""Pre-rendered objects: OpenEXR layers, with camera, ground and footprint of their GLB."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from nlens_video.graph.base.object_source import ScreenBounds, View
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 
-_TRACE = 2.0**-24  # of alpha: less than any code or float of the plate tells
+_TRACE = 2.0**-24  # alpha below the precision of any plate
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class PrerenderedObject:
         return self.view.camera_at(self.scene, time_s)
 
     def places(self, time_s: float) -> Float64 | None:
-        """Not known from a picture."""
+        """Unknown for pre-rendered layers."""
         return None
 
     def travel_bound_px(self, moments: Sequence[float]) -> float:
-        """Not known from a picture."""
+        """Unknown for pre-rendered layers."""
         return math.inf
 
     def locate(self, index: int, time_s: float) -> ScreenBounds | None:

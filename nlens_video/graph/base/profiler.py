@@ -1,4 +1,4 @@
-"""Every node of every frame timed: each row goes to whoever asked, memory stays the same."""
+"""Times of each node on each frame, streamed row by row in constant memory."""
 
 from __future__ import annotations
 

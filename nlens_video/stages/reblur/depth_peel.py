@@ -1,7 +1,6 @@
-"""What the object hides of itself, where the lens looks around its nearest surfaces.
+"""Depth peeling (Everitt 2001): the second layer of surfaces, which parts of the lens see.
 
-One view does not show it, so it is drawn: a depth-peeled second layer (Everitt 2001), which begins
-as far behind the first as makes a step of the CoC.
+The second layer begins where its CoC differs from that of the first by a visible step.
 """
 
 from __future__ import annotations
