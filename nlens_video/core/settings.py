@@ -1,4 +1,4 @@
-"""What one run was asked for: the only thing that the command line hands on."""
+"""Settings of one run: what the command line, parsed, hands to the rest of the program."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class SourceSettings:
         input_format: FFmpeg's name of the format, None to detect it.
         input_size: (width, height) of raw video [px].
         input_rate: frames per second of raw video, stills and sequences [1/s].
-        input_transfer: name in `color.TRANSFERS` to take instead of what the plate is tagged with.
+        input_transfer: name in `color.TRANSFERS` that replaces the plate's tag.
         frames: first index and the one past the last, None for an open end.
-        reconnect_s: how long a device or URL that is lost is waited for, 0 not at all [s].
+        reconnect_s: how long to try to open a lost device or URL again, 0 not at all [s].
     """
 
     spec: str
@@ -44,13 +44,13 @@ class SourceSettings:
 
     @property
     def one_frame(self) -> bool:
-        """Whether one frame is asked for."""
+        """Whether `frames` is one frame."""
         first, end = self.frames
         return end == first + 1
 
     @property
     def hints(self) -> dict[str, str | None]:
-        """What is said about the input beside its name, as `video.source.open_source` takes it."""
+        """Keyword arguments of `video.input.source.open_source`."""
         size = f"{self.input_size[0]}x{self.input_size[1]}" if self.input_size else None
         return {
             "input_format": self.input_format,
@@ -68,8 +68,8 @@ class LightSettings:
         env: equirectangular map of the surroundings, None for none.
         env_rotation_deg: turn of the map about the up axis, counter-clockwise from above [deg].
         env_exposure_ev: brightness of the map in stops, 0 as it is [EV].
-        shadow_strength: 1 as the light has it, 0 none, up to 2; a number above 0 asks for a shadow
-            even where no light is known, None leaves that to `effects` [1].
+        shadow_strength: 1 as the light has it, 0 none, up to 2; above 0 the shadow is on even where
+            no light is known, None leaves that to `effects` [1].
     """
 
     env: Path | None = None
@@ -80,13 +80,13 @@ class LightSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealSettings:
-    """What the plate's own things do to the object.
+    """Occlusion of the object by the plate, and its reflection in the plate's ground.
 
     Attributes:
-        holdout: matte or depth of what stands in front of the object, None for none.
-        occlusion: `auto` finds that by the plate's blur; `none` does not.
+        holdout: matte or depth of the foreground, None for none.
+        occlusion: `auto` estimates the foreground from the plate's CoC; `none` does not.
         reflectance: share of the light that the ground mirrors seen from straight above, 0 to 1;
-            None where nothing is said of it: then 0, or `REFLECTANCE` where `--effects` asks [1].
+            None for 0, or `REFLECTANCE` where `effects` names the reflection [1].
     """
 
     holdout: str | None = None
@@ -104,10 +104,10 @@ class ObjectSettings:
         layers: pattern of pre-rendered EXR layers, None to render the GLB.
         ground_y: height of the ground plane in the GLB's world, None to find it [scene unit].
         playback: which of its animations play, and when.
-        placing: where it stands in the frame, None where its own camera tells.
-        footprint: name of the node whose footprint finds the lens, None for all that is drawn.
+        placing: where it stands in the frame, None to use the GLB's camera.
+        footprint: name of the node under which the lens is fitted, None for the whole object.
         light: what lights it, and its shadow.
-        real: what the plate's own things do to it.
+        real: occlusion and reflection.
         scene: name or number of the file's scene, None for its default one.
         fov_deg: field of view across the frame's width of a placed object, None to find it [deg].
     """
@@ -132,7 +132,7 @@ class PlaceSettings:
     Attributes:
         source: the plate.
         scene: the object.
-        start: the place round which choices are shown.
+        start: the placement that is varied.
         output: the contact sheet, a PNG.
     """
 
@@ -151,7 +151,7 @@ class OutputSettings:
         codec: FFmpeg's name of the encoder.
         crf: quality of encoders that have such a number.
         pix_fmt: FFmpeg's name of the pixel format.
-        keep_partial: whether an interrupted run leaves a playable part under its temporary name.
+        keep_partial: whether an interrupted run leaves a playable partial file.
     """
 
     spec: str
@@ -171,18 +171,18 @@ class Settings:
         output: the result; None for runs that write no picture (`fit`, `--plan`).
         preset: shipped pipeline's name or path of a pipeline file.
         effects: as `EffectRequest.parse` reads it, such as `auto,+shadow,-grain`.
-        budget_ms: what a frame may cost [ms].
-        hold_budget: whether quality steps down and up to keep it.
-        late: what happens to frames that come faster than they are made.
+        budget_ms: frame budget [ms].
+        hold_budget: whether quality adapts to keep the budget.
+        late: what happens to frames of a live source that come too fast.
         device: where networks and kernels run.
         aperture: shape of the lens' aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
-        optics: what is known of the lens beside its focus.
+        optics: known vignetting and distortion.
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
-        fallback: what stands in for a fit that fails.
-        track_focus: whether a lens that changes is followed: when the plate shows it, never, or
-            every so many frames.
+        fallback: what replaces a fit that fails.
+        track_focus: when the lens is fitted again: when the plate shows a change, never, or every
+            so many frames.
         report: folder of the HTML report.
         aov: folder of the EXR layers of each frame.
         timings: file of the timing rows.

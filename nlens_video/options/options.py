@@ -107,7 +107,7 @@ def parser_of(command: str) -> Parser:
 
 
 def _add_options(parser: argparse.ArgumentParser, command: str) -> None:
-    """Declare a command's rows of the table, in groups as there."""
+    """Declare a command's rows of the table, in the table's groups."""
     exclusive: dict[str, argparse._MutuallyExclusiveGroup] = {}
     for title, rows in OPTIONS.items():
         own = [option for option in rows if command in option.commands]

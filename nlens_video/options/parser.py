@@ -51,7 +51,7 @@ class Parser(argparse.ArgumentParser):
         args: Sequence[str] | None = None,
         namespace: Any = None,  # noqa: ANN401  as argparse declares it
     ) -> tuple[Any, list[str]]:
-        """Name the nearest option of one that is not known, before anything else is said."""
+        """Report unknown options, with the nearest one that exists, before any other error."""
         words = list(sys.argv[1:] if args is None else args)
         if self._subparsers is None:
             self._check_options(words)
@@ -79,9 +79,9 @@ class Parser(argparse.ArgumentParser):
         return [name for name in self._option_string_actions if name.startswith("--")]
 
     def _joined(self, words: list[str]) -> list[str]:
-        """Words of which a value that begins with a minus is one with its option: `--at=-0.1,0.5`.
+        """Join a value that begins with a minus to its option: `--at=-0.1,0.5`.
 
-        argparse takes it for an option unless it is a plain number.
+        argparse takes such a value for an option unless it is a plain number.
         """
         joined: list[str] = []
         for at, given in enumerate(words):
@@ -99,11 +99,11 @@ class Parser(argparse.ArgumentParser):
         return joined
 
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
-        """Help and version, whose reader may have gone: early versions of 3.11 let that escape."""
+        """Print help or version; a closed pipe is no error (early 3.11 versions raise)."""
         print_out(message, cast("TextIO | None", file))
 
     def format_help(self) -> str:
-        """All of it, or what is used often and fits on a screen."""
+        """All options, or the short help."""
         if not self.often:
             return super().format_help()
         formatter = HelpFormatter(self.prog)

@@ -24,7 +24,7 @@ from nlens_video.options.table import ROWS
 
 _FEEDS = {option.feeds: option.attribute for option in ROWS if option.feeds}
 _START = Placement(at=(0.5, 0.8), size=0.35, horizon=0.4)
-"""What `place` shows where nothing is said."""
+"""The placement that `place` varies where no option gives one."""
 
 
 def settings(args: argparse.Namespace) -> Settings:
@@ -55,7 +55,7 @@ def output_settings(args: argparse.Namespace) -> OutputSettings:
 
 
 def lens_overrides(args: argparse.Namespace) -> LensOverrides:
-    """What is known of the lens beside its focus."""
+    """Known vignetting and distortion."""
     return LensOverrides(**_given(args, "optics"))
 
 
@@ -70,7 +70,7 @@ def object_settings(args: argparse.Namespace) -> ObjectSettings:
         if field in light and "env" not in light:
             raise UsageError(f"--env-{name} needs a map; give --env-map MAP.hdr too")
     if "holdout" in real and real["occlusion"] == "auto":
-        raise UsageError("--holdout tells what is in front; leave --occlusion auto out")
+        raise UsageError("--holdout gives the foreground; leave --occlusion auto out")
     return ObjectSettings(
         **_given(args, "scene"),
         playback=Playback(**_given(args, "playback")),

@@ -5,11 +5,10 @@ from support.command import nlens, one_line
 
 from nlens_video.graph.pipeline_file import shipped_pipelines
 
-FORMER = """\
-[[node]]
-name = "locate"
-stage = "locate"
-"""
+FORMER = "".join(
+    f'[[node]]\nname = "{name}"\nstage = "{name}"\ninputs = []\noutput = "any"\n'
+    for name in ("locate", "render", "sharp", "composite")
+)
 
 
 @pytest.mark.parametrize("preset", shipped_pipelines())
@@ -34,3 +33,14 @@ def test_what_is_no_pipeline_is_one_line(tmp_path):
     assert "'fast' is not one of" in one_line(nlens("graph", "fast"), 2)
     (tmp_path / "own.toml").write_text("nodes = 3\n")
     assert "no list 'nodes'" in one_line(nlens("graph", tmp_path / "own.toml"), 2)
+
+
+def test_a_file_of_the_former_form_is_printed_with_a_note(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(FORMER)
+    run = nlens("graph", own)
+    assert run.returncode == 0 and "object_bounds" in run.stdout, run.stderr
+    assert (
+        run.stderr
+        == f"note   {own}: has the form before 1.0, which the next release no longer reads\n"
+    )

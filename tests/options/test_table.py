@@ -1,0 +1,45 @@
+"""The option table: every row reaches a setting, and every path it names exists in the settings."""
+
+import dataclasses
+
+import pytest
+
+from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.placement import Placement
+from nlens_video.core.playback import Playback
+from nlens_video.core.settings import (
+    LightSettings,
+    ObjectSettings,
+    OutputSettings,
+    RealSettings,
+    Settings,
+    SourceSettings,
+)
+from nlens_video.options.options import parser_of
+from nlens_video.options.table import COMMANDS, JOBS, ROWS
+
+OWNERS = {
+    "run": Settings, "source": SourceSettings, "output": OutputSettings, "scene": ObjectSettings,
+    "playback": Playback, "placing": Placement, "light": LightSettings, "real": RealSettings,
+    "optics": LensOverrides,
+}  # fmt: skip
+
+
+def test_every_option_feeds_a_field_that_its_settings_have():
+    for option in ROWS:
+        owner, _, field = option.feeds.partition(".")
+        if owner:
+            assert field in {one.name for one in dataclasses.fields(OWNERS[owner])}, option.names
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, JOBS])
+def test_every_default_is_one_that_the_option_takes(command):
+    for action in parser_of(command)._actions:
+        if action.choices and action.option_strings and action.default is not None:
+            assert action.default in action.choices, action.dest
+
+
+def test_no_command_has_an_option_name_twice():
+    for command in (*COMMANDS, JOBS):
+        names = [name for row in ROWS if command in row.commands for name in row.flags]
+        assert len(names) == len(set(names)), command
