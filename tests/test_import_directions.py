@@ -15,7 +15,7 @@ core
 kernels  kernels/scatter  kernels/reblur
 video  video/pixels  video/input  video/output  video/chunks
 scene/animation  scene/gltf  scene
-render/base  render/software  render/software/reference  render/opengl  render
+render/base  render/software  render/opengl  render
 stages  stages/reblur
 networks
 options

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from models.coc.textures import Photos
 from models.reblur.lens import CROP, GRID, Float32, Shape, pinhole, through_lens
 from models.reblur.shapes import CATEGORIES, draw_held_out, draw_object
-from nlens_video.kernels.reblur.coc_discontinuities import find_steps
+from nlens_video.kernels.reblur.coc_discontinuities import find_discontinuities
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.stages.reblur.depth_order import CHANNELS, candidates
 from nlens_video.stages.reblur.depth_order_repair import fade
@@ -92,7 +92,7 @@ def split_maps(
 def make_maps(shapes: list[Shape], views: int) -> dict[str, Float32] | None:
     """What the network reads and what is true; None where next to nothing is hidden."""
     rgba, coc = pinhole(shapes)
-    steps = find_steps(rgba, coc)
+    steps = find_discontinuities(rgba, coc)
     if steps is None:
         return None
     edge = (GRID - CROP) // 2

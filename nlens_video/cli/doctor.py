@@ -119,13 +119,13 @@ def _coc_network() -> str:
 def _kernel() -> str:
     import numpy as np
 
-    from nlens_video.kernels import cache_folder
+    from nlens_video.kernels import numba_config
     from nlens_video.kernels.scatter.scatter import scatter
 
     out = scatter(np.ones((9, 9, 4), np.float32), np.full((9, 9), 3.0, np.float32))
     if not np.allclose(out, 1.0):
         raise RuntimeError("the compiled kernel gives wrong numbers; clear numba's cache")
-    return "; ".join(["compiled", *cache_folder.notes()])
+    return "; ".join(["compiled", *numba_config.cache_notes()])
 
 
 def _pipelines() -> str:

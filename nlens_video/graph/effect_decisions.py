@@ -21,7 +21,7 @@ from nlens_video.effects.planner import (
 from nlens_video.graph.base.context import ShadowScene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.pipeline_file import PipelineFile
-from nlens_video.scene.irradiance import reaches
+from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 
 

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from nlens_video.graph.builder import Graph
-from nlens_video.kernels import cache_folder
+from nlens_video.kernels import numba_config
 
 _WORTH_SAYING_S = 2.0
 
@@ -35,7 +35,7 @@ class KernelWarmup:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a person should know: where kernels are kept, that compiling took a while."""
-        where = cache_folder.notes()
+        where = numba_config.cache_notes()
         if where or self._seconds < _WORTH_SAYING_S:
             return where
         return (

@@ -1,10 +1,10 @@
-"""Hot loops. Beside each fast one stands a slow, obvious reference (`*_ref.py`) that defines it.
+"""Compiled kernels; the slow definition of each (`*_ref.py`) stands beside it.
 
-A blurred object is its sharp layer scattered: every pixel spreads over the disc of confusion that
-the lens makes of it (`scatter`), with weights that are exact areas (`disc`). The pixels around the
-object take part as a transparent background with the object's own CoC (`extend`).
+An object is blurred by scattering its sharp layer: every pixel spreads over its disc of confusion
+(`scatter`), with exact areas as weights (`disc`). Pixels around the object take part as a
+transparent background with the object's own CoC (`extend`).
 """
 
-from nlens_video.kernels import cache_folder
+from nlens_video.kernels import numba_config
 
-cache_folder.settle()
+numba_config.settle_cache()

@@ -1,16 +1,29 @@
-"""How the rasteriser's kernels are compiled.
+"""Numba options of the compiled kernels, and the folder of numba's cache.
 
-Without reference counting: they allocate nothing, their callers hold the arrays, and counting the
-arrays of a tuple up and down at each call took three quarters of the time.
+Kernels of `kernel` and `inlined` are compiled without reference counting: they allocate nothing,
+their callers hold the arrays, and counting the arrays of a tuple at each call took three quarters
+of the time.
+
+Compiled kernels are cached beside their module or in the user's cache folder (`~/.cache/numba`). In
+a container, a service or a shared installation neither may be writable, and numba then refuses to
+compile. `settle_cache` falls back to a private folder for temporary files: numba loads its cache as
+a pickle, that is as code, so no other user may write there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numba
 import numpy as np
 from numba import njit
+from numba.core.dispatcher import Dispatcher
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _COMMON: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
@@ -72,3 +85,85 @@ def floor(value: float) -> float:
 def truncated(value: float) -> int:
     """A number without its fraction, as an index."""
     return np.int64(np.int32(value))  # type: ignore[return-value]
+
+
+ENOUGH = 64 << 20
+"""Free space that a folder must have; the kernels take about 10 MB [bytes]."""
+
+_notes: list[str] = []
+
+
+def settle_cache() -> None:
+    """Let numba keep kernels where that can be done; call it before any of them is declared."""
+    if _numba_finds_a_place():
+        return
+    folder = next(_private_folders(), None)
+    if folder is None:
+        # numba has no switch for this
+        Dispatcher.enable_caching = _keep_nothing  # type: ignore[method-assign, assignment]
+        _notes.append(
+            "kernels are not kept, so each run compiles them again: neither the package, "
+            "the home folder nor the temporary folder can be written; give NUMBA_CACHE_DIR"
+        )
+        return
+    numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]  # made when it is imported
+    _notes.append(
+        f"kernels are kept in {folder}, as neither the package nor the home folder can be "
+        "written; NUMBA_CACHE_DIR names another folder"
+    )
+
+
+def _numba_finds_a_place() -> bool:
+    named = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    if not named and not os.path.isabs(os.path.expanduser("~")):  # noqa: PTH111, PTH117
+        return False  # a user without a home: numba would make a folder named ~ where it is
+    try:
+        numba.njit(cache=True)(_no_kernel)
+    except RuntimeError:
+        return False
+    return True
+
+
+def _keep_nothing(dispatcher: Dispatcher) -> None:
+    """Stands for the method by which a kernel is given its cache."""
+
+
+def cache_notes() -> tuple[str, ...]:
+    """What a person should know: a folder that is not the usual one."""
+    return tuple(_notes)
+
+
+def _no_kernel() -> None:
+    """Stands for the kernels, which lie in the same folder."""
+
+
+def _private_folders() -> Iterator[Path]:
+    """Folders of this user alone, made where missing, with enough room."""
+    for parent in dict.fromkeys([_temporary_folder(), "/var/tmp", "/dev/shm"]):
+        if parent is None:
+            continue
+        folder = Path(parent) / f"nlens-video-{os.geteuid()}"
+        if _made_private(folder) and shutil.disk_usage(folder).free >= ENOUGH:
+            yield folder
+
+
+def _temporary_folder() -> str | None:
+    try:
+        return tempfile.gettempdir()
+    except FileNotFoundError:
+        return None
+
+
+def _made_private(folder: Path) -> bool:
+    """Whether the folder is there, is no link, is this user's, and nobody else may enter it."""
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return False
+    return (
+        stat.S_ISDIR(found.st_mode)
+        and found.st_uid == os.geteuid()
+        and not stat.S_IMODE(found.st_mode) & 0o077
+    )

@@ -1,7 +1,8 @@
-"""What part of the screen, and of depth, a posed scene takes up."""
+"""Screen-space and depth bounds of a posed scene."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +15,7 @@ from nlens_video.scene.camera import Camera
 from nlens_video.scene.posed import PosedScene
 
 if TYPE_CHECKING:
-    from nlens_video.scene.screen_projection import Lens
+    from nlens_video.scene.screen_projection import PinholeParams
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +46,7 @@ def extent(posed: PosedScene, camera: Camera) -> Extent:
     return Extent(low=(low_x, low_y), high=(high_x, high_y), nearest=nearest, farthest=farthest)
 
 
-def lens_of(camera: Camera, box: Box, near: float) -> Lens:
+def pinhole_params(camera: Camera, box: Box, near: float) -> PinholeParams:
     """A camera as the kernels read it, looking at a box of its frame.
 
     Args:
@@ -53,9 +54,9 @@ def lens_of(camera: Camera, box: Box, near: float) -> Lens:
         box: what becomes the picture.
         near: least depth that is drawn [scene unit].
     """
-    from nlens_video.scene.screen_projection import Lens
+    from nlens_video.scene.screen_projection import PinholeParams
 
-    return Lens(
+    return PinholeParams(
         axes=camera.camera_from_world[:3, :3],
         eye=camera.world_from_camera[:3, 3],
         fx=camera.fx,
@@ -71,29 +72,44 @@ def lens_of(camera: Camera, box: Box, near: float) -> Lens:
 @lru_cache(maxsize=4)  # most cameras stand still
 def _numbers(camera: Camera) -> Float64:
     """A camera as the kernels read it, looking at its whole frame (17,)."""
-    return lens_of(camera, Box(0, 0, camera.width, camera.height), 0.0).numbers()
+    return pinhole_params(camera, Box(0, 0, camera.width, camera.height), 0.0).numbers()
 
 
 def misses(points: Float64, camera: Camera, box: Box) -> bool:
-    """Whether all that lies in the hull of points (N, 3) is certain to miss a box of the frame."""
-    from nlens_video.scene import screen_projection
+    """Whether the convex hull of world points (N, 3) certainly projects outside a box of the frame.
 
-    corners = (float(end) for end in (box.x0, box.y0, box.x1, box.y1))
-    return bool(screen_projection.misses(points, _numbers(camera), *corners))
+    False where points lie on both sides of the camera plane: their hull may project anywhere.
+    """
+    seen = camera.to_camera(points)
+    before = seen[:, 2] < 0.0
+    if not before.all():
+        return len(points) > 0 and not before.any() and not np.isnan(seen).any()
+    x, y = camera.pixels(seen).T
+    if not len(points) or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return False
+    return bool(x.min() > box.x1 or y.min() > box.y1 or x.max() < box.x0 or y.max() < box.y0)
 
 
 def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
-    """What no point of a body moves more than on the screen, as a sum over its moments [px].
+    """Upper bound of the screen-space path length of any point of a body [px].
+
+    With x / z the projection, x1 / z1 - x0 / z0 = ((x1 - x0) - x0 / z0 (z1 - z0)) / z1; each factor
+    is bounded by its maximum over all points.
 
     Args:
         points: in the world (N, 3) at each moment, of which every point of the body is the same
-            mean at all of them [scene unit].
+            convex combination at all of them [scene unit].
         cameras: of each moment, of the same focal length.
 
     Returns:
-        The bound; infinite where a point is not before the camera.
+        The bound; infinite where a point does not lie in front of the camera.
     """
-    from nlens_video.scene.screen_projection import travel
-
-    lenses = np.array([_numbers(camera) for camera in cameras])
-    return float(travel(np.array(points), lenses))
+    pairs = zip(points, cameras, strict=True)
+    seen = np.array([camera.to_camera(moment) for moment, camera in pairs])
+    depth = -seen[..., 2]
+    if not (np.isfinite(seen).all() and (depth > 0.0).all()):
+        return math.inf
+    slope = np.abs(seen[..., :2] / depth[..., None]).max(axis=(0, 1))
+    way = np.abs(np.diff(seen, axis=0)).max(axis=1)
+    moved = (way[:, :2] + slope * way[:, 2:]) / depth.min()
+    return float(np.hypot(cameras[0].fx * moved[:, 0], cameras[0].fy * moved[:, 1]).sum())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.gltf.lights import Light, PosedLight
 
@@ -107,3 +108,127 @@ def _tint(color: Float64) -> Float64:
     """Colour of the light behind a mean colour (3,): half its hue is taken for the surfaces'."""
     hue = np.sqrt(np.maximum(color, 1e-4))
     return np.asarray(hue / (hue @ LUMINANCE))
+
+
+_AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
+_UP = np.array([0.0, 1.0, 0.0])
+
+
+def reaches(lamp: Lamp, ground_y: float) -> bool:
+    """Whether a lamp shines on a ground of that height from above."""
+    if lamp.posed.light.kind == "directional":
+        return bool(lamp.posed.direction[1] < 0.0)
+    return bool(lamp.posed.position[1] > ground_y)
+
+
+def from_lamp(lamp: Lamp, ground: Float64) -> Float64:
+    """Irradiance (..., 3) of ground points (..., 3) by a lamp, as if nothing hid it."""
+    light, direction = lamp.posed.light, lamp.posed.direction
+    color = np.array(light.color) * light.intensity
+    if light.kind == "directional":
+        return np.broadcast_to(color * max(0.0, -float(direction[1])), ground.shape)
+    toward = lamp.posed.position - ground
+    distance2 = np.maximum((toward**2).sum(axis=-1), np.finfo(np.float64).tiny)
+    unit = toward / np.sqrt(distance2)[..., None]
+    strength = np.maximum(unit[..., 1], 0.0) / distance2
+    if light.range is not None:
+        strength = strength * np.clip(1.0 - (distance2 / light.range**2) ** 2, 0.0, 1.0)
+    if light.kind == "spot":  # "Inner and Outer Cone Angles"
+        inner, outer = math.cos(light.inner_cone), math.cos(light.outer_cone)
+        part = (unit @ -direction - outer) / max(1e-3, inner - outer)
+        strength = strength * np.clip(part, 0.0, 1.0) ** 2
+    return np.asarray(strength[..., None] * color)
+
+
+def from_around(light: Illumination, ground: Float64) -> Float64:
+    """Irradiance (3,) of the ground at a point (3,) by all that is no lamp.
+
+    Where nothing is known of it, it is taken for a multiple of what the strongest lamp gives beyond
+    the others, which stand for such light. All together is white: a camera balances for that.
+    """
+    if light.ambient is not None:
+        return light.irradiance_around(_UP)
+    given = np.array([from_lamp(lamp, ground) for lamp in light.lamps]).reshape(-1, 3)
+    strengths = given @ LUMINANCE
+    strongest, all_ = float(strengths.max(initial=0.0)), float(strengths.sum())
+    around = _AROUND * max(0.0, 2.0 * strongest - all_)
+    return np.asarray(np.maximum(around + all_ - given.sum(axis=0), 0.0) * (around > 0.0))
+
+
+MAX_LAMPS = 32
+"""As many lights the object is drawn with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneLight:
+    """What a file and an environment map tell of the light on an object and its ground.
+
+    Where neither tells anything, the methods take what was estimated from the plate.
+
+    Attributes:
+        count: lights that the file has.
+        environment: a reduced environment map, which lights the object beside them.
+    """
+
+    count: int
+    environment: Illumination | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether a file tells the light; else the plate is asked."""
+        return self.count > 0 or self.environment is not None
+
+    @property
+    def note(self) -> Note:
+        """What lights the object, in words."""
+        found = []
+        if self.count:
+            found.append(f"the file's {self.count} light{'s' if self.count > 1 else ''}")
+        if self.environment is not None:
+            count = len(self.environment.lamps)
+            found.append(
+                f"the environment map ({count or 'no'} light{'' if count == 1 else 's'} of it, "
+                "the rest from around)"
+            )
+        if not found:
+            return Note(
+                "the file has no lights and there is no --env: level and tint of the light are "
+                "estimated from the plate, a key light from above is a guess",
+                NoteKind.LIGHTS_MISSING,
+            )
+        lamps = self.count + len(self.environment.lamps if self.environment else ())
+        text = f"lit by {' and '.join(found)}"
+        if lamps > MAX_LAMPS:
+            return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
+        return Note(text, NoteKind.INFORMATION)
+
+    def on_object(
+        self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
+    ) -> Illumination:
+        """What the object is rendered with.
+
+        Args:
+            lights: the file's, at this moment.
+            plate_light: estimated from the plate; None for a plausible light.
+        """
+        if not self.known:
+            return plate_light or Illumination.of_plate(None)
+        return self._joined(lights)
+
+    def on_ground(
+        self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
+    ) -> Illumination:
+        """What the object takes from the ground: no lamp whose direction is a guess.
+
+        Args:
+            lights: the file's, at this moment.
+            plate_light: estimated from the plate; None for a plausible light.
+        """
+        if self.known:
+            return self._joined(lights)
+        return Illumination((), self.on_object((), plate_light).ambient)
+
+    def _joined(self, lights: tuple[PosedLight, ...]) -> Illumination:
+        own = tuple(Lamp(light) for light in lights)
+        environment = self.environment or Illumination((), None)
+        return Illumination((*own, *environment.lamps)[:MAX_LAMPS], environment.ambient)

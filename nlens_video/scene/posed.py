@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -65,3 +67,24 @@ class PosedScene:
         lows = [mesh.positions.min(axis=0) for mesh in self.meshes]
         highs = [mesh.positions.max(axis=0) for mesh in self.meshes]
         return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
+
+
+Value = TypeVar("Value")
+_MOMENTS = 4  # the frame's own, and the shutter opening and closing
+
+
+@dataclass(slots=True)
+class MomentCache(Generic[Value]):
+    """What was computed for the last few moments, since several stages ask for them."""
+
+    _kept: dict[float, Value] = field(default_factory=dict)
+
+    def at(self, time_s: float, compute: Callable[[float], Value]) -> Value:
+        """The same object as before for a moment [s] that is known, else what `compute` gives."""
+        known = self._kept.get(time_s)
+        if known is None:
+            known = compute(time_s)
+            if len(self._kept) >= _MOMENTS:
+                self._kept.pop(next(iter(self._kept)), None)
+            self._kept[time_s] = known
+        return known

@@ -12,18 +12,16 @@ from nlens_video.core.layers import Float64
 from nlens_video.core.playback import ONCE, Playback
 from nlens_video.scene.animation.tracks import Animation
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.deform import Instance, Skin, read_skins
+from nlens_video.scene.deform import Hull, Instance, Skin, read_skins
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.animations import Animations, listed, read_animations
 from nlens_video.scene.gltf.document import Document, read_document
 from nlens_video.scene.gltf.lights import Light, pose_light, read_lights
 from nlens_video.scene.gltf.materials import read_materials
-from nlens_video.scene.gltf.meshes import Mesh, read_meshes
+from nlens_video.scene.gltf.meshes import TriangleMesh, read_meshes
 from nlens_video.scene.gltf.nodes import Hierarchy, read_hierarchy
 from nlens_video.scene.gltf.perspective import Perspective, read_cameras, rigid
-from nlens_video.scene.hull import Hull
-from nlens_video.scene.memo import Recent
-from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.posed import MomentCache, PosedScene
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
@@ -49,8 +47,8 @@ class Scene:
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
     _hull: Hull | None = field(init=False, default=None)
-    _moved: Recent[_Moved] = field(init=False, default_factory=Recent)
-    _posed: Recent[PosedScene] = field(init=False, default_factory=Recent)
+    _moved: MomentCache[_Moved] = field(init=False, default_factory=MomentCache)
+    _posed: MomentCache[PosedScene] = field(init=False, default_factory=MomentCache)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
     )  # the last camera, kept where it does not move
@@ -256,7 +254,10 @@ def _name_alternatives(document: Document, animations: Animations, playback: Pla
 
 
 def _instances(
-    document: Document, hierarchy: Hierarchy, meshes: tuple[Mesh, ...], skins: tuple[Skin, ...]
+    document: Document,
+    hierarchy: Hierarchy,
+    meshes: tuple[TriangleMesh, ...],
+    skins: tuple[Skin, ...],
 ) -> tuple[Instance, ...]:
     found: list[Instance] = []
     vertices = 0

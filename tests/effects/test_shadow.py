@@ -20,8 +20,14 @@ from nlens_video.effects.shadow.projection import Moment
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.lights import Light, PosedLight
-from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
-from nlens_video.scene.irradiance import from_around, from_lamp
+from nlens_video.scene.illumination import (
+    Illumination,
+    Lamp,
+    from_around,
+    from_lamp,
+    hemispheres,
+    sun,
+)
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -283,8 +289,8 @@ def test_meshes_with_inner_edges_folds_and_borders_leave_neither_gap_nor_spill()
 @pytest.mark.needs_truth
 @pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
 def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
+    from nlens_video.scene.illumination import SceneLight
     from nlens_video.scene.scene import Scene
-    from nlens_video.scene.scene_light import SceneLight
 
     folder = shared / "data" / "cycles" / "dev" / scene
     loaded = Scene.load(folder / "object.glb")

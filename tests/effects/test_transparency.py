@@ -22,8 +22,7 @@ from nlens_video.graph.base.object_source import RenderedObject, ScreenBounds, V
 from nlens_video.graph.nodes.shadow import CompositeShadow, ShadowNode, equal_values
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination, Lamp, sun
-from nlens_video.scene.scene_light import SceneLight
+from nlens_video.scene.illumination import Illumination, Lamp, SceneLight, sun
 from nlens_video.video.input.exr_source import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 

@@ -16,8 +16,8 @@ from nlens_video.effects.shadow.projection import Moment
 from nlens_video.evaluate.bench.case import case_of
 from nlens_video.evaluate.plates import load_plate
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.exr import write_layers
 from nlens_video.video.pixels.picture import ArrayPicture

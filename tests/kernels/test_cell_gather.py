@@ -6,8 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlens_video.core.layers import Box
-from nlens_video.kernels.reblur.cell_gather import LARGEST_RADIUS_PX, blur_cell, cell_reach
-from nlens_video.kernels.reblur.cell_gather_ref import blur_cell_ref
+from nlens_video.kernels.reblur.subaperture_gather import (
+    LARGEST_RADIUS_PX,
+    gather_subaperture,
+    subaperture_reach,
+)
+from nlens_video.kernels.reblur.subaperture_gather_ref import gather_subaperture_ref
 from nlens_video.kernels.scatter.scatter import scatter
 
 
@@ -21,7 +25,7 @@ def card(height=40, width=50, *, coc=4.0):
 
 def blurred(rgba, coc, target=None, **changes):
     whole = Box(0, 0, rgba.shape[1], rgba.shape[0])
-    return blur_cell(rgba, rgba[..., 3] > 0, coc, target or whole, **changes)
+    return gather_subaperture(rgba, rgba[..., 3] > 0, coc, target or whole, **changes)
 
 
 @settings(max_examples=15, deadline=None)
@@ -38,8 +42,8 @@ def test_kernel_gives_what_the_slow_definition_gives(
     coc = rng.uniform(-largest, largest, (height, width)).astype(np.float32)
     coc[~covered] = np.nan
     target = Box(-3, -2, width + 2, height + 3)
-    fast = blur_cell(light, covered, coc, target, pixel_aspect=pixel_aspect)
-    slow = blur_cell_ref(light, covered, coc, target, pixel_aspect=pixel_aspect)
+    fast = gather_subaperture(light, covered, coc, target, pixel_aspect=pixel_aspect)
+    slow = gather_subaperture_ref(light, covered, coc, target, pixel_aspect=pixel_aspect)
     np.testing.assert_allclose(fast, slow, atol=2e-5)
 
 
@@ -50,8 +54,8 @@ def test_kernel_gives_what_the_definition_gives_across_the_chunks_of_a_wide_row(
     coc = rng.uniform(-3.0, 3.0, (3, 140)).astype(np.float32)
     target = Box(0, 1, 140, 2)
     np.testing.assert_allclose(
-        blur_cell(light, covered, coc, target),
-        blur_cell_ref(light, covered, coc, target),
+        gather_subaperture(light, covered, coc, target),
+        gather_subaperture_ref(light, covered, coc, target),
         atol=2e-5,
     )
 
@@ -59,7 +63,7 @@ def test_kernel_gives_what_the_definition_gives_across_the_chunks_of_a_wide_row(
 @pytest.mark.parametrize("coc", [-16.0, -5.0, 1.5, 3.0, 8.0, 16.0])
 def test_a_card_of_one_coc_is_blurred_as_the_scatter_blurs_it(coc):
     rgba, cocs = card(coc=coc)
-    margin = cell_reach(abs(coc))
+    margin = subaperture_reach(abs(coc))
     wide = np.pad(rgba, ((margin, margin), (margin, margin), (0, 0)))
     other = scatter(wide, np.pad(cocs, margin))
     target = Box(0, 0, 50, 40).expanded(margin)
@@ -75,7 +79,7 @@ def test_what_is_in_focus_keeps_its_values():
 def test_alpha_is_one_inside_however_the_coc_varies_and_zero_out_of_reach():
     rgba, coc = card()
     coc[:] = np.random.default_rng(0).uniform(-8.0, 8.0, coc.shape)
-    reach = cell_reach(8.0)
+    reach = subaperture_reach(8.0)
     alpha = blurred(rgba, coc, Box(0, 0, 50, 40).expanded(reach + 3))[..., 3]
     inside = alpha[2 * reach + 3 : -2 * reach - 3, 2 * reach + 3 : -2 * reach - 3]
     np.testing.assert_allclose(inside, 1.0, atol=1e-5)

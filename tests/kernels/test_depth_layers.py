@@ -8,9 +8,9 @@ from nlens_video.kernels.reblur.coc_discontinuities import (
     FULL_STEP_PX,
     SPARE_PX,
     STEP_PX,
-    Hidden,
+    HiddenSurface,
     extend_nearest,
-    find_steps,
+    find_discontinuities,
 )
 from nlens_video.kernels.reblur.depth_layers import split_at_steps
 
@@ -29,17 +29,17 @@ def two_cards(near=12.0, far=2.0):
 def test_a_slope_has_no_step():
     rgba = np.ones((30, 30, 4), np.float32)
     coc = np.fromfunction(lambda y, x: 1.2 * x - 20, (30, 30)).astype(np.float32)
-    assert find_steps(rgba, coc) is None
+    assert find_discontinuities(rgba, coc) is None
 
 
 def test_the_silhouette_before_nothing_is_no_step():
     rgba, coc = two_cards(near=2.0)
-    assert find_steps(rgba, coc) is None
+    assert find_discontinuities(rgba, coc) is None
 
 
 def test_a_step_reaches_as_far_as_the_larger_disc_and_splits_half_way():
     rgba, coc = two_cards(near=10.0, far=4.0)
-    steps = find_steps(rgba, coc)
+    steps = find_discontinuities(rgba, coc)
     assert np.all(steps.split_px == 7.0)
     along = steps.inside_px[20]  # the near card's edges lie between columns 9, 10 and 29, 30
     assert along[9] == along[10] == pytest.approx(5.0 + SPARE_PX)
@@ -52,19 +52,19 @@ def hidden_from_column(rgba, first):
     seen = np.zeros_like(rgba)
     seen[10:30, first:30] = OPAQUE
     coc = np.where(seen[..., 3] > 0.0, np.float32(2.0), np.float32(0.0))
-    return Hidden(rgba=seen, coc_px=coc, front_rgba=rgba)
+    return HiddenSurface(rgba=seen, coc_px=coc, front_rgba=rgba)
 
 
 def test_a_steep_place_that_hides_nothing_is_no_step():
     rgba, coc = two_cards(near=12.0, far=2.0)
-    assert find_steps(rgba, coc, hidden_from_column(rgba, 30)) is None
+    assert find_discontinuities(rgba, coc, hidden_from_column(rgba, 30)) is None
 
 
 def test_a_step_fades_out_with_the_distance_to_what_it_hides():
     rgba, coc = two_cards(near=12.0, far=2.0)
     reaches = []
     for first in range(10, 22):
-        steps = find_steps(rgba, coc, hidden_from_column(rgba, first))
+        steps = find_discontinuities(rgba, coc, hidden_from_column(rgba, first))
         reaches.append(float(steps.inside_px[20, 10]))
     whole = int(BESIDE_PX) + 1
     assert reaches[:whole] == [reaches[0]] * whole and reaches[0] == 6.0 + SPARE_PX
@@ -75,7 +75,7 @@ def test_a_step_fades_out_with_the_distance_to_what_it_hides():
 def test_reach_grows_from_nothing_with_the_step():
     reaches = []
     for step in np.linspace(STEP_PX - 0.1, FULL_STEP_PX + 0.5, 30):
-        steps = find_steps(*two_cards(near=2.0 + step, far=2.0))
+        steps = find_discontinuities(*two_cards(near=2.0 + step, far=2.0))
         reaches.append(0.0 if steps is None else float(steps.inside_px.max()))
     assert reaches[0] == 0.0 and reaches[-1] > 5.0
     assert np.diff(reaches).min() >= 0.0 and np.diff(reaches).max() < 0.5
@@ -83,7 +83,7 @@ def test_reach_grows_from_nothing_with_the_step():
 
 def test_layers_hold_what_is_seen_of_each_and_the_back_goes_on_under_the_near_one():
     rgba, coc = two_cards()
-    layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
+    layers = split_at_steps(rgba, coc, find_discontinuities(rgba, coc))
     near = coc == 12.0
     assert layers.near_rgba[near] == pytest.approx(rgba[near], abs=1e-6)
     assert not layers.near_rgba[~near].any()
@@ -97,7 +97,7 @@ def test_nothing_goes_on_under_what_stands_before_nothing():
     rgba[:, :45][coc[:, :45] == 2.0] = 0.0  # only the near card is left …
     rgba[:, :5], coc[:, :5] = OPAQUE, 2.0
     rgba[:, 5:10], coc[:, 5:10] = OPAQUE, 2.0  # … and a strip behind its left side
-    layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
+    layers = split_at_steps(rgba, coc, find_discontinuities(rgba, coc))
     under = layers.back_rgba[20, 10:30, 3]
     assert under[0] > 0.7 and under[-1] < 0.2 and np.all(np.diff(under) < 0.05)
 
@@ -107,7 +107,7 @@ def test_antialiased_edges_of_the_near_layer_hold_their_own_light_only():
     near_light, far_light = np.float32([0.9, 0.1, 0.1, 1.0]), OPAQUE
     rgba[10:30, 10:30] = near_light
     rgba[10:30, 29] = 0.25 * near_light + 0.75 * far_light  # a quarter of its last column
-    layers = split_at_steps(rgba, coc, find_steps(rgba, coc))
+    layers = split_at_steps(rgba, coc, find_discontinuities(rgba, coc))
     assert layers.near_rgba[12:28, 29] == pytest.approx(
         np.tile(0.25 * near_light, (16, 1)), abs=1e-4
     )
@@ -119,9 +119,10 @@ def test_what_is_hidden_does_not_depend_on_the_cut():
     rng = np.random.default_rng(2)
     rgba, coc = two_cards()
     rgba[:, :45, :3] *= rng.random((40, 45, 1), dtype=np.float32)
-    whole = split_at_steps(rgba, coc, find_steps(rgba, coc), corner=(64, 128))
+    whole = split_at_steps(rgba, coc, find_discontinuities(rgba, coc), corner=(64, 128))
     part = split_at_steps(
-        np.ascontiguousarray(rgba[3:, 5:]), coc[3:, 5:], find_steps(rgba[3:, 5:], coc[3:, 5:]),
+        np.ascontiguousarray(rgba[3:, 5:]), coc[3:, 5:],
+        find_discontinuities(rgba[3:, 5:], coc[3:, 5:]),
         corner=(67, 133),
     )  # fmt: skip
     rim = (slice(10, 30), slice(10, 30))
@@ -153,7 +154,7 @@ def test_any_layer_splits_into_finite_parts_within_the_range_of_its_colours(seed
     rgba = alpha * np.float32(rng.random((height, width, 4)))
     rgba[..., 3:] = alpha
     coc = np.float32(rng.choice([-9.0, 0.0, 5.0, 5.5, 20.0], (height, width)))
-    steps = find_steps(rgba, coc)
+    steps = find_discontinuities(rgba, coc)
     if steps is None:
         return
     layers = split_at_steps(rgba, coc, steps)

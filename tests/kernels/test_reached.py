@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nlens_video.kernels.scatter.reached import normalise
+from nlens_video.kernels.scatter.normalize import normalise
 
 
 def test_remainders_of_a_running_sum_are_not_taken_for_light():

@@ -13,10 +13,10 @@ from support.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.core.layers import Box
 from nlens_video.kernels.scatter import (
-    barrel,
     extend,
     levels,
-    reached,
+    normalize,
+    optical_vignetting,
     scatter_rows,
 )
 from nlens_video.kernels.scatter.scatter import (
@@ -127,7 +127,9 @@ def test_a_steep_ramp_of_large_discs_gives_the_same_mirrored():
 
 
 @pytest.mark.parametrize(
-    "module", [barrel, extend, levels, reached, scatter_rows], ids=lambda module: module.__name__
+    "module",
+    [optical_vignetting, extend, levels, normalize, scatter_rows],
+    ids=lambda module: module.__name__,
 )
 def test_kernels_compile_in_no_number_of_another_file(module):
     # Their cache on disk would keep the old one after it changed there.

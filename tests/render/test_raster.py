@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.rasteriser import SIZE, drawn, random_block, resolved, surface, truth
 
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software import raster
-from nlens_video.render.software.filtering import sample
+from nlens_video.render.software import raster, reference_kernels
+from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.depth_resolve import resolve_depth
 from nlens_video.render.software.light import light
-from nlens_video.render.software.nearest import resolve_depth
-from nlens_video.render.software.reference import light_ref, texture_ref
-from nlens_video.render.software.texture import Atlas, Texture
+from nlens_video.render.software.texture_atlas import Atlas
+from nlens_video.render.software.texture_sampling import sample_texture
+from nlens_video.scene.gltf.images import Image
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.4, 2.0, 8.0]))
@@ -90,7 +90,9 @@ def test_light_is_that_of_the_specification_on_any_material():
     light(block, lamps, 3, np.zeros((0, 4), np.float32))
     added = fields[at.RED // at.WIDTH : at.RED // at.WIDTH + 3] - emitted
     suns = [(row[8:11].astype(float), row[:3].astype(float)) for row in lamps]
-    expected = np.array([light_ref.by_suns(surface(fields, i), suns) for i in range(at.WIDTH)]).T
+    expected = np.array(
+        [reference_kernels.lit_by_directional(surface(fields, i), suns) for i in range(at.WIDTH)]
+    ).T
     np.testing.assert_allclose(added, expected, rtol=2e-3, atol=2e-6)
 
 
@@ -107,7 +109,9 @@ def test_a_lamp_gives_what_a_sun_of_its_strength_there_would():
         offset = lamp[0, 4:7] + here.view * float(fields[at.DISTANCE // at.WIDTH, i])
         squared = float(offset @ offset)
         suns = [(offset / math.sqrt(squared), lamp[0, :3].astype(float) / squared)]
-        np.testing.assert_allclose(added[:, i], light_ref.by_suns(here, suns), rtol=3e-3, atol=2e-6)
+        np.testing.assert_allclose(
+            added[:, i], reference_kernels.lit_by_directional(here, suns), rtol=3e-3, atol=2e-6
+        )
 
 
 MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
@@ -120,18 +124,18 @@ def test_textures_are_filtered_and_wrapped_as_defined(wrap, least):
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
     for mag in (9728, 9729):
         atlas = Atlas.of(
-            [Texture(pixels=pixels, srgb=True, mag_filter=mag, min_filter=least, wrap=(wrap, wrap))]
+            [Image(pixels=pixels, srgb=True, mag_filter=mag, min_filter=least, wrap=(wrap, wrap))]
         )
         block, whole = at.new_block()
         fields, points = block.reshape(-1, at.WIDTH), slice(2, 62)  # part of a block
         fields[at.U // at.WIDTH : at.U // at.WIDTH + 2, points] = rng.uniform(-2.5, 3.5, (2, 60))
         changes = rng.normal(size=(4, 60)) * 10.0 ** rng.uniform(-3, 0, 60)
         fields[at.U_ACROSS // at.WIDTH : at.U_ACROSS // at.WIDTH + 4, points] = changes
-        sample(block, whole, (2, 62), (atlas.texels, atlas.levels, atlas.table), 0)
+        sample_texture(block, whole, (2, 62), (atlas.texels, atlas.levels, atlas.table), 0)
         for i in range(2, 62):
             u, v, ux, vx, uy, vy = fields[at.U // at.WIDTH : at.U // at.WIDTH + 6, i].astype(float)
             along = np.array([ux, vx]), np.array([uy, vy])
-            expected = texture_ref.sample(atlas, 0, (u, v), along)
+            expected = reference_kernels.sample_texture(atlas, 0, (u, v), along)
             got = fields[at.TEXEL_R // at.WIDTH : at.TEXEL_R // at.WIDTH + 4, i]
             assert got == pytest.approx(expected, abs=2e-4)
             assert not fields[at.TEXEL_R // at.WIDTH :, [0, 1, 62, 63]].any()
@@ -141,7 +145,7 @@ def test_srgb_is_decoded_before_levels_are_made():
     pixels = np.zeros((2, 2, 4), np.uint8)
     pixels[0], pixels[..., 3] = 255, 255
     atlas = Atlas.of(
-        [Texture(pixels=pixels, srgb=True, mag_filter=9729, min_filter=9987, wrap=(10497, 10497))]
+        [Image(pixels=pixels, srgb=True, mag_filter=9729, min_filter=9987, wrap=(10497, 10497))]
     )
     smallest = atlas.texels.reshape(-1, 4)[atlas.levels[-1, 0]]
     np.testing.assert_allclose(smallest, [32768, 32768, 32768, 65535], atol=1)

@@ -15,8 +15,7 @@ from nlens_video.core.layers import Box
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
-from nlens_video.scene.illumination import Illumination, hemispheres
-from nlens_video.scene.scene_light import SceneLight
+from nlens_video.scene.illumination import Illumination, SceneLight, hemispheres
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 

@@ -9,8 +9,7 @@ import pytest
 from nlens_video.core.errors import InputError
 from nlens_video.effects.planner import SHADOW, ShotFacts, decide
 from nlens_video.scene.environment import load_environment, reduce_environment
-from nlens_video.scene.illumination import Illumination
-from nlens_video.scene.scene_light import SceneLight
+from nlens_video.scene.illumination import Illumination, SceneLight
 
 
 def even(level=0.5, width=128):

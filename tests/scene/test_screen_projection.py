@@ -1,55 +1,67 @@
-"""What holds an object on the screen, against whole arrays of points."""
+"""Bounds on the screen of all that lies in the hull of some points."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nlens_video.core.layers import Box
-from nlens_video.scene import screen_projection, screen_projection_ref
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import lens_of
+from nlens_video.scene.extent import misses, travel_bound_px
+
+BOX = Box(-20, -20, 340, 220)
 
 
-def lens(rng):
+def random_camera(rng):
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     pose = np.eye(4)
     pose[:3, :3] = turn * np.sign(np.linalg.det(turn))
     pose[:3, 3] = rng.normal(size=3)
-    camera = Camera.from_yfov(pose, 0.3 + rng.random(), 320, 200, 1.0 + rng.random())
-    return lens_of(camera, Box(0, 0, camera.width, camera.height), 0.0)
+    return Camera.from_yfov(pose, 0.3 + rng.random(), 320, 200, 1.0 + rng.random())
 
 
-def points_before(rng, seen, count, far):
-    """World points round a place at a depth of some units, beside or inside the picture."""
-    spread = 0.02 if far else 3.0
+def points_near(rng, camera, count, spread):
+    """World points around a place up to six units in front of the camera or one behind it."""
     middle = np.array([*rng.normal(size=2) * 3.0, -rng.uniform(-1.0, 6.0)])
     own = middle + spread * rng.normal(size=(count, 3))
-    return np.ascontiguousarray(own @ seen.axes + seen.eye)
+    return own @ camera.world_from_camera[:3, :3].T + camera.world_from_camera[:3, 3]
 
 
-@settings(max_examples=300, deadline=None)
-@given(seed=st.integers(0, 100_000), count=st.integers(1, 20), far=st.booleans())
-def test_what_misses_the_picture_is_told_as_by_whole_arrays(seed, count, far):
+def inside_hull(rng, points, count=200):
+    """Random points of the convex hull of points (..., N, 3), the same combination of each."""
+    return rng.dirichlet(np.full(points.shape[-2], 0.3), count) @ points
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 100_000), count=st.integers(1, 20), spread=st.sampled_from([0.02, 3.0]))
+def test_nothing_of_a_hull_that_misses_the_box_projects_into_it(seed, count, spread):
     rng = np.random.default_rng(seed)
-    seen = lens(rng)
-    points = points_before(rng, seen, count, far)
-    numbers, box = seen.numbers(), (-20.0, -20.0, 340.0, 220.0)
-    assert screen_projection.misses(points, numbers, *box) == screen_projection_ref.misses(
-        points, numbers, *box
-    )
+    camera = random_camera(rng)
+    points = points_near(rng, camera, count, spread)
+    seen = camera.to_camera(inside_hull(rng, points))
+    seen = seen[seen[:, 2] < 0.0]
+    x, y = camera.pixels(seen).T
+    hits = (x >= BOX.x0) & (x <= BOX.x1) & (y >= BOX.y0) & (y <= BOX.y1)
+    if misses(points, camera, BOX):
+        assert not hits.any()
 
 
-def test_points_that_are_no_numbers_may_be_seen():
-    rng = np.random.default_rng(1)
-    numbers, box = lens(rng).numbers(), (0.0, 0.0, 1e-9, 1e-9)
+def test_hull_beside_or_behind_the_frame_misses_it_and_one_in_the_middle_does_not():
+    camera = Camera.from_yfov(np.eye(4), 1.0, 320, 200)
+    cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    assert not misses(cube + [0, 0, -9], camera, BOX)
+    assert misses(cube + [0, 0, 9], camera, BOX)
+    assert misses(cube + [90, 0, -9], camera, BOX)
+    assert not misses(cube, camera, BOX)
+    assert not misses(np.empty((0, 3)), camera, BOX)
+
+
+def test_points_that_are_no_numbers_may_project_anywhere():
+    camera = Camera.from_yfov(np.eye(4), 1.0, 320, 200)
     for wrong in (np.nan, np.inf, -np.inf):
         points = np.full((2, 3), wrong)
         with np.errstate(invalid="ignore"):
-            assert not screen_projection.misses(points, numbers, *box)
-            assert (
-                screen_projection.travel(np.stack([points, points]), np.stack([numbers] * 2))
-                == np.inf
-            )
+            assert not misses(points, camera, Box(0, 0, 1, 1))
+            assert travel_bound_px([points, points], [camera, camera]) == np.inf
 
 
 @settings(max_examples=200, deadline=None)
@@ -57,14 +69,13 @@ def test_points_that_are_no_numbers_may_be_seen():
     seed=st.integers(0, 100_000), moments=st.integers(1, 4), count=st.integers(1, 9),
     step=st.sampled_from([0.0, 1e-3, 0.3]),
 )  # fmt: skip
-def test_the_bound_of_a_way_is_that_of_whole_arrays(seed, moments, count, step):
+def test_no_point_of_a_hull_travels_farther_than_the_bound(seed, moments, count, step):
     rng = np.random.default_rng(seed)
-    seen = lens(rng)
-    first = points_before(rng, seen, count, far=False)
-    points = first + step * rng.normal(size=(moments, count, 3)).cumsum(axis=0)
-    lenses = np.stack([seen.numbers()] * moments)
-    lenses[:, 9:12] += step * rng.normal(size=(moments, 3))
-    expected = screen_projection_ref.travel(points, lenses)
-    np.testing.assert_allclose(
-        screen_projection.travel(points, lenses), expected, rtol=1e-9, atol=1e-12
-    )
+    camera = random_camera(rng)
+    points = points_near(rng, camera, count, 0.3)
+    points = points + step * rng.normal(size=(moments, count, 3)).cumsum(axis=0)
+    bound = travel_bound_px(list(points), [camera] * moments)
+    assume(bound < np.inf)
+    ways = [camera.pixels(camera.to_camera(own)) for own in inside_hull(rng, points)]
+    travelled = np.linalg.norm(np.diff(ways, axis=0), axis=-1).sum(axis=0)
+    assert (travelled <= bound * (1.0 + 1e-9) + 1e-9).all()

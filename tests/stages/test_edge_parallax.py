@@ -17,7 +17,7 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.edge_parallax import half_hidden
+from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.r_ground_visibility import ground_visibility
@@ -70,7 +70,7 @@ def laid(rgba, plate):
 def test_the_plate_past_an_edge_is_what_the_free_part_of_the_lens_sees(object_coc, plate_coc):
     plate, rgba, truth = seen(object_coc, plate_coc)
     wide = np.pad(plate, ((16, 16), (16, 16), (0, 0)), mode="edge")
-    found = half_hidden(rgba, wide, even(object_coc), even(plate_coc), even(1.0), margin=16)
+    found = edge_parallax_layer(rgba, wide, even(object_coc), even(plate_coc), even(1.0), margin=16)
     inner = np.s_[16:-16, 16:-16]
     before = np.sqrt(((laid(rgba, plate) - truth)[inner] ** 2).mean())
     after = np.sqrt(((laid(found, plate) - truth)[inner] ** 2).mean())
@@ -88,7 +88,7 @@ def test_fast_and_reference_agree(seed, aspect):
     cocs = rng.uniform(-14.0, 14.0, (2, 17, 23)).astype(np.float32)
     trust = np.clip(rng.uniform(-0.3, 1.0, (17, 23)), 0.0, 1.0).astype(np.float32)
     runs = [
-        half_hidden(rgba, plate, *cocs, trust, margin=5, pixel_aspect=aspect, threads=n)
+        edge_parallax_layer(rgba, plate, *cocs, trust, margin=5, pixel_aspect=aspect, threads=n)
         for n in (1, 3)
     ]
     np.testing.assert_array_equal(*runs)
@@ -196,7 +196,7 @@ def test_nothing_pops_while_the_object_slides():
         rgba = np.zeros((SIZE[1], SIZE[0], 4), np.float32)
         rgba[..., 3] = side(columns - shift, rows)
         blurred = scatter(rgba, even(12.0))
-        found = half_hidden(blurred, wide, even(12.0), even(6.0), even(1.0), margin=16)
+        found = edge_parallax_layer(blurred, wide, even(12.0), even(6.0), even(1.0), margin=16)
         frames.append(laid(found, plate))
     bend = np.abs(np.diff(np.stack(frames), n=2, axis=0))[:, 16:-16, 16:-16]
     assert bend.max() < 0.02

@@ -21,7 +21,7 @@ from support.installation import (
 
 OTHER = NOBODY if not os.geteuid() else os.geteuid()
 NO_HOME = {"HOME": "/nonexistent"}
-SHOW_NOTES = "from nlens_video.kernels import cache_folder; print(*cache_folder.notes())"
+SHOW_NOTES = "from nlens_video.kernels import numba_config; print(*numba_config.cache_notes())"
 
 
 @pytest.fixture(scope="module")

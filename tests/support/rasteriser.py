@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software import raster, triangles
-from nlens_video.render.software.reference import light_ref, raster_ref
+from nlens_video.render.software import raster, reference_kernels, triangles
+from nlens_video.render.software import shading_block as at
 from nlens_video.scene import screen_projection
 
 SIZE = (24, 32)
@@ -13,7 +12,7 @@ SIZE = (24, 32)
 def drawn(positions, faces, *, near=0.5, sides=1, rows=None):
     """Triangles and disparities of the samples, by `raster`, seen from the origin along -Z."""
     height, width = SIZE
-    lens = screen_projection.Lens(
+    lens = screen_projection.PinholeParams(
         axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0,
         near=near, width=width, height=height,
     ).numbers()  # fmt: skip
@@ -42,7 +41,7 @@ def truth(positions, faces, near=0.5):
     own = corners[before]
     own[..., :2] = np.round(own[..., :2] / own[..., 2:] * 256) / 256 * own[..., 2:]
     corners[before] = own
-    return raster_ref.seen(corners, SIZE, near)
+    return reference_kernels.visible_triangles(corners, SIZE, near)
 
 
 def random_block(rng):
@@ -62,7 +61,7 @@ def surface(fields, i):
     three = [rows[first // at.WIDTH : first // at.WIDTH + 3, i] for first in
              (at.NORMAL_X, at.VIEW_X, at.BASE_R, at.F0_R)]  # fmt: skip
     one = [float(rows[field // at.WIDTH, i]) for field in (at.METALLIC, at.ROUGHNESS, at.SPECULAR)]
-    return light_ref.Surface(
+    return reference_kernels.SurfacePoint(
         normal=three[0], view=three[1], base=three[2], f0=three[3],
         metallic=one[0], roughness=one[1], specular=one[2],
     )  # fmt: skip

@@ -29,8 +29,7 @@ from nlens_video.effects.shadow.projection import (
     lamp_points,
 )
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination, Lamp
-from nlens_video.scene.irradiance import from_around, from_lamp, reaches
+from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
 _RETURNED = 0.4  # of the light from around that a body hides, by its own bright surface
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther

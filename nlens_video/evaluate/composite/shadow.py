@@ -21,9 +21,8 @@ from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate
 from nlens_video.evaluate.tables import Column, Entry, Table
 from nlens_video.scene.environment import load_environment
-from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.exr import read_exr
 from nlens_video.video.pixels.picture import ArrayPicture

@@ -9,8 +9,8 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.context import ShadowScene
 from nlens_video.graph.base.object_source import ObjectSource, RenderedObject, View
 from nlens_video.graph.base.prerendered import PrerenderedObject
+from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.scene_light import SceneLight
 
 
 def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:

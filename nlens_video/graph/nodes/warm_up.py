@@ -43,11 +43,11 @@ def scatter_kernels() -> None:
 
 def cell() -> None:
     """The blur of small discs."""
-    from nlens_video.kernels.reblur.cell_gather import blur_cell
+    from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture
 
     sharp = sharp_layer()
     rgba = sharp.layer.rgba
-    blur_cell(rgba, rgba[..., 3] > 0.0, np.clip(sharp.coc_px, -4.0, 4.0), FRAME)
+    gather_subaperture(rgba, rgba[..., 3] > 0.0, np.clip(sharp.coc_px, -4.0, 4.0), FRAME)
 
 
 def blend() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Bool, Float32
-from nlens_video.kernels.simd_types import row, splat, store4
+from nlens_video.kernels.simd import load_row4, splat, store4
 from nlens_video.kernels.thread_pool import parallel_for
 
 BAND_ROWS = 8
@@ -80,10 +80,10 @@ def _rows(
                 along, down = splat(px - np.float32(i)), splat(py - np.float32(j))
                 first, beside = j * columns + i, min(i + 1, columns - 1) - i
                 below = (min(j + 1, rows - 1) - j) * columns
-                above = row(light, first)
-                above = above + along * (row(light, first + beside) - above)
-                under = row(light, first + below)
-                under = under + along * (row(light, first + below + beside) - under)
+                above = load_row4(light, first)
+                above = above + along * (load_row4(light, first + beside) - above)
+                under = load_row4(light, first + below)
+                under = under + along * (load_row4(light, first + below + beside) - under)
                 seen = above + down * (under - above)
                 total, both = total + seen, both + splat(a) * seen
                 covered += a

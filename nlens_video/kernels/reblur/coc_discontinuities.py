@@ -27,7 +27,7 @@ _STRAIGHT, _DIAGONAL = 0.955, 1.369  # chamfer distances: off by 4.5 % at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hidden:
+class HiddenSurface:
     """What the nearest surfaces hide.
 
     Attributes:
@@ -159,7 +159,7 @@ def chamfer(reach: Float32) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Steps:
+class CocDiscontinuities:
     """Where the object's CoC steps.
 
     Attributes:
@@ -199,7 +199,9 @@ def _carry(values: Float32, known: Bool, labels: npt.NDArray[np.int32], out: Flo
             out[y, x] = of_label[labels[y, x]]
 
 
-def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> Steps | None:
+def find_discontinuities(
+    rgba: Float32, coc_px: Float32, hidden: HiddenSurface | None = None
+) -> CocDiscontinuities | None:
     """Find the steps of the CoC inside the object, and what is within reach of them.
 
     Where it is known what is hidden, that counts too where the object ends before nothing, and
@@ -239,4 +241,4 @@ def find_steps(rgba: Float32, coc_px: Float32, hidden: Hidden | None = None) -> 
         return None
     split = extend_nearest(split, marked)
     chamfer(reach)
-    return Steps(inside_px=reach, split_px=split)
+    return CocDiscontinuities(inside_px=reach, split_px=split)

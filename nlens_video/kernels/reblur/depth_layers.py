@@ -1,8 +1,8 @@
-"""The object cut in two where its CoC steps: what is in front there, and what lies behind it.
+"""Two depth layers of the object at its CoC discontinuities: the nearer surface and the rest.
 
-Scatter knows no order inside the object. Near a step there are two surfaces; the nearer one is
-taken out as a layer of its own, and the one behind is carried on under it, as smoothly as what is
-seen of it allows, because a lens looks around the edge.
+The scatter has no depth order inside the object. Around a CoC discontinuity there are two surfaces:
+the nearer one becomes a layer of its own. The one behind continues below it, because a lens sees
+around the edge: inpainted (`split_at_steps`), or rendered by depth peeling (`split_at_hidden`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit
 
 from nlens_video.core.layers import Bool, Float32
 from nlens_video.kernels.pull_push import inpaint
-from nlens_video.kernels.reblur.coc_discontinuities import Steps
+from nlens_video.kernels.reblur.coc_discontinuities import CocDiscontinuities, HiddenSurface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,11 +35,11 @@ class DepthLayers:
 
 
 @njit(cache=True, nogil=True)
-def _beside(mask: Bool, y: int, x: int) -> bool:
-    """Whether one of the eight neighbours is in the mask."""
+def _touches(mask: Bool, y: int, x: int, value: int) -> bool:
+    """Whether one of the eight neighbours of a pixel is 1 or 0 in the mask."""
     for j in range(max(0, y - 1), min(mask.shape[0], y + 2)):
         for i in range(max(0, x - 1), min(mask.shape[1], x + 2)):
-            if mask[j, i] and (j != y or i != x):
+            if mask[j, i] == value and (j != y or i != x):
                 return True
     return False
 
@@ -72,7 +72,7 @@ def _take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32) 
     for y in range(height):
         for x in range(width):
             if near[y, x]:
-                edge[y, x] = _beside(back, y, x)
+                edge[y, x] = _touches(back, y, x, 1)
                 inner[y, x] = not edge[y, x]
     mean = np.zeros(4, dtype=np.float32)
     for y in range(height):
@@ -92,7 +92,7 @@ def _take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32) 
 
 
 def split_at_steps(
-    rgba: Float32, coc_px: Float32, steps: Steps, corner: tuple[int, int] = (0, 0)
+    rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, corner: tuple[int, int] = (0, 0)
 ) -> DepthLayers:
     """Cut the object in two: nearer than the nearest step's middle, and the rest carried on.
 
@@ -121,3 +121,47 @@ def split_at_steps(
         back_rgba=np.ascontiguousarray(filled[..., :4]),
         back_coc_px=back_coc,
     )
+
+
+def split_at_hidden(
+    rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, hidden: HiddenSurface
+) -> DepthLayers:
+    """Cut the object in two where it is known what is hidden: nothing is guessed.
+
+    Args:
+        rgba: premultiplied scene-linear colour and alpha (h, w, 4).
+        coc_px: signed CoC diameter (h, w), positive nearer than focus, read only where alpha > 0.
+        steps: where it steps.
+        hidden: what the nearest surfaces hide.
+    """
+    near = (rgba[..., 3] > 0.0) & (coc_px > steps.split_px)
+    near_rgba = np.zeros_like(rgba)
+    back_rgba, back_coc = rgba.copy(), coc_px.copy()
+    _part(near, (rgba, hidden.front_rgba), hidden.rgba, near_rgba, back_rgba)
+    np.copyto(back_coc, hidden.coc_px, where=near)
+    return DepthLayers(
+        near_rgba=near_rgba,
+        near_coc_px=np.where(near, coc_px, np.float32(0.0)),
+        back_rgba=back_rgba,
+        back_coc_px=back_coc,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _part(
+    near: Bool, front: tuple[Float32, Float32], hidden: Float32,
+    near_rgba: Float32, back_rgba: Float32,
+) -> None:  # fmt: skip
+    """Fill in the near layer's colours and those that it hides.
+
+    Its antialiased pixels are those beside what is not near; only they are parted, for on a steep
+    surface samples of one pixel lie apart too.
+    """
+    whole, alone = front
+    for y in range(near.shape[0]):
+        for x in range(near.shape[1]):
+            if near[y, x]:
+                source = alone if _touches(near, y, x, 0) else whole
+                for c in range(4):
+                    near_rgba[y, x, c] = source[y, x, c]
+                    back_rgba[y, x, c] = hidden[y, x, c]

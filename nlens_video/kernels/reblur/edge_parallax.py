@@ -103,7 +103,7 @@ def _rows(
             )  # fmt: skip
 
 
-def half_hidden(
+def edge_parallax_layer(
     rgba: Float32,
     plate: Float32,
     object_coc_px: Float32,

@@ -66,7 +66,7 @@ class SourceLayer:
         radius_px: signed radius in columns of each pixel's disc (h, w), NaN where a pixel takes no
             part [px].
         skew: how the light of a disc grows along columns and rows (2, h, w), see
-            `extend_ref.coc_skew` [1 / px].
+            `scatter_ref.coc_skew` [1 / px].
     """
 
     box: Box

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from numba import njit
 
 from nlens_video.core.layers import Box, Float32
-from nlens_video.kernels.scatter.coarse import above, gather_coarse
+from nlens_video.kernels.scatter.coarse_levels import above, gather_coarse
 from nlens_video.kernels.scatter.extend import BAND_ROWS, Band, SourceLayer, bands
 from nlens_video.kernels.scratch_buffers import scratch
 from nlens_video.kernels.thread_pool import run_all

@@ -14,11 +14,11 @@ import numpy as np
 
 from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import Bool, Box, Float32, Float64
-from nlens_video.kernels.scatter.barrel import cut_by_barrel
 from nlens_video.kernels.scatter.disc import MAX_COC_PX, SURPLUS, fitted_radius, reach
 from nlens_video.kernels.scatter.extend import Silhouette, bands, lay_out, survey
 from nlens_video.kernels.scatter.levels import AXIS, Detail, Level, Rule, make_levels, on_level
-from nlens_video.kernels.scatter.reached import normalise, reached_columns
+from nlens_video.kernels.scatter.normalize import normalise, reached_columns
+from nlens_video.kernels.scatter.optical_vignetting import vignette_discs
 from nlens_video.kernels.scatter.scatter_rows import scatter_rows
 from nlens_video.kernels.scatter.stamps import Discs
 from nlens_video.kernels.scatter.tables import SPAN_STEPS, DiscTables, tables
@@ -116,7 +116,7 @@ def scatter(
     """Blur an object's layer by its own CoC, as a lens does where the object hides none of itself.
 
     Each pixel spreads over a disc of its CoC (`disc.fitted_radii`: areas of a disc fitted to
-    sampled pictures; `extend_ref.coc_skew`: uneven where the CoC has a slope). Transparent pixels
+    sampled pictures; `scatter_ref.coc_skew`: uneven where the CoC has a slope). Transparent pixels
     do so too, with the CoC of the nearest covered pixel, and the sum is renormalised by all weights
     that arrive. So alpha stays 1 inside and edges are as wide as the disc. CoC 0 leaves a pixel as
     it is; one above `disc.MAX_COC_PX` counts as that.
@@ -183,7 +183,7 @@ def scatter(
     rim = discs.outer if aperture.cat_eye > 0.0 else 0.0
     if rim > 0.0:
         for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
-            cut_by_barrel(level, 1 << n, aperture, frame, compiled, threads)
+            vignette_discs(level, 1 << n, aperture, frame, compiled, threads)
     sums = (spread or spread_levels)(levels, at, compiled, columns, rim, threads)
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
     view = out[target.y0 : target.y1, target.x0 : target.x1]

@@ -15,18 +15,18 @@ from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.numba_config import kernel
 from nlens_video.kernels.scatter.extend import Band
 from nlens_video.kernels.scatter.levels import Light, RowNumbers
-from nlens_video.kernels.scatter.stamps import Discs, add_stamps, lay_in, look_up
-from nlens_video.kernels.simd_types import (
-    add_end,
-    eight_at,
-    four_at,
+from nlens_video.kernels.scatter.stamps import Discs, add_stamps, add_to_sums, look_up
+from nlens_video.kernels.simd import (
     lane,
-    lower,
-    narrowed,
+    load4,
+    load8,
+    low4,
     splat,
     store4,
+    to_f32x8,
     to_f64,
 )
+from nlens_video.kernels.simd_operations import add_span_end
 
 # `levels` has the same: a number from there would go stale in the cache.
 RADIUS, AXIS, SPAN, _, ALONG, DOWN, _, BARREL_X, BARREL_Y = range(9)
@@ -104,9 +104,9 @@ def _add_spans(
             start, stop = ends[0, x], ends[1, x]
             first, last = np.floor(start), np.floor(stop)
             further = weight * (start - first)
-            add_end(sums, x + edge + np.int32(first), rgba, x, weight - further, further)  # type: ignore[call-arg]
+            add_span_end(sums, x + edge + np.int32(first), rgba, x, weight - further, further)
             further = weight * (stop - last)
-            add_end(sums, x + edge + np.int32(last), rgba, x, further - weight, -further)
+            add_span_end(sums, x + edge + np.int32(last), rgba, x, further - weight, -further)
 
 
 @kernel
@@ -121,13 +121,13 @@ def _finish(spans: Float32, start: int, sums: Float32) -> None:
     if start == 0:
         sums[:] = np.float32(0.0)
         return
-    total = to_f64(eight_at(spans, 0)) - to_f64(eight_at(spans, 0))  # in float64
+    total = to_f64(load8(spans, 0)) - to_f64(load8(spans, 0))  # in float64
     for i in range(1, start + sums.shape[0]):
-        ends = to_f64(eight_at(spans, 16 * i)) + to_f64(eight_at(spans, 16 * i - 8))
+        ends = to_f64(load8(spans, 16 * i)) + to_f64(load8(spans, 16 * i - 8))
         total = total + ends
         if i >= start:
-            found = narrowed(total)
-            store4(sums, 5 * (i - start), lower(found))
+            found = to_f32x8(total)
+            store4(sums, 5 * (i - start), low4(found))
             sums[i - start, 4] = lane(found, 4)
 
 
@@ -157,10 +157,10 @@ def _add_coarse(
         here = column >> 1
         beside = here + 1 if column & 1 else here - 1
         # Colour and alpha, then the weight with them: it must be rounded as alpha is.
-        light = four_at(sums, 5 * x) + near_part * four_at(line, 5 * here)
-        others = four_at(sums, 5 * x + 1) + near_part * four_at(line, 5 * here + 1)
-        store4(sums, 5 * x, light + far_part * four_at(line, 5 * beside))
-        store4(sums, 5 * x + 1, others + far_part * four_at(line, 5 * beside + 1))
+        light = load4(sums, 5 * x) + near_part * load4(line, 5 * here)
+        others = load4(sums, 5 * x + 1) + near_part * load4(line, 5 * here + 1)
+        store4(sums, 5 * x, light + far_part * load4(line, 5 * beside))
+        store4(sums, 5 * x + 1, others + far_part * load4(line, 5 * beside + 1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -221,6 +221,6 @@ def scatter_rows(
         first = edge + origin[1]
         _finish(ends_of_row, first if with_spans else 0, sums[y])
         if with_stamps:
-            lay_in(spots, first, sums[y])
+            add_to_sums(spots, first, sums[y])
         if line.shape[0] > 0:
             _add_coarse(coarse[0], line, (coarse[1], coarse[2]), y, sums[y])

@@ -85,7 +85,7 @@ def add_stamps(
 
 
 @kernel
-def lay_in(spots: Float32, start: int, sums: Float32) -> None:
+def add_to_sums(spots: Float32, start: int, sums: Float32) -> None:
     """Add the sums of stamps (5, n) of a row to `sums` (w, 5), `start` in the buffer."""
     for x in range(sums.shape[0]):
         for c in range(5):

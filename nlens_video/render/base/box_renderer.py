@@ -13,14 +13,13 @@ from typing import Self
 
 from nlens_video.core.errors import NlensError, Note, SceneError
 from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.extent import extent
-from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.scene_light import SceneLight
 
 # Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
 # tell 1e-4 of the far depth any more.
@@ -212,7 +211,7 @@ class BoxRenderer(ABC):
         if self._on_target is not source:
             self._draw(source.posed, source.sight, source.lighting)
             self._on_target = source
-        shown = Front(
+        shown = FrontSurfaces(
             depth=front.depth[region.slices_in(front.box)],
             disparity_step=disparity_step,
             corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
@@ -235,7 +234,7 @@ class BoxRenderer(ABC):
 
     @abstractmethod
     def _draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 

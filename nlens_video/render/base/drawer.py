@@ -6,8 +6,8 @@ from typing import Protocol
 
 from nlens_video.core.layers import Float32
 from nlens_video.render.base.box_renderer import ViewSetup
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.posed import PosedScene
 
 
@@ -38,7 +38,7 @@ class Drawer(Protocol):
         ...
 
     def draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What lies behind a part of the picture that `draw` has drawn last; None for nothing.
 

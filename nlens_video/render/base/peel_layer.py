@@ -12,7 +12,7 @@ _ALL = 2.0  # window depth beyond everything
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Front:
+class FrontSurfaces:
     """The nearest surfaces that a picture shows, as far as another picture shows them too.
 
     Attributes:

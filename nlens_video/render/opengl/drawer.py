@@ -11,10 +11,10 @@ import numpy as np
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.render.base.box_renderer import ViewSetup
 from nlens_video.render.base.drawer import DrawerLostError
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.opengl.egl_platform import HeadlessPlatform, open_platform
-from nlens_video.render.opengl.renderer import LinearRenderer, View
+from nlens_video.render.opengl.renderer import GlView, LinearRenderer
 from nlens_video.scene.posed import PosedScene
 
 
@@ -48,7 +48,7 @@ class GlDrawer:
             return self._renderer.draw(posed, _view(sight), lighting, nearest=sight.nearest)
 
     def draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What it hides; see `Drawer`."""
         with self._drawing(sight):
@@ -72,8 +72,8 @@ class GlDrawer:
         self._platform.delete_context()
 
 
-def _view(sight: ViewSetup) -> View:
-    return View(
+def _view(sight: ViewSetup) -> GlView:
+    return GlView(
         camera_from_world=sight.camera.camera_from_world,
         eye=sight.camera.world_from_camera[:3, 3],
         clip_from_camera=_projection(sight),

@@ -9,7 +9,7 @@ import pyrender
 from OpenGL import GL
 
 from nlens_video.core.layers import Float64
-from nlens_video.render.base.material_buffers import SLOTS, material_numbers, texture_uses
+from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
 from nlens_video.scene.gltf.images import Image
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.posed import PosedMesh
@@ -64,7 +64,7 @@ class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # 
             for slot, use in zip(SLOTS, texture_uses(material), strict=True)
             if use is not None
         }
-        self.block = material_numbers(material)
+        self.block = material_params(material)
 
     def _compute_textures(self) -> set[GpuTexture]:
         return set(self.maps.values())

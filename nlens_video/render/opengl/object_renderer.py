@@ -16,11 +16,11 @@ from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Float32
 from nlens_video.render.base.box_renderer import BoxRenderer, ViewSetup
 from nlens_video.render.base.drawer import Drawer, DrawerLostError
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.shader_inputs import Lighting
+from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.scene_light import SceneLight
 
 Drawn = TypeVar("Drawn")
 
@@ -55,7 +55,7 @@ class PyrenderObjectRenderer(BoxRenderer):
         return self._drawn_by_whoever_can(posed, picture)
 
     def _draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         def picture(drawer: Drawer) -> BehindPicture | None:
             if self._drew_front is not drawer and self._on_target is not None:

@@ -18,11 +18,9 @@ from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.render.base.closed_meshes import closed_bodies
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.base.material_buffers import MATERIAL_FLOATS, SLOTS
-from nlens_video.render.base.peel_layer import BehindPicture, Front
-from nlens_video.render.opengl.depth_peel import BehindTarget
-from nlens_video.render.opengl.framebuffer import FloatTarget
+from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS, Lighting
+from nlens_video.render.opengl.framebuffer import BehindTarget, FloatTarget
 from nlens_video.render.opengl.gpu_objects import GpuMaterial, GpuPrimitive, GpuTexture
 from nlens_video.scene.gltf.images import Image
 from nlens_video.scene.gltf.materials import Material
@@ -34,7 +32,7 @@ _LIMIT_UNIT = len(SLOTS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class View:
+class GlView:
     """What is looked at, through which projection.
 
     Attributes:
@@ -94,7 +92,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         return {material: stride * index for index, material in enumerate(materials)}
 
     def draw(
-        self, posed: PosedScene, view: View, lighting: Lighting, *, nearest: bool = False
+        self, posed: PosedScene, view: GlView, lighting: Lighting, *, nearest: bool = False
     ) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (height, width, 4) and depth (height, width), +inf if empty.
 
@@ -113,7 +111,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         return self._target.read(view.width, view.height)
 
     def draw_behind(
-        self, posed: PosedScene, view: View, lighting: Lighting, front: Front
+        self, posed: PosedScene, view: GlView, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What lies behind the nearest surfaces of the picture that `draw` has drawn last.
 
@@ -149,7 +147,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         front_rgba, _ = self._behind.target.read(view.width, view.height)
         return BehindPicture(rgba=rgba, depth=depth, front_rgba=front_rgba)
 
-    def _take_up(self, posed: PosedScene, view: View, lighting: Lighting) -> None:
+    def _take_up(self, posed: PosedScene, view: GlView, lighting: Lighting) -> None:
         for primitive, mesh in zip(self._primitives, posed.meshes, strict=True):
             primitive.update(mesh)
         rotation = view.camera_from_world.copy()
@@ -158,7 +156,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glBindBufferBase(GL.GL_UNIFORM_BUFFER, _FRAME, self._blocks[_FRAME])
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
 
-    def _begin(self, target: FloatTarget, view: View) -> None:
+    def _begin(self, target: FloatTarget, view: GlView) -> None:
         GL.glDepthMask(GL.GL_TRUE)
         GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
         target.bind(view.width, view.height)
@@ -176,7 +174,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
                 both_sides = material.double_sided and primitive not in (one_sided or ())
                 self._draw_primitive(primitive, both_sides=both_sides)
 
-    def _draw_blended(self, view: View) -> None:
+    def _draw_blended(self, view: GlView) -> None:
         back = view.camera_from_world[2, :3]
         depths = [
             (primitive.depth_along(back, view.eye), primitive)
@@ -224,7 +222,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glFrontFace(GL.GL_CCW if primitive.mirrored else GL.GL_CW)
         primitive.draw()
 
-    def _resolve(self, target: FloatTarget, view: View, name: str) -> None:
+    def _resolve(self, target: FloatTarget, view: GlView, name: str) -> None:
         program = self._program(name, {})
         program._bind()
         target.bind_resolved()

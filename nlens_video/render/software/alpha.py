@@ -10,12 +10,12 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, inlined, kernel, to_f32
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software.corners import Mesh, find
-from nlens_video.render.software.deferred import BRIGHTEST, Scene, shade
-from nlens_video.render.software.fragment import Block, Int32
+from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.deferred import BRIGHTEST, ShadingInputs, shade
+from nlens_video.render.software.interpolation import MeshBuffers, interpolate
+from nlens_video.render.software.material_eval import MaterialBuffers, base_colors, same_material
 from nlens_video.render.software.raster import SAMPLE_X, SAMPLE_Y, covered
-from nlens_video.render.software.surface import Paint, base_colors, same_material
+from nlens_video.render.software.shading_block import Block, Int32
 from nlens_video.render.software.triangles import SAMPLES, Shape, disparity_at
 
 _CUTOFF = 7  # of a material's numbers
@@ -79,11 +79,11 @@ def _kept(block: Float32, i: int, cutoff: float) -> int:
 
 @kernel
 def _cut(
-    block: Float32, whole: Int32, count: int, width: int, mesh: Mesh, paint: Paint,
+    block: Float32, whole: Int32, count: int, width: int, mesh: MeshBuffers, paint: MaterialBuffers,
     most: Float32, disparity: Float32, ids: Int32,
 ) -> None:  # fmt: skip
     """Draw the masked points of a block, three for each, in order."""
-    find(block, whole, count, mesh)
+    interpolate(block, whole, count, mesh)
     first = 0
     while first < count:
         run = same_material(whole, first, count)
@@ -105,8 +105,8 @@ def _cut(
 
 @kernel
 def cut_out(
-    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, mesh: Mesh, paint: Paint,
-    most: Float32, disparity: Float32, ids: Int32, block: Block,
+    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, mesh: MeshBuffers,
+    paint: MaterialBuffers, most: Float32, disparity: Float32, ids: Int32, block: Block,
 ) -> None:  # fmt: skip
     """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
 
@@ -147,7 +147,7 @@ def cut_out(
 
 @kernel
 def _lay_under(
-    block: Float32, whole: Int32, count: int, width: int, scene: Scene,
+    block: Float32, whole: Int32, count: int, width: int, scene: ShadingInputs,
     passed: Float32, front: Float32, rgba: Float32,
 ) -> None:  # fmt: skip
     """Shade the points of a block and lay them, in order, under what lies before them."""
@@ -188,7 +188,7 @@ def _seen(planes: Float32, where: Where, mask: int, disparity: Float32) -> int:
 
 @kernel
 def blend(
-    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, scene: Scene,
+    drawn: Int32, rows: tuple[int, int], width: int, on_screen: OnScreen, scene: ShadingInputs,
     disparity: Float32, passed: Float32, front: Float32, rgba: Float32, block: Block,
 ) -> None:  # fmt: skip
     """Add the light of blended triangles to rows [first, last) of the picture.

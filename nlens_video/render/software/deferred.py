@@ -11,23 +11,23 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, inlined, kernel
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software.corners import Mesh, Pinhole
-from nlens_video.render.software.fragment import Block, Int32
+from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.interpolation import MeshBuffers, PinholeRows
 from nlens_video.render.software.light import light
+from nlens_video.render.software.material_eval import MaterialBuffers, eval_materials
 from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
-from nlens_video.render.software.surface import Paint, lay_out
+from nlens_video.render.software.shading_block import Block, Int32
 from nlens_video.render.software.triangles import FACING, SAMPLES
 
 Lamps = tuple[Float32, int, Float32]
 """Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4)."""
-Scene = tuple[Mesh, Paint, Pinhole, Lamps]
+ShadingInputs = tuple[MeshBuffers, MaterialBuffers, PinholeRows, Lamps]
 BRIGHTEST = f32(60000.0)
 """As much as the OpenGL backend's half floats hold: nothing overflows in the blur."""
 
 
 @inlined
-def same_surface(mesh: Mesh, one: int, other: int) -> bool:
+def same_surface(mesh: MeshBuffers, one: int, other: int) -> bool:
     """Whether two triangles share a corner and show the same side."""
     faces, planes = mesh[4], mesh[6]
     if planes[one, FACING] != planes[other, FACING]:
@@ -40,15 +40,15 @@ def same_surface(mesh: Mesh, one: int, other: int) -> bool:
 
 
 @kernel
-def shade(block: Float32, whole: Int32, count: int, scene: Scene) -> None:
+def shade(block: Float32, whole: Int32, count: int, scene: ShadingInputs) -> None:
     """Work out the radiance of the first `count` points of a block."""
     mesh, paint, lens, (lamps, suns, ambient) = scene
-    lay_out(block, whole, count, mesh, paint, lens)
+    eval_materials(block, whole, count, mesh, paint, lens)
     light(block, lamps, suns, ambient)
 
 
 @kernel
-def _flush(block: Float32, whole: Int32, count: int, scene: Scene, rgba: Float32) -> None:
+def _flush(block: Float32, whole: Int32, count: int, scene: ShadingInputs, rgba: Float32) -> None:
     """Shade the points and add their light to the pixels (h * w, 4)."""
     shade(block, whole, count, scene)
     for i in range(count):
@@ -70,7 +70,7 @@ def _put(
 
 @inlined
 def _edge_pixel(
-    block: Float32, whole: Int32, count: int, mesh: Mesh, ids: Int32, passed: Float32,
+    block: Float32, whole: Int32, count: int, mesh: MeshBuffers, ids: Int32, passed: Float32,
     where: tuple[int, int, int],
 ) -> int:  # fmt: skip
     """Points of a pixel that shows several triangles, or less than a whole one; the new count."""
@@ -101,8 +101,8 @@ def _edge_pixel(
 
 @kernel
 def shade_rows(
-    first: int, last: int, width: int, ids: Int32, passed: Float32, scene: Scene, rgba: Float32,
-    block: Block,
+    first: int, last: int, width: int, ids: Int32, passed: Float32, scene: ShadingInputs,
+    rgba: Float32, block: Block,
 ) -> None:  # fmt: skip
     """Add the light of the opaque surfaces to rows [first, last) of the picture.
 

@@ -10,12 +10,18 @@ import numpy as np
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.scratch_buffers import scratch
 from nlens_video.render.base.box_renderer import ViewSetup
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.software import alpha, deferred, nearest, raster, triangles
-from nlens_video.render.software.fragment import Int32, new_block
+from nlens_video.render.base.shader_inputs import Lighting
+from nlens_video.render.software import (
+    alpha,
+    deferred,
+    depth_resolve,
+    raster,
+    triangles,
+)
 from nlens_video.render.software.scene_buffers import SceneBuffers
+from nlens_video.render.software.shading_block import Int32, new_block
 from nlens_video.scene import screen_projection
-from nlens_video.scene.extent import lens_of
+from nlens_video.scene.extent import pinhole_params
 
 Rows = tuple[int, int]
 _NONE = np.empty((0, 0), np.float32)
@@ -30,7 +36,7 @@ class Framebuffer:
     opaque: Int32
     masked: Int32
     blended: Int32
-    scene: deferred.Scene
+    scene: deferred.ShadingInputs
     disparity: Float32
     ids: Int32
     passed: Float32
@@ -51,7 +57,7 @@ class Framebuffer:
             lighting: what lights it.
             behind: leave out what blends, and the inner sides of closed bodies.
         """
-        lens = lens_of(sight.camera, sight.box, sight.near)
+        lens = pinhole_params(sight.camera, sight.box, sight.near)
         numbers = lens.numbers()
         width, height = lens.width, lens.height
         count = len(shown.faces)
@@ -160,7 +166,7 @@ class Framebuffer:
 
     def measure(self, rows: Rows) -> None:
         """Depth of rows [first, last)."""
-        nearest.resolve_depth(self._front(), *rows, self.least, self.depth)
+        depth_resolve.resolve_depth(self._front(), *rows, self.least, self.depth)
 
     def _front(self) -> Float32:
         return self.front if len(self.blended) else self.disparity

@@ -12,7 +12,7 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, fastmath_inlined, fastmath_kernel, kernel_of
-from nlens_video.render.software import fragment as at
+from nlens_video.render.software import shading_block as at
 
 _N = at.WIDTH
 _U = (

@@ -1,21 +1,20 @@
-"""Which triangle each sample of the picture shows: the first half of a software rasteriser.
+"""Visibility: the nearest triangle of each sample (scanline rasterisation with a depth test).
 
-A pixel has four samples, where graphics hardware has them. Their rows lie a quarter of a pixel
-apart, so that the picture is `4 h` lines of one sample a pixel: a triangle covers a run of each
-line. What is kept of a sample is its triangle and its disparity, which is affine across the screen;
-colour is worked out later, once a surface and pixel (`deferred`).
+A pixel has four samples in the rotated-grid pattern of graphics hardware. Their rows lie a quarter
+of a pixel apart, so the picture is `4 h` lines of one sample a pixel, and a triangle covers one run
+of each line. A sample stores its triangle and disparity, which is affine across the screen; shading
+follows once per surface and pixel (`deferred`).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import inlined, kernel
-from nlens_video.render.software.simd_raster import LANES, draw_run
+from nlens_video.kernels.simd_operations import DRAW_LANES, draw_samples
 from nlens_video.render.software.triangles import (
     Int32,
     Shape,
@@ -34,11 +33,10 @@ Sides = tuple[Line, Line, Line, float]
 SAMPLE_X = (0.375, 0.875, 0.125, 0.625)
 SAMPLE_Y = (0.125, 0.375, 0.625, 0.875)
 """Where in a pixel its samples lie [px]."""
-PADDING = LANES
+PADDING = DRAW_LANES
 """Columns stored to the right of the picture, of any content."""
 NOTHING = -1
 """No triangle."""
-_draw: Any = draw_run
 _SNAP = 1.5 * 2.0**20  # adding and taking it away rounds to 2^-32
 
 
@@ -61,11 +59,11 @@ def _run(
     """Draw columns `run` (first, one beyond the last) of a line; `start` is the first's."""
     at, count = line * picture[3] + run[0], run[1] - run[0]
     begun, step = np.float32(start), np.float32(slope)
-    # Once in any case: whether a short run is empty no processor can foresee.
-    _draw(picture[0], picture[1], at, np.int32(count), begun, step, np.int32(t))
-    for x in range(LANES, count, LANES):
+    # Unconditionally once: branch prediction fails on whether a short run is empty.
+    draw_samples(picture[0], picture[1], at, np.int32(count), begun, step, np.int32(t))
+    for x in range(DRAW_LANES, count, DRAW_LANES):
         here = begun + step * np.float32(x)
-        _draw(picture[0], picture[1], at + x, np.int32(count - x), here, step, np.int32(t))
+        draw_samples(picture[0], picture[1], at + x, np.int32(count - x), here, step, np.int32(t))
 
 
 @inlined

@@ -15,17 +15,16 @@ import numpy as np
 from nlens_video.core.layers import Box, Float32, ObjectLayer
 from nlens_video.kernels.thread_pool import parallel_for, processors
 from nlens_video.render.base.box_renderer import BoxRenderer, ViewSetup, view_setup
-from nlens_video.render.base.lighting import Lighting
-from nlens_video.render.base.peel_layer import BehindPicture, Front
+from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.software.framebuffer import Framebuffer, Rows
 from nlens_video.render.software.scene_buffers import SceneBuffers
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry
-from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.scene_light import SceneLight
 
 _BANDS = 3  # for each thread: some rows take longer than others
 
@@ -51,7 +50,7 @@ class Rasteriser:
         return picture.rgba, picture.depth
 
     def draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What it hides; see `Drawer`."""
         hidden = Framebuffer.of(self.moved(posed), sight, lighting, behind=True)
@@ -153,7 +152,7 @@ class SoftwareObjectRenderer(BoxRenderer):
         return self._drawer.draw(posed, sight, lighting)
 
     def _draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: Front
+        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         return self._drawer.draw_behind(posed, sight, lighting, front)
 

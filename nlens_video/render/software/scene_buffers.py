@@ -6,15 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Float32
-from nlens_video.render.base.material_buffers import material_numbers, texture_uses
-from nlens_video.render.software.corners import Mesh
-from nlens_video.render.software.fragment import Int32
-from nlens_video.render.software.surface import OPAQUE, UNLIT, Paint
-from nlens_video.render.software.texture import Atlas, Texture
+from nlens_video.render.base.shader_inputs import material_params, texture_uses
+from nlens_video.render.software.interpolation import MeshBuffers
+from nlens_video.render.software.material_eval import OPAQUE, UNLIT, MaterialBuffers
+from nlens_video.render.software.shading_block import Int32
+from nlens_video.render.software.texture_atlas import Atlas
 from nlens_video.scene.gltf.images import Image
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.posed import PosedMesh, PosedScene
-from nlens_video.scene.screen_projection import Lens
+from nlens_video.scene.screen_projection import PinholeParams
 
 _ORDER = ("OPAQUE", "MASK", "BLEND")
 _BACK, _MIRRORED = 1, 2
@@ -37,7 +37,7 @@ class SceneBuffers:
     faces: Int32
     sides: npt.NDArray[np.uint8]
     starts: tuple[int, int, int]
-    paint: Paint
+    paint: MaterialBuffers
 
     def __init__(self, posed: PosedScene) -> None:
         self._meshes: tuple[PosedMesh | None, ...] = (None,) * len(posed.meshes)
@@ -85,7 +85,7 @@ class SceneBuffers:
         mirrored = np.array([mesh.mirrored for mesh in posed.meshes], np.uint8)
         self.sides = self._doubles | (mirrored * np.uint8(_MIRRORED))[self._mesh_of]
 
-    def by_alpha(self, kept: Int32, lens: Lens) -> tuple[Int32, Int32, Int32]:
+    def by_alpha(self, kept: Int32, lens: PinholeParams) -> tuple[Int32, Int32, Int32]:
         """Triangles to be drawn, ascending (N,), as opaque, masked and blended ones.
 
         Those that blend come from near to far: whole meshes by their mean depth, and their
@@ -117,7 +117,7 @@ class SceneBuffers:
             self._closed = np.array(closed_bodies(posed), bool)[self._mesh_of]
         return np.where(self._closed, self.sides & ~np.uint8(_BACK), self.sides)
 
-    def mesh(self, planes: Float32) -> Mesh:
+    def mesh(self, planes: Float32) -> MeshBuffers:
         """The triangles with their planes (F, 16) on the screen."""
         return (
             self.positions, self.normals, self._uv, self._colors, self.faces, self._material, planes
@@ -137,7 +137,7 @@ def _colors(posed: PosedScene) -> Float32:
     return np.concatenate(parts)
 
 
-def _paint(materials: list[Material]) -> Paint:
+def _paint(materials: list[Material]) -> MaterialBuffers:
     images: dict[Image, int] = {}
     maps = np.full((len(materials), 5), -1, np.int32)
     flags = np.zeros(len(materials), np.int32)
@@ -146,17 +146,6 @@ def _paint(materials: list[Material]) -> Paint:
             if use is not None:
                 maps[m, slot] = images.setdefault(use.image, len(images))
         flags[m] = UNLIT * material.unlit | OPAQUE * (material.alpha_mode != "BLEND")
-    atlas = Atlas.of(
-        [
-            Texture(
-                pixels=image.pixels,
-                srgb=image.srgb,
-                mag_filter=image.mag_filter,
-                min_filter=image.min_filter,
-                wrap=image.wrap,
-            )
-            for image in images
-        ]
-    )
-    numbers = np.stack([material_numbers(material) for material in materials])
+    atlas = Atlas.of(list(images))
+    numbers = np.stack([material_params(material) for material in materials])
     return numbers, maps, flags, (atlas.texels, atlas.levels, atlas.table)

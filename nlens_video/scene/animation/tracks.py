@@ -19,7 +19,7 @@ _KINDS = {"STEP": 0, "LINEAR": 1, "CUBICSPLINE": 2}  # as `kernels.node_motion` 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class AnimationTrack:
     """One animated property of one node.
 
     Attributes:
@@ -46,7 +46,7 @@ class Animation:
         duration_s: time of the last key [s]; 0 where nothing is animated.
     """
 
-    tracks: tuple[Track, ...]
+    tracks: tuple[AnimationTrack, ...]
     duration_s: float = field(init=False)
     _moving: _Bank | None = field(init=False)
     _morphing: dict[int, _Bank] = field(init=False)
@@ -96,7 +96,7 @@ class _Bank:
     values: Float64
 
     @classmethod
-    def of(cls, tracks: Sequence[Track]) -> _Bank:
+    def of(cls, tracks: Sequence[AnimationTrack]) -> _Bank:
         widest = max(track.values.shape[2] for track in tracks)
         values = np.zeros((sum(len(track.times) for track in tracks), 3, widest))
         # Most exporters give all channels of a clip the same key times: keep each only once.

@@ -10,7 +10,7 @@ import numpy as np
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.playback import ALL
-from nlens_video.scene.animation.tracks import Animation, Track
+from nlens_video.scene.animation.tracks import Animation, AnimationTrack
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
@@ -32,7 +32,7 @@ class Animations:
     """
 
     names: tuple[str, ...]
-    clips: tuple[dict[TrackKey, Track], ...]
+    clips: tuple[dict[TrackKey, AnimationTrack], ...]
 
     def chosen(self, which: str) -> Animation:
         """What plays: one animation by its name, else by its number, or all.
@@ -43,7 +43,7 @@ class Animations:
             SceneError: the file has no such animation.
         """
         if which == ALL and ALL not in self.names:
-            tracks: dict[TrackKey, Track] = {}
+            tracks: dict[TrackKey, AnimationTrack] = {}
             for number, clip in enumerate(self.clips):
                 if number not in self._alternatives():
                     tracks.update(clip)
@@ -58,7 +58,7 @@ class Animations:
 
     def of_nodes(self, nodes: frozenset[int]) -> Animation:
         """All that moves some nodes, whichever animation plays on the rest."""
-        tracks: dict[TrackKey, Track] = {}
+        tracks: dict[TrackKey, AnimationTrack] = {}
         for clip in self.clips:
             for key, track in clip.items():
                 if track.node in nodes:
@@ -121,10 +121,10 @@ class _TrackReader:
     morphs: dict[int, int]
     _times: dict[int, tuple[float, ...]] = field(default_factory=dict)
 
-    def clip(self, clip: Fields) -> dict[TrackKey, Track]:
+    def clip(self, clip: Fields) -> dict[TrackKey, AnimationTrack]:
         """An animation's tracks by node and property."""
         samplers = clip.children("samplers")
-        tracks: dict[TrackKey, Track] = {}
+        tracks: dict[TrackKey, AnimationTrack] = {}
         unplayed: Counter[str] = Counter()
         for channel in clip.children("channels"):
             target = channel.child("target")
@@ -151,7 +151,7 @@ class _TrackReader:
             return "they animate a node with a matrix"
         return ""
 
-    def _track(self, sampler: Fields, node: int, path: str, width: int) -> Track:
+    def _track(self, sampler: Fields, node: int, path: str, width: int) -> AnimationTrack:
         interpolation = sampler.text("interpolation", "LINEAR")
         if interpolation not in _INTERPOLATIONS:
             raise sampler.wrong("interpolation", "LINEAR, STEP or CUBICSPLINE")
@@ -171,7 +171,7 @@ class _TrackReader:
             keys = np.concatenate([zero, keys, zero], axis=1)
         if path == "rotation" and per_key == 1:
             keys[:, 1] = normalized(keys[:, 1])
-        return Track(node, path, interpolation, times, keys)
+        return AnimationTrack(node, path, interpolation, times, keys)
 
     def _key_times(self, sampler: Fields) -> tuple[float, ...]:
         index = sampler.integer("input", below=self.accessors.count)

@@ -54,7 +54,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
+class TriangleMesh:
     """Primitives under one name.
 
     Attributes:
@@ -90,7 +90,7 @@ def unit(vectors: Float32 | Float64) -> Float32:
 
 def read_meshes(
     document: Document, accessors: AccessorReader, materials: tuple[Material, ...]
-) -> tuple[Mesh, ...]:
+) -> tuple[TriangleMesh, ...]:
     """All meshes of the file as triangles.
 
     Raises:
@@ -107,10 +107,10 @@ class _PrimitiveReader:
     materials: tuple[Material, ...]
     draco: DracoReader
 
-    def mesh(self, item: Fields) -> Mesh:
+    def mesh(self, item: Fields) -> TriangleMesh:
         name = item.name or item.place
         made = (self.primitive(primitive, name) for primitive in item.children("primitives"))
-        return Mesh(tuple(g for g in made if g is not None), item.numbers("weights"))
+        return TriangleMesh(tuple(g for g in made if g is not None), item.numbers("weights"))
 
     def primitive(self, item: Fields, name: str) -> Geometry | None:
         mode = item.integer("mode", below=7, default=_TRIANGLES)

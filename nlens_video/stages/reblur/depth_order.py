@@ -10,9 +10,12 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
-from nlens_video.kernels.reblur.coc_discontinuities import Hidden, Steps, extend_nearest
-from nlens_video.kernels.reblur.depth_layers import split_at_steps
-from nlens_video.kernels.reblur.known_layers import split_before
+from nlens_video.kernels.reblur.coc_discontinuities import (
+    CocDiscontinuities,
+    HiddenSurface,
+    extend_nearest,
+)
+from nlens_video.kernels.reblur.depth_layers import split_at_hidden, split_at_steps
 from nlens_video.kernels.thread_pool import parallel_map
 from nlens_video.stages.reblur.aperture_samples import even_points
 
@@ -70,12 +73,12 @@ class Candidates:
 def candidates(
     layer: tuple[Float32, Float32],
     scattered: Float32,
-    steps: Steps,
+    steps: CocDiscontinuities,
     scatter: Scatter,
     *,
     pixel_aspect: float = 1.0,
     corner: tuple[int, int] = (0, 0),
-    hidden: Hidden | None = None,
+    hidden: HiddenSurface | None = None,
 ) -> Candidates:
     """Make the candidates on one region.
 
@@ -93,7 +96,7 @@ def candidates(
     if hidden is None:
         parts = split_at_steps(rgba, coc, steps, corner)
     else:
-        parts = split_before(rgba, coc, steps, hidden)
+        parts = split_at_hidden(rgba, coc, steps, hidden)
     reached = steps.inside_px > 0.0
     drawn = partial(scatter, pixel_aspect=pixel_aspect, wanted=reached)
 

@@ -18,7 +18,11 @@ from typing import Protocol
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32
-from nlens_video.kernels.reblur.coc_discontinuities import Hidden, Steps, find_steps
+from nlens_video.kernels.reblur.coc_discontinuities import (
+    CocDiscontinuities,
+    HiddenSurface,
+    find_discontinuities,
+)
 from nlens_video.stages.reblur.depth_order import Candidates, Scatter, candidates
 
 CELL = 4
@@ -75,7 +79,7 @@ class RepairDepthOrder:
         whole = layer.box.expanded(margin + 1)
         rgba, coc = _on(whole, layer.box, layer.rgba), _on(whole, layer.box, defocused.coc_px)
         hidden = _hidden_on(whole, defocused, rgba)
-        steps = find_steps(rgba, coc, hidden)
+        steps = find_discontinuities(rgba, coc, hidden)
         if steps is None or blurred.box.empty:
             return blurred
         reached = _reached(steps, whole).intersection(blurred.box.expanded(HALO_PX))
@@ -86,7 +90,7 @@ class RepairDepthOrder:
         made = candidates(
             (_on(source, whole, rgba), _on(source, whole, coc)),
             _on(source, blurred.box, blurred.rgba),
-            Steps(
+            CocDiscontinuities(
                 inside_px=_on(source, whole, steps.inside_px),
                 split_px=_on(source, whole, steps.split_px),
             ),
@@ -106,7 +110,7 @@ class RepairDepthOrder:
     def _laid_in(
         made: Candidates,
         judgement: Float32 | None,
-        steps: Steps,
+        steps: CocDiscontinuities,
         boxes: tuple[Box, Box, Box],
         blurred: BlurredLayer,
     ) -> BlurredLayer:
@@ -131,7 +135,7 @@ def fade(inside_px: Float32) -> Float32:
     return np.asarray(np.clip(inside_px * (1.0 / FEATHER_PX), 0.0, 1.0), dtype=np.float32)
 
 
-def _reached(steps: Steps, whole: Box) -> Box:
+def _reached(steps: CocDiscontinuities, whole: Box) -> Box:
     """Bounds in the frame of what is within reach of a step."""
     return Box.of(steps.inside_px > 0.0).moved(whole.x0, whole.y0)
 
@@ -142,7 +146,7 @@ def _in_cells(box: Box) -> Box:
     return Box(x0, y0, -(-box.x1 // CELL) * CELL, -(-box.y1 // CELL) * CELL)
 
 
-def _hidden_on(box: Box, defocused: DefocusedLayer, rgba: Float32) -> Hidden | None:
+def _hidden_on(box: Box, defocused: DefocusedLayer, rgba: Float32) -> HiddenSurface | None:
     """What is hidden, on `box`; None where nobody knows. `rgba` is the sharp picture on it."""
     behind = defocused.behind
     if behind is None:
@@ -150,16 +154,16 @@ def _hidden_on(box: Box, defocused: DefocusedLayer, rgba: Float32) -> Hidden | N
     front = rgba.copy()
     if not behind.box.empty:
         front[behind.box.slices_in(box)] = behind.front_rgba
-    return Hidden(
+    return HiddenSurface(
         rgba=_on(box, behind.box, behind.rgba),
         coc_px=_on(box, behind.box, behind.coc_px),
         front_rgba=front,
     )
 
 
-def _hidden_part(hidden: Hidden, box: Box, held: Box) -> Hidden:
+def _hidden_part(hidden: HiddenSurface, box: Box, held: Box) -> HiddenSurface:
     """Of what is hidden on `held`, that on `box`."""
-    return Hidden(
+    return HiddenSurface(
         rgba=_on(box, held, hidden.rgba),
         coc_px=_on(box, held, hidden.coc_px),
         front_rgba=_on(box, held, hidden.front_rgba),

@@ -15,7 +15,7 @@ import numpy as np
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
-from nlens_video.kernels.reblur.edge_parallax import half_hidden
+from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
 from nlens_video.scene.camera import Camera
 
 MARGIN_PX = 48
@@ -67,7 +67,7 @@ def edge_parallax(
         ),
         mode="edge",
     )
-    rgba = half_hidden(
+    rgba = edge_parallax_layer(
         blurred.rgba, plate, object_coc, plate_coc, share,
         margin=margin, pixel_aspect=aspect,
     )  # fmt: skip

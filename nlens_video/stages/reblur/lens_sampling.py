@@ -17,7 +17,11 @@ import numpy as np
 from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.cell_gather import LARGEST_RADIUS_PX, blur_cell, cell_reach
+from nlens_video.kernels.reblur.subaperture_gather import (
+    LARGEST_RADIUS_PX,
+    gather_subaperture,
+    subaperture_reach,
+)
 from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
@@ -202,10 +206,10 @@ class BlurCell:
             return crop_to_frame(layer, frame)
         if largest > 2.0 * LARGEST_RADIUS_PX:
             return self.scatter(defocused, frame)
-        box = layer.box.expanded(cell_reach(largest, self.pixel_aspect)).intersection(frame)
+        box = layer.box.expanded(subaperture_reach(largest, self.pixel_aspect)).intersection(frame)
         x, y = layer.box.x0, layer.box.y0
         target = Box(box.x0 - x, box.y0 - y, max(box.x0, box.x1) - x, max(box.y0, box.y1) - y)
-        rgba = blur_cell(
+        rgba = gather_subaperture(
             layer.rgba, layer.rgba[..., 3] > 0.0, defocused.coc_px, target,
             pixel_aspect=self.pixel_aspect,
         )  # fmt: skip

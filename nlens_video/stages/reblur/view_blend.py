@@ -17,8 +17,8 @@ import numpy as np
 from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.cell_gather import blur_cell, cell_reach
 from nlens_video.kernels.reblur.coc_discontinuities import chamfer
+from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture, subaperture_reach
 from nlens_video.kernels.scatter.extend import Band, bands
 from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
@@ -112,7 +112,7 @@ class SampleSmallDiscs:
             return None
         points = points_around(VIEWS, self.aperture)
         region = box.expanded(
-            cell_reach(LARGE_COC_PX * float(points.radii.max()), self.pixel_aspect)
+            subaperture_reach(LARGE_COC_PX * float(points.radii.max()), self.pixel_aspect)
         )
         places, radii = points.places.tolist(), points.radii.tolist()
         away = [n for n, (u, v) in enumerate(places) if u != 0.0 or v != 0.0]
@@ -145,7 +145,7 @@ class SampleSmallDiscs:
 
         def rows(band: Band) -> None:
             part = Box(box.x0, box.y0 + band[0], box.x1, box.y0 + band[1])
-            out[band[0] : band[1]] = blur_cell(
+            out[band[0] : band[1]] = gather_subaperture(
                 view.layer.rgba, covered, coc, part.moved(-at.x0, -at.y0),
                 pixel_aspect=self.pixel_aspect,
             )  # fmt: skip

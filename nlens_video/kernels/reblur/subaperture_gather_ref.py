@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64
-from nlens_video.kernels.reblur.cell_gather import STEPS, cell_table, ramp
+from nlens_video.kernels.reblur.subaperture_gather import STEPS, ramp, subaperture_table
 
 
-def blur_cell_ref(
+def gather_subaperture_ref(
     light: Float32, covered: Bool, coc_px: Float32, target: Box, *, pixel_aspect: float = 1.0
 ) -> Float64:
     """Blur a view over its cell; arguments and result as `cell.blur_cell`."""
@@ -43,7 +43,7 @@ def blur_cell_ref(
 def _weight(distance: float, coc_px: float, pixel_aspect: float) -> float:
     """Share of a disc's light on a pixel."""
     place = 0.5 * abs(coc_px) * STEPS
-    table = cell_table(pixel_aspect)
+    table = subaperture_table(pixel_aspect)
     entry = int(place)
     radius, share = table[:, entry] + (place - entry) * (table[:, entry + 1] - table[:, entry])
     return float(ramp(np.array(distance), float(radius)) * share)

@@ -11,7 +11,12 @@ from numba import njit
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.extend import Band, SourceLayer
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd_types import four, row, splat, store4
+from nlens_video.kernels.simd import (
+    load_row4,
+    pack4,
+    splat,
+    store4,
+)
 from nlens_video.kernels.thread_pool import parallel_for
 
 SUMS = 12
@@ -63,18 +68,18 @@ def _gather(
             while level < last and radius > begun + begun:
                 level, begun = level + 1, begun + begun
             part = above(radius, begun, fade)
-            light = row(colours, y * width + x)
-            disc = four(one, radius, radii[y, x], skews[0, y, x])
-            skew = four(skews[1, y, x], zero, zero, zero)
+            light = load_row4(colours, y * width + x)
+            disc = pack4(one, radius, radii[y, x], skews[0, y, x])
+            skew = pack4(skews[1, y, x], zero, zero, zero)
             for k in range(2 if level > 1 and part < one else 1):
                 n = level - k
                 start, columns, left, top = places[n - 1]
                 at = ((y + corner[1]) >> n) - top
                 at = start + (at * columns + ((x + corner[0]) >> n) - left) * _ROWS
                 share_ = splat(part if k == 0 else one - part)
-                store4(sums, 4 * at, row(sums, at) + share_ * light)
-                store4(sums, 4 * at + 4, row(sums, at + 1) + share_ * disc)
-                store4(sums, 4 * at + 8, row(sums, at + 2) + share_ * skew)
+                store4(sums, 4 * at, load_row4(sums, at) + share_ * light)
+                store4(sums, 4 * at + 4, load_row4(sums, at + 1) + share_ * disc)
+                store4(sums, 4 * at + 8, load_row4(sums, at + 2) + share_ * skew)
 
 
 def gather_coarse(

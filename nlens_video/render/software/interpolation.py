@@ -13,16 +13,21 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, fastmath_kernel, inlined, kernel
-from nlens_video.kernels.simd_types import Float4, lane, row, splat
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software.filtering import Run
-from nlens_video.render.software.fragment import Int32
+from nlens_video.kernels.simd import (
+    Float4,
+    lane,
+    load_row4,
+    splat,
+)
+from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.shading_block import Int32
+from nlens_video.render.software.texture_sampling import Run
 from nlens_video.render.software.triangles import FACING, PLANES, X0, Y0
 
-Mesh = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]
+MeshBuffers = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]
 """Positions (V, 3), normals (V, 4), the last number of any content, texture coordinates (V, 4),
 colours (V, 4), faces (F, 3), each one's material (F,), planes (F, 16)."""
-Pinhole = Float32
+PinholeRows = Float32
 """Rows of `pinhole` (15,)."""
 Corners = tuple[int, int, int]
 Vector = tuple[float, float, float]
@@ -43,9 +48,9 @@ def _of(values: Float32, corners: Corners, w: Float4) -> Float4:
     """The corners' rows of values (V, 4), weighted."""
     i, j, k = corners
     return (
-        row(values, i) * splat(lane(w, 0))
-        + row(values, j) * splat(lane(w, 1))
-        + row(values, k) * splat(lane(w, 2))
+        load_row4(values, i) * splat(lane(w, 0))
+        + load_row4(values, j) * splat(lane(w, 1))
+        + load_row4(values, k) * splat(lane(w, 2))
     )
 
 
@@ -53,7 +58,7 @@ def _of(values: Float32, corners: Corners, w: Float4) -> Float4:
 def _weights(planes: Float32, t: int, x: float, y: float) -> tuple[Float4, Float4, Float4, float]:
     """Weights of a triangle's corners at a position, their change by a column and row, depth."""
     start = t * (PLANES // 4)
-    a, b, c = row(planes, start), row(planes, start + 1), row(planes, start + 2)
+    a, b, c = load_row4(planes, start), load_row4(planes, start + 1), load_row4(planes, start + 2)
     dx, dy = x - planes[t, X0], y - planes[t, Y0]
     shares = a * splat(dx) + b * splat(dy) + c  # weights divided by depth; their sum, 1 / depth
     depth = _ONE / _sum(shares)
@@ -70,7 +75,7 @@ def _store(block: Float32, field: int, i: int, numbers: Float4) -> None:
 
 
 @kernel
-def find(block: Float32, whole: Int32, count: int, mesh: Mesh) -> None:
+def interpolate(block: Float32, whole: Int32, count: int, mesh: MeshBuffers) -> None:
     """Fill in what the corners say of the first `count` points of a block.
 
     That is depth, normals of any length, vertex colours as base colour, texture coordinates and
@@ -145,7 +150,9 @@ def _tilted(block: Float32, i: int, px: Vector, py: Vector, n: Vector, strength:
 
 
 @kernel
-def tilt(block: Float32, whole: Int32, run: Run, mesh: Mesh, strength: float) -> None:
+def apply_normal_map(
+    block: Float32, whole: Int32, run: Run, mesh: MeshBuffers, strength: float
+) -> None:
     """Tilt the normals of a run by its normal map; their frame comes from derivatives."""
     positions, faces, planes = mesh[0], mesh[4], mesh[6]
     for i in range(run[0], run[1]):
@@ -162,7 +169,7 @@ def tilt(block: Float32, whole: Int32, run: Run, mesh: Mesh, strength: float) ->
 
 
 @fastmath_kernel
-def look(block: Float32, lens: Pinhole) -> None:
+def view_vectors(block: Float32, lens: PinholeRows) -> None:
     """Unit normals, directions to the eye and distances."""
     for i in range(at.WIDTH):
         x, y, z = (

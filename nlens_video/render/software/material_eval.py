@@ -9,13 +9,19 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, fastmath_kernel, inlined, kernel
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software.corners import Mesh, Pinhole, find, look, tilt
-from nlens_video.render.software.filtering import Run, sample
-from nlens_video.render.software.fragment import Int32
-from nlens_video.render.software.texture import Table, Texels
+from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.interpolation import (
+    MeshBuffers,
+    PinholeRows,
+    apply_normal_map,
+    interpolate,
+    view_vectors,
+)
+from nlens_video.render.software.shading_block import Int32
+from nlens_video.render.software.texture_atlas import Table, Texels
+from nlens_video.render.software.texture_sampling import Run, sample_texture
 
-Paint = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
+MaterialBuffers = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
 """Numbers of the materials (M, 56), their textures (M, 5), -1 for none, flags (M,), the atlas."""
 
 # Slots of a material's textures, and flags.
@@ -51,7 +57,7 @@ def _map(block: Float32, run: Run, use: Float32) -> None:
 
 @kernel
 def _sampled(
-    block: Float32, whole: Int32, run: Run, paint: Paint, m: int, slot: int
+    block: Float32, whole: Int32, run: Run, paint: MaterialBuffers, m: int, slot: int
 ) -> bool:  # fmt: skip
     """Fill in the texels of a material's texture; whether it has one."""
     numbers, maps, _, atlas = paint
@@ -59,7 +65,7 @@ def _sampled(
         return False
     first = _UV_ROWS + 8 * slot
     _map(block, run, numbers[m, first : first + 8])
-    sample(block, whole, run, atlas, maps[m, slot])
+    sample_texture(block, whole, run, atlas, maps[m, slot])
     return True
 
 
@@ -77,7 +83,7 @@ def _set(block: Float32, run: Run, field: int, value: float) -> None:
 
 
 @kernel
-def base_colors(block: Float32, whole: Int32, run: Run, paint: Paint) -> None:
+def base_colors(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers) -> None:
     """Make vertex colours of a run the linear base colours and alphas, which is not clipped."""
     m = whole[at.MATERIAL + run[0]]
     found = _sampled(block, whole, run, paint, m, BASE_COLOR)
@@ -100,7 +106,7 @@ def _clip(block: Float32, run: Run, field: int) -> None:
 
 
 @kernel
-def _reflectance(block: Float32, whole: Int32, run: Run, paint: Paint) -> None:
+def _reflectance(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers) -> None:
     """Fill in how a run of points reflects and glows."""
     numbers, maps, _, _ = paint
     m = whole[at.MATERIAL + run[0]]
@@ -138,11 +144,12 @@ def _emit(block: Float32, run: Run) -> None:
 
 
 @kernel
-def lay_out(
-    block: Float32, whole: Int32, count: int, mesh: Mesh, paint: Paint, lens: Pinhole
+def eval_materials(
+    block: Float32, whole: Int32, count: int, mesh: MeshBuffers, paint: MaterialBuffers,
+    lens: PinholeRows,
 ) -> None:  # fmt: skip
     """Fill in what the surface is like at the first `count` points of a block."""
-    find(block, whole, count, mesh)
+    interpolate(block, whole, count, mesh)
     first = 0
     while first < count:
         run = same_material(whole, first, count)
@@ -155,6 +162,6 @@ def lay_out(
             _emit(block, run)
             continue
         if _sampled(block, whole, run, paint, m, NORMAL):
-            tilt(block, whole, run, mesh, paint[0][m, _UV_ROWS + 8 * NORMAL + 7])
+            apply_normal_map(block, whole, run, mesh, paint[0][m, _UV_ROWS + 8 * NORMAL + 7])
         _reflectance(block, whole, run, paint)
-    look(block, lens)
+    view_vectors(block, lens)

@@ -1,18 +1,14 @@
-"""Textures sampled by their definition in OpenGL 4 (section 8.14), a run of points at a time.
+"""Texture sampling as OpenGL 4 defines it (section 8.14), for a run of points at a time.
 
-Which texels a point needs is worked out for many points at once; reading them, the one thing that
-has no vector instruction worth having, comes in a loop of its own, so that no point waits for the
-memory of the one before.
+Addresses and weights of the texels are computed for many points at once (vectorised); a loop of its
+own then reads them, so that no point waits for the memory accesses of the previous one.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import (
@@ -23,19 +19,12 @@ from nlens_video.kernels.numba_config import (
     kernel,
     to_f32,
 )
-from nlens_video.kernels.simd_types import (
-    FLOAT4,
-    FLOATS,
-    FUSED,
-    Generator,
-    instruction,
-    lane,
-    splat,
-    spread,
-)
-from nlens_video.render.software import fragment as at
-from nlens_video.render.software.fragment import Int32
-from nlens_video.render.software.texture import CLAMP, LINEAR, MIRROR, Table, Texels
+from nlens_video.kernels.simd import lane, splat
+from nlens_video.kernels.simd_operations import bilinear4, exponent, half_power, significand
+from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.shading_block import Int32
+from nlens_video.render.software.texture_atlas import CLAMP, MIRROR, Table, Texels
+from nlens_video.scene.gltf.images import LINEAR
 
 Run = tuple[int, int]
 """First point of a block, and one beyond the last."""
@@ -51,87 +40,18 @@ _ZERO, _HALF, _ONE, _TWO = (f32(v) for v in (0.0, 0.5, 1.0, 2.0))
 _FAR, _LEAST = f32(1e6), f32(1e-30)
 _ROOT, _OF_ODD = f32(math.sqrt(2.0)), f32(2.0 / math.log(2.0))
 _THIRD, _FIFTH, _SEVENTH = f32(1.0 / 3.0), f32(1.0 / 5.0), f32(1.0 / 7.0)
-_BIAS, _FRACTION_BITS = 127, 23  # of a float32
-# `Any` throughout: llvmlite's code generators have no types of their own.
-_FLOAT, _INT = ir.FloatType(), ir.IntType(32)
-_PAIR, _CODES = ir.VectorType(ir.IntType(16), 8), ir.VectorType(ir.IntType(16), 4)
-_EIGHT, _EIGHT_OF_ONE = ir.VectorType(_FLOAT, 8), ir.Constant(ir.VectorType(_INT, 8), [0] * 8)
-_SCALE = ir.Constant(FLOATS, [1.0 / 65535.0] * 4)
-
-
-def _mix(builder: Any, one: Any, other: Any, part: Any) -> Any:
-    away = builder.fsub(other, one, flags=FUSED)
-    return builder.fadd(one, builder.fmul(away, part, flags=FUSED), flags=FUSED)
-
-
-@instruction
-def _blend(_: Any, texels: Any, upper: Any, lower: Any, across: Any, down: Any) -> Generator:
-    """Compile: mix texels `upper` and `lower` by `down`, and so the next ones; both by `across`."""
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, given[0]).data
-
-        def pair(index: Any) -> Any:
-            first = builder.gep(data, [builder.shl(index, index.type(2))])
-            codes = builder.load(builder.bitcast(first, _PAIR.as_pointer()), align=2)
-            return builder.uitofp(codes, _EIGHT)
-
-        def half(numbers: Any, first: int) -> Any:
-            order = ir.Constant(ir.VectorType(_INT, 4), list(range(first, first + 4)))
-            return builder.shuffle_vector(numbers, numbers, order)
-
-        parts = builder.insert_element(ir.Constant(_EIGHT, ir.Undefined), given[4], _INT(0))
-        parts = builder.shuffle_vector(parts, parts, _EIGHT_OF_ONE)
-        both = _mix(builder, pair(given[1]), pair(given[2]), parts)
-        mixed = _mix(builder, half(both, 0), half(both, 4), spread(builder, given[3]))
-        return builder.fmul(mixed, _SCALE)
-
-    return FLOAT4(texels, *(types.intp,) * 2, *(types.float32,) * 2), generate
-
-
-@instruction
-def _exponent(_: Any, value: Any) -> Generator:
-    """Compile: the exponent of 2 of a positive float32, as one."""
-
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
-        bits = builder.lshr(builder.bitcast(given[0], _INT), _INT(_FRACTION_BITS))
-        return builder.sitofp(builder.sub(bits, _INT(_BIAS)), _FLOAT)
-
-    return types.float32(types.float32), generate
-
-
-@instruction
-def _fraction(_: Any, value: Any) -> Generator:
-    """Compile: a positive float32 without its exponent, from 1 to below 2."""
-
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
-        bits = builder.and_(builder.bitcast(given[0], _INT), _INT((1 << _FRACTION_BITS) - 1))
-        return builder.bitcast(builder.or_(bits, _INT(_BIAS << _FRACTION_BITS)), _FLOAT)
-
-    return types.float32(types.float32), generate
-
-
-@instruction
-def _half_to(_: Any, power: Any) -> Generator:
-    """Compile: a half to the power of a whole number, 0 to 126, that is given as a float32."""
-
-    def generate(_: Any, builder: Any, __: Any, given: Any) -> Any:
-        exponent = builder.sub(_INT(_BIAS), builder.fptosi(given[0], _INT))
-        return builder.bitcast(builder.shl(exponent, _INT(_FRACTION_BITS)), _FLOAT)
-
-    return types.float32(types.float32), generate
 
 
 @fastmath_inlined
 def _log2(value: float) -> float:
     """Of a positive number, to 1e-6: libm's takes one number at a time."""
-    part = _fraction(value)
+    part = significand(value)
     large = part > _ROOT
     part = part * _HALF if large else part
     odd = (part - _ONE) / (part + _ONE)  # of the series of the inverse hyperbolic tangent
     square = odd * odd
     series = _ONE + square * (_THIRD + square * (_FIFTH + square * _SEVENTH))
-    found: float = _exponent(value) + (_ONE if large else _ZERO) + _OF_ODD * odd * series
+    found: float = exponent(value) + (_ONE if large else _ZERO) + _OF_ODD * odd * series
     return found
 
 
@@ -178,7 +98,7 @@ def _choose_texels(
         for i in range(run[0], run[1]):
             level = block[_U(at.LEVEL + i)] + to_f32(k)
             level = level if level < last else last
-            scale = _half_to(level)
+            scale = half_power(level)
             columns, rows = floor(width * scale), floor(height * scale)
             columns = columns if columns > _ONE else _ONE
             rows = rows if rows > _ONE else _ONE
@@ -204,20 +124,20 @@ def _read(
         level = table[0] + int(block[at.LEVEL + i])
         here = levels[level, 0] + whole[at.TEXEL + i]
         below = here + whole[at.STRIDE + i]
-        rgba = _blend(texels, here, below, block[at.ACROSS + i], block[at.DOWN + i])
+        rgba = bilinear4(texels, here, below, block[at.ACROSS + i], block[at.DOWN + i])
         part = block[at.NEXT + i]
         if part > _ZERO:
             j = at.WIDTH + i
             here = levels[min(level + 1, table[1]), 0] + whole[at.TEXEL + j]
             below = here + whole[at.STRIDE + j]
-            coarser = _blend(texels, here, below, block[at.ACROSS + j], block[at.DOWN + j])
+            coarser = bilinear4(texels, here, below, block[at.ACROSS + j], block[at.DOWN + j])
             rgba = rgba + (coarser - rgba) * splat(part)
         block[at.TEXEL_R + i], block[at.TEXEL_G + i] = lane(rgba, 0), lane(rgba, 1)
         block[at.TEXEL_B + i], block[at.TEXEL_A + i] = lane(rgba, 2), lane(rgba, 3)
 
 
 @kernel
-def sample(
+def sample_texture(
     block: Float32, whole: Int32, run: Run, atlas: tuple[Texels, Table, Table], texture: int
 ) -> None:  # fmt: skip
     """Fill in a texture's colours, linear RGBA, at a run of points of a block.

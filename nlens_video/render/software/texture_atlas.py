@@ -1,8 +1,8 @@
-"""Textures as the software rasteriser samples them: levels of linear light in one atlas.
+"""Texture atlas of the software rasteriser: mipmaps of all textures in linear light.
 
-Texels are 16-bit linear light, which holds 8-bit sRGB codes to 1/130000: so decoding comes before
-filtering and costs nothing while drawing. Each level has a rim of one texel as its sampler wraps
-it, so that the two texels of a row beside any place lie side by side.
+Texels are 16-bit linear light, which represents 8-bit sRGB codes to within 1/130000; textures are
+thus decoded once, before filtering. Each level has a border of one texel, filled as its sampler
+wraps it, so that the two texels of a row around any position are adjacent in memory.
 """
 
 from __future__ import annotations
@@ -15,32 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.color import transfer
+from nlens_video.scene.gltf.images import LINEAR, NEAREST, Image
 
 Texels = npt.NDArray[np.uint16]
 Table = npt.NDArray[np.int64]
 
 # OpenGL's codes, as glTF stores them.
-NEAREST, LINEAR = 9728, 9729
 CLAMP, MIRROR = 33071, 33648
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Texture:
-    """One picture and its sampler.
-
-    Attributes:
-        pixels: straight RGBA (H, W, 4), 8 bit.
-        srgb: whether RGB is sRGB-coded.
-        mag_filter: OpenGL's code.
-        min_filter: OpenGL's code.
-        wrap: OpenGL's codes along u and v.
-    """
-
-    pixels: npt.NDArray[np.uint8]
-    srgb: bool
-    mag_filter: int
-    min_filter: int
-    wrap: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +40,8 @@ class Atlas:
     table: Table
 
     @classmethod
-    def of(cls, textures: Sequence[Texture]) -> Atlas:
-        """Decode textures and make their smaller levels."""
+    def of(cls, textures: Sequence[Image]) -> Atlas:
+        """Decode textures and build their mipmaps."""
         parts, size = [np.zeros(4, np.uint16)], 1
         levels: list[tuple[int, int, int]] = []
         table: list[tuple[int, ...]] = []
@@ -69,7 +50,7 @@ class Atlas:
             for level in _pyramid(texture):
                 height, width = level.shape[:2]
                 levels.append((size + width + 3, width, height))
-                parts.append(_rimmed(level, texture.wrap).ravel())
+                parts.append(_bordered(level, texture.wrap).ravel())
                 size += (width + 2) * (height + 2)
             row = (first, len(levels) - first, texture.mag_filter, texture.min_filter)
             table.append((*row, *texture.wrap))
@@ -80,7 +61,7 @@ class Atlas:
         )
 
 
-def _pyramid(texture: Texture) -> list[Texels]:
+def _pyramid(texture: Image) -> list[Texels]:
     """The picture in linear light and, where the sampler wants them, its halves."""
     codes = np.arange(256) / 255.0
     straight = np.round(codes * 65535.0).astype(np.uint16)
@@ -98,8 +79,8 @@ def _pyramid(texture: Texture) -> list[Texels]:
     return levels
 
 
-def _rimmed(level: Texels, wrap: tuple[int, int]) -> Texels:
-    """A level (h, w, 4) with what is found beyond its borders (h + 2, w + 2, 4)."""
+def _bordered(level: Texels, wrap: tuple[int, int]) -> Texels:
+    """A level (h, w, 4) with a border of one wrapped texel (h + 2, w + 2, 4)."""
     for axis, way in ((1, wrap[0]), (0, wrap[1])):
         first, last = level.take([0], axis), level.take([-1], axis)
         around = (first, level, last) if way in (CLAMP, MIRROR) else (last, level, first)

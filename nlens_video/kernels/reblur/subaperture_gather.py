@@ -16,7 +16,12 @@ from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import coverage, fitted_radius
 from nlens_video.kernels.scatter.extend import Int32
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd_types import all_sixteen, put_sixteen, select_gt, sixteen
+from nlens_video.kernels.simd import (
+    load16,
+    select_gt,
+    splat16,
+    store16,
+)
 
 LARGEST_RADIUS_PX = 8.0
 """Largest radius that is gathered; beyond it a scatter costs less [px]."""
@@ -40,7 +45,7 @@ def ramp(distance: Float64, radius: float) -> Float64:
 
 
 @lru_cache(maxsize=8)
-def cell_table(pixel_aspect: float = 1.0) -> Float32:
+def subaperture_table(pixel_aspect: float = 1.0) -> Float32:
     """Radius of the ramp, and one by its sum, of the disc of each nominal radius (2, K).
 
     The ramp is as wide, by its second moment along columns, as `disc.coverage` of the radius that
@@ -70,7 +75,7 @@ def _moment_and_sum(radius: float, pixel_aspect: float) -> tuple[float, float]:
     return float((weights * at * at).sum() / weights.sum()), float(weights.sum())
 
 
-def cell_reach(largest_coc_px: float, pixel_aspect: float = 1.0) -> int:
+def subaperture_reach(largest_coc_px: float, pixel_aspect: float = 1.0) -> int:
     """Whole pixels by which a blurred view can exceed its silhouette, the larger of both axes.
 
     Args:
@@ -78,11 +83,11 @@ def cell_reach(largest_coc_px: float, pixel_aspect: float = 1.0) -> int:
         pixel_aspect: width of a pixel by its height, > 0 [1].
     """
     entry = math.ceil(0.5 * largest_coc_px * STEPS)
-    radius = float(cell_table(pixel_aspect)[0, : entry + 1].max())
+    radius = float(subaperture_table(pixel_aspect)[0, : entry + 1].max())
     return math.ceil((radius + 0.5) * max(1.0, pixel_aspect)) - 1
 
 
-def blur_cell(
+def gather_subaperture(
     light: Float32, covered: Bool, coc_px: Float32, target: Box, *, pixel_aspect: float = 1.0
 ) -> Float32:
     """Blur a view over the small discs of its cell, in the order of depth.
@@ -111,7 +116,7 @@ def blur_cell(
     largest = float(np.max(np.abs(coc_px), where=covered, initial=0.0))
     if not largest <= 2.0 * LARGEST_RADIUS_PX:
         raise ValueError(f"a CoC of {largest} px; at most {2.0 * LARGEST_RADIUS_PX} is gathered")
-    reach = cell_reach(largest, pixel_aspect)
+    reach = subaperture_reach(largest, pixel_aspect)
     tiles = -(-target.width // _LANES)
     around = Box(
         target.x0 - reach, target.y0 - reach,
@@ -122,7 +127,7 @@ def blur_cell(
     widest[:] = 0.0
     _lay_out(
         np.ascontiguousarray(light, np.float32), np.ascontiguousarray(covered),
-        np.ascontiguousarray(coc_px, np.float32), cell_table(pixel_aspect),
+        np.ascontiguousarray(coc_px, np.float32), subaperture_table(pixel_aspect),
         (around.y0, around.x0, reach), planes, widest,
     )  # fmt: skip
     out = np.empty((target.height, target.width, 4), np.float32)
@@ -212,50 +217,50 @@ def _gather(
     """
     height, width = out.shape[:2]
     stride = planes.shape[2]
-    zero, one = all_sixteen(_ZERO), all_sixteen(_ONE)
+    zero, one = splat16(_ZERO), splat16(_ONE)
     of_tile = np.empty((4, _LANES), np.float32)
     for y in range(height):
         for first in range(0, width, _LANES):
             rim = _rim(widest, y, 2 * reach + 1, first // _LANES)
             here = (y + reach) * _PLANES * stride + first + reach
-            mine = sixteen(planes, here + _COC * stride)
-            my_radius = sixteen(planes, here + _RADIUS * stride) + all_sixteen(_HALF)
-            my_share = sixteen(planes, here + _SHARE * stride)
+            mine = load16(planes, here + _COC * stride)
+            my_radius = load16(planes, here + _RADIUS * stride) + splat16(_HALF)
+            my_share = load16(planes, here + _SHARE * stride)
             r = g = b = a = weights = zero  # of all
             near_r = near_g = near_b = near_a = near = zero  # of what lies before
             for k in range(distances.shape[0]):
                 if distances[k] >= rim:
                     break
-                away = all_sixteen(distances[k])
+                away = splat16(distances[k])
                 there = here + places[k, 0] * _PLANES * stride + places[k, 1]
-                coc = sixteen(planes, there + _COC * stride)
-                radius = sixteen(planes, there + _RADIUS * stride) + all_sixteen(_HALF)
-                share = sixteen(planes, there + _SHARE * stride)
+                coc = load16(planes, there + _COC * stride)
+                radius = load16(planes, there + _RADIUS * stride) + splat16(_HALF)
+                share = load16(planes, there + _SHARE * stride)
                 covered = select_gt(coc, mine, radius, my_radius) - away
                 covered = select_gt(covered, zero, covered, zero)
                 weight = select_gt(covered, one, one, covered) * select_gt(
                     coc, mine, share, my_share
                 )
                 before = select_gt(coc, mine, weight, zero)
-                light = sixteen(planes, there)
+                light = load16(planes, there)
                 r, near_r = r + weight * light, near_r + before * light
-                light = sixteen(planes, there + stride)
+                light = load16(planes, there + stride)
                 g, near_g = g + weight * light, near_g + before * light
-                light = sixteen(planes, there + 2 * stride)
+                light = load16(planes, there + 2 * stride)
                 b, near_b = b + weight * light, near_b + before * light
-                light = sixteen(planes, there + 3 * stride)
+                light = load16(planes, there + 3 * stride)
                 a, near_a = a + weight * light, near_a + before * light
                 weights, near = weights + weight, near + before
             # What lies before is laid over the rest, seen as far as that leaves room.
             room = select_gt(one, near, one - near, zero)
             rest = weights - near
             behind = select_gt(rest, zero, room / select_gt(rest, zero, rest, one), zero)
-            behind = select_gt(mine, all_sixteen(_NOWHERE), behind, zero)
+            behind = select_gt(mine, splat16(_NOWHERE), behind, zero)
             scale = one / select_gt(near, one, near, one)
-            put_sixteen(of_tile, 0, scale * near_r + behind * (r - near_r))
-            put_sixteen(of_tile, _LANES, scale * near_g + behind * (g - near_g))
-            put_sixteen(of_tile, 2 * _LANES, scale * near_b + behind * (b - near_b))
-            put_sixteen(of_tile, 3 * _LANES, scale * near_a + behind * (a - near_a))
+            store16(of_tile, 0, scale * near_r + behind * (r - near_r))
+            store16(of_tile, _LANES, scale * near_g + behind * (g - near_g))
+            store16(of_tile, 2 * _LANES, scale * near_b + behind * (b - near_b))
+            store16(of_tile, 3 * _LANES, scale * near_a + behind * (a - near_a))
             for x in range(min(_LANES, width - first)):
                 for c in range(4):
                     out[y, first + x, c] = of_tile[c, x]

@@ -70,7 +70,7 @@ def _cut(
                 row[SPAN, x] *= whole[x] / max(left[x], np.float32(1e-6))
 
 
-def cut_by_barrel(
+def vignette_discs(
     level: Level,
     size: int,
     aperture: Aperture,

@@ -1,1 +1,0 @@
-"""Definitions in numpy of the rasteriser's kernels; the tests compare both."""

@@ -1,0 +1,152 @@
+"""`light` by its definition: glTF 2.0, appendix B, one point at a time in float64."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.layers import Float64
+from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
+from nlens_video.render.software.texture_atlas import Atlas
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurfacePoint:
+    """A point of a surface: unit vectors (3,), linear colours (3,), factors in [0, 1]."""
+
+    normal: Float64
+    view: Float64
+    base: Float64
+    metallic: float
+    roughness: float
+    f0: Float64
+    specular: float
+
+
+def reflectance(surface: SurfacePoint, toward: Float64) -> Float64:
+    """BRDF times cosine (3,) for light from a unit direction `toward` (3,) [1 / sr]."""
+    cosine = float(surface.normal @ toward)
+    if cosine <= 0.0:
+        return np.zeros(3)
+    half = (toward + surface.view) / np.linalg.norm(toward + surface.view)
+    seen = max(abs(float(surface.normal @ surface.view)), 1e-4)
+    alpha = max(surface.roughness**2, 0.002)
+    grazing = (1.0 - float(np.clip(surface.view @ half, 0.0, 1.0))) ** 5
+    shine = _distribution(max(float(surface.normal @ half), 0.0), alpha) * _visible(
+        cosine, seen, alpha
+    )
+    fresnel = surface.f0 + (surface.specular - surface.f0) * grazing
+    dielectric = (1.0 - fresnel.max()) * surface.base / math.pi + shine * fresnel
+    metal = shine * (surface.base + (1.0 - surface.base) * grazing)
+    mixed = (1.0 - surface.metallic) * dielectric + surface.metallic * metal
+    return np.asarray(cosine * mixed)
+
+
+def _distribution(cosine: float, alpha: float) -> float:
+    """Of microfacets' normals (Trowbridge and Reitz)."""
+    return alpha**2 / (math.pi * (cosine**2 * (alpha**2 - 1.0) + 1.0) ** 2)
+
+
+def _visible(light: float, view: float, alpha: float) -> float:
+    """Share of microfacets that light and eye both reach (Smith), over 4 times both cosines."""
+    towards_eye = math.sqrt(view**2 * (1.0 - alpha**2) + alpha**2)
+    towards_light = math.sqrt(light**2 * (1.0 - alpha**2) + alpha**2)
+    return 0.5 / (light * towards_eye + view * towards_light)
+
+
+def lit_by_directional(surface: SurfacePoint, suns: Sequence[tuple[Float64, Float64]]) -> Float64:
+    """Radiance (3,) under lamps without a place: directions towards them, and irradiances (3,)."""
+    parts = [reflectance(surface, toward) * strength for toward, strength in suns]
+    return np.asarray(np.sum(parts, axis=0))
+
+
+def visible_triangles(
+    corners: Float64, size: tuple[int, int], near: float
+) -> tuple[npt.NDArray[np.int32], Float64]:
+    """Triangle and disparity of each sample (4 h, w); `NOTHING` and 0 where there is none.
+
+    A point of the screen is covered where it is a sum of the corners with weights that are not
+    negative; that sum's weights also give its disparity.
+
+    Args:
+        corners: homogeneous corners (T, 3, 3), (column * depth, row * depth, depth) [px].
+        size: rows and columns of the picture [px].
+        near: least depth that is drawn [scene unit].
+    """
+    height, width = size
+    ids = np.full((4 * height, width), NOTHING, np.int32)
+    best = np.zeros((4 * height, width))
+    lines, columns = np.indices(ids.shape)
+    x = columns + np.array(SAMPLE_X)[lines % 4]
+    y = lines // 4 + np.array(SAMPLE_Y)[lines % 4]
+    samples = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    for number, triangle in enumerate(corners):
+        if abs(np.linalg.det(triangle)) < 1e-12:
+            continue
+        weights = np.linalg.solve(triangle.T, samples.T).T.reshape(*ids.shape, 3)
+        disparity = weights.sum(axis=-1)
+        drawn = (weights >= 0.0).all(axis=-1) & (disparity <= 1.0 / near) & (disparity >= best)
+        ids[drawn], best[drawn] = number, disparity[drawn]
+    return ids, best
+
+
+_CLAMP, _MIRROR = 33071, 33648
+_LINEAR = 9729
+# Shrinking: nearest of nearest level, linear of nearest, nearest of two levels, linear of two.
+_FILTERS = {9728: (0, 0), 9729: (1, 0), 9984: (0, 1), 9985: (1, 1), 9986: (0, 2), 9987: (1, 2)}
+
+
+def sample_texture(
+    atlas: Atlas, texture: int, at: tuple[float, float], along: tuple[Float64, Float64]
+) -> Float64:
+    """Linear RGBA (4,) at coordinates that change by `along` (2,) a column and a row."""
+    first, count, mag, least, *wrap = (int(v) for v in atlas.table[texture])
+    size = atlas.levels[first, 1:].astype(np.float64)
+    squared = max(float(((change * size) ** 2).sum()) for change in along)
+    linear, levels = _FILTERS[least]
+    edge = 2.0 if mag == _LINEAR and least in (9984, 9986) else 1.0
+    if squared <= edge:
+        return _at(atlas, first, at, wrap, linear=mag == _LINEAR)
+    if levels == 0:
+        return _at(atlas, first, at, wrap, linear=linear == 1)
+    lod = min(max(0.5 * math.log2(squared), 0.0), count - 1.0)
+    if levels == 1:
+        near = max(math.ceil(lod + 0.5) - 1, 0)
+        return _at(atlas, first + near, at, wrap, linear=linear == 1)
+    low = min(int(lod), count - 1)
+    finer = _at(atlas, first + low, at, wrap, linear=linear == 1)
+    coarser = _at(atlas, first + min(low + 1, count - 1), at, wrap, linear=linear == 1)
+    return finer + (coarser - finer) * (lod - low)
+
+
+def _at(
+    atlas: Atlas, level: int, at: tuple[float, float], wrap: list[int], *, linear: bool
+) -> Float64:
+    start, width, height = (int(v) for v in atlas.levels[level])
+    rows = start + np.arange(height)[:, None] * (width + 2)
+    picture = atlas.texels.reshape(-1, 4)[rows + np.arange(width)] / 65535.0
+    x, y = at[0] * width, at[1] * height
+    if not linear:
+        row, column = _index(math.floor(y), height, wrap[1]), _index(math.floor(x), width, wrap[0])
+        return np.asarray(picture[row, column])
+    x0, y0 = math.floor(x - 0.5), math.floor(y - 0.5)
+    total = np.zeros(4)
+    for dy in range(2):
+        for dx in range(2):
+            share = (1.0 - abs(x - 0.5 - x0 - dx)) * (1.0 - abs(y - 0.5 - y0 - dy))
+            row, column = _index(y0 + dy, height, wrap[1]), _index(x0 + dx, width, wrap[0])
+            total += share * picture[row, column]
+    return total
+
+
+def _index(texel: int, size: int, wrap: int) -> int:
+    if wrap == _CLAMP:
+        return min(max(texel, 0), size - 1)
+    if wrap == _MIRROR:
+        turn = texel % (2 * size)
+        return min(turn, 2 * size - 1 - turn)
+    return texel % size
