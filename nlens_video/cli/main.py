@@ -21,7 +21,7 @@ from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, ReaderGone
 from nlens_video.core.stdio import (
     escape_controls,
-    make_ready,
+    prepare_streams,
     redirect_library_stdout,
     redirect_to_devnull,
     standard_error,
@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
     if COMPLETING in os.environ:
         complete()
-    make_ready()
+    prepare_streams()
     argv = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(sys.__stderr__)  # a crash in a library names the line that called it

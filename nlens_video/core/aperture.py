@@ -1,9 +1,9 @@
-"""The shape of the lens' aperture, as a user states it. Imports nothing heavy.
+"""Aperture shape: round, of blades, or a picture. Imports nothing heavy.
 
-Conventions: the shape is the one that a highlight *behind* the focus shows in the picture (x to
-the right, y down); before the focus it appears turned by half a turn about the pixel it belongs
-to. `coc_px` is the diameter of the disc of the same *area* as the aperture, so that blades change
-the shape of a blur and not its amount. A cat's eye is cut out of that shape without scaling it.
+Conventions: the shape is that of the blurred image of a point *behind* the focal plane (x right,
+y down); in front of it the image is rotated by 180 degrees. `coc_px` is the diameter of the disc of
+the same *area* as the aperture, so that blades change the shape of a blur and not its amount. A
+cat's eye is cut out of that shape without scaling it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture:
     """Read `round`, `BLADES[:ROTATION[:ROUNDNESS]]`, or the path of a picture.
 
     Args:
-        text: the words of `--aperture`.
+        text: the value of `--aperture`.
         cat_eye: strength of the cat's eye towards the corners, 0 to 1 [radius].
 
     Raises:
@@ -95,10 +95,10 @@ def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture:
 
 
 def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture:
-    """An aperture as it is, or from words.
+    """An aperture, parsed where it is a string.
 
     Raises:
-        UsageError: words that make no sense, or a cat's eye given twice.
+        UsageError: a string that cannot be parsed, or a cat's eye given twice.
     """
     if isinstance(given, str):
         return parse_aperture(given, cat_eye=cat_eye)

@@ -7,7 +7,7 @@ from typing import Self
 
 
 class NlensError(Exception):
-    """Base of all errors with a clear line: what came, what was expected, what to do.
+    """Base class; the message says what came, what was expected and what to do.
 
     Attributes:
         exit_code: status that the command line ends with.
@@ -51,7 +51,7 @@ class OutputError(NlensError):
 
 
 class ReaderGone(OutputError):
-    """Whoever reads our standard output has closed it: an end, not a failure."""
+    """The reader of standard output closed it (broken pipe); no failure."""
 
     exit_code = 0
 

@@ -19,11 +19,11 @@ Float32 = npt.NDArray[np.float32]
 Float64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 MOST_PIXELS = 200_000_000
-"""Of a plate, a layer or a map: a larger one is refused before memory is taken for it."""
+"""Limit of a plate, a layer or a map; larger ones are refused before memory is allocated."""
 
 
 def too_large(name: str, width: int, height: int) -> str:
-    """What to say of a picture of more than `MOST_PIXELS`."""
+    """Error message for a picture of more than `MOST_PIXELS`."""
     most = MOST_PIXELS // 10**6
     return f"{name}: {width}x{height} pixels, at most {most} megapixels are read; make it smaller"
 
@@ -56,13 +56,13 @@ class Picture(Protocol):
     def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame.
 
-        With `of_plate` its colours are shares of the plate's own light. Samples on which the layer
-        has neither alpha nor colour keep their exact values.
+        With `of_plate` its colours are multiples of the plate's own light. Samples on which the
+        layer has neither alpha nor colour keep their exact values.
         """
         ...
 
     def copy(self) -> Picture:
-        """The same picture with samples of its own."""
+        """A deep copy."""
         ...
 
     def mix(self, other: Picture, share: float) -> None:
@@ -75,7 +75,7 @@ class Picture(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CocPrior:
-    """The blur of the pictures that an estimator was trained on, roughly log-normal.
+    """Distribution of CoC in an estimator's training pictures, roughly log-normal.
 
     Attributes:
         mean: of log(1 + CoC diameter [px that the estimator sees]) [1].
@@ -90,13 +90,13 @@ class CocPrior:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CocMap:
-    """Unsigned CoC of the plate and how far it may be off.
+    """Unsigned CoC of the plate and its expected error.
 
     Attributes:
         coc_px: CoC diameter (H, W), >= 0, without sign [px of the frame].
         sigma_px: expected absolute error of it (H, W), > 0 [px of the frame].
         frames: pictures of the plate that were averaged for it [1].
-        prior: what an unsure estimate is drawn to, None where it is drawn to nothing.
+        prior: training prior towards which uncertain estimates shrink, None without one.
     """
 
     coc_px: Float32
@@ -171,7 +171,7 @@ class HiddenLayer:
 
     @classmethod
     def nothing(cls) -> HiddenLayer:
-        """It is known that nothing is hidden."""
+        """The empty layer: nothing is hidden."""
         none = np.zeros((0, 0, 4), np.float32)
         return cls(box=Box(0, 0, 0, 0), rgba=none, coc_px=none[..., 0], front_rgba=none)
 
@@ -183,7 +183,7 @@ class DefocusedLayer:
     Attributes:
         layer: the sharp object.
         coc_px: signed CoC diameter (h, w), finite wherever the layer has alpha [px of the frame].
-        behind: what its nearest surfaces hide, None where nobody knows.
+        behind: what its nearest surfaces hide, None where that is unknown.
     """
 
     layer: ObjectLayer
@@ -233,7 +233,7 @@ class BlurredLayer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matte:
-    """What really stands in front, as a matte has it.
+    """Coverage by foreground, from a matte.
 
     Attributes:
         coverage: share of each pixel (H, W) that it covers, 0 to 1 [1].
@@ -244,7 +244,7 @@ class Matte:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthMap:
-    """Where the real things of the plate are, as the sharp picture would show them.
+    """Depth of the filmed scene, without defocus.
 
     Attributes:
         depth: camera-space depth along the optical axis (H, W), > 0, +inf where none is known
@@ -255,4 +255,4 @@ class DepthMap:
 
 
 OcclusionCue = Matte | DepthMap | CocMap
-"""What tells where real things hide the object."""
+"""Source of foreground occlusion."""

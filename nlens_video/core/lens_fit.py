@@ -1,4 +1,4 @@
-"""The linear lens model: two numbers that stand for focal length, aperture, focus and scale."""
+"""Linear lens model: slope and intercept stand for focal length, f-number, focus and scale."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from nlens_video.core.layers import Float32
 Sign = Literal["resolved", "assumed", "ambiguous"]
 MODEL = "coc_px = slope * disparity + intercept"
 LARGEST_COC_PX = 1e9
-"""Where a CoC stops growing: larger than any frame, and its square is still a float32 [px]."""
+"""CoC diameters are clamped to this: larger than any frame, its square still a float32 [px]."""
 _LARGEST = 1e18  # magnitude of any number of a fit: its square is still a float32
 
 
@@ -37,9 +37,9 @@ class LensFit:
         frame: index of the frame the fit was made on [1].
         sign: `resolved` by the data, `assumed` by the paper's rule, or `ambiguous`.
         sign_margin: relative cost by which the other sign fits worse, 0 = not at all [1].
-        method: how it was found, in words.
+        method: description of how it was found.
         ground_seen: pairs of disparity, rising, and the share of the plate there that shows the
-            ground plane and nothing before it, 0 to 1; none where nobody looked [1 / scene unit].
+            ground plane unoccluded, 0 to 1; empty where not measured [1 / scene unit].
     """
 
     slope: float
@@ -86,9 +86,9 @@ class LensFit:
         return np.asarray(np.clip(coc, -LARGEST_COC_PX, LARGEST_COC_PX), dtype=np.float32)
 
     def ground_share(self, disparity: Float32) -> Float32:
-        """How much of the plate shows the ground plane where that has a disparity >= 0 (h, w) [1].
+        """Share of the plate that shows the ground plane, by the plane's disparity >= 0 (h, w) [1].
 
-        It fades out from the farthest ground that was looked at to the horizon.
+        Interpolated linearly to 0 at the horizon beyond the farthest ground measured.
         """
         if not self.ground_seen:
             return np.zeros_like(disparity)
@@ -168,7 +168,7 @@ class LensFit:
 
 
 def _pairs(raw: object, source: str) -> tuple[tuple[float, float], ...]:
-    """Pairs of disparity and share, as a file gives them."""
+    """Parse pairs of disparity and share."""
     try:
         values = np.array(raw, dtype=np.float64).reshape(-1, 2)
     except (TypeError, ValueError, OverflowError):

@@ -1,6 +1,7 @@
-"""What a lens does beside focusing, by radius from the middle of the frame.
+"""Lens models by image radius: chromatic aberration, vignetting, distortion; and bloom.
 
-Radii are in half diagonals: 0 in the middle, 1 in the corners. Pixels are taken for square.
+Radii are in half diagonals: 0 in the middle of the frame, 1 in its corners. Pixels are assumed
+square.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aberration:
-    """Lateral chromatic aberration: where red and blue lie against green.
+    """Lateral chromatic aberration: radial displacement of red and blue relative to green.
 
     Attributes:
         red: (linear, cubic) parts of `linear * r + cubic * r**3`, positive outwards [px].
@@ -56,7 +57,7 @@ class Distortion:
     Attributes:
         k1: negative for a barrel [1].
         k2: [1].
-        of_focal: whether `r` counts in focal lengths from the principal point, as in OpenCV;
+        focal_normalized: whether `r` is in focal lengths from the principal point, as in OpenCV;
             otherwise in half diagonals from the middle of the frame.
     """
 
@@ -67,7 +68,7 @@ class Distortion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bloom:
-    """A halo round what is brighter than the plate can hold.
+    """Halo around clipped highlights, decaying exponentially.
 
     Attributes:
         share: of the light at the clip that goes into the halo [1].
@@ -80,7 +81,7 @@ class Bloom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensOverrides:
-    """What a person says about the plate's lens; None where it is to be seen from the plate.
+    """The user's values for the plate's lens; None where a value is estimated from the plate.
 
     Attributes:
         vignetting_stops: loss of light at the corner [stops].

@@ -1,4 +1,4 @@
-"""Where an object without a camera is to stand in the frame. Imports nothing heavy."""
+"""Placement of an object in a frame without a camera; focal lengths. Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from nlens_video.core.errors import UsageError
 
 ASSUMED_FOCAL_MM = 35.0
-"""35 mm equivalent focal length of plates that do not tell theirs [mm]."""
+"""35 mm equivalent focal length assumed for plates without metadata [mm]."""
 FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 LEVEL = 0.5
 """Row of the horizon of a camera that is not pitched [frame height]."""
@@ -61,7 +61,7 @@ class Placement:
             )
 
     def describe(self) -> str:
-        """The same as words of the command line."""
+        """The command-line options that give this placement."""
         x, y = self.at
         return f"--at {x:.4g},{y:.4g} --size {self.size:.4g} --yaw {self.yaw_deg:.4g} " + (
             f"--horizon {self.horizon:.4g}"
@@ -88,7 +88,7 @@ def fov_of_focal(focal_mm: float, size: tuple[int, int]) -> float:
 
 
 def focal_35mm(metadata: Mapping[str, str]) -> float | None:
-    """35 mm equivalent focal length that a recording's metadata tell [mm], None if they do not."""
+    """35 mm equivalent focal length from a recording's metadata [mm], None without."""
     for key, value in metadata.items():
         if key.lower().endswith(_FOCAL_KEYS):
             try:

@@ -1,4 +1,4 @@
-"""Which animation of the object plays, and when. Imports nothing heavy."""
+"""Playback of the object's animation: clip, loop, speed, offset. Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ ALL = "all"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Playback:
-    """How the object's animation runs along the plate's time.
+    """Mapping from the plate's time to the animation's.
 
-    Cameras are not concerned: a camera that moves was matched to the plate, and keeps its time.
+    Camera animation is unaffected: it was matched to the plate and keeps the plate's time.
 
     Attributes:
         animation: name of the one that plays, else its number from 0, or `all`; of those that

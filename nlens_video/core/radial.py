@@ -1,6 +1,6 @@
-"""Where pixels lie from the middle of the frame, in half diagonals: 1 in the corners.
+"""Radial coordinates of pixels, in half diagonals: 0 in the middle of the frame, 1 in a corner.
 
-Pixels are taken for square.
+Pixels are assumed square.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def square_radius(box: Box, frame: Box) -> Float32:
 
 
 def undistorted_radius(k1: float, k2: float, distorted: Float64) -> Float64:
-    """The radius that Brown's model maps to another one; infinite where it maps none there.
+    """Inverse of Brown's model: undistorted radii, infinite where there is none.
 
     Args:
         k1: [1].

@@ -1,4 +1,4 @@
-"""How long the plate's shutter is open."""
+"""Shutter angle and exposure interval of a frame."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Shutter:
     Attributes:
         angle_deg: share of the frame's time that it is open, 360 for all of it [deg].
         frame_s: from one frame to the next, 0 where there is only one [s].
-        source: where the angle is from, in words.
-        given: whether the user says it.
+        source: description of where the angle comes from.
+        given: whether the user gave it.
     """
 
     angle_deg: float = ASSUMED_ANGLE_DEG

@@ -1,7 +1,7 @@
-"""Signals that end a run, heard once, wherever they arrive.
+"""Termination signals: the first one interrupts, and long loops poll for it.
 
-A KeyboardInterrupt that is raised while FFmpeg calls back into Python is lost on the way, so the
-signal is also remembered, and long loops look.
+A KeyboardInterrupt raised while FFmpeg calls back into Python is lost, so the handler also sets a
+flag, which long loops poll.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ requested = threading.Event()
 
 
 def handler(number: int, frame: FrameType | None) -> None:
-    """A signal handler: the first signal interrupts, later ones do not disturb the cleaning up."""
+    """Signal handler: the first signal interrupts, later ones are ignored during clean-up."""
     if not requested.is_set():
         requested.set()
         raise KeyboardInterrupt
 
 
 def stays_ignored(number: signal.Signals) -> bool:
-    """Whether whoever started the process has it ignore a signal: `nohup` does with SIGHUP."""
+    """Whether the parent process had a signal ignored, as `nohup` does with SIGHUP."""
     return number.name == "SIGHUP" and signal.getsignal(number) is signal.SIG_IGN
 
 
 def check() -> None:
-    """Raise the interrupt that got lost, if there was one.
+    """Raise the interrupt if a termination signal has arrived.
 
     Raises:
-        KeyboardInterrupt: a signal was heard.
+        KeyboardInterrupt: a signal has arrived.
     """
     if requested.is_set():
         raise KeyboardInterrupt

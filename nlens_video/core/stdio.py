@@ -1,6 +1,6 @@
-"""The standard streams: one for pictures and results, whose reader may go; one for words.
+"""Standard streams: output for data, error for messages.
 
-Each may be closed from the start, or unable to write every character.
+Each may be closed from the start, lose its reader, or lack characters in its encoding.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 codecs.register_error(_CHARACTERS, lambda error: _plainly(error))
 
 
-def make_ready() -> None:
-    """See that no file that is opened becomes a standard stream, and that all text can be written.
+def prepare_streams() -> None:
+    """Reserve the descriptors 0 to 2, and make all text encodable.
 
-    A file that is opened where standard output or error was closed gets its number, and then what
-    libraries write there.
+    A file opened while standard output or error is closed would get its descriptor, and with it
+    whatever libraries print.
     """
     for number in (0, 1, 2):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free, which is this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor, which is this one
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_CHARACTERS)
 
 
 def _plainly(error: UnicodeError) -> tuple[bytes, int]:
-    """What stands for characters that a stream's encoding lacks.
+    """Replacement of characters that a stream's encoding lacks.
 
-    Names of files that are no text of that encoding are given back as the bytes that they are.
+    Undecodable bytes of file names (surrogate escapes) are written as they were.
     """
     if not isinstance(error, UnicodeEncodeError):
         raise error
@@ -63,14 +63,14 @@ def escape_controls(text: str) -> str:
 
 
 def print_out(text: str, stream: TextIO | None = None) -> None:
-    """Write text as it is; where the stream was closed from the start, nobody asks for it.
+    """Write text; nothing where the stream was closed from the start.
 
     Args:
-        text: with its last line's end.
+        text: with its final newline.
         stream: where to; default: standard output.
 
     Raises:
-        ReaderGone: nobody reads it any more.
+        ReaderGone: the reader closed the stream.
         OutputError: it cannot be written.
     """
     out: TextIO | None = sys.stdout if stream is None else stream
@@ -80,7 +80,7 @@ def print_out(text: str, stream: TextIO | None = None) -> None:
         out.write(text)
         out.flush()
     except BrokenPipeError as error:
-        raise ReaderGone("standard output: nobody reads it any more") from error
+        raise ReaderGone("standard output: its reader closed it") from error
     except OSError as error:
         redirect_to_devnull(out)
         raise OutputError(
@@ -89,22 +89,22 @@ def print_out(text: str, stream: TextIO | None = None) -> None:
 
 
 def redirect_to_devnull(stream: TextIO) -> None:
-    """Point a stream nowhere: Python would complain once more when it flushes it at its end."""
+    """Redirect a stream to the null device: Python would fail again when it flushes it at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def standard_error() -> TextIO:
-    """Standard error as it is now; that it cannot be written or read is no failure of a run."""
+    """The current standard error; a failure to write to it is ignored."""
     return cast("TextIO", _Forgiving(sys.stderr))
 
 
 class _Forgiving(io.TextIOBase):
-    """Writes to a stream where that can be done.
+    """Writes to a stream and ignores failures.
 
-    It holds its stream: whoever puts a stream of their own in the place of `sys.stderr` writes to
-    this one, and a look-up at each write would find theirs and write to it without end.
+    It keeps its stream: code that replaces `sys.stderr` by a wrapper of this one would recurse
+    endlessly if each write looked `sys.stderr` up.
 
     Args:
         stream: where to; None where it was closed from the start.
@@ -115,11 +115,11 @@ class _Forgiving(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]  # read-only here, as of io.TextIOWrapper
-        """Which characters can be written."""
+        """Encoding of the stream."""
         return getattr(self._stream, "encoding", None) or "utf-8"
 
     def write(self, text: str) -> int:
-        """Write, or else stop trying."""
+        """Write; after a failure discard all that follows."""
         if self._stream is not None:
             try:
                 self._stream.write(text)
@@ -129,12 +129,12 @@ class _Forgiving(io.TextIOBase):
         return len(text)
 
     def isatty(self) -> bool:
-        """Whether a person sees it at once."""
+        """Whether the stream is a terminal."""
         return self._stream is not None and self._stream.isatty()
 
 
 class _BytesOnly(io.TextIOBase):
-    """Standard output for pictures; text goes to standard error."""
+    """Standard output for bytes; text goes to standard error."""
 
     def __init__(self, real: TextIO) -> None:
         self._real = real
@@ -142,11 +142,11 @@ class _BytesOnly(io.TextIOBase):
 
     @property
     def buffer(self) -> object:
-        """Where bytes go."""
+        """The binary stream."""
         return self._real.buffer
 
     def fileno(self) -> int:
-        """The real one's."""
+        """Descriptor of the real stream."""
         return self._real.fileno()
 
     def write(self, text: str) -> int:
@@ -156,7 +156,7 @@ class _BytesOnly(io.TextIOBase):
 
 @contextmanager
 def redirect_library_stdout() -> Iterator[None]:
-    """What libraries print goes to standard error: pictures or JSON may go to standard output."""
+    """Redirect what libraries print to standard error: standard output may carry data."""
     if sys.stdout is None:  # closed from the start
         yield
         return

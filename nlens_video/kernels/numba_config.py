@@ -94,7 +94,7 @@ _notes: list[str] = []
 
 
 def settle_cache() -> None:
-    """Let numba keep kernels where that can be done; call it before any of them is declared."""
+    """Choose a writable cache folder; call before any cached kernel is declared."""
     if _numba_finds_a_place():
         return
     folder = next(_private_folders(), None)
@@ -102,14 +102,14 @@ def settle_cache() -> None:
         # numba has no switch for this
         Dispatcher.enable_caching = _keep_nothing  # type: ignore[method-assign, assignment]
         _notes.append(
-            "kernels are not kept, so each run compiles them again: neither the package, "
-            "the home folder nor the temporary folder can be written; give NUMBA_CACHE_DIR"
+            "compiled kernels are not cached, so each run compiles them again: neither the "
+            "package, the home folder nor the temporary folder can be written; give NUMBA_CACHE_DIR"
         )
         return
     numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]  # made when it is imported
     _notes.append(
-        f"kernels are kept in {folder}, as neither the package nor the home folder can be "
-        "written; NUMBA_CACHE_DIR names another folder"
+        f"compiled kernels are cached in {folder}, as neither the package nor the home folder can "
+        "be written; NUMBA_CACHE_DIR names another folder"
     )
 
 
@@ -125,20 +125,20 @@ def _numba_finds_a_place() -> bool:
 
 
 def _keep_nothing(dispatcher: Dispatcher) -> None:
-    """Stands for the method by which a kernel is given its cache."""
+    """Replaces `Dispatcher.enable_caching`."""
 
 
 def cache_notes() -> tuple[str, ...]:
-    """What a person should know: a folder that is not the usual one."""
+    """Notes for the user: an unusual cache folder, or none."""
     return tuple(_notes)
 
 
 def _no_kernel() -> None:
-    """Stands for the kernels, which lie in the same folder."""
+    """A function beside the kernels, to probe their cache folder."""
 
 
 def _private_folders() -> Iterator[Path]:
-    """Folders of this user alone, made where missing, with enough room."""
+    """Private folders of this user with enough free space, created where missing."""
     for parent in dict.fromkeys([_temporary_folder(), "/var/tmp", "/dev/shm"]):
         if parent is None:
             continue
@@ -155,7 +155,7 @@ def _temporary_folder() -> str | None:
 
 
 def _made_private(folder: Path) -> bool:
-    """Whether the folder is there, is no link, is this user's, and nobody else may enter it."""
+    """Whether the folder exists, is no link, and belongs to and admits this user alone."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()

@@ -1,7 +1,6 @@
-"""Carries maps on into pixels where they are not known, smoothly (pull-push).
+"""Pull-push inpainting (Gortler et al. 1996, The Lumigraph).
 
-After Gortler et al. 1996 (The Lumigraph): means of what is known, coarser and coarser, fill what is
-not, from the finest level that knows something.
+A pyramid of means of the known pixels fills each unknown one from the finest level that has data.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from nlens_video.core.layers import Bool, Float32
 
 
 def inpaint(values: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
-    """Fill unknown pixels from coarser and coarser means of the known ones.
+    """Fill unknown pixels from a pyramid of means of the known ones.
 
     Args:
         values: any maps (h, w, c); those of unknown pixels are 0.

@@ -1,4 +1,4 @@
-"""Arrays that a thread uses again, frame after frame: fresh memory costs more than filling it."""
+"""Scratch arrays of each thread, reused from frame to frame: page faults cost more than filling."""
 
 from __future__ import annotations
 

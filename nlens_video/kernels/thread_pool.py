@@ -1,4 +1,4 @@
-"""Work shared among the process' processors, on threads that are made once."""
+"""Parallel loops over threads that release the interpreter's lock; one pool per process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _pool: ThreadPoolExecutor | None = None
 
 
 def processors() -> int:
-    """How many processors this process may use: not all, where a container or taskset forbids."""
+    """Processors this process may use; fewer than the machine's in a container or by taskset."""
     count = getattr(os, "process_cpu_count", None)  # from Python 3.13 on
     if count is not None:
         return count() or 1
@@ -27,10 +27,10 @@ def processors() -> int:
 
 
 def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | None = None) -> None:
-    """Do `work` on all items, in any order and side by side; wait until all is done.
+    """Run `work` on all items in parallel, in any order, and wait for all.
 
-    The calling thread is one of the workers, and no helper that did not start is waited for. So
-    this ends even while others keep the pool busy, and from within `work` too.
+    The calling thread works too, and helpers that have not started are cancelled, so nested calls
+    and a busy pool cannot deadlock.
 
     Args:
         work: releases the interpreter's lock for most of its time.
@@ -60,7 +60,7 @@ def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | N
 
 
 def parallel_map(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """What `work` makes of each item, in their order, made side by side as by `share`."""
+    """Results of `work` for each item, in order, computed in parallel."""
     made: dict[int, R] = {}
 
     def do(at: int) -> None:
@@ -71,7 +71,7 @@ def parallel_map(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
 
 
 def run_all(jobs: Iterable[Callable[[], None]], workers: int | None = None) -> None:
-    """Run jobs of several kinds as `share` does work on items: one wait for all of them."""
+    """Run different jobs in parallel and wait for all."""
     parallel_for(_run, jobs, workers)
 
 
@@ -88,7 +88,7 @@ def _threads() -> ThreadPoolExecutor:
 
 
 def _forget() -> None:
-    """A forked child has none of its parent's threads, and perhaps a lock that one of them held."""
+    """In a forked child: the parent's threads are gone, and its lock may be held for ever."""
     global _pool, _lock
     _pool, _lock = None, threading.Lock()
 

@@ -75,7 +75,7 @@ class OnnxCocNetwork:
 
 
 def _prior(session: Session) -> CocPrior | None:
-    """What the network was trained on, if its file says so."""
+    """Training prior from the file's metadata, None without it."""
     text = session.metadata.get(PRIOR)
     if text is None:
         return None

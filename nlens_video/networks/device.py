@@ -1,4 +1,4 @@
-"""Where networks and kernels run, and why."""
+"""Choice of the device on which networks and kernels run."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class DeviceChoice:
 
     Attributes:
         name: `cpu` or `cuda`.
-        reason: why, in words.
-        notes: what has happened there since, in words.
+        reason: why it was chosen.
+        notes: events on it the user should know of, such as lack of memory.
     """
 
     name: str
@@ -30,7 +30,7 @@ class DeviceChoice:
 
     @property
     def spread(self) -> Spread | None:
-        """What spreads the scatter's discs there, None for the CPU's own kernel."""
+        """The scatter's spreading on this device, None for the CPU's kernel."""
         if self.name == "cpu":
             return None
         from nlens_video.kernels.scatter.scatter_torch import TorchSpread
@@ -61,7 +61,7 @@ def choose(device: Device) -> DeviceChoice:
 
 
 def _why_no_cuda() -> str:
-    """What CUDA lacks here, empty where it can be used."""
+    """Why CUDA cannot be used; empty where it can."""
     if importlib.util.find_spec("torch") is None:
         return "torch is not installed (pip install torch)"
     try:

@@ -1,4 +1,4 @@
-"""Finds the shipped network weights and makes sure they are the ones that were shipped."""
+"""Shipped network weights: looked up in the manifest, verified by SHA-256."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs a network in ONNX Runtime, with repeatable results and quiet threads."""
+"""ONNX Runtime session with deterministic results, idle threads and fallback from GPU to CPU."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-# Its official builds send what they run to their makers and keep a device's number in the home
-# folder (1.29 and later), unless this is set before they are loaded.
+# Official builds (1.29 and later) send telemetry and store a device id in the home folder, unless
+# this is set before they are loaded.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 import onnxruntime
@@ -17,7 +17,7 @@ from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Float32
 from nlens_video.networks.device import CPU, DeviceChoice
 
-onnxruntime.disable_telemetry_events()  # what does that on Windows
+onnxruntime.disable_telemetry_events()  # the same on Windows
 _GPU_FAILED = (
     states.RuntimeException, states.Fail, states.EPFail, states.EngineError, states.DeviceReset
 )  # fmt: skip
@@ -25,9 +25,9 @@ _GPU_FAILED = (
 
 
 class Session:
-    """An ONNX file, seen to be the network that is meant, and what runs it.
+    """A session of one ONNX file, whose inputs and outputs are checked.
 
-    A GPU that cannot run it, for want of memory as a rule, leaves it to the CPU from then on.
+    If the GPU fails, as a rule for lack of memory, the CPU runs the network from then on.
 
     Args:
         path: the file.

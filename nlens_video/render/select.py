@@ -1,7 +1,7 @@
-"""Which renderer draws the object: OpenGL on a graphics device, else our own rasteriser.
+"""Choice of the renderer: OpenGL on a graphics device, else the software rasteriser.
 
-Where there is no graphics device OpenGL would run on the processor too (Mesa's llvmpipe), two to
-four times slower than `render_software` and with its libraries to be installed.
+Without a graphics device OpenGL would run on the processor (Mesa's llvmpipe): two to four times
+slower than the software rasteriser, and it needs libraries to be installed.
 """
 
 from __future__ import annotations

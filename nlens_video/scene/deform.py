@@ -1,4 +1,4 @@
-"""Deformation: a geometry's world-space vertices at one moment (morph, then skin or node)."""
+"""Deformation: world-space vertices at one moment (morph, then skin or node), and their hull."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower en
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Skin:
-    """Joints that carry a mesh.
+    """Joints of a skinned mesh.
 
     Attributes:
         joints: their nodes (J,).

@@ -1,4 +1,4 @@
-"""An environment map, reduced to a few lights with a direction and smooth light from around."""
+"""Environment maps as image-based light: directional lights and spherical harmonics."""
 
 from __future__ import annotations
 

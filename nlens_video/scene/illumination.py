@@ -1,4 +1,4 @@
-"""What lights the object and its ground: lamps that cast shadows, and light from all around."""
+"""Illumination of object and ground: lamps, ambient light, their sources, ground irradiance."""
 
 from __future__ import annotations
 
@@ -156,14 +156,14 @@ def from_around(light: Illumination, ground: Float64) -> Float64:
 
 
 MAX_LAMPS = 32
-"""As many lights the object is drawn with."""
+"""Maximum number of lights in rendering."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneLight:
-    """What a file and an environment map tell of the light on an object and its ground.
+    """Light on the object and its ground, from the scene file and an environment map.
 
-    Where neither tells anything, the methods take what was estimated from the plate.
+    Without either, the methods use the light estimated from the plate.
 
     Attributes:
         count: lights that the file has.
@@ -175,12 +175,12 @@ class SceneLight:
 
     @property
     def known(self) -> bool:
-        """Whether a file tells the light; else the plate is asked."""
+        """Whether a file gives the light; otherwise it is estimated from the plate."""
         return self.count > 0 or self.environment is not None
 
     @property
     def note(self) -> Note:
-        """What lights the object, in words."""
+        """Description of the light sources."""
         found = []
         if self.count:
             found.append(f"the file's {self.count} light{'s' if self.count > 1 else ''}")
@@ -205,7 +205,7 @@ class SceneLight:
     def on_object(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
     ) -> Illumination:
-        """What the object is rendered with.
+        """Illumination of the object.
 
         Args:
             lights: the file's, at this moment.
@@ -218,7 +218,7 @@ class SceneLight:
     def on_ground(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
     ) -> Illumination:
-        """What the object takes from the ground: no lamp whose direction is a guess.
+        """Illumination that casts shadows on the ground: no lamp whose direction is a guess.
 
         Args:
             lights: the file's, at this moment.

@@ -1,4 +1,4 @@
-"""A virtual camera for a scene that has none, from where its object is to stand in the frame."""
+"""Virtual camera of a scene without one, from the object's placement in the frame."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def place_camera(
     frame: tuple[int, int],
     pixel_aspect: float = 1.0,
 ) -> Camera:
-    """The camera that sees an object where it is to stand; not rolled, its horizon where told.
+    """The camera, without roll, that shows an object at its placement under a given horizon.
 
-    The object stays where its file has it: the camera walks round it and away from it.
+    The object keeps its position in the file; the camera moves.
 
     Args:
         vertices: the object's world positions (V, 3) at the moment it is placed.

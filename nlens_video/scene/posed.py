@@ -1,4 +1,4 @@
-"""A scene at one moment: world-space triangles and lights."""
+"""A scene at one moment: world-space triangles and lights; a cache of the last few moments."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PosedMesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedScene:
-    """All that is drawn and lit, at one time.
+    """Triangles and lights at one time.
 
     Attributes:
         time_s: the time [s].
@@ -75,7 +75,7 @@ _MOMENTS = 4  # the frame's own, and the shutter opening and closing
 
 @dataclass(slots=True)
 class MomentCache(Generic[Value]):
-    """What was computed for the last few moments, since several stages ask for them."""
+    """Values of the last few moments, which several stages need."""
 
     _kept: dict[float, Value] = field(default_factory=dict)
 

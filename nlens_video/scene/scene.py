@@ -1,4 +1,4 @@
-"""The scene: a glTF file that can be asked for its camera and its triangles at any time."""
+"""The virtual scene: a glTF file, its camera, triangles and lights at any time."""
 
 from __future__ import annotations
 

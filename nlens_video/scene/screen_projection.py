@@ -1,7 +1,7 @@
-"""Vertices on the screen, in place of a graphics driver's vertex stage.
+"""Vertex stage: projection of world positions to the screen.
 
-Positions are snapped to 1/256 px. Differences and products of such numbers are exact in float64, so
-that two triangles which share an edge never both cover a sample on it, and never both miss it.
+Positions are snapped to 1/256 px, whose differences and products are exact in float64: of two
+triangles that share an edge exactly one covers a sample on it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _HUGE = 1e9  # positions beyond are far off the frame whatever they are [px]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PinholeParams:
-    """A pinhole camera as the kernels read it.
+    """Pinhole camera parameters for the kernels.
 
     Attributes:
         axes: rows right, up and back of the camera in the world (3, 3).

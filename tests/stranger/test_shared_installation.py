@@ -78,7 +78,7 @@ def test_main_command_runs_with_one_note_where_no_usual_folder_can_be_written(pr
     assert run.returncode == 0, run.stderr
     cache = room / "tmp" / f"nlens-video-{OTHER}"
     notes = [line for line in run.stderr.splitlines() if "kernels" in line]
-    assert len(notes) == 1 and f"kernels are kept in {cache}" in notes[0]
+    assert len(notes) == 1 and f"kernels are cached in {cache}" in notes[0]
     assert "Traceback" not in run.stderr
     assert stat.S_IMODE(cache.stat().st_mode) == 0o700 and cache.stat().st_uid == OTHER
     assert list(cache.rglob("*.nbc"))

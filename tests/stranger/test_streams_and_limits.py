@@ -64,7 +64,7 @@ def test_result_is_the_same_whichever_standard_streams_are_closed(files, tmp_pat
 def test_words_of_libraries_do_not_get_into_a_file_where_standard_error_is_closed(tmp_path):
     """The first file that is opened would get the number 2, and what is written to it."""
     code = (
-        "import os, sys; from nlens_video import standard_output; standard_output.make_ready()\n"
+        "import os, sys; from nlens_video.core import stdio; stdio.prepare_streams()\n"
         "file = open(sys.argv[1], 'wb'); os.write(2, b'words'); file.write(b'picture')"
     )
     assert shell('"$@" <&- >&- 2>&-', sys.executable, "-c", code, tmp_path / "a").returncode == 0

@@ -1,9 +1,8 @@
-"""How what a near edge covers and what is seen behind it go together across the aperture.
+"""Covariance over the aperture of a near layer's coverage and the light of the layer behind it.
 
-Two blurred layers laid over one another suppose that every point of the aperture sees the same: the
-part of the lens that the near edge leaves free sees the back from its own side only. What that
-changes is the covariance, over the aperture, of the near layer's coverage and the back layer's
-light. It is small where either is smooth, so a few points of the aperture suffice.
+Compositing two blurred layers assumes that both are independent over the aperture. But the aperture
+samples that a near edge leaves free lie on one side and see the back from there. The error is the
+covariance of coverage and light; it is small where either is smooth, so few samples suffice.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from nlens_video.kernels.simd import load_row4, splat, store4
 from nlens_video.kernels.thread_pool import parallel_for
 
 BAND_ROWS = 8
-"""Rows that a thread takes at a time."""
+"""Rows of one work item."""
 
 
 @njit(cache=True, nogil=True)
@@ -104,12 +103,12 @@ def aperture_covariance(
 
     Args:
         near: coverage (h, w) and signed CoC diameter (h, w) of the near layer; the CoC also where
-            the layer is not, carried on from its border [1, px].
+            the layer is not, extended from its border [1, px].
         back: premultiplied colour and alpha (h, w, 4) and CoC (h, w) of the back layer, likewise.
         wanted: pixels to do (h, w).
         points: of the aperture, of equal share and with their mean at 0 (n, 2): columns, rows.
         pixel_aspect: width of a pixel by its height, > 0 [1].
-        threads: how many share the rows at most; default: one a processor.
+        threads: maximum number of threads; default: one per processor.
 
     Returns:
         The covariance (h, w, 4), 0 where it is not wanted.

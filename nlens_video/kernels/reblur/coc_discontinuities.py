@@ -1,4 +1,4 @@
-"""Where the CoC steps inside the object: what one of its surfaces hides of another."""
+"""CoC discontinuities inside the object: edges where one of its surfaces occludes another."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from numba import njit
 from nlens_video.core.layers import Bool, Float32
 
 STEP_PX = 2.0
-"""CoC step between neighbours from which two surfaces are told apart [px]."""
+"""Smallest CoC difference between neighbours that separates two surfaces [px]."""
 
 FULL_STEP_PX = 4.0
-"""Step from which its whole surroundings count; the reach grows from none at `STEP_PX` [px]."""
+"""Difference at which the reach is full; it grows linearly from 0 at `STEP_PX` [px]."""
 
 SPARE_PX = 3.0
-"""How much farther than the larger disc a step's surroundings go [px]."""
+"""Margin of the reach beyond the radius of the larger disc [px]."""
 
 BESIDE_PX = 3.0
-"""Distance to what is hidden up to which a step counts whole; twice as far it does not [px]."""
+"""Distance to hidden pixels up to which a discontinuity counts fully; 0 at twice that [px]."""
 
 _STRAIGHT, _DIAGONAL = 0.955, 1.369  # chamfer distances: off by 4.5 % at most
 
@@ -53,8 +53,8 @@ def _find_steps(
     Args:
         coc: of the nearest surfaces.
         alpha: of them.
-        away: distance to the nearest hidden pixel, 0 where nobody knows: a surface that hides
-            nothing is steep and no step [px].
+        away: distance to the nearest hidden pixel, 0 where unknown: a surface that hides nothing
+            is steep and no discontinuity [px].
         limits: `STEP_PX`, `FULL_STEP_PX`, `SPARE_PX`, `BESIDE_PX`.
         reach: gets the reach where it is larger.
         split: gets the CoC half-way there.
@@ -149,7 +149,7 @@ def _sweep(reach: Float32, straight: float, diagonal: float) -> None:
 
 
 def chamfer(reach: Float32) -> None:
-    """Carry the largest reach (h, w) around, less its distance, which is 4.5 % off at most [px].
+    """Spread each reach (h, w), less the chamfer distance, keeping the maximum [px].
 
     Args:
         reach: how far what is at a pixel reaches, 0 for not at all; changed in place [px].
@@ -160,7 +160,7 @@ def chamfer(reach: Float32) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CocDiscontinuities:
-    """Where the object's CoC steps.
+    """Discontinuities of the object's CoC.
 
     Attributes:
         inside_px: how deep a pixel lies within the reach of a step (h, w), 0 out of reach [px].

@@ -24,7 +24,7 @@ class DepthLayers:
     Attributes:
         near_rgba: premultiplied colour and alpha of what is in front (h, w, 4), 0 elsewhere.
         near_coc_px: its signed CoC diameter (h, w), 0 where it is not [px].
-        back_rgba: the rest, carried on under what is in front (h, w, 4).
+        back_rgba: the rest, continued below what is in front (h, w, 4).
         back_coc_px: its signed CoC diameter (h, w), 0 where it is not [px].
     """
 
@@ -62,10 +62,10 @@ def _inner_mean(rgba: Float32, inner: Bool, y: int, x: int, mean: Float32) -> bo
 
 @njit(cache=True, nogil=True)
 def _take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32) -> None:
-    """Part the near layer's edge pixels from what lies behind, with which they are antialiased.
+    """Unmix the near layer's antialiased edge pixels from the surface behind.
 
-    Their coverage is what mixes the near colour beside them and the back carried on into theirs.
-    Laid over the back again they give what they were.
+    Their coverage is the mix of the near colour beside them and the inpainted back; composited
+    over the back they give their original colour.
     """
     height, width = near.shape
     edge, inner = np.zeros((2, height, width), dtype=np.bool_)
@@ -94,7 +94,7 @@ def _take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32) 
 def split_at_steps(
     rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, corner: tuple[int, int] = (0, 0)
 ) -> DepthLayers:
-    """Cut the object in two: nearer than the nearest step's middle, and the rest carried on.
+    """Split at the CoC half-way of the nearest discontinuity; inpaint the back below the front.
 
     Args:
         rgba: premultiplied scene-linear colour and alpha (h, w, 4).
@@ -126,7 +126,7 @@ def split_at_steps(
 def split_at_hidden(
     rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, hidden: HiddenSurface
 ) -> DepthLayers:
-    """Cut the object in two where it is known what is hidden: nothing is guessed.
+    """Split likewise where the hidden surface is known: nothing is inpainted.
 
     Args:
         rgba: premultiplied scene-linear colour and alpha (h, w, 4).

@@ -1,8 +1,8 @@
-"""The plate where a blurred object hides part of the lens from it.
+"""Parallax of a defocused plate at the object's blurred edge.
 
-Laid over the plate by coverage alone, every point of the lens sees the same plate. But the points
-that the object leaves free lie on one side of the aperture, and what is out of focus appears from
-there displaced: by its own CoC times where those points lie in the mean.
+Plain alpha compositing assumes that every aperture sample sees the same background. The samples
+that the object leaves free lie on one side of the aperture and see an out-of-focus plate displaced
+by half its CoC times their mean position.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nlens_video.kernels.scatter.extend import Band, bands
 from nlens_video.kernels.thread_pool import parallel_for
 
 BAND_ROWS = 32
-"""Rows that a thread takes at a time."""
+"""Rows of one work item."""
 STEPS = 256
 _LEAST = 1.0 / 255.0  # coverage, or what it leaves free, below this changes no sample
 
@@ -114,7 +114,7 @@ def edge_parallax_layer(
     pixel_aspect: float = 1.0,
     threads: int | None = None,
 ) -> Float32:
-    """A blurred layer that shows the plate as the free part of the lens sees it.
+    """The blurred layer, corrected for what the unoccluded part of the aperture sees.
 
     Args:
         rgba: the layer, premultiplied scene-linear (h, w, 4).
@@ -124,7 +124,7 @@ def edge_parallax_layer(
         trust: how far that is known (h, w), 0 to 1 [1].
         margin: of the plate [px].
         pixel_aspect: width of a pixel by its height, > 0 [1].
-        threads: how many share the rows at most; default: one a processor.
+        threads: maximum number of threads; default: one per processor.
 
     Returns:
         The layer (h, w, 4) of the same coverage; its light, perhaps below 0, makes up for the

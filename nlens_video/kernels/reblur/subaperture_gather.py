@@ -1,7 +1,8 @@
-"""Blur of one view of the lens over its own cell of the aperture: `cell_ref`, made fast.
+"""Gather blur of one aperture view over its cell of the aperture, in depth order.
 
-Discs are small, so each pixel gathers from those around it: sixteen columns at a time, whose sums
-stay in registers while their neighbours pass, from the nearest on as far as any disc there reaches.
+Discs are small, so each pixel gathers from its neighbours: sixteen columns at a time, whose sums
+stay in vector registers, from the nearest neighbour to the largest disc around. Defined by
+`subaperture_gather_ref`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 
 
 def ramp(distance: Float64, radius: float) -> Float64:
-    """How much of a pixel a disc covers, nearly: from 1 to 0 within a pixel of its rim [1].
+    """Approximate coverage of a pixel by a disc: a ramp of one pixel across its rim [1].
 
     Args:
         distance: of the pixel from the disc's middle, any shape [px].

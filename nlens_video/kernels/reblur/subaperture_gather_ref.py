@@ -1,4 +1,4 @@
-"""Blur of one view of the lens over its own cell, slow and obvious: defines `cell.blur_cell`."""
+"""Definition of `subaperture_gather`: every pixel sums over every source."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlens_video.kernels.reblur.subaperture_gather import STEPS, ramp, subapertu
 def gather_subaperture_ref(
     light: Float32, covered: Bool, coc_px: Float32, target: Box, *, pixel_aspect: float = 1.0
 ) -> Float64:
-    """Blur a view over its cell; arguments and result as `cell.blur_cell`."""
+    """Blur a view over its cell; arguments and result as `gather_subaperture`."""
     out = np.zeros((target.height, target.width, 4))
     sources = [(int(y), int(x)) for y, x in np.argwhere(covered)]
     for y in range(target.y0, target.y1):

@@ -1,4 +1,4 @@
-"""Pixels of a layer gathered on coarser levels, in one pass: each on the levels of its disc."""
+"""Downsampling to the coarser levels of the scatter, in one pass over the source pixels."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The object's layer made ready to scatter: cut to its reach, its CoC carried past its silhouette.
+"""Source layer of the scatter: cropped to its reach, the CoC extended past the silhouette.
 
-The transparent pixels around the object spread like it does, as its virtual background: only so can
-the weights that arrive at a pixel be renormalised, and alpha stays 1 inside however the CoC varies.
-Numbers of other files come as arguments, see `scatter_rows`.
+Transparent pixels around the object scatter too, as virtual background with the CoC of the nearest
+covered pixel: only so do the arriving weights normalise, and alpha stays 1 inside however the CoC
+varies. Constants of other files come as arguments, see `scatter_rows`.
 """
 
 from __future__ import annotations
@@ -235,7 +235,7 @@ def _lay_out_background(
             inner_row, inner_column = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
             inside = inner_row == row and inner_column == column
             hidden = not inside and rgba[inner_row, inner_column, 3] > 0.0
-            skews[0, y, x] = skews[1, y, x] = 0.0  # the CoC is carried on as it is
+            skews[0, y, x] = skews[1, y, x] = 0.0  # the CoC is extended as a constant
             if hidden or distance[y, x] > limits[0]:
                 radii[y, x] = np.nan
                 continue
@@ -247,7 +247,7 @@ def _lay_out_background(
 def lay_out(
     rgba: Float32, coc_px: Float32, bounds: Box, margin: int, threads: int | None
 ) -> SourceLayer:
-    """Cut a layer to what can matter and carry its CoC past the silhouette.
+    """Crop a layer to its reach and extend its CoC past the silhouette.
 
     Beyond a border of the array transparent pixels go on as virtual background; covered ones are
     not invented, so that weights there are renormalised with what lies inside.
@@ -257,7 +257,7 @@ def lay_out(
         coc_px: signed CoC diameter (h, w), contiguous [px].
         bounds: the covered pixels' box, not empty.
         margin: how far the object reaches beyond it [px].
-        threads: how many share the work at most.
+        threads: maximum number of threads.
     """
     box = bounds.expanded(2 * margin + 1)
     corner = (box.y0, box.x0)

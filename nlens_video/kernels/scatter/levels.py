@@ -1,8 +1,8 @@
-"""The source at full size and at coarser levels, where discs are too large to need every pixel.
+"""Multi-resolution source of the scatter: large discs are drawn from coarser levels.
 
-From the radius `coarse_px` on, a disc goes over to the next level, whose pixels are twice as large,
-and so on: no disc ever spans more than `largest_px` of its level's pixels. Levels lie on one grid,
-that of the frame, so what is drawn depends neither on the layer's box nor on the frame's size.
+From the radius `coarse_px` on, a disc fades to the next level, whose pixels are twice as large, and
+so on: no disc spans more than `largest_px` of its level's pixels. All levels share the frame's
+grid, so the result depends neither on the layer's box nor on the frame's size.
 """
 
 from __future__ import annotations

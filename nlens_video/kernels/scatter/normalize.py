@@ -1,4 +1,4 @@
-"""Where the object reaches, and what the sums there come to."""
+"""Normalisation of scattered sums by their weight, within the object's reach."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.scatter.extend import Band, Int32
 
 REMAINDER = 1e-6
-"""Share of a row's greatest sum below which a sum is rounding left over by the running sum, and
-means 0 [1]."""
+"""Share of a row's largest sum below which a sum is rounding error of the running sum, and is set
+to 0 [1]."""
 WEIGHT_FLOOR = 1e-4
-"""Weight below which it is such a remainder itself [1]. The ratio of two looks like any other."""
+"""Weight below which it is rounding error itself, and the quotient meaningless [1]."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

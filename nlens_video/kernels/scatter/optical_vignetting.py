@@ -1,4 +1,4 @@
-"""The cat's eye: how much of its disc the barrel of the lens leaves to each pixel of the source."""
+"""Optical vignetting (cat's eye): the part of each disc that the lens barrel lets through."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _cut(
     numbers: Float32, discs: Discs, place: tuple[float, float, float], scale: tuple[float, float],
     band: Band,
 ) -> None:  # fmt: skip
-    """Place the barrel for rows of a level and make up for the light that it takes.
+    """Compute the barrel's centre for rows of a level, and compensate the light that it blocks.
 
     Args:
         numbers: of the level (h, 9, w); the barrel's place is filled in, weights of spans grow,
@@ -78,7 +78,7 @@ def vignette_discs(
     discs: Discs,
     threads: int | None,
 ) -> None:
-    """Cut the discs of a level, in place, to what `shape.barrel_centre` leaves of them.
+    """Clip the discs of a level, in place, by the barrel (`shape.barrel_centre`).
 
     Args:
         level: its numbers change.

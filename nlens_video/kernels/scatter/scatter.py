@@ -1,8 +1,8 @@
 """Layered scatter: each pixel of the object spreads over its disc of confusion.
 
-A disc is added row by row as a span, into a difference buffer as wide as one row, which one running
-sum turns into light; a small one pixel by pixel; a very large one on coarser pixels (`levels`).
-Rows of the result do not depend on each other, so any number of threads gives the same bits.
+Each row of a disc is a span: its ends go into a difference buffer, and one running sum (prefix sum)
+turns them into light. Small discs are stamped pixel by pixel, very large ones drawn at a coarser
+level (`levels`). Rows of the result are independent: any number of threads gives the same bits.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def scatter(
             the grid of coarser levels starts; default: the array.
         detail: how finely discs are drawn.
         spread: does what `spread_levels` does, perhaps elsewhere; None for that itself.
-        wanted: pixels that are looked at (h, w), which saves time; those of a row before the first
+        wanted: pixels that are needed (h, w), which saves time; pixels of a row before the first
             and past the last of them are 0. None for all.
 
     Returns:

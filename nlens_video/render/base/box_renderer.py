@@ -1,4 +1,4 @@
-"""What every renderer does around its drawing: pose, box on the screen, an object at rest."""
+"""Base class of renderers: pose, screen-space box, reuse of the layer of an object at rest."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NEAR_SHARE = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ViewSetup:
-    """What is drawn.
+    """Camera, box and depth range of one picture.
 
     Attributes:
         camera: where from, on which frame.
@@ -47,10 +47,10 @@ class ViewSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Source:
-    """All that a picture was drawn from."""
+    """Inputs of a rendered picture."""
 
     posed: PosedScene
-    sight: ViewSetup
+    setup: ViewSetup
     lighting: Lighting
 
 
@@ -62,9 +62,9 @@ class BoxRenderer(ABC):
         light: what lights it; by default the file's lights, or a plausible light.
 
     Attributes:
-        name: what draws, in words.
-        reason: why it was chosen, in words; empty where nobody chose.
-        notes: what has happened since that a person should know, in words.
+        name: of the renderer, for people.
+        reason: why it was chosen; empty where there was no choice.
+        notes: events the user should know of, such as a lost OpenGL context.
     """
 
     name: str
@@ -93,12 +93,12 @@ class BoxRenderer(ABC):
 
     @property
     def light_note(self) -> Note:
-        """What lights the object, in words."""
+        """Description of the light sources."""
         return self._light.note
 
     @property
     def description(self) -> str:
-        """What draws, and why it, in words."""
+        """Description of the renderer and the reason for its choice."""
         return f"{self.name}{f' ({self.reason})' if self.reason else ''}, the object's box only"
 
     def render(
@@ -113,8 +113,8 @@ class BoxRenderer(ABC):
         """The object at a time, sharp.
 
         `camera` may be any pinhole camera: moved and with a shifted principal point it is a point
-        of the lens' aperture. While object, camera and light rest, it is the very same layer,
-        whatever was drawn with `nearest` in between.
+        of the lens' aperture. While object, camera and light are unchanged, the same layer object
+        is returned, whatever was drawn with `nearest` in between.
 
         Args:
             time_s: time of the animation [s].
@@ -136,12 +136,12 @@ class BoxRenderer(ABC):
         key = (*_key(posed, camera, lighting), margin)
         if not nearest and self._last is not None and self._last[0] == key:
             return self._last[1]
-        sight = view_setup(posed, camera, margin, nearest=nearest)
-        if sight is None:
+        setup = view_setup(posed, camera, margin, nearest=nearest)
+        if setup is None:
             return None
-        rgba, depth = self._draw(posed, sight, lighting)
-        layer = ObjectLayer(box=sight.box, rgba=rgba, depth=depth)
-        self._on_target = source = _Source(posed=posed, sight=sight, lighting=lighting)
+        rgba, depth = self._draw(posed, setup, lighting)
+        layer = ObjectLayer(box=setup.box, rgba=rgba, depth=depth)
+        self._on_target = source = _Source(posed=posed, setup=setup, lighting=lighting)
         if not nearest:
             self._last = key, layer
             self._sources[id(layer)] = source
@@ -158,14 +158,14 @@ class BoxRenderer(ABC):
         nearest: bool = False,
         plate_light: Illumination | None = None,
     ) -> None:
-        """Draw the object from several points, and wait until all are used.
+        """Render the object from several cameras, and wait until all layers are used.
 
         Args:
             time_s: time of the animation [s].
             cameras: as for `render`.
             margin: likewise.
-            use: gets each camera's number and layer, in order; while it runs on a thread of its
-                own, this one draws the next view.
+            use: receives each camera's index and layer, in order, on a second thread while this one
+                draws the next view.
             nearest: as for `render`.
             plate_light: likewise.
 
@@ -187,20 +187,20 @@ class BoxRenderer(ABC):
     def render_behind(
         self, front: ObjectLayer, region: Box, disparity_step: float
     ) -> BehindLayer | None:
-        """What the nearest surfaces of a picture hide.
+        """Depth-peel: the second surface of a rendered layer.
 
         Args:
-            front: a picture that `render` has given, without `nearest`.
-            region: where to look, a part of its box.
-            disparity_step: how much less disparity than the nearest surface what it hides has
-                at least, > 0 [1 / scene unit].
+            front: a layer from `render`, without `nearest`.
+            region: the part of its box to peel.
+            disparity_step: least difference in disparity between the nearest surface and the one
+                it hides, > 0 [1 / scene unit].
 
         Returns:
             The layer on the region; None where nothing is hidden.
 
         Raises:
             NlensError: as `render`.
-            ValueError: `front` is no picture of this renderer, or the region is not within it.
+            ValueError: `front` is no layer of this renderer, or the region is not within its box.
         """
         self._check()
         source = self._sources.get(id(front))
@@ -209,15 +209,15 @@ class BoxRenderer(ABC):
         if region.empty or region.intersection(front.box) != region:
             raise ValueError(f"{region} is not within {front.box}")
         if self._on_target is not source:
-            self._draw(source.posed, source.sight, source.lighting)
+            self._draw(source.posed, source.setup, source.lighting)
             self._on_target = source
         shown = FrontSurfaces(
             depth=front.depth[region.slices_in(front.box)],
             disparity_step=disparity_step,
             corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
         )
-        sight = replace(source.sight, box=region, nearest=False)
-        seen = self._draw_behind(source.posed, sight, source.lighting, shown)
+        setup = replace(source.setup, box=region, nearest=False)
+        seen = self._draw_behind(source.posed, setup, source.lighting, shown)
         if seen is None:
             return None
         hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
@@ -228,13 +228,13 @@ class BoxRenderer(ABC):
 
     @abstractmethod
     def _draw(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""
 
     @abstractmethod
     def _draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 
@@ -248,18 +248,18 @@ class BoxRenderer(ABC):
         return self._posed, Lighting.of(self._light.on_object(self._posed.lights, plate_light))
 
     def _check(self) -> None:
-        """Refuse what can't be drawn here and now."""
+        """Raise if the renderer cannot draw now, on this thread."""
         if self._closed:
             raise NlensError("the renderer is closed; make a new one")
 
     def close(self) -> None:
-        """Free what it holds; may be called again."""
+        """Free all resources; further calls do nothing."""
         self._closed = True
         self._posed = self._last = self._on_target = None
 
 
 def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object, ...]:
-    """All that a picture depends on; meshes at rest are the same objects (`Instance.place`)."""
+    """Cache key of a picture; meshes at rest keep their identity (`Instance.place`)."""
     return (
         tuple(map(id, posed.meshes)),
         camera.world_from_camera.tobytes(),

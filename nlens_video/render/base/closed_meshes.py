@@ -1,4 +1,4 @@
-"""Which meshes close a body, so that nobody sees their back faces."""
+"""Closed (watertight) meshes: their back faces are never visible."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from nlens_video.scene.posed import PosedMesh
 
 
 def closed_bodies(meshes: Sequence[PosedMesh]) -> list[bool]:
-    """Whether each mesh closes a body, alone or all of them together, faces outwards.
+    """Whether each mesh is watertight with outward faces, alone or all of them together.
 
-    Exporters call most materials double-sided, closed bodies too. Behind the front of such a body
-    lies its own inner side, which no point of a lens sees.
+    Exporters mark most materials double-sided, also those of closed bodies, whose inner side depth
+    peeling would otherwise find behind the front.
 
     Args:
         meshes: of one moment; they touch at the same places at all times.
@@ -38,15 +38,15 @@ def _outward(mesh: PosedMesh) -> Int32:
 
 
 def _closes(positions: Float32, faces: Int32) -> bool:
-    # trimesh takes what is nearer than a fixed distance for one place: in units of the body's own
-    # size, a power of two so that places stay as exact as they are
+    # trimesh merges vertices closer than a fixed distance, so positions are scaled to unit size,
+    # by a power of two, which is exact
     size = float(np.abs(positions).max(initial=0.0))
     if not 0.0 < size < np.inf:
         return False
     places = np.ldexp(positions.astype(np.float64), -math.frexp(size)[1])
     merged = trimesh.Trimesh(places, faces, process=True)
     corners = np.asarray(merged.faces)
-    # what exporters put at the poles of a ball: triangles with two corners in one place
+    # exporters put degenerate triangles (two equal corners) at the poles of a sphere
     flat = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
     merged.update_faces(~flat)
     return bool(merged.is_volume)

@@ -1,4 +1,4 @@
-"""What draws the pictures for a renderer, and how it says that it cannot go on."""
+"""Drawing back end of a renderer, and the error by which it reports its loss."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from nlens_video.scene.posed import PosedScene
 
 
 class DrawerLostError(Exception):
-    """What drew is gone with all that it held; the picture at hand was not drawn.
+    """The back end and its resources are lost; the current picture was not drawn.
 
     Attributes:
-        again: whether another of its kind may do better.
+        again: whether a new back end of the same kind may succeed.
     """
 
     def __init__(self, reason: str, *, again: bool) -> None:
@@ -27,18 +27,18 @@ class Drawer(Protocol):
     """Draws one object, moment by moment."""
 
     def draw(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is.
 
         Raises:
             NlensError: the object or the picture is too large to be drawn.
-            DrawerLostError: the picture must be drawn by another.
+            DrawerLostError: the picture must be drawn by another back end.
         """
         ...
 
     def draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         """What lies behind a part of the picture that `draw` has drawn last; None for nothing.
 
@@ -48,5 +48,5 @@ class Drawer(Protocol):
         ...
 
     def close(self) -> None:
-        """Free what it holds, if it is still there."""
+        """Free its resources, if they still exist."""
         ...

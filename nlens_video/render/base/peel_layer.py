@@ -1,4 +1,4 @@
-"""A second look at a picture: what its nearest surfaces hide."""
+"""Depth peeling: the front surfaces as limits, and the picture of what they hide."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ALL = 2.0  # window depth beyond everything
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrontSurfaces:
-    """The nearest surfaces that a picture shows, as far as another picture shows them too.
+    """Nearest surfaces of a picture, on the region that is peeled.
 
     Attributes:
         depth: of them (height, width), +inf where nothing is [scene unit].

@@ -1,4 +1,4 @@
-"""Lights as the shaders read them, OpenGL's and our own."""
+"""Lights and materials packed for the shaders, OpenGL's and the software rasteriser's."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class Lighting:
 
     @classmethod
     def of(cls, light: Illumination) -> Lighting:
-        """What lights the object."""
+        """Pack an illumination."""
         lights = (lamp.posed for lamp in light.lamps[:MAX_LAMPS])
         ordered = sorted(lights, key=lambda posed: posed.light.kind != "directional")
         return cls(tuple(ordered), light.ambient)
 
     @property
     def defines(self) -> dict[str, int]:
-        """What the shader is compiled for."""
+        """Preprocessor definitions of the shader."""
         counts = {
             "LAMP_COUNT": len(self.lights),
             "LAMP_ROWS": max(1, 4 * len(self.lights)),

@@ -1,4 +1,4 @@
-"""The object drawn with OpenGL: a context of its own, and what is in it."""
+"""OpenGL back end: one context and the object's GPU resources."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ class GlDrawer:
             raise
 
     def draw(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
-        """The picture; see `Drawer`."""
-        with self._drawing(sight):
-            return self._renderer.draw(posed, _view(sight), lighting, nearest=sight.nearest)
+        """See `Drawer`."""
+        with self._drawing(setup):
+            return self._renderer.draw(posed, _view(setup), lighting, nearest=setup.nearest)
 
     def draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
-        """What it hides; see `Drawer`."""
-        with self._drawing(sight):
-            return self._renderer.draw_behind(posed, _view(sight), lighting, front)
+        """See `Drawer`."""
+        with self._drawing(setup):
+            return self._renderer.draw_behind(posed, _view(setup), lighting, front)
 
     @contextmanager
-    def _drawing(self, sight: ViewSetup) -> Iterator[None]:
-        size = f"{sight.box.width}x{sight.box.height}"
+    def _drawing(self, setup: ViewSetup) -> Iterator[None]:
+        size = f"{setup.box.width}x{setup.box.height}"
         with self._platform.at_work(
             f"cannot draw a picture of {size} pixels", "use a smaller frame"
         ):
@@ -72,21 +72,21 @@ class GlDrawer:
         self._platform.delete_context()
 
 
-def _view(sight: ViewSetup) -> GlView:
+def _view(setup: ViewSetup) -> GlView:
     return GlView(
-        camera_from_world=sight.camera.camera_from_world,
-        eye=sight.camera.world_from_camera[:3, 3],
-        clip_from_camera=_projection(sight),
-        near=sight.near,
-        far=sight.far,
-        width=sight.box.width,
-        height=sight.box.height,
+        camera_from_world=setup.camera.camera_from_world,
+        eye=setup.camera.world_from_camera[:3, 3],
+        clip_from_camera=_projection(setup),
+        near=setup.near,
+        far=setup.far,
+        width=setup.box.width,
+        height=setup.box.height,
     )
 
 
-def _projection(sight: ViewSetup) -> Float64:
+def _projection(setup: ViewSetup) -> Float64:
     """Clip space of a box of the frame (4, 4); row 0 of the box lies at clip y = -1."""
-    camera, box, near, far = sight.camera, sight.box, sight.near, sight.far
+    camera, box, near, far = setup.camera, setup.box, setup.near, setup.far
     matrix = np.zeros((4, 4))
     matrix[0, 0] = 2.0 * camera.fx / box.width
     matrix[0, 2] = 1.0 - 2.0 * (camera.cx - box.x0) / box.width

@@ -1,4 +1,4 @@
-"""The OpenGL context without a screen (EGL), and why there is none.
+"""Headless OpenGL context (EGL), and the reasons why none can be created.
 
 Imported before pyrender and PyOpenGL, which read these variables once, on import.
 """
@@ -37,15 +37,15 @@ _CODES = {
         EGL.EGL_CONTEXT_LOST,
     )
 }
-_TELLING = (
+_WITH_RESET_NOTIFICATION = (
     *(EGL.EGL_CONTEXT_MAJOR_VERSION, 4, EGL.EGL_CONTEXT_MINOR_VERSION, 1),
     *(EGL.EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL.EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT),
     *(EGL.EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY, EGL.EGL_LOSE_CONTEXT_ON_RESET),
     EGL.EGL_NONE,
 )
-"""Attributes of a context that says when the device was reset (EGL 1.5, 3.7.1).
+"""Attributes of a context that reports device resets (EGL 1.5, section 3.7.1).
 
-Without the last pair a driver never says so: what is read after a reset is anything.
+Without the last pair drivers report none, and pixels read after a reset are undefined.
 """
 
 
@@ -56,17 +56,17 @@ class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]  # untyped base
     _egl_context: object
 
     def init_context(self) -> None:
-        """Make a context and make it current; one that tells of its loss, if the driver can."""
+        """Create a context, with reset notification if the driver can, and make it current."""
         super().init_context()
         try:
-            telling = EGL.eglCreateContext(
+            notifying = EGL.eglCreateContext(
                 self._egl_display, self._config(), EGL.EGL_NO_CONTEXT,
-                arrays.GLintArray.asArray(_TELLING),
+                arrays.GLintArray.asArray(_WITH_RESET_NOTIFICATION),
             )  # fmt: skip
         except GlError:
             return  # a driver that knows no resets: the plain one stays
         self.delete_context()
-        self._egl_context = telling
+        self._egl_context = notifying
         self.make_current()
 
     def _config(self) -> object:
@@ -112,12 +112,12 @@ class HeadlessPlatform(egl.EGLPlatform):  # type: ignore[misc]  # untyped base
         except (GlError, RuntimeError) as error:
             if getattr(error, "err", None) == GL.GL_OUT_OF_MEMORY:
                 raise DrawerLostError("its memory does not suffice", again=False) from error
-            self._see_that_it_lives()
+            self._check_context()
             raise NlensError(f"OpenGL {what} ({_reason(error)}); {advice}") from error
-        self._see_that_it_lives()
+        self._check_context()
 
-    def _see_that_it_lives(self) -> None:
-        """Calls into a lost context do nothing and need not say so.
+    def _check_context(self) -> None:
+        """Check the context: calls into a lost one silently do nothing.
 
         Raises:
             DrawerLostError: it is lost.

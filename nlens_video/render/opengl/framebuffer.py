@@ -1,4 +1,4 @@
-"""The picture on the GPU: half-float colour and float depth, four samples a pixel."""
+"""Framebuffers on the GPU: half-float colour, float depth, four samples a pixel; depth peeling."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _check() -> None:
 
 
 class BehindTarget:
-    """A picture of its own, a texture of limits, and the question whether anything was drawn."""
+    """Depth-peeling target: a framebuffer, a texture of depth limits, and an occlusion query."""
 
     def __init__(self) -> None:
         self.target = FloatTarget()
@@ -123,7 +123,7 @@ class BehindTarget:
             GL.glTexParameteri(GL.GL_TEXTURE_2D, name, GL.GL_NEAREST)
 
     def shows(self, draw: Callable[[], None]) -> bool:
-        """Draw, and tell whether any sample was."""
+        """Draw; whether any sample passed (occlusion query)."""
         GL.glBeginQuery(GL.GL_ANY_SAMPLES_PASSED, self._query)
         draw()
         GL.glEndQuery(GL.GL_ANY_SAMPLES_PASSED)

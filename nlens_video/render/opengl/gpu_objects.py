@@ -1,4 +1,4 @@
-"""GPU twins of the scene's pictures and meshes: uploaded once, vertices updated in place."""
+"""GPU textures, materials and meshes of the scene: uploaded once, vertices updated in place."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # 
 
     @property
     def defines(self) -> dict[str, int]:
-        """What the shader is compiled for."""
+        """Preprocessor definitions of the shader."""
         source = self.source
         found = {f"USE_{slot.upper()}_MAP": 1 for slot in self.maps}
         if source.alpha_mode != "OPAQUE":

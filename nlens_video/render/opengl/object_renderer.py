@@ -1,9 +1,8 @@
-"""P's renderer: the object through pyrender, without a screen, in scene-linear light.
+"""OpenGL renderer: the object through pyrender, headless, in scene-linear light.
 
-OpenGL is loaded when the first picture is asked for, so that a machine without it gets one clear
-line, and only if something must be rendered. A graphics driver may take a context away in the
-middle of a run: the picture at hand is then drawn again, in a new context, or, where there is none
-to be had or that is lost too, by the software rasteriser, which draws the rest.
+OpenGL is loaded with the first picture, so that a machine without it gets a clear error, and only
+if something must be rendered. A driver may take the context away during a run: the picture is then
+drawn again in a new context, or, if that fails too, by the software rasteriser from then on.
 """
 
 from __future__ import annotations
@@ -45,29 +44,29 @@ class PyrenderObjectRenderer(BoxRenderer):
         self._thread = 0
 
     def _draw(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
         def picture(drawer: Drawer) -> tuple[Float32, Float32]:
-            drawn = drawer.draw(posed, sight, lighting)
+            drawn = drawer.draw(posed, setup, lighting)
             self._drew_front = drawer
             return drawn
 
-        return self._drawn_by_whoever_can(posed, picture)
+        return self._with_recovery(posed, picture)
 
     def _draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
         def picture(drawer: Drawer) -> BehindPicture | None:
             if self._drew_front is not drawer and self._on_target is not None:
                 drawer.draw(
-                    posed, self._on_target.sight, lighting
+                    posed, self._on_target.setup, lighting
                 )  # went with the context it was in
                 self._drew_front = drawer
-            return drawer.draw_behind(posed, sight, lighting, front)
+            return drawer.draw_behind(posed, setup, lighting, front)
 
-        return self._drawn_by_whoever_can(posed, picture)
+        return self._with_recovery(posed, picture)
 
-    def _drawn_by_whoever_can(self, posed: PosedScene, picture: Callable[[Drawer], Drawn]) -> Drawn:
+    def _with_recovery(self, posed: PosedScene, picture: Callable[[Drawer], Drawn]) -> Drawn:
         while True:
             try:
                 if self._drawer is None:
@@ -78,7 +77,7 @@ class PyrenderObjectRenderer(BoxRenderer):
                 self._replace(posed, lost)
 
     def _replace(self, posed: PosedScene, lost: DrawerLostError) -> None:
-        """Have another drawer go on: OpenGL again, once, then the processor."""
+        """Replace a lost back end: by OpenGL again, once, then by the software rasteriser."""
         when = f"at {posed.time_s:.2f} s OpenGL was lost ({lost})"
         broken, self._drawer = self._drawer, None
         if broken is not None:

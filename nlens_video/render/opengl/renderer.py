@@ -1,8 +1,7 @@
 """pyrender's renderer with linear light, correct blending and exact depth.
 
-pyrender keeps the scene graph, the shader programs and the life of all GPU objects. What it draws
-is replaced: its own forward pass writes 8-bit display-coded colour, squares alpha and ignores the
-alpha cutoff.
+pyrender manages the scene graph, shader programs and GPU objects. Its forward pass is replaced: it
+writes 8-bit display-coded colour, squares alpha and ignores the alpha cutoff.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _LIMIT_UNIT = len(SLOTS)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GlView:
-    """What is looked at, through which projection.
+    """View and projection of one picture.
 
     Attributes:
         camera_from_world: rigid (4, 4).
@@ -64,7 +63,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._target = FloatTarget()
         self._behind = BehindTarget()
         self._defines: dict[str, int] = {}
-        self._one_sided: frozenset[GpuPrimitive] | None = None  # found when first called for
+        self._one_sided: frozenset[GpuPrimitive] | None = None  # computed on first use
         self._empty = int(GL.glGenVertexArrays(1))
         self._blocks: list[int] = [int(name) for name in GL.glGenBuffers(2)]
         textures: dict[Image, GpuTexture] = {}

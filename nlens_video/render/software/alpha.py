@@ -1,7 +1,6 @@
-"""Triangles with holes (MASK) and with see-through surfaces (BLEND), pixel by pixel.
+"""Alpha-tested (MASK) and blended (BLEND) triangles, pixel by pixel.
 
-What blends is taken from near to far: each sample keeps the share of light that gets through to it,
-so that no colours of samples need be stored.
+Blending runs from near to far: each sample stores its remaining transmittance only, no colour.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""From samples to colour: each surface that a pixel shows is shaded once there.
+"""Deferred shading: each surface visible in a pixel is shaded once.
 
-Samples of triangles that share a corner are one surface: normals and texture coordinates run on
-across the edge, so shading one of the triangles serves all. Where an edge is to be seen, corners
-are split and each side is shaded by itself. That keeps meshes finer than the pixels affordable.
+Samples of triangles that share a vertex are one surface: normals and texture coordinates are
+continuous across the edge, so one shading serves all of them. At hard edges vertices are split, and
+each side is shaded. This keeps meshes finer than the pixels affordable.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def same_surface(mesh: MeshBuffers, one: int, other: int) -> bool:
 
 @kernel
 def shade(block: Float32, whole: Int32, count: int, scene: ShadingInputs) -> None:
-    """Work out the radiance of the first `count` points of a block."""
+    """Compute the radiance of the first `count` points of a block."""
     mesh, paint, lens, (lamps, suns, ambient) = scene
     eval_materials(block, whole, count, mesh, paint, lens)
     light(block, lamps, suns, ambient)

@@ -1,4 +1,4 @@
-"""From samples to depth: that of the nearest surface, never a mean of two."""
+"""Depth resolve: the depth of a pixel's nearest surface, never a mean of two surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One picture of the software rasteriser: what its kernels read and write, step by step."""
+"""Framebuffer of the software rasteriser: the buffers of one picture and its passes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NONE = np.empty((0, 0), np.float32)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Framebuffer:
-    """One picture being drawn: all that its steps read and write."""
+    """Buffers of one picture, and the passes that fill them."""
 
     shape: triangles.Shape
     spans: Int32
@@ -47,17 +47,17 @@ class Framebuffer:
 
     @classmethod
     def of(
-        cls, shown: SceneBuffers, sight: ViewSetup, lighting: Lighting, *, behind: bool = False
+        cls, shown: SceneBuffers, setup: ViewSetup, lighting: Lighting, *, behind: bool = False
     ) -> Framebuffer:
         """Project the vertices and find the triangles to be drawn.
 
         Args:
             shown: what is drawn.
-            sight: from where.
+            setup: from where.
             lighting: what lights it.
             behind: leave out what blends, and the inner sides of closed bodies.
         """
-        lens = pinhole_params(sight.camera, sight.box, sight.near)
+        lens = pinhole_params(setup.camera, setup.box, setup.near)
         numbers = lens.numbers()
         width, height = lens.width, lens.height
         count = len(shown.faces)
@@ -91,17 +91,17 @@ class Framebuffer:
             front=scratch("front", through),
             rgba=np.empty((height, width, 4), np.float32),
             depth=np.empty((height, width), np.float32),
-            least=1.0 / sight.far,
+            least=1.0 / setup.far,
         )
 
     @property
     def steps(self) -> tuple[Callable[[Rows], None], ...]:
-        """What is done to all rows, one after the other."""
+        """The passes, each over all rows, in order."""
         last = (self.light, self.measure)
         return (self.see, self.blend, *last) if len(self.blended) else (self.see, *last)
 
     def clear(self, rows: Rows) -> None:
-        """Forget what the samples of rows [first, last) show."""
+        """Reset the samples of rows [first, last)."""
         here = _lines(rows)
         self.rgba[slice(*rows)] = 0.0
         self.disparity[here] = 0.0

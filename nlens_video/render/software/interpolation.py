@@ -1,8 +1,8 @@
-"""What a triangle's corners say of points within it: places, normals, texture coordinates.
+"""Perspective-correct interpolation of vertex attributes, with exact screen-space derivatives.
 
-Weights of the corners and their change across the screen come in closed form from its planes
-(`triangles`), so derivatives are exact at each point and no quads are drawn. Corners are read point
-by point, four numbers at a time; what needs none of them is worked out for many points at once.
+Barycentric weights and their derivatives follow in closed form from the triangle's planes
+(`triangles`), so no pixel quads are needed. Corners are read point by point, four numbers at a
+time; all that needs no corners is vectorised over points.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PinholeRows = Float32
 """Rows of `pinhole` (15,)."""
 Corners = tuple[int, int, int]
 Vector = tuple[float, float, float]
-_U = np.uint64  # of an index: one that might be negative is counted from the end
+_U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
 _ZERO, _ONE, _TWO = (f32(v) for v in (0.0, 1.0, 2.0))
 _LEAST = f32(1e-30)
 
@@ -76,7 +76,7 @@ def _store(block: Float32, field: int, i: int, numbers: Float4) -> None:
 
 @kernel
 def interpolate(block: Float32, whole: Int32, count: int, mesh: MeshBuffers) -> None:
-    """Fill in what the corners say of the first `count` points of a block.
+    """Interpolate vertex attributes at the first `count` points of a block.
 
     That is depth, normals of any length, vertex colours as base colour, texture coordinates and
     their change, and which material it is.

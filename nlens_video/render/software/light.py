@@ -1,7 +1,7 @@
-"""glTF 2.0 metallic-roughness (appendix B) under lamps and light from around, a block at a time.
+"""glTF 2.0 metallic-roughness shading (appendix B) under punctual and ambient light, by block.
 
-The same formulas as those of the OpenGL shader (`backends/shaders/object.frag`); slowly in
-`light_ref`.
+The formulas of the OpenGL shader (`render/opengl/shaders/object.frag`); defined by
+`reference_kernels.reflectance`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,14 @@ from nlens_video.kernels.numba_config import f32, fastmath_inlined, fastmath_ker
 from nlens_video.render.software import shading_block as at
 
 _N = at.WIDTH
-_U = (
-    np.uint64
-)  # of an index: one that might be negative is counted from the end, and not vectorised
+_U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
 _PI = f32(math.pi)
 _ONE, _ZERO, _HALF = f32(1.0), f32(0.0), f32(0.5)
 _LEAST_NV, _LEAST = f32(1e-4), f32(1e-30)
 _LEAST_ALPHA = f32(0.002)
 
 
-# Not max and min: loops with those are not vectorised here.
+# Instead of max and min, whose NaN rules prevent vectorising.
 @fastmath_inlined
 def larger(a: float, b: float) -> float:
     """The larger of two numbers; `b` if either is none."""

@@ -1,6 +1,6 @@
-"""What the surface is like at points of the screen: the painted half of shading.
+"""Material evaluation: base colour, alpha, normal, reflectance and emission at surface points.
 
-Worked out for many points at once, run by run of those that are of one material.
+Vectorised over runs of points of one material.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MaterialBuffers = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
 BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE = range(5)
 UNLIT, OPAQUE = 1, 2
 _UV_ROWS = 16
-_U = np.uint64  # of an index: one that might be negative is counted from the end
+_U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
 _ZERO, _HALF, _ONE = (f32(v) for v in (0.0, 0.5, 1.0))
 
 
@@ -148,7 +148,7 @@ def eval_materials(
     block: Float32, whole: Int32, count: int, mesh: MeshBuffers, paint: MaterialBuffers,
     lens: PinholeRows,
 ) -> None:  # fmt: skip
-    """Fill in what the surface is like at the first `count` points of a block."""
+    """Evaluate materials at the first `count` points of a block."""
     interpolate(block, whole, count, mesh)
     first = 0
     while first < count:

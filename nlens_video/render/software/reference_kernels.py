@@ -1,4 +1,8 @@
-"""`light` by its definition: glTF 2.0, appendix B, one point at a time in float64."""
+"""Definitions of the rasteriser's kernels, one point or sample at a time in float64.
+
+Shading after glTF 2.0, appendix B; visibility by barycentric weights; textures after OpenGL 4,
+section 8.14.
+"""
 
 from __future__ import annotations
 

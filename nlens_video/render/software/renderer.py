@@ -1,8 +1,7 @@
-"""P's renderer without a graphics driver: a rasteriser of our own (`kernels`), any machine runs it.
+"""Software renderer: a deferred rasteriser in compiled kernels, without a graphics driver.
 
-Visibility first, then light: each sample finds the triangle that it shows, and each surface is
-shaded once a pixel. Rows are shared among threads and do not depend on each other, so any number
-of threads gives the same bits.
+Visibility first, then shading: each sample stores its nearest triangle, and each surface is shaded
+once per pixel. Rows are independent, so any number of threads gives the same bits.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ class Rasteriser:
     """A `Drawer` on the processor.
 
     Args:
-        threads: how many threads share the rows at most; default: one a processor. The picture
-            does not depend on it.
+        threads: maximum number of threads; default: one per processor. The picture does not
+            depend on it.
     """
 
     def __init__(self, threads: int | None = None) -> None:
@@ -42,24 +41,24 @@ class Rasteriser:
         self._object: SceneBuffers | None = None
 
     def draw(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
-        """The picture; see `Drawer`."""
-        picture = Framebuffer.of(self.moved(posed), sight, lighting)
+        """See `Drawer`."""
+        picture = Framebuffer.of(self.moved(posed), setup, lighting)
         self._run(picture, *picture.steps)
         return picture.rgba, picture.depth
 
     def draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
-        """What it hides; see `Drawer`."""
-        hidden = Framebuffer.of(self.moved(posed), sight, lighting, behind=True)
+        """See `Drawer`."""
+        hidden = Framebuffer.of(self.moved(posed), setup, lighting, behind=True)
         self._run(hidden, partial(hidden.see_behind, front.most_disparity()))
         if not hidden.shows_anything:
             return None
         self._run(hidden, hidden.light, hidden.measure)
-        # The picture before is drawn once more: samples take more memory than they take time.
-        before = Framebuffer.of(self.moved(posed), sight, lighting)
+        # The front picture is drawn again: keeping its samples would cost more memory than time.
+        before = Framebuffer.of(self.moved(posed), setup, lighting)
         blend = (before.blend,) if len(before.blended) else ()
         self._run(before, before.see, *blend)
         before.keep_nearest(front.disparity_step)
@@ -92,8 +91,8 @@ class SoftwareObjectRenderer(BoxRenderer):
     Args:
         scene: the object.
         light: what lights it; by default the file's lights, or a plausible light.
-        threads: how many threads share the rows at most; default: one a processor. The picture
-            does not depend on it.
+        threads: maximum number of threads; default: one per processor. The picture does not
+            depend on it.
     """
 
     name = "software rasteriser"
@@ -115,46 +114,34 @@ class SoftwareObjectRenderer(BoxRenderer):
         nearest: bool = False,
         plate_light: Illumination | None = None,
     ) -> None:
-        """Draw the object from several points, each view on one thread, and wait for all.
+        """As `BoxRenderer.render_views`, each view on one thread, which also calls `use`.
 
-        Threads that share a view's rows would wait for each other at each step of it.
-
-        Args:
-            time_s: time of the animation [s].
-            cameras: as for `render`.
-            margin: likewise.
-            use: gets each camera's number and layer, on the thread that has drawn it; views are
-                begun in order.
-            nearest: as for `render`.
-            plate_light: likewise.
-
-        Raises:
-            As `render`, and what `use` raises.
+        Threads that share the rows of one view would wait for each other after each pass.
         """
         posed, lighting = self._moment(time_s, plate_light)
         shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:
-            sight = view_setup(posed, cameras[at], margin, nearest=nearest)
-            if sight is None:
+            setup = view_setup(posed, cameras[at], margin, nearest=nearest)
+            if setup is None:
                 use(at, None)
                 return
-            picture = Framebuffer.of(shown, sight, lighting)
+            picture = Framebuffer.of(shown, setup, lighting)
             for step in picture.steps:
-                step((0, sight.box.height))
-            use(at, ObjectLayer(box=sight.box, rgba=picture.rgba, depth=picture.depth))
+                step((0, setup.box.height))
+            use(at, ObjectLayer(box=setup.box, rgba=picture.rgba, depth=picture.depth))
 
         parallel_for(draw, range(len(cameras)), self._threads)
 
     def _draw(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
-        return self._drawer.draw(posed, sight, lighting)
+        return self._drawer.draw(posed, setup, lighting)
 
     def _draw_behind(
-        self, posed: PosedScene, sight: ViewSetup, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
-        return self._drawer.draw_behind(posed, sight, lighting, front)
+        return self._drawer.draw_behind(posed, setup, lighting, front)
 
     def warm_up(self) -> None:
         """Compile the kernels that any object needs, or load them from numba's cache."""
@@ -179,9 +166,9 @@ def _compile_kernels() -> None:
     camera = Camera(
         world_from_camera=np.eye(4), fx=8, fy=8, cx=0, cy=8, width=box.width, height=box.height
     )
-    sight = ViewSetup(camera=camera, box=box, near=0.5, far=2.0, nearest=False)
+    setup = ViewSetup(camera=camera, box=box, near=0.5, far=2.0, nearest=False)
     shown = SceneBuffers(posed)
     shown.move(posed)
-    picture = Framebuffer.of(shown, sight, Lighting((), None))
+    picture = Framebuffer.of(shown, setup, Lighting((), None))
     for step in picture.steps:
         step((0, box.height))

@@ -1,4 +1,4 @@
-"""A scene's meshes, materials and textures as the software rasteriser reads them."""
+"""Vertex, index and material buffers of the software rasteriser."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BACK, _MIRRORED = 1, 2
 
 
 class SceneBuffers:
-    """All that stays, packed once; positions and normals are written in place.
+    """Static data, packed once, and positions and normals, updated in place.
 
     Attributes:
         positions: in the world (V, 3) [scene unit].
@@ -41,7 +41,7 @@ class SceneBuffers:
 
     def __init__(self, posed: PosedScene) -> None:
         self._meshes: tuple[PosedMesh | None, ...] = (None,) * len(posed.meshes)
-        self._closed: Bool | None = None  # found when first called for
+        self._closed: Bool | None = None  # computed on first use
         counts = [len(mesh.positions) for mesh in posed.meshes]
         self._first = np.cumsum([0, *counts])
         total = int(self._first[-1])
@@ -107,7 +107,7 @@ class SceneBuffers:
 
     @property
     def outer_sides(self) -> npt.NDArray[np.uint8]:
-        """`sides` without the inner sides of closed bodies, which nobody sees."""
+        """`sides` without the back faces of closed bodies, which are never visible."""
         if self._closed is None:
             from nlens_video.render.base.closed_meshes import (
                 closed_bodies,  # here: it loads trimesh

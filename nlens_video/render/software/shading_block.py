@@ -1,7 +1,7 @@
-"""The block: surface points that are shaded together.
+"""Block of surface points shaded together, as a structure of arrays.
 
-Its numbers lie by field, `WIDTH` points each, in one flat array. So the offsets between fields are
-known when the kernels are compiled, and loops over points become vector instructions.
+All fields lie in one flat array, `WIDTH` points each: their offsets are compile-time constants, so
+loops over points vectorise.
 """
 
 from __future__ import annotations

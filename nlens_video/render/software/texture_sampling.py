@@ -35,7 +35,7 @@ shrunk; whether enlarging and shrinking are linear, whether one level serves."""
 # Columns of the atlas' table: first level, levels, filters for enlarging and shrinking, wrapping.
 _FIRST, _COUNT, _MAG, _MIN, _WRAP_S, _WRAP_T = range(6)
 _NEAREST_OF_NEAREST, _LINEAR_OF_NEAREST, _NEAREST_OF_TWO = 9984, 9985, 9986
-_U = np.uint64  # of an index: one that might be negative is counted from the end
+_U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
 _ZERO, _HALF, _ONE, _TWO = (f32(v) for v in (0.0, 0.5, 1.0, 2.0))
 _FAR, _LEAST = f32(1e6), f32(1e-30)
 _ROOT, _OF_ODD = f32(math.sqrt(2.0)), f32(2.0 / math.log(2.0))

@@ -1,7 +1,7 @@
-"""Triangles on the screen: which of them are drawn, and the planes of their numbers.
+"""Triangle set-up: culling, and the plane equations of the barycentric weights.
 
-Weights of a triangle's corners, divided by depth, are affine across the screen. Three planes give
-them, and so all that is interpolated; their sum is disparity.
+Barycentric weights divided by depth are affine across the screen: three planes, from which all
+attributes are interpolated; their sum is disparity.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from nlens_video.scene.screen_projection import in_camera
 Int32 = npt.NDArray[np.int32]
 Triple = tuple[float, float, float]
 Shape = tuple[Float64, Float32, Int32, Float64]
-"""Points (V, 3) from `screen.project`, positions (V, 3), faces (F, 3), the camera's numbers."""
+"""Points (V, 3) from `screen_projection.project`, positions (V, 3), faces (F, 3), camera
+parameters."""
 
 SAMPLES = 4
 """Samples of a pixel, each on a line of its own."""

@@ -1,7 +1,7 @@
-"""Nodes of a scene at one moment: their tracks sampled, and world matrices made of that.
+"""Node animation: keyframe tracks sampled at one time, and world matrices composed.
 
-As `node_motion_ref` defines it, all nodes in two calls: in NumPy's small steps the same took ten
-times as long, on every frame, also of an object that is out of view.
+Two calls for all nodes; NumPy takes ten times as long, on every frame, also while the object is out
+of view. Defined by `kernels_ref`.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def _normalize(rotation: Float64) -> None:
 
 @kernel_of("void(f8,i8[:,::1],f8[::1],f8[:,:,::1],f8[:,::1])")
 def sample(time_s: float, tracks: Table, times: Float64, values: Float64, out: Float64) -> None:
-    """Put what tracks say at a time into the rows of `out`; the rest of it stays.
+    """Sample tracks at a time into the rows of `out`; other values stay.
 
     Args:
         time_s: the time [s].

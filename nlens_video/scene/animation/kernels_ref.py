@@ -1,4 +1,4 @@
-"""`node_motion` by its definition: glTF 2.0, section 3.11 and appendix C, one track and node."""
+"""Definition of `kernels`: glTF 2.0, section 3.11 and appendix C, one track and node at a time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nlens_video.scene.animation.kernels import CUBIC, STEP
 def sampled(
     time_s: float, times: Sequence[float], values: Float64, kind: int, *, turns: bool
 ) -> Float64:
-    """What a track says (W,) at a time; its first and last key hold before and after them.
+    """Value (W,) of a track at a time; the first and last key hold before and after them.
 
     Args:
         time_s: the time [s].

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from nlens_video.core.layers import Float64
 
 _COLUMNS = {"translation": 0, "rotation": 3, "scale": 7}  # of a node's row
-_KINDS = {"STEP": 0, "LINEAR": 1, "CUBICSPLINE": 2}  # as `kernels.node_motion` numbers them
+_KINDS = {"STEP": 0, "LINEAR": 1, "CUBICSPLINE": 2}  # as in `animation.kernels`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +89,7 @@ class Animation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Bank:
-    """Tracks as the kernel takes them; see `kernels.node_motion.sample`."""
+    """Tracks as the kernel takes them; see `animation.kernels.sample`."""
 
     tracks: npt.NDArray[np.int64]
     times: Float64
