@@ -86,7 +86,7 @@ def test_main_command_runs_with_one_note_where_no_usual_folder_can_be_written(pr
 
     doctor = run_as_other(program, "doctor", "--json", cwd=room, environment=environment)
     assert doctor.returncode == 0, doctor.stdout + doctor.stderr
-    assert f"kept in {cache}" in doctor.stdout
+    assert f"cached in {cache}" in doctor.stdout
 
 
 def test_farm_needs_no_home(program, work):
@@ -104,7 +104,7 @@ def test_user_without_an_entry_and_without_home_leaves_no_folder_named_tilde(pro
     run = run_as_other(
         program.with_name("python"), "-c", SHOW_NOTES, cwd=room, environment=environment, uid=54321
     )
-    assert f"kept in {room / 'tmp' / 'nlens-video-54321'}" in run.stdout, run.stderr
+    assert f"cached in {room / 'tmp' / 'nlens-video-54321'}" in run.stdout, run.stderr
     assert [path.name for path in room.iterdir()] == ["tmp"]
 
 
@@ -146,4 +146,4 @@ def test_kernels_are_compiled_for_each_run_where_nothing_at_all_can_be_written(p
         "unshare", "-m", "sh", "-c", mounts, cwd=Path("/"), environment=NO_HOME, uid=0
     )
     assert run.returncode == 0, run.stderr
-    assert "kernels are not kept" in run.stdout
+    assert "kernels are not cached" in run.stdout
