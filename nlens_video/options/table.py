@@ -139,7 +139,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "its place if the GLB has no camera (fractions of the frame)": (
         Option("--at", _PLACED, "X,Y", read.point,
-               "where it touches the ground, from 0,0 (upper left) to 1,1",
+               "contact with the ground, 0,0 (upper left) to 1,1",
                feeds="placing.at", parameter=True, often=True),
         Option("--size", _PLACED, "S", read.number, "its height, 1 is all of the frame's",
                feeds="placing.size", parameter=True),

@@ -620,7 +620,7 @@ class TestExitCodes:
             ("--save-fit", "./link.mp4", "the plate"),
             ("--timings", "anim.glb", "the scene"),
             ("--timings", "out.mp4", "the result"),
-            ("--save-fit", "sky.hdr", "--env"),
+            ("--save-fit", "sky.hdr", "--env-map"),
             ("--timings", "m_0001.png", "--holdout"),
             ("--aov", ".", "--layers"),
             (None, "fog.exr", "--layers"),
@@ -634,7 +634,7 @@ class TestExitCodes:
             (tmp_path / one).write_bytes(b"of somebody's")
         before = {path: path.read_bytes() for path in tmp_path.iterdir()}
         given = {
-            "--env": ["--env", tmp_path / "sky.hdr"],
+            "--env-map": ["--env", tmp_path / "sky.hdr"],
             "--holdout": ["--holdout", tmp_path / "m_%04d.png"],
             "--layers": ["--layers", tmp_path / "fog.exr"],
         }.get(what, [])

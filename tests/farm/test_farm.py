@@ -86,7 +86,7 @@ def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole
 
 TERMINATED = """
 import os, signal, time
-from nlens_video import interrupts
+from nlens_video.core import signals
 from nlens_video.farm.on_ray import Cluster, _connected
 
 def interrupted():
@@ -94,11 +94,11 @@ def interrupted():
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(1)
     except KeyboardInterrupt:
-        interrupts.heard.clear()
+        signals.requested.clear()
         return True
     return False
 
-signal.signal(signal.SIGTERM, interrupts.hear)
+signal.signal(signal.SIGTERM, signals.handler)
 with _connected(Cluster(workers=1)):
     during = interrupted()
 print(during, interrupted())

@@ -264,7 +264,7 @@ def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
 
 def test_two_runs_do_not_share_chunks_and_foreign_files_stay(tmp_path):
     folder = chunks_beside(tmp_path / "out.mp4")
-    with locked(folder), pytest.raises(OutputError, match="another run is at work"):
+    with locked(folder), pytest.raises(OutputError, match="another run is using it"):
         with locked(folder):
             pass
     (folder / ("0" * 16 + "-00000000-end.nut")).write_bytes(b"x")

@@ -97,7 +97,9 @@ RUN = """
 import sys
 import numpy as np
 sys.path.insert(0, sys.argv[1])
-from hard.size.test_hard_size import EIGHT_K, LENS, Path, _plate, composited, cv2
+from pathlib import Path
+import cv2
+from hard.size.test_hard_size import EIGHT_K, LENS, _plate, composited
 def peak_kb():
     return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
 
