@@ -154,9 +154,11 @@ def test_help_needs_no_memory_to_speak_of():
 
 
 @pytest.mark.parametrize("loaded", ["nlens_video.core.errors", "nlens_video.options.options"])
-def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(loaded):
-    command = [sys.executable, "-X", "importtime", *program("in.mp4", "a.glb", "out.mp4")[1:]]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run:
+def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(files, tmp_path, loaded):
+    words = ("-", files / "anim.glb", tmp_path / "out.mp4")  # an open pipe: it waits for pictures
+    command = [sys.executable, "-X", "importtime", *program(*words)[1:]]
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as run:
         for line in run.stderr:
             if line.split("|")[-1].strip() == loaded:
                 break
