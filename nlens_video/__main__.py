@@ -1,7 +1,7 @@
 """Entry point of the command `nlens-video` and of `python -m nlens_video`."""
 
 # `signal` loads enumerations first, during which an interrupt would end in a traceback
-import _signal  # type: ignore[import-not-found]
+import _signal  # type: ignore[import-not-found]  # type checkers have no stub of it
 import os
 import sys
 

@@ -132,6 +132,7 @@ def white_noise(corner: tuple[int, int], size: tuple[int, int], moment: int, see
     return out
 
 
+# Not annotated: numba infers the types of `_mixed` and takes those of `_fill` from its signature.
 @njit(inline="always")
 def _mixed(value):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """A number whose bits all depend on all bits of another (the finaliser `lowbias32`)."""
