@@ -1,5 +1,7 @@
 """Containers and codecs: what the ffmpeg program copies into a container keeps its codec here."""
 
+import itertools
+
 import pytest
 from support.clips import copy
 from support.programs import codecs, complaints, ffmpeg, made
@@ -38,7 +40,7 @@ def plates(tmp_path_factory):
     for name, words in VIDEO.items():
         ending = "mov" if name in ("prores", "dnxhd") else "mkv"
         files[name] = made(
-            "-f", "lavfi", "-i", "testsrc2=s=352x288:r=25", "-frames:v", 6, "-c:v", *words.split(),
+            "-f", "lavfi", "-i", "testsrc2=s=352x288:r=25", "-frames:v", 3, "-c:v", *words.split(),
             folder / f"{name}.{ending}",
         )  # fmt: skip
     for name, encoder in AUDIO.items():
@@ -77,20 +79,19 @@ def together(video, audio, plates):
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_codec_is_kept_wherever_the_container_takes_it(container, plates, tmp_path):
     theirs = {name: copied_by_ffmpeg(name, plates, container, tmp_path) for name in plates}
-    for number, video in enumerate(VIDEO):
-        audio = list(AUDIO)[(number + CONTAINERS.index(container)) % len(AUDIO)]
+    for video, audio in itertools.product(VIDEO, AUDIO):
         plate = together(video, audio, plates)
-        out = tmp_path / f"{video}.{container}"
+        out = tmp_path / f"{video}_{audio}.{container}"
         notes = " ".join(copy(plate, out))
         found = codecs(out)
         if (container, audio) != ("wmv", "flac"):  # the ffmpeg program's own copy has these, too
             assert not complaints(out), (video, audio)
         for kind, name in (("video", video), ("audio", audio)):
             if theirs[name] and (container, name) not in REFUSED:
-                assert found[kind] == name, notes
+                assert found[kind] == name, (video, audio, notes)
             elif found.get(kind) != name:
-                assert f"source's {name}" in notes or f"({kind}) " in notes, notes
-        assert len(found) == (1 if container == "gif" else 2)
+                assert f"source's {name}" in notes or f"({kind}) " in notes, (video, audio, notes)
+        assert len(found) == (1 if container == "gif" else 2), (video, audio, notes)
 
 
 @pytest.mark.parametrize(
