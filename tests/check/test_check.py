@@ -60,22 +60,22 @@ def texts(verdict):
     [("out.mp4", {"crf": 18}), ("out.mp4", {"crf": 28}), ("out.mkv", {"codec": "ffv1"})],
     ids=["H.264", "coarse H.264", "lossless"],
 )
-def test_clean_composite_passes(check, name, options):
+def test_clean_composite_has_no_findings(check, name, options):
     verdict = check(name=name, **options)
     assert texts(verdict) == []
     assert verdict.frames == (takes.FRAMES, takes.FRAMES) and verdict.object_frames == takes.FRAMES
 
 
-def test_clean_composite_before_a_still_camera_passes(check, still):
+def test_clean_composite_on_a_static_plate_has_no_findings(check, still):
     assert texts(check(plate=still)) == []
 
 
-def test_plate_alone_passes_with_a_note(source):
+def test_unchanged_plate_passes_with_a_note_that_no_object_was_found(source):
     verdict = found(source, source)
     assert texts(verdict) == [] and "no object" in verdict.notes[0]
 
 
-def test_dropped_frame_that_leaves_a_gap_in_time_is_named(source, tmp_path):
+def test_dropped_frame_that_leaves_a_time_gap_is_reported(source, tmp_path):
     def drop(pictures, times):
         return pictures[:9] + pictures[10:], times[:9] + times[10:]
 
@@ -83,7 +83,7 @@ def test_dropped_frame_that_leaves_a_gap_in_time_is_named(source, tmp_path):
     assert finding.kind == "frames" and "no frame for the input's frame 9" in finding.text
 
 
-def test_dropped_frame_whose_gap_is_closed_is_named(source, tmp_path):
+def test_dropped_frame_is_reported_when_later_frames_move_up(source, tmp_path):
     def drop(pictures, times):
         return pictures[:9] + pictures[10:], times[:-1]
 
@@ -92,7 +92,7 @@ def test_dropped_frame_whose_gap_is_closed_is_named(source, tmp_path):
     assert any("input's frame 23" in text for text in texts(verdict))
 
 
-def test_repeated_frame_is_named(source, tmp_path):
+def test_repeated_frame_is_reported(source, tmp_path):
     def repeat(pictures, times):
         pictures[12] = pictures[11]
         return pictures, times
@@ -101,7 +101,7 @@ def test_repeated_frame_is_named(source, tmp_path):
     assert any(text.startswith("frame 12: repeated") for text in texts(verdict)), texts(verdict)
 
 
-def test_object_that_stands_still_for_a_frame_before_a_still_camera_is_named(still, tmp_path):
+def test_frozen_object_on_a_static_plate_is_reported(still, tmp_path):
     def repeat(pictures, times):
         pictures[12] = pictures[11]
         return pictures, times
@@ -110,7 +110,7 @@ def test_object_that_stands_still_for_a_frame_before_a_still_camera_is_named(sti
     assert (finding.kind, finding.frame, finding.last) == ("freeze", 12, 12)
 
 
-def test_frames_shown_late_are_named(source, tmp_path):
+def test_delayed_frames_are_reported(source, tmp_path):
     def delay(pictures, times):
         return pictures, [time + 0.3 * (time >= 20) for time in times]
 
@@ -118,7 +118,7 @@ def test_frames_shown_late_are_named(source, tmp_path):
     assert finding.kind == "time" and "frames 20 to 23: shown 12.0 ms late" in finding.text
 
 
-def test_one_frame_of_other_blur_is_a_jump(check):
+def test_single_frame_with_more_blur_is_reported_as_a_jump(check):
     (finding,) = check(looks=lambda number: {"sigma": 3.0 if number == 12 else 1.5}).findings
     assert (finding.kind, finding.frame, finding.last) == ("pop", 12, 12)
     assert "sharpness" in finding.text and finding.value < -0.2
@@ -127,20 +127,20 @@ def test_one_frame_of_other_blur_is_a_jump(check):
 @pytest.mark.parametrize(
     ("what", "usual", "share", "least"), [("detail", 1.0, 0.1, 0.05), ("sigma", 1.5, 0.2, 0.05)]
 )
-def test_flicker_of_sharpness_is_named(check, what, usual, share, least):
+def test_sharpness_flicker_is_reported(check, what, usual, share, least):
     verdict = check(looks=lambda number: {what: usual * (1 + share * (-1) ** number)})
     assert {one.kind for one in verdict.findings} == {"flicker"}, texts(verdict)
     assert "sharpness" in verdict.findings[0].text
     assert verdict.measures["sharpness_bend"] > least
 
 
-def test_change_of_blur_that_stays_is_named(check):
+def test_lasting_change_of_blur_is_reported(check):
     verdict = check(looks=lambda number: {"sigma": 1.5 if number < 12 else 2.5})
     assert {(one.kind, one.frame) for one in verdict.findings} == {("pop", 12)}, texts(verdict)
     assert "stays so" in verdict.findings[0].text
 
 
-def test_object_missing_on_a_frame_is_a_jump(source, tmp_path):
+def test_object_missing_from_one_frame_is_reported(source, tmp_path):
     def lose(pictures, times):
         pictures[7] = list(takes.decode(source))[7]
         return pictures, times
@@ -149,7 +149,7 @@ def test_object_missing_on_a_frame_is_a_jump(source, tmp_path):
     assert any(text == "frame 7: the object is missing" for text in texts(verdict)), texts(verdict)
 
 
-def test_changed_corner_of_the_plate_is_named_with_its_place(source, tmp_path):
+def test_changed_plate_corner_is_reported_with_its_position(source, tmp_path):
     def dirty(pictures, times):
         for picture in pictures[5:8]:
             picture[160:, 280:] += 12 / 255
@@ -162,7 +162,7 @@ def test_changed_corner_of_the_plate_is_named_with_its_place(source, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_rendered_composite_passes(tmp_path):
+def test_composite_rendered_by_the_program_has_no_findings(tmp_path):
     plate = shots.write_video(tmp_path / "in.mp4", frames=16)
     glb = shots.cube_glb(tmp_path / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.6)
     fit, result = shots.fit_json(tmp_path / "fit.json"), tmp_path / "out.mp4"
@@ -172,7 +172,7 @@ def test_rendered_composite_passes(tmp_path):
     assert texts(verdict) == [] and verdict.object_frames == 16
 
 
-def test_second_object_is_a_changed_plate_until_it_is_told(source, tmp_path):
+def test_second_object_is_a_plate_change_unless_two_objects_are_expected(source, tmp_path):
     def both(picture, number):
         second = takes.with_object(np.roll(picture, -120, axis=1), number)
         return takes.with_object(np.roll(second, 120, axis=1), number)
@@ -194,7 +194,7 @@ def beside(source, path, edit):
     return takes.encode(path, pictures)
 
 
-def test_detached_shadow_is_noted_and_no_changed_plate(source, tmp_path):
+def test_detached_shadow_is_noted_but_is_not_a_plate_change(source, tmp_path):
     result = beside(source, tmp_path / "o.mp4", lambda picture, soft: picture * (1 - 0.45 * soft))
     verdict = found(result, source)
     assert texts(verdict) == []
@@ -210,12 +210,12 @@ def test_detached_shadow_is_noted_and_no_changed_plate(source, tmp_path):
     ],
     ids=["lighter", "painted over", "of another hue"],
 )
-def test_what_does_more_than_take_light_is_a_changed_plate(source, tmp_path, edit):
+def test_change_that_is_not_an_even_darkening_is_a_plate_change(source, tmp_path, edit):
     verdict = found(beside(source, tmp_path / "o.mp4", edit), source)
     assert [one.kind for one in verdict.findings] == ["plate"], texts(verdict)
 
 
-def test_sound_moved_by_80_ms_is_named(check):
+def test_audio_shifted_by_80_ms_is_reported_and_by_15_ms_is_not(check):
     verdict = check(audio_shift_s=0.08)
     assert {one.kind for one in verdict.findings} == {"sound"}
     assert "audio 0 starts" in verdict.findings[0].text
@@ -223,7 +223,7 @@ def test_sound_moved_by_80_ms_is_named(check):
     assert texts(check(audio_shift_s=0.015)) == []
 
 
-def test_lost_sound_is_named(check):
+def test_missing_audio_is_reported(check):
     (finding,) = check(audio=False).findings
     assert finding.kind == "sound" and "missing" in finding.text
 
@@ -233,27 +233,27 @@ class TestCommand:
         code = main(["check", *map(str, words)])
         return code, capsys.readouterr()
 
-    def test_0_and_a_table_where_nothing_is_wrong(self, source, capsys):
+    def test_exit_code_0_and_a_table_when_nothing_is_found(self, source, capsys):
         code, said = self.run(capsys, source, "--against", source)
         assert code == 0 and said.out.count("ok") == 7
 
-    def test_1_and_every_figure_as_json_where_something_is(self, source, tmp_path, capsys):
+    def test_exit_code_1_and_json_with_the_findings(self, source, tmp_path, capsys):
         result = takes.composite(source, tmp_path / "o.mp4", audio_shift_s=0.08)
         code, said = self.run(capsys, result, "--against", source, "--json")
         verdict = json.loads(said.out)
         assert code == 1 and not verdict["fine"] and verdict["findings"][0]["kind"] == "sound"
 
-    def test_report_shows_findings_and_series(self, source, tmp_path, capsys):
+    def test_report_has_charts_of_the_measured_series(self, source, tmp_path, capsys):
         result = takes.composite(source, tmp_path / "o.mp4")
         code, _ = self.run(capsys, result, "--against", source, "--report", tmp_path / "page", "-q")
         page = (tmp_path / "page" / "index.html").read_text()
         assert code == 0 and page.count('class="chart"') == 3 and "Nothing was found" in page
 
-    def test_2_without_the_plate(self, source, capsys):
+    def test_exit_code_2_without_the_plate(self, source, capsys):
         code, said = self.run(capsys, source)
         assert code == 2 and "--against" in said.err
 
-    def test_3_another_size_or_no_file(self, source, tmp_path, capsys):
+    def test_exit_code_3_for_another_frame_size_or_a_missing_file(self, source, tmp_path, capsys):
         code, said = self.run(capsys, tmp_path / "none.mp4", "--against", source)
         assert code == 3 and "none.mp4" in said.err
         small = tmp_path / "small.png"
@@ -270,20 +270,20 @@ def part_of(source, path, first, end):
     return takes.encode(path, pictures[first:end], audio=False)
 
 
-def test_result_of_a_range_is_compared_with_that_range(source, tmp_path):
+def test_result_of_a_given_range_is_compared_with_that_range(source, tmp_path):
     result = part_of(source, tmp_path / "part.mp4", 9, 17)
     told = compare(str(result), SourceSettings(spec=str(source), frames=(9, 17))).verdict
     assert told.frames == (8, 8) and [one.kind for one in told.findings] == ["sound"]
 
 
-def test_range_of_a_result_is_found_and_said_where_it_is_not_given(source, tmp_path):
+def test_range_of_a_result_is_detected_and_noted(source, tmp_path):
     result = part_of(source, tmp_path / "part.mp4", 9, 17)
     verdict = found(result, source, find_range=True)
     assert verdict.frames == (8, 8) and [one.kind for one in verdict.findings] == ["sound"]
     assert "taken for the result of --range 9:17" in verdict.notes[0]
 
 
-def test_range_is_found_before_a_still_camera_by_what_little_moves(tmp_path):
+def test_range_is_detected_on_a_static_plate_with_one_moving_light(tmp_path):
     def lights(number):
         picture = takes.plate(0).copy()
         cv2.circle(picture, (20 + 4 * number, 20), 12, (1, 1, 0.6), -1)
@@ -296,19 +296,19 @@ def test_range_is_found_before_a_still_camera_by_what_little_moves(tmp_path):
     assert [one.kind for one in verdict.findings] == ["sound"]
 
 
-def test_result_that_ends_early_is_found_and_the_range_that_would_explain_it_said(source, tmp_path):
+def test_truncated_result_is_reported_with_the_range_that_would_explain_it(source, tmp_path):
     verdict = found(part_of(source, tmp_path / "part.mp4", 0, 17), source, find_range=True)
     assert any("frames 17 to" in text for text in texts(verdict))
     assert "--range 0:17" in verdict.notes[0]
 
 
-def test_whole_result_is_compared_from_its_first_frame(source, tmp_path):
+def test_complete_result_is_compared_from_its_first_frame(source, tmp_path):
     result = takes.composite(source, tmp_path / "whole.mp4")
     verdict = found(result, source, find_range=True)
     assert texts(verdict) == [] and verdict.notes == ()
 
 
-def test_difference_within_the_tolerance_that_is_named_is_no_finding():
+def test_plate_difference_within_the_stated_tolerance_is_not_a_finding():
     measures = Measures(noise=array("d", [0.1]), pairs=2)
     track = Track(first=0, mask=np.ones((2, 2), bool))
     for index in range(2):

@@ -55,7 +55,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "least"), [(360, 300), (400, 340), (800, 400), (1400, 700)])
-def test_findings_have_room_at_every_width(folder, width, least):
+def test_findings_table_fits_at_every_window_width(folder, width, least):
     harness = folder / f"look{width}.html"
     harness.write_text(LOOK.replace("WIDTH", str(width)))
     told = chromium(folder, "--window-size=1500,1000", "--dump-dom", harness.as_uri())

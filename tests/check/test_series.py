@@ -18,32 +18,32 @@ SMOOTH = 0.3 * np.sin(np.arange(60) / 9.0)
 NOISE = 0.01 * np.random.default_rng(3).normal(size=60)
 
 
-def test_steady_change_has_no_bend():
+def test_second_difference_of_a_linear_series_is_zero():
     assert np.allclose(second_difference(np.linspace(3, -5, 20)), 0)
 
 
-def test_single_value_bends_by_what_it_is_off_and_its_neighbours_by_half_of_it():
+def test_second_difference_of_an_outlier_is_its_offset_and_half_of_it_beside():
     values = np.zeros(9)
     values[4] = 0.4
     assert second_difference(values)[3:6] == pytest.approx([-0.2, 0.4, -0.2])
 
 
 @given(at=st.integers(2, 57), size=st.floats(0.3, 2.0), up=st.booleans())
-def test_jump_of_one_value_is_found_where_it_is(at, size, up):
+def test_outlier_is_found_with_its_index_and_size(at, size, up):
     values = SMOOTH + NOISE
     values[at] += size if up else -size
     ((place, jump),) = outliers(second_difference(values), 0.15)
     assert place == at and jump == pytest.approx(size if up else -size, abs=0.06)
 
 
-def test_steady_series_has_neither_jump_nor_flicker():
+def test_smooth_series_has_neither_outlier_nor_flicker():
     assert (
         outliers(second_difference(SMOOTH + NOISE), 0.15) == []
         and flicker(second_difference(SMOOTH + NOISE), 0.02) == []
     )
 
 
-def test_flicker_is_found_with_its_stretch_and_amplitude_and_is_no_jump():
+def test_flicker_is_found_with_its_extent_and_amplitude_and_is_not_an_outlier():
     values = SMOOTH + NOISE
     values[20:40] += 0.2 * (-1.0) ** np.arange(20)
     ((first, last, amplitude),) = flicker(second_difference(values), 0.02)
@@ -52,7 +52,7 @@ def test_flicker_is_found_with_its_stretch_and_amplitude_and_is_no_jump():
     assert outliers(second_difference(values[21:39]), 0.15) == []
 
 
-def test_what_each_part_does_for_itself_is_no_flicker_and_what_all_do_is():
+def test_independent_noise_of_regions_is_not_flicker_but_a_common_one_is():
     own = 0.15 * np.random.default_rng(5).normal(size=(60, 8))
     shared = 0.03 * ((-1.0) ** np.arange(60))[:, None]
     error = standard_error(second_difference(own))
@@ -64,7 +64,7 @@ def test_what_each_part_does_for_itself_is_no_flicker_and_what_all_do_is():
     )
 
 
-def test_standard_error_goes_by_the_parts_that_are_known():
+def test_standard_error_ignores_unknown_regions():
     parts = np.random.default_rng(5).normal(size=(20, 8))
     parts[:, 4:] = np.nan
     parts[7] = np.nan
@@ -72,7 +72,7 @@ def test_standard_error_goes_by_the_parts_that_are_known():
     assert np.isfinite(error).all() and error[7] == 0 and error[3] > 0
 
 
-def test_change_of_level_is_a_step_and_no_jump_and_a_jump_is_no_step():
+def test_lasting_change_is_a_step_and_a_single_outlier_is_not():
     values = SMOOTH + 0.2 * NOISE
     values[30:] += 0.2
     ((place, size),) = steps(values, 0.1)
@@ -83,7 +83,7 @@ def test_change_of_level_is_a_step_and_no_jump_and_a_jump_is_no_step():
     assert steps(SMOOTH + 0.2 * NOISE, 0.1) == []
 
 
-def test_freeze_lies_between_movements():
+def test_freeze_is_found_between_two_movements():
     motion = np.array([np.nan, 6, 7, 6, 0.2, 0.3, 9, 6, 6])
     assert freezes(np.nan_to_num(motion), 0.5) == [(4, 5)]
 
@@ -93,5 +93,5 @@ def test_freeze_lies_between_movements():
     [[0.0, 0.1, 0.1, 6, 6, 6], [6, 6, 6, 0.1, 0.1, 0.1], [6, 5, 6, 3, 5, 6]],
     ids=["starts to move", "comes to rest", "slows down"],
 )
-def test_what_starts_stops_or_slows_down_is_no_freeze(motion):
+def test_starting_stopping_or_slowing_down_is_not_a_freeze(motion):
     assert freezes(np.array(motion, float), 0.5) == []

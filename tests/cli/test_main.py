@@ -33,7 +33,7 @@ def files(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_video_comes_out_with_every_frame_its_time_and_its_audio(files, tmp_path):
+def test_output_video_has_every_frame_time_and_audio_packet_of_the_plate(files, tmp_path):
     run = nlens(
         files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4",
         "--save-fit", tmp_path / "fit.json", "--timings", tmp_path / "t.json", "--json",
@@ -56,7 +56,7 @@ def test_video_comes_out_with_every_frame_its_time_and_its_audio(files, tmp_path
     assert (fit["width"], fit["height"], fit["frame"]) == (shots.WIDTH, shots.HEIGHT, 0)
 
 
-def test_lens_is_found_from_the_plate_alone(files, tmp_path):
+def test_lens_fit_is_estimated_from_the_plate(files, tmp_path):
     run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
     assert run.returncode == 0, run.stderr
     fit = json.loads((tmp_path / "fit.json").read_text())
@@ -65,7 +65,7 @@ def test_lens_is_found_from_the_plate_alone(files, tmp_path):
         assert fit["slope"] / depth + fit["intercept"] == pytest.approx(true, abs=1.5)
 
 
-def test_samples_outside_the_object_are_the_sources_bit_for_bit(files, tmp_path):
+def test_samples_outside_the_object_are_bit_identical_to_the_plate(files, tmp_path):
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", pix_fmt="yuv420p", frames=4)
     run = nlens(
         tmp_path / "in.mkv", files / "anim.glb", tmp_path / "out.mkv", "--effects", "defocus",
@@ -98,7 +98,7 @@ def read_channel(path, name):
 
 
 @pytest.mark.slow
-def test_two_runs_give_the_same_bytes_of_picture(files, tmp_path):
+def test_two_runs_give_identical_pictures(files, tmp_path):
     for name in ("a.mkv", "b.mkv"):
         run = nlens(
             files / "in.mp4", files / "anim.glb", tmp_path / name, "--codec", "ffv1",
@@ -112,7 +112,7 @@ def test_two_runs_give_the_same_bytes_of_picture(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_saved_fit_is_used_again_and_gives_the_same_picture(files, tmp_path):
+def test_saved_fit_reproduces_the_picture(files, tmp_path):
     plate, glb = files / "plate.png", files / "anim.glb"
     first = nlens(plate, glb, tmp_path / "a.png", "--save-fit", tmp_path / "fit.json")
     second = nlens(
@@ -125,7 +125,7 @@ def test_saved_fit_is_used_again_and_gives_the_same_picture(files, tmp_path):
     assert "estimate-coc" not in nodes and "fit" not in nodes
 
 
-def test_still_in_gives_a_still_out_and_the_object_is_in_it(files, tmp_path):
+def test_still_plate_gives_a_still_with_the_object(files, tmp_path):
     run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png")
     assert run.returncode == 0, run.stderr
     before, after = cv2.imread(str(files / "plate.png")), cv2.imread(str(tmp_path / "out.png"))
@@ -134,7 +134,7 @@ def test_still_in_gives_a_still_out_and_the_object_is_in_it(files, tmp_path):
     assert 0.005 < changed.mean() < 0.3
 
 
-def test_image_sequence_in_and_out(files, tmp_path):
+def test_image_sequence_is_read_and_written(files, tmp_path):
     for number in range(7, 10):
         shots.write_png(tmp_path / f"plate_{number:04d}.png")
     run = nlens(
@@ -145,7 +145,7 @@ def test_image_sequence_in_and_out(files, tmp_path):
     assert len(list(tmp_path.glob("out_*.png"))) == 3
 
 
-def test_variable_frame_rate_keeps_every_pts(files, tmp_path):
+def test_variable_frame_rate_plate_keeps_every_pts(files, tmp_path):
     pts = [0, 33, 95, 120, 210, 214, 300, 391]
     shots.write_video(
         tmp_path / "in.mkv", frames=8, codec="ffv1", audio=False, pts=pts,
@@ -159,7 +159,7 @@ def test_variable_frame_rate_keeps_every_pts(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
+def test_range_option_writes_only_those_frames_of_the_animation(files, tmp_path):
     whole = nlens(
         files / "in.mp4", files / "anim.glb", tmp_path / "whole.mkv", "--codec", "ffv1",
         "--fit", files / "fit.json",
@@ -179,7 +179,7 @@ def test_range_writes_only_those_frames_of_the_animation(files, tmp_path):
 
 
 @pytest.mark.slow
-def test_range_takes_the_sound_beside_its_frames_along(files, tmp_path):
+def test_range_option_keeps_the_audio_of_its_frames(files, tmp_path):
     run = nlens(
         files / "long.mp4", files / "anim.glb", tmp_path / "part.mp4",
         "--fit", files / "fit.json", "--range", "30:80",
@@ -196,7 +196,7 @@ def test_range_takes_the_sound_beside_its_frames_along(files, tmp_path):
     assert all(a[1] == pytest.approx(b[0], abs=1e-3) for a, b in itertools.pairwise(sound))
 
 
-def test_object_out_of_view_leaves_the_plate_untouched(files, tmp_path):
+def test_object_out_of_view_leaves_the_plate_unchanged(files, tmp_path):
     shots.cube_glb(tmp_path / "away.glb", start=(0.0, 0.0, 30.0))
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=3, audio=False)
     run = nlens(
@@ -210,7 +210,7 @@ def test_object_out_of_view_leaves_the_plate_untouched(files, tmp_path):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-def test_effects_none_lays_the_sharp_object_over_the_plate(files, tmp_path):
+def test_effects_none_composites_the_sharp_object(files, tmp_path):
     run = nlens(
         files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--effects", "none", "--json"
     )
@@ -218,7 +218,7 @@ def test_effects_none_lays_the_sharp_object_over_the_plate(files, tmp_path):
     assert json.loads(run.stdout)["fit"] is None
 
 
-def test_plan_names_nodes_backends_and_effects_and_writes_nothing(files, tmp_path):
+def test_plan_lists_nodes_backends_and_effects_and_writes_no_file(files, tmp_path):
     run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4", "--plan")
     assert run.returncode == 0, run.stderr
     text = run.stdout
@@ -229,7 +229,7 @@ def test_plan_names_nodes_backends_and_effects_and_writes_nothing(files, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["nut", "yuv4mpegpipe", "rawvideo"])
-def test_webcam_like_source_on_standard_input(files, tmp_path, form):
+def test_raw_video_on_standard_input_is_a_live_source(files, tmp_path, form):
     """Frames come at 25 fps through a pipe, as a camera would send them."""
     rgb = shots.plate()
     raw = form == "rawvideo"
@@ -274,7 +274,7 @@ def feed(pipe, form, rgb, frames):
 
 
 @pytest.mark.slow
-def test_stream_on_standard_output_is_read_by_another_process(files, tmp_path):
+def test_result_on_standard_output_is_readable_by_another_process(files, tmp_path):
     run = process(
         files / "in.mp4", files / "anim.glb", "-", "--fit", files / "fit.json", "-q",
         stdout=subprocess.PIPE,
@@ -287,7 +287,7 @@ def test_stream_on_standard_output_is_read_by_another_process(files, tmp_path):
     assert shots.audio_packets(tmp_path / "out.nut") == shots.audio_packets(files / "in.mp4")
 
 
-def test_live_device_of_ffmpeg_is_opened_by_name(files, tmp_path):
+def test_ffmpeg_input_device_is_opened_by_name(files, tmp_path):
     size = f"{shots.WIDTH}x{shots.HEIGHT}"
     run = nlens(
         f"testsrc2=size={size}:rate=25", files / "anim.glb", tmp_path / "out.mkv",
@@ -325,7 +325,7 @@ def stopped(run, folder, *signals, patience=60):
 @pytest.mark.parametrize(
     "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT, signal.SIGINT]]
 )
-def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path, signals):
+def test_interrupt_prints_one_line_and_leaves_no_output(files, tmp_path, signals):
     run = endless(files, tmp_path / "out.mp4")
     message = stopped(run, tmp_path, *signals)
     assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
@@ -337,7 +337,7 @@ def test_interrupt_ends_cleanly_and_leaves_no_output(files, tmp_path, signals):
     ["exec('os.kill(os.getpid(), signal.SIGINT)')", "abused()"],
     ids=["within an exec of text", "that a library takes for something else"],
 )
-def test_interrupt_of_the_first_second_gives_line_and_exit_code(tmp_path, start):
+def test_interrupt_during_imports_gives_one_line_and_exit_code_130(tmp_path, start):
     """While modules are loaded: dataclasses are made by exec, libraries run their own start."""
     (tmp_path / "started.py").write_text(f"""
 import os, signal, sys
@@ -361,7 +361,7 @@ sys.exit(cli.main(["in.mp4"]))
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", [3, 80], ids=["while opening", "while running"])
-def test_interrupt_ends_a_run_whose_source_has_gone_quiet(files, tmp_path, frames):
+def test_interrupt_ends_a_run_that_waits_for_a_silent_source(files, tmp_path, frames):
     run = process(
         "-", files / "anim.glb", tmp_path / "out.mp4", "--fit", files / "fit.json",
         "--codec", "libx264", stdin=subprocess.PIPE,
@@ -394,7 +394,7 @@ class Quiet:
         return len(data)
 
 
-def test_kept_partial_file_is_named_and_plays(files, tmp_path):
+def test_keep_partial_names_a_playable_file_after_an_interrupt(files, tmp_path):
     run = endless(files, tmp_path / "out.mp4", more=["--keep-partial"])
     message = stopped(run, tmp_path, signal.SIGINT)
     assert run.returncode == 130
@@ -403,7 +403,7 @@ def test_kept_partial_file_is_named_and_plays(files, tmp_path):
     assert len(shots.read_planes(kept)) > 3
 
 
-def test_reader_that_goes_away_ends_the_run_quietly(files):
+def test_closed_reader_of_standard_output_ends_the_run_without_an_error(files):
     run = endless(files, "-", stdout=subprocess.PIPE)
     run.stdout.read(100_000)
     run.stdout.close()
@@ -413,7 +413,7 @@ def test_reader_that_goes_away_ends_the_run_quietly(files):
 
 
 @pytest.mark.parametrize("words", [["--help"], ["doctor"], ["completion", "bash"], ["--plan"]])
-def test_text_that_nobody_reads_is_no_failure(files, tmp_path, words):
+def test_closed_pipe_behind_printed_text_is_not_a_failure(files, tmp_path, words):
     if words == ["--plan"]:
         words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--plan"]
     unread, written = os.pipe()
@@ -425,7 +425,7 @@ def test_text_that_nobody_reads_is_no_failure(files, tmp_path, words):
 
 
 @pytest.mark.parametrize("words", [["-q"], ["--json"], ["--plan"]])
-def test_a_full_disk_behind_standard_output_is_one_line(files, tmp_path, words):
+def test_full_disk_behind_standard_output_gives_a_one_line_error(files, tmp_path, words):
     out = tmp_path / "out.png" if words != ["-q"] else "-"
     with Path("/dev/full").open("wb") as full:
         run = process(
@@ -438,7 +438,7 @@ def test_a_full_disk_behind_standard_output_is_one_line(files, tmp_path, words):
 
 
 @pytest.mark.parametrize("closed", [1, 2])
-def test_a_run_does_without_streams_that_were_closed_from_the_start(files, tmp_path, closed):
+def test_run_succeeds_with_standard_output_or_error_closed(files, tmp_path, closed):
     words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
     command = [sys.executable, "-m", "nlens_video", *words, "--fit", files / "fit.json", "--json"]
     shell = ["sh", "-c", f'exec "$@" {closed}>&-', "sh", *map(str, command)]
@@ -446,7 +446,7 @@ def test_a_run_does_without_streams_that_were_closed_from_the_start(files, tmp_p
     assert (tmp_path / "out.png").is_file()
 
 
-def test_words_that_nobody_can_read_do_not_fail_a_run(files, tmp_path):
+def test_run_succeeds_when_standard_error_is_a_broken_pipe(files, tmp_path):
     unread, written = os.pipe()
     os.close(unread)
     words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
@@ -459,7 +459,7 @@ def test_words_that_nobody_can_read_do_not_fail_a_run(files, tmp_path):
     assert (tmp_path / "out.png").is_file()
 
 
-def test_help_answers_without_loading_anything():
+def test_help_fits_on_a_screen_and_names_the_complete_help():
     run = process("--help", stdout=subprocess.PIPE)
     out, _ = run.communicate(timeout=30)
     assert run.returncode == 0
@@ -499,10 +499,10 @@ def test_completion_script_names_the_program(shell):
 
 
 class TestExitCodes:
-    def test_2_unknown_option(self, files):
+    def test_exit_code_2_for_an_unknown_option(self, files):
         assert "--colour" in one_line(nlens("a", "b", "c", "--colour"), 2)
 
-    def test_2_missing_argument(self, files):
+    def test_exit_code_2_for_a_missing_argument(self, files):
         assert "OUT" in one_line(nlens(files / "in.mp4", files / "anim.glb"), 2)
 
     @pytest.mark.parametrize(
@@ -515,29 +515,29 @@ class TestExitCodes:
             (["--budget-ms", "-3"], "positive"),
         ],
     )
-    def test_2_value_that_makes_no_sense(self, files, tmp_path, words, expected):
+    def test_exit_code_2_for_an_invalid_value(self, files, tmp_path, words, expected):
         run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png", *words)
         assert expected in one_line(run, 2)
 
-    def test_3_input_that_does_not_exist(self, files, tmp_path):
+    def test_exit_code_3_for_a_missing_plate(self, files, tmp_path):
         run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "out.mp4")
         assert "none.mp4" in one_line(run, 3)
 
-    def test_3_input_that_is_no_video(self, files, tmp_path):
+    def test_exit_code_3_for_a_plate_that_is_not_a_video(self, files, tmp_path):
         (tmp_path / "in.mp4").write_text("not a video at all")
         one_line(nlens(tmp_path / "in.mp4", files / "anim.glb", tmp_path / "out.mp4"), 3)
 
-    def test_4_scene_that_is_no_gltf(self, files, tmp_path):
+    def test_exit_code_4_for_a_file_that_is_not_gltf(self, files, tmp_path):
         (tmp_path / "bad.glb").write_bytes(b"glTF but not really")
         run = nlens(files / "plate.png", tmp_path / "bad.glb", tmp_path / "out.png")
         assert "bad.glb" in one_line(run, 4)
 
-    def test_4_scene_without_a_camera(self, files, tmp_path):
+    def test_exit_code_4_for_a_scene_without_a_camera(self, files, tmp_path):
         shots.cube_glb(tmp_path / "nocam.glb", camera=False)
         run = nlens(files / "plate.png", tmp_path / "nocam.glb", tmp_path / "out.png")
         assert "camera" in one_line(run, 4)
 
-    def test_5_plate_that_tells_no_blur(self, files, tmp_path):
+    def test_exit_code_5_for_a_plate_without_texture_to_read_blur_from(self, files, tmp_path):
         shots.write_png(
             tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
         )
@@ -545,13 +545,13 @@ class TestExitCodes:
         assert "--fallback constant" in one_line(run, 5)
         assert not (tmp_path / "out.png").exists()
 
-    def test_5_ground_plane_out_of_view(self, files, tmp_path):
+    def test_exit_code_5_for_a_ground_plane_out_of_view(self, files, tmp_path):
         run = nlens(
             files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--ground-y", "50"
         )
         assert "--ground-y" in one_line(run, 5)
 
-    def test_5_fit_file_that_is_none(self, files, tmp_path):
+    def test_exit_code_5_for_an_invalid_fit_file(self, files, tmp_path):
         (tmp_path / "fit.json").write_text('{"slope": "steep"}')
         run = nlens(
             files / "plate.png", files / "anim.glb", tmp_path / "out.png",
@@ -559,7 +559,7 @@ class TestExitCodes:
         )  # fmt: skip
         assert "slope" in one_line(run, 5)
 
-    def test_0_with_the_fallback_that_stands_in_for_a_fit(self, files, tmp_path):
+    def test_constant_fallback_replaces_a_fit_that_cannot_be_found(self, files, tmp_path):
         shots.write_png(
             tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
         )
@@ -572,12 +572,12 @@ class TestExitCodes:
         assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
         assert any("constant CoC" in note for note in outcome["notes"])
 
-    def test_2_range_beyond_the_end(self, files, tmp_path):
+    def test_exit_code_2_for_a_range_beyond_the_end(self, files, tmp_path):
         run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--range", "90:99")
         assert "no such frames" in one_line(run, 2)
         assert not list(tmp_path.iterdir())
 
-    def test_6_folder_of_the_fit_does_not_exist_and_is_told_before_the_run(self, files, tmp_path):
+    def test_exit_code_6_before_the_run_for_a_missing_folder_of_the_fit(self, files, tmp_path):
         run = nlens(
             files / "plate.png", files / "anim.glb", tmp_path / "o.png",
             "--save-fit", tmp_path / "no" / "fit.json",
@@ -586,7 +586,9 @@ class TestExitCodes:
         assert not list(tmp_path.iterdir())
 
     @pytest.mark.parametrize("number", ["NaN", "1e999", "-Infinity"])
-    def test_5_fit_file_with_a_number_that_is_none(self, files, tmp_path, number):
+    def test_exit_code_5_for_a_fit_file_with_a_number_that_is_not_finite(
+        self, files, tmp_path, number
+    ):
         (tmp_path / "fit.json").write_text(
             f'{{"slope": 3.0, "intercept": 1.0, "width": 9, "height": 9, "n": {number}}}'
         )
@@ -596,12 +598,12 @@ class TestExitCodes:
         )  # fmt: skip
         assert '"n"' in one_line(run, 5)
 
-    def test_6_folder_that_does_not_exist(self, files, tmp_path):
+    def test_exit_code_6_for_a_missing_output_folder(self, files, tmp_path):
         run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "no" / "out.png")
         one_line(run, 6)
 
     @pytest.mark.parametrize("option", [None, "--save-fit", "--timings"])
-    def test_6_a_pipe_or_a_device_is_not_replaced_by_a_file(self, files, tmp_path, option):
+    def test_exit_code_6_instead_of_replacing_a_pipe_by_a_file(self, files, tmp_path, option):
         pipe = tmp_path / "pipe.png"
         os.mkfifo(pipe)
         out, more = (pipe, []) if option is None else (tmp_path / "out.png", [option, pipe])
@@ -609,7 +611,7 @@ class TestExitCodes:
         assert "is a device or a pipe; give the name" in one_line(nlens(*given, *more), 6)
         assert list(tmp_path.iterdir()) == [pipe] and pipe.is_fifo()
 
-    def test_6_output_that_is_the_input(self, files):
+    def test_exit_code_6_for_an_output_that_is_the_plate(self, files):
         run = nlens(files / "plate.png", files / "anim.glb", files / "plate.png")
         one_line(run, 6)
 
@@ -626,7 +628,9 @@ class TestExitCodes:
             (None, "fog.exr", "--layers"),
         ],
     )
-    def test_6_what_is_read_is_never_written_over(self, files, tmp_path, option, name, what):
+    def test_exit_code_6_for_an_output_that_is_one_of_the_inputs(
+        self, files, tmp_path, option, name, what
+    ):
         for one in ("in.mp4", "anim.glb", "fit.json", "plate.png"):
             (tmp_path / one).write_bytes((files / one).read_bytes())
         (tmp_path / "link.mp4").symlink_to(tmp_path / "in.mp4")
@@ -647,13 +651,13 @@ class TestExitCodes:
         assert f" {what} as well; give " in one_line(run, 6)
         assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
-    def test_verbose_adds_the_traceback(self, files, tmp_path):
+    def test_verbose_option_adds_the_traceback(self, files, tmp_path):
         run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "o.mp4", "-v")
         assert run.returncode == 3
         assert "Traceback" in run.stderr
 
 
-def test_failed_run_leaves_nothing_behind(files, tmp_path):
+def test_failed_run_leaves_no_file(files, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "layers").mkdir()
     run = nlens(

@@ -38,7 +38,7 @@ def forms():
 
 
 @pytest.mark.parametrize(("form", "parser"), list(forms()), ids=lambda value: str(value)[:20])
-def test_every_option_that_may_name_a_file_says_what_is_done_with_it(form, parser):
+def test_every_path_option_states_whether_it_is_read_or_written(form, parser):
     listed = {option.attribute for option, _ in file_options(form)}
     missing = (
         set(text_options(parser)) - listed - NO_PATHS - ({"jobs"} if form == "farm" else set())

@@ -41,7 +41,7 @@ def changed(before, after):
     return columns[0] / width, columns[-1] / width, rows[0] / height, rows[-1] / height
 
 
-def test_the_object_is_drawn_where_the_words_put_it(files, tmp_path):
+def test_object_is_drawn_at_the_place_that_the_options_state(files, tmp_path):
     run = nlens(
         files / "plate.png", files / "cube.glb", tmp_path / "out.png", *WORDS, "--effects", "none"
     )
@@ -54,7 +54,7 @@ def test_the_object_is_drawn_where_the_words_put_it(files, tmp_path):
     assert 0.8 < bottom < 0.95  # the cube's near edge lies below the middle of its foot
 
 
-def test_the_plan_says_how_it_is_placed_and_that_the_focal_length_is_assumed(files, tmp_path):
+def test_plan_states_the_placement_and_the_assumed_focal_length(files, tmp_path):
     run = nlens(files / "plate.png", files / "camera.glb", tmp_path / "o.png", *WORDS, "--plan")
     assert run.returncode == 0, run.stderr
     assert (
@@ -63,7 +63,7 @@ def test_the_plan_says_how_it_is_placed_and_that_the_focal_length_is_assumed(fil
     assert "assumed" in run.stdout and "the file's own camera is not used" in run.stdout
 
 
-def test_the_plates_own_focal_length_is_used_where_it_tells(files, tmp_path):
+def test_focal_length_in_the_plates_metadata_is_used(files, tmp_path):
     key = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
     options = {"movflags": "use_metadata_tags"}
     with av.open(str(tmp_path / "in.mov"), "w", options=options) as container:
@@ -77,14 +77,14 @@ def test_the_plates_own_focal_length_is_used_where_it_tells(files, tmp_path):
     assert "focal length 52 mm (35 mm equivalent, as the plate says)" in run.stdout, run.stderr
 
 
-def test_a_field_of_view_replaces_the_guess(files, tmp_path):
+def test_fov_option_replaces_the_assumed_focal_length(files, tmp_path):
     words = (*WORDS, "--fov", "60")
     run = nlens(files / "plate.png", files / "cube.glb", tmp_path / "o.png", *words, "--plan")
     # half of 480 px by tan 30 degrees, in frame diagonals of 550.73 px, times 43.267 mm
     assert "focal length 32.66 mm (35 mm equivalent, by --fov 60)" in run.stdout, run.stderr
 
 
-def test_a_scene_is_chosen_by_name(files, tmp_path):
+def test_unknown_scene_name_lists_the_scenes_of_the_file(files, tmp_path):
     run = nlens(files / "plate.png", files / "camera.glb", tmp_path / "o.png", "--scene", "dusk")
     assert run.returncode == 4 and "no scene is named 'dusk'; expected one of 0" in run.stderr
 
@@ -112,16 +112,14 @@ def test_a_scene_is_chosen_by_name(files, tmp_path):
         ("camera.glb", ["--animation-offset", "inf"], 2, "not a number of usual size"),
     ],
 )
-def test_words_that_cannot_be_followed_are_answered_with_one_line(
-    files, tmp_path, glb, words, code, line
-):
+def test_invalid_placement_options_are_refused_in_one_line(files, tmp_path, glb, words, code, line):
     run = nlens(files / "plate.png", files / glb, tmp_path / "o.png", *words)
     assert run.returncode == code, run.stderr
     assert line in run.stderr and run.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_nine_choices_differ_from_the_start_in_one_thing_each():
+def test_contact_sheet_has_nine_placements_that_differ_in_one_parameter():
     start = Placement(at=(0.5, 0.8), size=0.3, yaw_deg=10.0, horizon=0.75)
     shown = choices(start, None, 60.0)
     assert len(set(shown)) == 9 and shown[0] == Choice(start, None)
@@ -133,11 +131,11 @@ def test_nine_choices_differ_from_the_start_in_one_thing_each():
     assert [choice.fov_deg for choice in choices(start, 40.0, 60.0)] == [40.0] * 8 + [20.0]
 
 
-def test_field_of_view_and_focal_length_are_each_others_inverse():
+def test_field_of_view_and_focal_length_are_inverse_functions():
     assert fov_of_focal(focal_of_fov(50.0, (960, 512)), (960, 512)) == pytest.approx(50.0)
 
 
-def test_the_contact_sheet_shows_the_object_at_each_choice(files, tmp_path):
+def test_contact_sheet_shows_the_object_at_each_placement(files, tmp_path):
     run = nlens(
         "place", files / "plate.png", files / "cube.glb", tmp_path / "s.png", *WORDS, "--json"
     )
@@ -153,7 +151,7 @@ def test_the_contact_sheet_shows_the_object_at_each_choice(files, tmp_path):
     assert orange[6] < 0.6 * orange[0] < 0.36 * orange[7]  # smaller, as told, larger
 
 
-def test_words_of_a_choice_repeat_it(files, tmp_path):
+def test_printed_options_of_a_placement_reproduce_it(files, tmp_path):
     shots.cube_glb(tmp_path / "cube.glb", camera=False, end=(0.1, 0.0, -1.6))
     words = [*WORDS, "--ground-y", "-0.1", "--animation", "0", "--animation-speed", "2", "--loop",
              "--animation-offset", "0.25", "--scene", "0", "--fov", "50", "--yaw", "0"]  # fmt: skip
@@ -167,7 +165,7 @@ def test_words_of_a_choice_repeat_it(files, tmp_path):
         assert to_settings.settings(pasted).scene == to_settings.settings(asked).scene
 
 
-def test_a_contact_sheet_needs_no_sound_choice_everywhere(files, tmp_path):
+def test_contact_sheet_leaves_out_placements_that_are_impossible(files, tmp_path):
     builder = GlbBuilder()
     plank = shots.CUBE * [1, 0.1, 40]
     builder.node(mesh=builder.mesh(plank, shots.CUBE_FACES))
@@ -180,13 +178,15 @@ def test_a_contact_sheet_needs_no_sound_choice_everywhere(files, tmp_path):
     ("output", "code", "line"),
     [("s.jpg", 2, "is a PNG"), ("none/s.png", 6, "does not exist"), ("s.png/", 6, "folder")],
 )
-def test_a_sheet_that_cannot_be_written_is_told_first(files, tmp_path, output, code, line):
+def test_unwritable_contact_sheet_is_refused_before_any_rendering(
+    files, tmp_path, output, code, line
+):
     (tmp_path / "s.png").mkdir()
     run = nlens("place", files / "plate.png", files / "cube.glb", tmp_path / output)
     assert (run.returncode, line in run.stderr) == (code, True), run.stderr
 
 
-def test_the_python_interface_takes_a_place_and_an_animation(files):
+def test_python_interface_accepts_a_placement_and_an_animation(files):
     objects = ObjectSettings(
         glb=files / "cube.glb", placing=Placement(at=(0.3, 0.8), size=0.4, horizon=0.2)
     )

@@ -36,7 +36,7 @@ def bgr():
     return np.ascontiguousarray(shots.plate()[..., ::-1])
 
 
-def test_every_option_of_the_command_line_that_concerns_frames_is_a_parameter():
+def test_every_command_line_option_about_frames_is_a_parameter():
     signature = inspect.signature(Compositor)
     options = {action.dest for action in parser_of("render")._actions}
     missing = options - FILES_AND_STREAMS - TALK - set(signature.parameters)
@@ -47,7 +47,7 @@ def test_every_option_of_the_command_line_that_concerns_frames_is_a_parameter():
     )
 
 
-def test_dir_lists_what_the_package_offers():
+def test_dir_of_the_package_lists_its_public_names():
     code = "import nlens_video, sys; print(*dir(nlens_video)); assert 'numpy' not in sys.modules"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert {"Compositor", "LensFit", "__version__"} <= set(out.stdout.split())
@@ -96,13 +96,13 @@ def test_object_without_a_camera_is_placed_by_keywords(bare):
         ({"camera": ""}, "camera='': is empty"),
     ],
 )  # fmt: skip
-def test_errors_name_the_parameters(bare, options, words):
+def test_errors_name_parameters_instead_of_command_line_flags(bare, options, words):
     with pytest.raises(UsageError) as failed:
         Compositor(bare, **options)
     assert words in str(failed.value) and "--" not in str(failed.value)
 
 
-def test_options_of_the_object_do_not_stand_beside_object_settings(bare):
+def test_object_keywords_and_object_settings_exclude_each_other(bare):
     with pytest.raises(UsageError, match="ground_y, size: stand in the ObjectSettings"):
         Compositor(ObjectSettings(glb=bare), size=0.3, ground_y=0.0)
     Compositor(ObjectSettings(glb=bare), preset="draft", shutter=90.0).close()
@@ -119,5 +119,5 @@ def test_options_of_the_object_do_not_stand_beside_object_settings(bare):
         ("see --plan or --range 0:4", "see --plan or --range 0:4"),
     ],
 )
-def test_words_of_the_command_line_are_told_in_pythons(message, expected):
+def test_command_line_flags_in_messages_become_keyword_names(message, expected):
     assert in_python(message) == expected

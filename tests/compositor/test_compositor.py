@@ -42,7 +42,7 @@ def bgr():
     return np.ascontiguousarray(shots.plate()[..., ::-1])
 
 
-def test_frame_comes_back_in_the_same_form_and_the_given_one_is_left_alone(lens):
+def test_result_has_the_frames_form_and_the_frame_is_not_modified(lens):
     frame = bgr()
     result = lens.process(frame)
     assert (result.shape, result.dtype) == (frame.shape, frame.dtype)
@@ -51,7 +51,7 @@ def test_frame_comes_back_in_the_same_form_and_the_given_one_is_left_alone(lens)
     assert 0.005 < changed.mean() < 0.3
 
 
-def test_channel_order_is_opencvs(lens):
+def test_channel_order_is_bgr_as_in_opencv(lens):
     result = lens.process(bgr())
     changed = np.abs(result.astype(int) - bgr()).max(axis=2) > 60
     blue, _, red = result[changed].astype(float).mean(axis=0)
@@ -59,7 +59,7 @@ def test_channel_order_is_opencvs(lens):
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_other_sample_types_give_the_same_picture(lens, dtype):
+def test_integer_and_float_sample_types_give_the_same_picture(lens, dtype):
     scale = {np.uint8: 1, np.uint16: 257, np.float32: 1 / 255}[dtype]
     result = lens.process((bgr() * np.array(scale, dtype)).astype(dtype), time=0.0)
     plain = lens.process(bgr(), time=0.0)
@@ -67,7 +67,7 @@ def test_other_sample_types_give_the_same_picture(lens, dtype):
     assert np.abs(result.astype(np.float64) / scale - plain).max() <= 0.51
 
 
-def test_time_moves_the_object_and_defaults_to_the_frame_count(lens):
+def test_time_argument_moves_the_object_and_defaults_to_the_frame_count(lens):
     zeroth, first = lens.process(bgr()), lens.process(bgr())
     assert not np.array_equal(zeroth, first)
     assert np.array_equal(lens.process(bgr(), time=1 / 25), first)
@@ -97,21 +97,21 @@ def test_animation_of_av_frames_begins_at_the_first_one(lens):
     assert np.array_equal(second, lens.process(bgr(), time=1 / 25)[..., ::-1])
 
 
-def test_av_frames_of_packed_formats_come_back_in_theirs(lens):
+def test_av_frames_of_packed_formats_keep_their_format(lens):
     frame = av.VideoFrame.from_ndarray(shots.plate(), "rgb24").reformat(format="nv12")
     frame.pts, frame.time_base = 3, Fraction(1, 25)
     result = lens.process_av(frame)
     assert (result.format.name, result.pts, result.time_base) == ("nv12", 3, Fraction(1, 25))
 
 
-def test_av_frames_that_no_decoder_made_need_neither_time_nor_tags(lens):
+def test_av_frames_without_time_or_tags_are_accepted(lens):
     frame = av.VideoFrame.from_ndarray(bgr(), "bgr24")
     (result,) = lens.stream(iter([frame]))
     assert (result.format.name, result.pts, result.time_base) == ("bgr24", None, None)
     assert np.array_equal(result.to_ndarray(), lens.process(bgr(), time=0.0))
 
 
-def test_av_frames_of_formats_that_ffmpeg_converts_to_keep_their_tags(lens):
+def test_av_frames_that_need_a_conversion_keep_their_colour_tags(lens):
     frame = av.VideoFrame.from_ndarray(bgr(), "bgr24").reformat(format="rgb565le")
     frame.color_range, frame.colorspace = 1, 1
     frame.color_trc, frame.color_primaries = 13, 1
@@ -124,7 +124,7 @@ def test_av_frames_of_formats_that_ffmpeg_converts_to_keep_their_tags(lens):
     assert (result.color_trc, result.color_primaries) == (13, 1)
 
 
-def test_av_frames_that_cannot_be_written_back_are_named(lens):
+def test_av_frames_of_a_read_only_format_are_refused(lens):
     with pytest.raises(InputError, match="pal8"):
         lens.process_av(av.VideoFrame(shots.WIDTH, shots.HEIGHT, "pal8"))
     with pytest.raises(UsageError, match="ndarray"):
@@ -133,7 +133,7 @@ def test_av_frames_that_cannot_be_written_back_are_named(lens):
         lens.process(av.VideoFrame.from_ndarray(bgr(), "bgr24"))
 
 
-def test_stream_holds_one_frame_at_a_time(lens):
+def test_stream_of_frames_holds_one_frame_at_a_time(lens):
     def endless():
         while True:
             yield bgr()
@@ -143,7 +143,7 @@ def test_stream_holds_one_frame_at_a_time(lens):
     stream.close()
 
 
-def test_fit_plan_and_timings_tell_what_happened(lens):
+def test_fit_plan_and_timings_describe_the_run(lens):
     assert lens.plan == ()
     lens.process(bgr())
     lens.process(bgr())
@@ -152,13 +152,13 @@ def test_fit_plan_and_timings_tell_what_happened(lens):
     assert lens.timings.frames == 2 and "render" in lens.timings.node_median_ms
 
 
-def test_it_can_be_called_from_any_thread(lens):
+def test_compositor_can_be_called_from_any_thread(lens):
     with ThreadPoolExecutor(3) as pool:
         results = list(pool.map(lambda _: lens.process(bgr(), time=0.1), range(6)))
     assert all(np.array_equal(results[0], result) for result in results)
 
 
-def test_closing_ends_its_thread_and_may_be_repeated(glb):
+def test_closing_ends_the_thread_and_can_be_repeated(glb):
     compositor = Compositor(glb, fit=FIT)
     compositor.process(bgr())
     compositor.close()
@@ -169,7 +169,7 @@ def test_closing_ends_its_thread_and_may_be_repeated(glb):
     assert not [t for t in threading.enumerate() if t.name.startswith("nlens-compositor")]
 
 
-def test_another_lens_holds_from_the_next_frame_on(lens, glb):
+def test_assigned_fit_takes_effect_on_the_next_frame(lens, glb):
     first = lens.process(bgr(), time=0.0)
     lens.fit = replace(FIT, slope=2 * FIT.slope, intercept=2 * FIT.intercept)
     assert lens.fit.slope == 2 * FIT.slope
@@ -179,14 +179,14 @@ def test_another_lens_holds_from_the_next_frame_on(lens, glb):
         assert np.array_equal(other.process(bgr(), time=0.0), changed)
 
 
-def test_lens_set_before_the_first_frame_is_taken(glb):
+def test_fit_assigned_before_the_first_frame_is_used(glb):
     with Compositor(glb, preset="realtime", fps=25) as lens:
         lens.fit = FIT
         lens.process(bgr())
         assert lens.fit == FIT
 
 
-def test_swapped_object_keeps_lens_and_time(lens, glb, tmp_path):
+def test_swapping_the_object_keeps_the_fit_and_the_time(lens, glb, tmp_path):
     lens.process(bgr())
     other = shots.cube_glb(tmp_path / "other.glb", start=(0.3, 0.0, -2.0), size=0.2)
     lens.swap(other)
@@ -201,7 +201,7 @@ def test_swapped_object_keeps_lens_and_time(lens, glb, tmp_path):
     assert lens.process(bgr()).shape == bgr().shape
 
 
-def test_notebook_shows_picture_lens_and_plan(lens):
+def test_notebook_display_shows_picture_fit_and_plan(lens):
     assert "no frame yet" in lens.show()._repr_html_()
     lens.process(bgr())
     html = lens.show()._repr_html_()
@@ -209,7 +209,7 @@ def test_notebook_shows_picture_lens_and_plan(lens):
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-def test_forked_process_is_told_to_make_its_own(lens):
+def test_use_in_a_forked_process_is_refused(lens):
     lens.process(bgr())
     code = os.fork()
     if code == 0:  # no pytest in here, whatever happens
@@ -249,7 +249,7 @@ def test_tensors_of_half_precision_keep_what_the_object_does_not_cover(lens, nam
 
 
 @pytest.mark.parametrize("dtype", [">u2", ">f4", np.float16])
-def test_types_that_samples_hold_exactly_come_back_as_they_were(lens, dtype):
+def test_sample_types_of_other_byte_order_or_width_are_kept(lens, dtype):
     native = {">u2": np.uint16, ">f4": np.float32, np.float16: np.float32}[dtype]
     codes = bgr().astype(native)
     frame = codes * native(257) if dtype == ">u2" else (codes / native(255)).astype(dtype)
@@ -259,7 +259,7 @@ def test_types_that_samples_hold_exactly_come_back_as_they_were(lens, dtype):
     assert result.dtype == frame.dtype and np.array_equal(result, expected.astype(dtype))
 
 
-def test_floats_that_were_meant_as_codes_are_refused(lens):
+def test_float_frames_of_0_to_255_are_refused_but_bright_light_is_not(lens):
     with pytest.raises(InputError, match="divide"):
         lens.process(bgr().astype(np.float32))
     bright = bgr().astype(np.float32) / 255
@@ -268,12 +268,12 @@ def test_floats_that_were_meant_as_codes_are_refused(lens):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.int32, bool])
-def test_sample_types_that_nothing_is_known_about_are_named(lens, dtype):
+def test_unsupported_sample_types_are_refused(lens, dtype):
     with pytest.raises(InputError, match="expected"):
         lens.process(bgr().astype(dtype))
 
 
-def test_grey_of_16_bit_keeps_its_form(lens):
+def test_grey_16_bit_frames_keep_shape_and_type(lens):
     frame = bgr()[..., 1].astype(np.uint16) * 257
     result = lens.process(frame)
     assert (result.shape, result.dtype) == (frame.shape, np.uint16) and (result != frame).any()
@@ -285,7 +285,7 @@ def test_frames_of_another_size_are_refused(lens):
         lens.process(bgr()[:-10])
 
 
-def test_unusable_scene_and_wrong_settings_are_named(tmp_path, glb):
+def test_errors_for_an_unusable_scene_or_wrong_settings_name_them(tmp_path, glb):
     (tmp_path / "bad.glb").write_bytes(b"no")
     with Compositor(tmp_path / "bad.glb") as compositor, pytest.raises(SceneError, match="bad.glb"):
         compositor.process(bgr())
@@ -309,7 +309,7 @@ def test_unusable_scene_and_wrong_settings_are_named(tmp_path, glb):
         ({"fit": {"slope": 1}}, "dict"),
     ],
 )
-def test_setting_that_makes_no_sense_is_refused_where_it_is_given(glb, settings, named):
+def test_invalid_setting_is_refused_by_the_constructor(glb, settings, named):
     with pytest.raises(UsageError, match=named):
         Compositor(glb, **settings)
 
@@ -320,18 +320,18 @@ def test_time_that_is_not_a_finite_number_is_refused(lens, time):
         lens.process(bgr(), time=time)
 
 
-def test_lens_that_is_none_is_refused_and_the_one_before_stays(lens):
+def test_assigning_none_as_fit_is_refused_and_keeps_the_fit(lens):
     with pytest.raises(UsageError, match="NoneType"):
         lens.fit = None
     assert lens.fit == FIT
 
 
-def test_compositor_that_is_sent_to_another_process_is_refused(lens):
+def test_pickling_a_compositor_is_refused(lens):
     with pytest.raises(UsageError, match="one in each"):
         pickle.dumps(lens)
 
 
-def test_closing_while_other_threads_ask_ends_each_with_a_frame_or_the_word_closed(glb):
+def test_calls_during_close_end_with_a_frame_or_a_closed_error(glb):
     compositor = Compositor(glb, preset="draft", fit=FIT)
     compositor.process(bgr())
 
@@ -347,13 +347,13 @@ def test_closing_while_other_threads_ask_ends_each_with_a_frame_or_the_word_clos
         assert all(one.result() for one in asked)
 
 
-def test_saved_fit_is_taken_by_its_path(tmp_path, glb):
+def test_fit_is_loaded_from_a_path(tmp_path, glb):
     with Compositor(glb, fit=shots.fit_json(tmp_path / "fit.json")) as compositor:
         compositor.process(bgr())
         assert compositor.fit == FIT
 
 
-def test_aperture_shapes_the_blur_as_the_command_line_does(glb):
+def test_aperture_is_given_as_text_or_object_with_the_same_result(glb):
     pictures = []
     for changes in ({}, {"aperture": "3:20"}, {"aperture": Aperture(blades=3, rotation_deg=20.0)}):
         with Compositor(glb, preset="realtime", fit=FIT, fps=25, **changes) as compositor:
@@ -362,7 +362,7 @@ def test_aperture_shapes_the_blur_as_the_command_line_does(glb):
     assert np.array_equal(words, typed) and not np.array_equal(words, plain)
 
 
-def test_aperture_that_makes_no_sense_is_refused_at_once(glb):
+def test_invalid_aperture_is_refused_by_the_constructor(glb):
     with pytest.raises(UsageError, match="is not round"):
         Compositor(glb, aperture="oval")
     with pytest.raises(UsageError, match="cat-eye"):

@@ -19,30 +19,30 @@ from nlens_video.core.errors import UsageError
         ("heart.PNG", Aperture(image=Path("heart.PNG"))),
     ],
 )
-def test_words_become_an_aperture(text, aperture):
+def test_aperture_text_is_parsed(text, aperture):
     assert parse_aperture(text) == aperture
 
 
-def test_a_cat_eye_goes_with_blades():
+def test_cat_eye_can_be_combined_with_blades():
     assert parse_aperture("5", cat_eye=0.4) == Aperture(blades=5, cat_eye=0.4)
 
 
 @pytest.mark.parametrize(
     "text", ["", "oval", "2", "0", "33", "6:x", "6:1:0.2:9", "6:nan", "6:0:1.5", "6:inf", "6.5"]
 )
-def test_words_that_make_no_aperture_are_refused_in_one_line(text):
+def test_invalid_aperture_text_is_refused_in_one_line(text):
     with pytest.raises(UsageError) as error:
         parse_aperture(text)
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("strength", [-0.1, 1.1, math.nan])
-def test_a_cat_eye_out_of_range_is_refused(strength):
+def test_cat_eye_strength_out_of_range_is_refused(strength):
     with pytest.raises(UsageError, match="cat-eye"):
         Aperture(cat_eye=strength)
 
 
-def test_a_picture_with_a_cat_eye_is_refused():
+def test_cat_eye_with_a_picture_of_the_aperture_is_refused():
     with pytest.raises(UsageError, match="picture"):
         parse_aperture("heart.png", cat_eye=0.2)
 
@@ -57,5 +57,5 @@ def test_a_picture_with_a_cat_eye_is_refused():
         (Aperture(image=Path("a.png")), False),
     ],
 )
-def test_it_knows_whether_it_is_a_disc(aperture, is_round):
+def test_aperture_reports_whether_it_is_a_round_disc(aperture, is_round):
     assert aperture.round is is_round
