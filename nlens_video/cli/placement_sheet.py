@@ -20,8 +20,7 @@ from nlens_video.core.placement import (
     focal_of_fov,
     fov_of_focal,
 )
-from nlens_video.core.playback import ALL
-from nlens_video.core.settings import ObjectSettings, PlaceSettings, SourceSettings
+from nlens_video.core.settings import ALL, ObjectSettings, PlaceSettings, SourceSettings
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.placement_camera import contact_point, place_camera

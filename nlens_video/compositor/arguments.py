@@ -12,10 +12,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from nlens_video.core.aperture import Aperture, as_aperture
 from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import NO_OVERRIDES, LensOverrides
+from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides, as_aperture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import EFFECTS, requested_effects
 from nlens_video.graph.lens_request import LensRequest

@@ -20,10 +20,9 @@ from nlens_video.compositor.arguments import (
 )
 from nlens_video.compositor.array_frames import Frames, as_format_of, from_samples, to_samples
 from nlens_video.compositor.frame_loop import FrameLoop, OwnThread
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import NO_OVERRIDES, LensOverrides
+from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides
 from nlens_video.core.settings import Device, Fallback, ObjectSettings, Occlusion
 from nlens_video.graph.base.profiler import Profiler, Summary
 from nlens_video.options.table import PARAMETERS

@@ -1,8 +1,6 @@
 """The data between stages: boxes, pictures, CoC maps and object layers.
 
-Conventions (`docs/architecture.md`): pixel centres at +0.5, row 0 on top, light scene-linear and
-premultiplied, `coc_px` a signed diameter in pixels of the plate's frame, positive nearer than the
-focal plane.
+Conventions: `docs/architecture.md`.
 """
 
 from __future__ import annotations
@@ -14,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.box import Box as Box
+from nlens_video.core.box import Float32 as Float32
+from nlens_video.core.box import Float64 as Float64
 
-Float32 = npt.NDArray[np.float32]
-Float64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 MOST_PIXELS = 200_000_000
 """Limit of a plate, a layer or a map; larger ones are refused before memory is allocated."""
@@ -109,6 +107,14 @@ class CocMap:
             raise ValueError(f"{self.coc_px.shape = } and {self.sigma_px.shape = } must be (H, W)")
 
 
+def _check_shapes(shape: tuple[int, int], **arrays: Float32) -> None:
+    """Check that arrays cover a layer's rows and columns, `rgba` ones with four channels."""
+    for name, array in arrays.items():
+        expected = (*shape, 4) if name.endswith("rgba") else shape
+        if array.shape != expected:
+            raise ValueError(f"{name} has the shape {array.shape}, expected {expected}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, weakref_slot=True)
 class ObjectLayer:
     """The sharp rendered object on a box of the frame.
@@ -124,9 +130,7 @@ class ObjectLayer:
     depth: Float32
 
     def __post_init__(self) -> None:
-        hw = (self.box.height, self.box.width)
-        if self.rgba.shape != (*hw, 4) or self.depth.shape != hw:
-            raise ValueError(f"{self.rgba.shape = }, {self.depth.shape = }, box {hw}")
+        _check_shapes(self.box.shape, rgba=self.rgba, depth=self.depth)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,8 +147,7 @@ class BehindLayer:
     front_rgba: Float32
 
     def __post_init__(self) -> None:
-        if self.front_rgba.shape != self.hidden.rgba.shape:
-            raise ValueError(f"{self.front_rgba.shape = } is not {self.hidden.rgba.shape = }")
+        _check_shapes(self.hidden.box.shape, front_rgba=self.front_rgba)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,10 +167,9 @@ class HiddenLayer:
     front_rgba: Float32
 
     def __post_init__(self) -> None:
-        hw = (self.box.height, self.box.width)
-        shapes = (self.rgba.shape, self.front_rgba.shape, self.coc_px.shape)
-        if shapes != ((*hw, 4), (*hw, 4), hw):
-            raise ValueError(f"arrays of {shapes} do not fit {self.box}")
+        _check_shapes(
+            self.box.shape, rgba=self.rgba, coc_px=self.coc_px, front_rgba=self.front_rgba
+        )
 
     @classmethod
     def nothing(cls) -> HiddenLayer:
@@ -191,27 +193,20 @@ class DefocusedLayer:
     behind: HiddenLayer | None = None
 
     def __post_init__(self) -> None:
-        if self.coc_px.shape != self.layer.depth.shape:
-            raise ValueError(f"{self.coc_px.shape = } does not fit {self.layer.depth.shape = }")
+        _check_shapes(self.layer.box.shape, coc_px=self.coc_px)
 
     @property
     def largest_coc_px(self) -> float:
         """Largest CoC diameter of a pixel that has alpha, 0 for an empty layer [px]."""
-        covered = self.layer.rgba[..., 3] > 0
-        return float(np.abs(self.coc_px[covered]).max()) if covered.any() else 0.0
+        return float(np.abs(self.coc_px[self.layer.rgba[..., 3] > 0]).max(initial=0.0))
 
     @property
     def largest_step_px(self) -> float:
         """Largest difference of the CoC between neighbours that both have alpha [px]."""
         covered = self.layer.rgba[..., 3] > 0
-        steps = [
-            np.abs(np.diff(self.coc_px, axis=axis))[both]
-            for axis, both in (
-                (0, covered[1:] & covered[:-1]),
-                (1, covered[:, 1:] & covered[:, :-1]),
-            )
-        ]
-        return max((float(step.max()) for step in steps if step.size), default=0.0)
+        down, across = covered[1:] & covered[:-1], covered[:, 1:] & covered[:, :-1]
+        steps = np.diff(self.coc_px, axis=0)[down], np.diff(self.coc_px, axis=1)[across]
+        return max(float(np.abs(step).max(initial=0.0)) for step in steps)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,8 +222,7 @@ class BlurredLayer:
     rgba: Float32
 
     def __post_init__(self) -> None:
-        if self.rgba.shape != (self.box.height, self.box.width, 4):
-            raise ValueError(f"{self.rgba.shape = } does not fit {self.box}")
+        _check_shapes(self.box.shape, rgba=self.rgba)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from typing import cast
 
 from nlens_video import effects
 from nlens_video.core.layers import Picture
-from nlens_video.core.lens_models import Distortion, LensOverrides, Vignetting
+from nlens_video.core.optics import Distortion, LensOverrides, Vignetting
 
 
 def _own_folders() -> dict[str, str]:

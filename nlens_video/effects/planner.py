@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from nlens_video.core.errors import UsageError
-from nlens_video.core.shutter import Shutter
+from nlens_video.core.optics import Shutter
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
 from nlens_video.effects.request import EffectRequest
 

@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from nlens_video.core.layers import Picture
-from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.optics import LensOverrides, Shutter
 from nlens_video.core.settings import RealSettings
-from nlens_video.core.shutter import Shutter
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate, overridden
 from nlens_video.effects.planner import (
     MOTION_BLUR,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.optics import ASSUMED_ANGLE_DEG, ROUND, Aperture, LensOverrides, Shutter
 from nlens_video.core.settings import Device, Fallback
-from nlens_video.core.shutter import ASSUMED_ANGLE_DEG, Shutter
 from nlens_video.stages.r_lens_track import FitTrack
 
 

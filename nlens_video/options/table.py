@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from nlens_video.core.playback import ALL
-from nlens_video.core.settings import REFLECTANCE
+from nlens_video.core.settings import ALL, REFLECTANCE
 from nlens_video.options import files
 from nlens_video.options import readers as read
 from nlens_video.options.option import Option

@@ -6,16 +6,15 @@ import argparse
 from dataclasses import replace
 from typing import Any
 
-from nlens_video.core.aperture import parse_aperture
 from nlens_video.core.errors import UsageError
-from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.optics import LensOverrides, parse_aperture
 from nlens_video.core.placement import LEVEL, Placement
-from nlens_video.core.playback import Playback
 from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
     PlaceSettings,
+    Playback,
     RealSettings,
     Settings,
     SourceSettings,

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
-from nlens_video.core.playback import ONCE, Playback
+from nlens_video.core.settings import ONCE, Playback
 from nlens_video.scene.animation.tracks import Animation
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.deform import Hull, Instance, Skin, read_skins

@@ -13,7 +13,6 @@ import pytest
 from support import shots
 
 from nlens_video import Compositor
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import (
     InputError,
     LensFitError,
@@ -21,6 +20,7 @@ from nlens_video.core.errors import (
     UsageError,
 )
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import Aperture
 
 pytestmark = pytest.mark.needs_gl
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nlens_video.core.layers import BlurredLayer, Box
-from nlens_video.core.lens_models import Bloom
+from nlens_video.core.optics import Bloom
 from nlens_video.effects.camera.bloom import add_bloom, halo_of, quick_halo
 
 FRAME = Box(0, 0, 300, 200)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nlens_video.core.layers import BlurredLayer, Box
-from nlens_video.core.lens_models import Aberration
+from nlens_video.core.optics import Aberration
 from nlens_video.effects.camera.chromatic_aberration import displace_channels
 from nlens_video.video.pixels.picture import SRGB, ArrayPicture
 

@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import shots
 
+from nlens_video.core.box import undistorted_radius
 from nlens_video.core.layers import (
     BlurredLayer,
     Box,
     DefocusedLayer,
     ObjectLayer,
 )
-from nlens_video.core.lens_models import Distortion
-from nlens_video.core.radial import undistorted_radius
+from nlens_video.core.optics import Distortion
 from nlens_video.effects.camera.distortion_apply import (
     DistortionMap,
     distort,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlens_video.core.layers import BlurredLayer, Box
-from nlens_video.core.shutter import Shutter
+from nlens_video.core.optics import Shutter
 from nlens_video.effects.exposure import Exposure, MeasureExposure, match_exposure
 from nlens_video.effects.planner import EXPOSURE, ShotFacts, decide
 from nlens_video.video.pixels.picture import ArrayPicture

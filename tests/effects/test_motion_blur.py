@@ -14,7 +14,7 @@ from support.glb_builder import GlbBuilder
 from nlens_video.cli.main import main
 from nlens_video.core.layers import BlurredLayer, Box, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.shutter import Shutter
+from nlens_video.core.optics import Shutter
 from nlens_video.effects.motion_blur import (
     MOST_MOMENTS,
     line_kernel,

@@ -8,8 +8,8 @@ from support.glb_builder import QUAD_FACES, GlbBuilder
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.playback import Playback
-from nlens_video.core.shutter import Shutter
+from nlens_video.core.optics import Shutter
+from nlens_video.core.settings import Playback
 from nlens_video.effects.motion_blur import Motion
 from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from nlens_video.core.box import square_radius
 from nlens_video.core.layers import BlurredLayer, Box
-from nlens_video.core.lens_models import Vignetting
-from nlens_video.core.radial import square_radius
+from nlens_video.core.optics import Vignetting
 from nlens_video.effects.camera.vignetting import vignette
 
 FRAME = Box(0, 0, 400, 300)

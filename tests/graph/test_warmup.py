@@ -10,7 +10,7 @@ from nlens_video.graph.builder import Graph
 from nlens_video.graph.warmup import KernelWarmup
 
 PROBE = """
-from nlens_video.core.aperture import ROUND
+from nlens_video.core.optics import ROUND
 from nlens_video.graph.base.context import NodeContext
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.nodes.registry import NODES

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
+from nlens_video.core.optics import Aperture
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.kernels.scatter.scatter_ref import scatter_ref
 from nlens_video.kernels.scatter.shape import contains, outer_radius

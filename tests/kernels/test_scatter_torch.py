@@ -5,9 +5,9 @@ import importlib.util
 import numpy as np
 import pytest
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import UsageError
 from nlens_video.core.layers import Box
+from nlens_video.core.optics import Aperture
 from nlens_video.kernels.scatter.scatter import DRAFT, FINE, scatter
 from nlens_video.kernels.scatter.scatter_ref import scatter_ref
 from nlens_video.networks import device

@@ -4,13 +4,13 @@ import dataclasses
 
 import pytest
 
-from nlens_video.core.lens_models import LensOverrides
+from nlens_video.core.optics import LensOverrides
 from nlens_video.core.placement import Placement
-from nlens_video.core.playback import Playback
 from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
+    Playback,
     RealSettings,
     Settings,
     SourceSettings,

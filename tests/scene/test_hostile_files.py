@@ -15,7 +15,7 @@ from support.glb_builder import GlbBuilder
 from support.rich_glb import NORMALS, rich
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.playback import Playback
+from nlens_video.core.settings import Playback
 from nlens_video.scene import Scene
 from nlens_video.scene.gltf import document
 

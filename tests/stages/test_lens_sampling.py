@@ -12,8 +12,8 @@ from support.cards import BLUR, FRAME, HEIGHT, NEAR_OVER_FAR, WIDTH, camera, car
 from support.glb_builder import GlbBuilder
 from support.lens_truth import psnr_over_plate
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import Aperture
 from nlens_video.kernels.scatter.disc import coverage
 from nlens_video.kernels.scatter.shape import contains
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer

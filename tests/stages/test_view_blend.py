@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import Aperture
 from nlens_video.evaluate.bench.glb_writer import write_glb
 from nlens_video.evaluate.bench.shapes import (
     YFOV,

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import BlurredLayer, Bool, Box, Float32, Float64, Picture
-from nlens_video.core.lens_models import Bloom
+from nlens_video.core.optics import Bloom
 from nlens_video.effects.measurement import Measurement
 
 EFFECT = "bloom"

@@ -18,9 +18,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from nlens_video.core.box import from_middle, half_diagonal, square_radius
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture
-from nlens_video.core.lens_models import Aberration
-from nlens_video.core.radial import from_middle, half_diagonal, square_radius
+from nlens_video.core.optics import Aberration
 from nlens_video.effects.camera.radial_fit import RadialFit, Windows, fit_radial
 from nlens_video.effects.measurement import Measurement
 

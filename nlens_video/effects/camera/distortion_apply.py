@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from nlens_video.core.box import half_diagonal, undistorted_radius
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Float64, ObjectLayer
-from nlens_video.core.lens_models import Distortion
-from nlens_video.core.radial import half_diagonal, undistorted_radius
+from nlens_video.core.optics import Distortion
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.scene.camera import Camera
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from nlens_video.core.box import undistorted_radius
 from nlens_video.core.layers import Float64, Picture
-from nlens_video.core.lens_models import Distortion
-from nlens_video.core.radial import undistorted_radius
+from nlens_video.core.optics import Distortion
 from nlens_video.effects.measurement import Measurement
 
 EFFECT = "distortion"

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from nlens_video.core.box import square_radius
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture
-from nlens_video.core.lens_models import Vignetting
-from nlens_video.core.radial import square_radius
+from nlens_video.core.optics import Vignetting
 from nlens_video.effects.camera.radial_fit import Windows, fit_radial
 from nlens_video.effects.measurement import Measurement
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import CocMap, OcclusionCue, Picture
-from nlens_video.core.shutter import Shutter
+from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.effects.measurement import Measurement
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread

@@ -10,7 +10,7 @@ from nlens_video.graph.base.node import Node, Unavailable
 
 if TYPE_CHECKING:
     from nlens_video.core.layers import BlurredLayer, DefocusedLayer, Picture
-    from nlens_video.core.lens_models import Aberration, Bloom, Vignetting
+    from nlens_video.core.optics import Aberration, Bloom, Vignetting
     from nlens_video.effects.camera.grain_apply import GrainModel
     from nlens_video.effects.camera.softness import SharpnessFloor
     from nlens_video.effects.exposure import Exposure

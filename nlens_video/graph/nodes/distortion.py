@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from nlens_video.core.box import Box
 from nlens_video.core.errors import UsageError
-from nlens_video.core.lens_models import Distortion
+from nlens_video.core.optics import Distortion
 from nlens_video.effects.camera.distortion_apply import (
     DistortionMap,
     distort,

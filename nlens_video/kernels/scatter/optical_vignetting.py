@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.layers import Box, Float32
+from nlens_video.core.optics import Aperture
 from nlens_video.kernels.scatter.extend import BAND_ROWS, Band, bands
 from nlens_video.kernels.scatter.levels import Level
 from nlens_video.kernels.scatter.scatter_rows import place_spans

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import Bool, Box, Float32, Float64
+from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.disc import MAX_COC_PX, SURPLUS, fitted_radius, reach
 from nlens_video.kernels.scatter.extend import Silhouette, bands, lay_out, survey
 from nlens_video.kernels.scatter.levels import AXIS, Detail, Level, Rule, make_levels, on_level

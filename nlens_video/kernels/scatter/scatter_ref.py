@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import Bool, Box, Float32
+from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.disc import MAX_COC_PX
 from nlens_video.kernels.scatter.shape import barrel_centre
 from nlens_video.kernels.scatter.tables import coverage

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 import PIL.Image
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Float64
+from nlens_video.core.optics import Aperture
 
 LARGEST_PICTURE_PX = 4096
 _OUTLINE_POINTS = 7200

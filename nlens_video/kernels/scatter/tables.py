@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.optics import Aperture
 from nlens_video.kernels.scatter import disc
 from nlens_video.kernels.scatter.disc import fitted_radii, fitted_radius, half_chords, reach
 from nlens_video.kernels.scatter.shape import outer_radius, read_picture, row_ends

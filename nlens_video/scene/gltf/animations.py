@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.playback import ALL
+from nlens_video.core.settings import ALL
 from nlens_video.scene.animation.tracks import Animation, AnimationTrack
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.document import Document

@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.shape import contains, outer_radius, read_picture
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)

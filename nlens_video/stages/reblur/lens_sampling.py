@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.reblur.subaperture_gather import (
     LARGEST_RADIUS_PX,
     gather_subaperture,

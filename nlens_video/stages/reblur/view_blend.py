@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nlens_video.core.aperture import ROUND, Aperture
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.reblur.coc_discontinuities import chamfer
 from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture, subaperture_reach
 from nlens_video.kernels.scatter.extend import Band, bands

@@ -20,10 +20,10 @@ from support.glb_builder import GlbBuilder
 from support.rasteriser import drawn, random_block, resolved, surface, truth
 
 import nlens_video
-from nlens_video.core.aperture import Aperture
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import Aperture
 from nlens_video.effects import exposure_kernels
 from nlens_video.effects.camera.grain_kernels import (
     regrain,

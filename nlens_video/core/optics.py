@@ -1,6 +1,9 @@
-"""Aperture shape: round, of blades, or a picture. Imports nothing heavy.
+"""Optics of the plate's camera: aperture, shutter, aberration, vignetting, distortion, bloom.
 
-Conventions: the shape is that of the blurred image of a point *behind* the focal plane (x right,
+Imports nothing heavy. Radii of lens models are in half diagonals: 0 in the middle of the frame, 1
+in its corners.
+
+The aperture's shape is that of the blurred image of a point *behind* the focal plane (x right,
 y down); in front of it the image is rotated by 180 degrees. `coc_px` is the diameter of the disc of
 the same *area* as the aperture, so that blades change the shape of a blur and not its amount. A
 cat's eye is cut out of that shape without scaling it.
@@ -105,3 +108,122 @@ def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture:
     if cat_eye:
         raise UsageError("the cat's eye stands in the Aperture; leave cat_eye out")
     return given
+
+
+ASSUMED_ANGLE_DEG = 180.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shutter:
+    """A shutter that opens once a frame, centred on the frame's moment.
+
+    Attributes:
+        angle_deg: share of the frame's time that it is open, 360 for all of it [deg].
+        frame_s: from one frame to the next, 0 where there is only one [s].
+        source: description of where the angle comes from.
+        given: whether the user gave it.
+    """
+
+    angle_deg: float = ASSUMED_ANGLE_DEG
+    frame_s: float = 0.0
+    source: str = "assumed"
+    given: bool = False
+
+    @property
+    def open_s(self) -> float:
+        """How long it is open [s]."""
+        return self.angle_deg / 360.0 * self.frame_s
+
+    def edges(self, time_s: float) -> tuple[float, float, float]:
+        """When it opens, is half through, and closes round a frame's moment [s]."""
+        return time_s - 0.5 * self.open_s, time_s, time_s + 0.5 * self.open_s
+
+    def middles(self, time_s: float, count: int) -> tuple[float, ...]:
+        """Middles of `count` equal parts of the time that it is open round a frame's moment [s]."""
+        return tuple(time_s + self.open_s * ((i + 0.5) / count - 0.5) for i in range(count))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aberration:
+    """Lateral chromatic aberration: radial displacement of red and blue relative to green.
+
+    Attributes:
+        red: (linear, cubic) parts of `linear * r + cubic * r**3`, positive outwards [px].
+        blue: the same of blue [px].
+    """
+
+    red: tuple[float, float]
+    blue: tuple[float, float]
+
+    @property
+    def at_corner_px(self) -> float:
+        """The larger displacement of both at the corner [px]."""
+        return max(abs(sum(self.red)), abs(sum(self.blue)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vignetting:
+    """Loss of light, `square * r**2 + fourth * r**4`.
+
+    Attributes:
+        square: [stops].
+        fourth: [stops].
+    """
+
+    square: float
+    fourth: float
+
+    @classmethod
+    def of(cls, stops: float) -> Vignetting:
+        """The usual shape, half of it in each power, from the loss at the corner [stops]."""
+        return cls(square=0.5 * stops, fourth=0.5 * stops)
+
+    @property
+    def at_corner_stops(self) -> float:
+        """The loss there [stops]."""
+        return self.square + self.fourth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distortion:
+    """Brown's radial distortion, `distorted = r * (1 + k1 * r**2 + k2 * r**4)`.
+
+    Attributes:
+        k1: negative for a barrel [1].
+        k2: [1].
+        focal_normalized: whether `r` is in focal lengths from the principal point, as in OpenCV;
+            otherwise in half diagonals from the middle of the frame.
+    """
+
+    k1: float
+    k2: float = 0.0
+    focal_normalized: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bloom:
+    """Halo around clipped highlights, decaying exponentially.
+
+    Attributes:
+        share: of the light at the clip that goes into the halo [1].
+        length_px: distance over which the halo falls to 1 / e [px].
+    """
+
+    share: float
+    length_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensOverrides:
+    """The user's values for the plate's lens; None where a value is estimated from the plate.
+
+    Attributes:
+        vignetting_stops: loss of light at the corner [stops].
+        distortion: k1 and k2, as in OpenCV [1].
+    """
+
+    vignetting_stops: float | None = None
+    distortion: tuple[float, float] | None = None
+
+
+NO_OVERRIDES = LensOverrides()

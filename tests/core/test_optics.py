@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from nlens_video.core.aperture import Aperture, parse_aperture
 from nlens_video.core.errors import UsageError
+from nlens_video.core.optics import Aperture, parse_aperture
 
 
 @pytest.mark.parametrize(
