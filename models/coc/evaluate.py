@@ -90,7 +90,7 @@ def evaluate_plates(estimate: Estimate, folder: Path) -> list[Figures]:
 
 def onnx_estimate(path: Path) -> Estimate:
     """The shipped stage on the shipped weights."""
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
     from nlens_video.stages.f_coc import estimate_coc
 
     network = OnnxCocNetwork(path)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from models.coc.network import LABEL_STEP, STRIDE, CocNet, coc_and_sigma
 from models.exporting import arguments, load_into, update_manifest, write_onnx, write_weights
-from nlens_video.networks.coc_onnx import PRIOR
+from nlens_video.networks.onnx_networks import PRIOR
 
 HERE = Path(__file__).parent
 # of log(1 + CoC) in training: four fifths drawn pictures (2.36, 1.05), one rendered (1.98, 0.73)

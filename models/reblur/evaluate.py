@@ -16,8 +16,8 @@ import numpy as np
 from models.reblur.data import Reservoir, split_maps
 from models.reblur.lens import Float32
 from models.reblur.shapes import CATEGORIES
-from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
 from nlens_video.networks.model_store import find_model
+from nlens_video.networks.onnx_networks import OnnxRepairNetwork
 from nlens_video.stages.reblur.depth_order import Candidates
 
 PLATE = 0.18

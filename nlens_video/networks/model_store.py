@@ -14,25 +14,12 @@ MANIFEST = "manifest.toml"
 _REPAIR = "install the package anew (in a checkout: git checkout -- models)"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Model:
-    """A shipped network, as `manifest.toml` describes it.
+    """Weights of a shipped network, verified: their file and its SHA-256 in hexadecimal."""
 
-    Attributes:
-        name: what the program calls it.
-        path: the weights, verified.
-        sha256: their hash, lower-case hexadecimal.
-        licence: SPDX identifier of the weights' licence.
-        inputs: name of each input and its shape, in words.
-        outputs: name of each output and its shape, in words.
-    """
-
-    name: str
     path: Path
     sha256: str
-    licence: str
-    inputs: dict[str, str]
-    outputs: dict[str, str]
 
 
 def models_folder() -> Path:
@@ -62,29 +49,18 @@ def find_model(name: str, folder: Path | None = None) -> Model:
         known = ", ".join(sorted(entries)) or "none"
         raise NlensError(f"{manifest}: no network named {name!r}, only: {known}")
     try:
-        model = Model(
-            name=name,
-            path=folder / entry["file"],
-            sha256=entry["sha256"],
-            licence=entry["licence"],
-            inputs=dict(entry["inputs"]),
-            outputs=dict(entry["outputs"]),
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        path, stated = folder / entry["file"], entry["sha256"]
+    except (KeyError, TypeError) as error:
         raise NlensError(f"{manifest}: [model.{name}] lacks {error}; {_REPAIR}") from error
-    _verify(model)
-    return model
-
-
-def _verify(model: Model) -> None:
     try:
-        found = hashlib.sha256(model.path.read_bytes()).hexdigest()
+        found = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise NlensError(
-            f"{model.path}: weights of {model.name!r} cannot be read ({error.strerror}); {_REPAIR}"
+            f"{path}: weights of {name!r} cannot be read ({error.strerror}); {_REPAIR}"
         ) from error
-    if found != model.sha256:
+    if found != stated:
         raise NlensError(
-            f"{model.path}: sha256 {found[:12]}… is not the {model.sha256[:12]}… that "
+            f"{path}: sha256 {found[:12]}… is not the {stated[:12]}… that "
             f"{MANIFEST} states, so these are not the shipped weights; {_REPAIR}"
         )
+    return Model(path, found)

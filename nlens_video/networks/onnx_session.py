@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
 # Official builds (1.29 and later) send telemetry and store a device id in the home folder, unless
 # this is set before they are loaded.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
+import numpy as np
 import onnxruntime
 from onnxruntime.capi import onnxruntime_pybind11_state as states
 
@@ -21,7 +21,9 @@ onnxruntime.disable_telemetry_events()  # the same on Windows
 _GPU_FAILED = (
     states.RuntimeException, states.Fail, states.EPFail, states.EngineError, states.DeviceReset
 )  # fmt: skip
-"""What a provider's failed allocation or kernel comes as; the runtime's errors share no base."""
+"""Errors of a provider's failed allocation or kernel; the runtime's errors share no base."""
+THREADS = 2
+"""Threads that one call runs on."""
 
 
 class Session:
@@ -33,10 +35,9 @@ class Session:
         path: the file.
         inputs: names of its inputs, in order.
         outputs: names of its outputs, in order.
-        threads: threads that one call runs on.
-        made_by: what writes such a file, for the error message.
-        device: where it runs: on CUDA only where this ONNX Runtime can. Its notes take a word when
-            the GPU fails.
+        made_by: the script that exports such a file, for the error message.
+        device: where it runs: on CUDA only where this ONNX Runtime can. A failure of the GPU is
+            added to its notes.
 
     Attributes:
         metadata: of the file, by key.
@@ -48,16 +49,14 @@ class Session:
     def __init__(
         self,
         path: Path,
-        inputs: tuple[str, ...],
-        outputs: tuple[str, ...],
+        inputs: list[str],
+        outputs: list[str],
         *,
-        threads: int,
         made_by: str,
         device: DeviceChoice = CPU,
     ) -> None:
         self._path = path
-        self._outputs = list(outputs)
-        self._threads = threads
+        self._outputs = outputs
         self._device = device
         self._on_gpu = (
             device.name == "cuda"
@@ -65,26 +64,28 @@ class Session:
         )
         self._session = self._opened()
         names = [node.name for node in (*self._session.get_inputs(), *self._session.get_outputs())]
-        if names != [*inputs, *outputs]:
+        expected = [*inputs, *outputs]
+        if names != expected:
             raise NlensError(
-                f"{path}: inputs and outputs {names}, expected {[*inputs, *outputs]}; "
-                f"export it with {made_by}"
+                f"{path}: inputs and outputs {names}, expected {expected}; export it with {made_by}"
             )
         self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
 
-    def run(self, feed: Mapping[str, Float32]) -> list[Float32]:
-        """The outputs, in order, for inputs by name."""
-        if self._on_gpu:
-            try:
-                return self._run(feed)
-            except _GPU_FAILED as error:
-                self._leave_gpu(error)
-                self._session = self._opened()
-        return self._run(feed)
-
-    def _run(self, feed: Mapping[str, Float32]) -> list[Float32]:
-        made: list[Float32] = self._session.run(self._outputs, dict(feed))
-        return made
+    def run(self, **inputs: Float32) -> list[Float32]:
+        """The outputs, in order, for inputs by name; all without their batch axis."""
+        batch = {
+            name: np.ascontiguousarray(values, dtype=np.float32)[None]
+            for name, values in inputs.items()
+        }
+        try:
+            made = self._session.run(self._outputs, batch)
+        except _GPU_FAILED as error:
+            if not self._on_gpu:
+                raise
+            self._leave_gpu(error)
+            self._session = self._opened()
+            made = self._session.run(self._outputs, batch)
+        return [values[0] for values in made]
 
     def _opened(self) -> onnxruntime.InferenceSession:
         gpu = ("CUDAExecutionProvider",) if self._on_gpu else ()
@@ -102,7 +103,7 @@ class Session:
 
     def _load(self, *providers: str) -> onnxruntime.InferenceSession:
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = self._threads
+        options.intra_op_num_threads = THREADS
         options.inter_op_num_threads = 1
         options.use_deterministic_compute = True
         # spinning threads would take the cores from decoding and rendering between two calls

@@ -34,8 +34,8 @@ def test_single_picture_tells_nothing():
 
 
 def test_panning_camera_is_not_read_as_defocus():
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
     from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
     from nlens_video.stages.f_coc import estimate_coc
 
     network = OnnxCocNetwork(find_model("coc").path)

@@ -19,8 +19,8 @@ from nlens_video.kernels.scatter.scatter import (
     blur_reach,
     scatter,
 )
-from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
 from nlens_video.networks.model_store import find_model
+from nlens_video.networks.onnx_networks import OnnxRepairNetwork
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc

@@ -28,14 +28,11 @@ def test_the_shipped_network_is_the_one_that_the_manifest_states():
     model = find_model("coc")
     assert model.path.parent.parent == models_folder()
     assert model.path.stat().st_size < 6_000_000
-    assert list(model.inputs) == ["rgb"]
-    assert list(model.outputs) == ["coc_px", "sigma_px"]
 
 
 def test_a_matching_file_is_found(tmp_path):
     model = find_model("coc", folder_with(tmp_path))
     assert model.path.read_bytes() == b"weights"
-    assert model.licence == "Apache-2.0"
 
 
 def test_an_altered_file_is_refused_and_named(tmp_path):

@@ -6,8 +6,8 @@ import pytest
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import CocMap
-from nlens_video.networks.coc_onnx import OnnxCocNetwork
 from nlens_video.networks.model_store import find_model
+from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.stages.f_coc import EstimateCoc, estimate_coc
 
 

@@ -7,9 +7,9 @@ from support.definitions import paper_scatter_by_pixels
 
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
 from nlens_video.kernels.reblur.paper_scatter import paper_scatter
-from nlens_video.networks import paper_onnx
+from nlens_video.networks import onnx_networks
 from nlens_video.networks.model_store import find_model
-from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+from nlens_video.networks.onnx_networks import OnnxPaperNetworks
 from nlens_video.stages.reblur.l_paper import (
     GAMMA,
     PaperReblur,
@@ -147,7 +147,7 @@ def test_strips_leave_no_seam_and_odd_sizes_pass(networks, monkeypatch):
     defocus = rng.uniform(-1, 1, (95, 61)).astype(np.float32)
     coarse = rng.random((48, 31, 3), dtype=np.float32)
     whole = (*networks.render(code, defocus), networks.refine(code, defocus, coarse))
-    monkeypatch.setattr(paper_onnx, "STRIP_ROWS", 32)
+    monkeypatch.setattr(onnx_networks, "STRIP_ROWS", 32)
     strips = (*networks.render(code, defocus), networks.refine(code, defocus, coarse))
     for one, other in zip(whole, strips, strict=True):
         assert other == pytest.approx(one, abs=2e-5)

@@ -152,7 +152,7 @@ def test_the_exported_network_answers_as_the_trained_one_at_any_size(tmp_path):
 
     from models.coc.export import export
     from models.coc.network import CocNet, coc_and_sigma
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
 
     torch.manual_seed(0)
     network = CocNet().eval()
@@ -175,7 +175,7 @@ def test_a_network_with_other_outputs_is_refused(tmp_path):
     from onnx import TensorProto, helper
 
     from nlens_video.core.errors import NlensError
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
 
     value = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1]) for n in ("a", "b")]
     graph = helper.make_graph([helper.make_node("Abs", ["a"], ["b"])], "g", value[:1], value[1:])

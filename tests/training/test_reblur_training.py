@@ -95,7 +95,7 @@ def test_the_exported_repair_network_answers_as_the_trained_one_at_any_size(tmp_
 
     from models.reblur.export import export
     from models.reblur.network import RepairNet
-    from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
+    from nlens_video.networks.onnx_networks import OnnxRepairNetwork
     from nlens_video.stages.reblur.depth_order import CHANNELS
 
     torch.manual_seed(0)
@@ -114,8 +114,8 @@ def test_torch_runs_the_shipped_weights_as_onnx_does():
     import torch
 
     from models.reblur.export import HERE, load_network
-    from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
     from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.onnx_networks import OnnxRepairNetwork
     from nlens_video.stages.reblur.depth_order import CHANNELS
 
     maps = np.random.default_rng(1).random((48, 64, CHANNELS), dtype=np.float32)
@@ -169,7 +169,7 @@ def test_torch_runs_the_papers_shipped_weights_as_onnx_does():
 
     from models.paper.export import HERE, load_networks
     from nlens_video.networks.model_store import find_model
-    from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+    from nlens_video.networks.onnx_networks import OnnxPaperNetworks
 
     rng = np.random.default_rng(3)
     code = rng.random((48, 64, 3), dtype=np.float32)

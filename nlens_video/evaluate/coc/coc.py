@@ -50,8 +50,8 @@ def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) 
 
 
 def _measured(folders: list[Path], show: Progress) -> CocProtocol:
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
     from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
 
     with OnnxCocNetwork(find_model("coc").path) as network:
         protocol = CocProtocol(network)

@@ -38,8 +38,8 @@ def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: 
         OutputError: `out` cannot be written.
         UsageError: a plot is asked for and matplotlib is missing.
     """
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
     from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
 
     if out is not None:
         check_matplotlib()

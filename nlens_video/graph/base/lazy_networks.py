@@ -25,8 +25,8 @@ def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> ReblurNetwork
 
     @cache
     def network() -> RepairNetwork:
-        from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
         from nlens_video.networks.model_store import find_model
+        from nlens_video.networks.onnx_networks import OnnxRepairNetwork
 
         return OnnxRepairNetwork(find_model("reblur").path, device=device)
 
@@ -56,8 +56,8 @@ def lazy_coc_estimator(
         pixel_aspect: width of a pixel by its height [1].
         device: where the network runs.
     """
-    from nlens_video.networks.coc_onnx import OnnxCocNetwork
     from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
     from nlens_video.stages.f_coc import EstimateCoc
 
     estimator: Callable[[Picture, Sequence[Picture]], CocMap] | None = None

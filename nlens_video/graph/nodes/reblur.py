@@ -156,7 +156,7 @@ class PaperReblur(Node):
     def __init__(self, context: NodeContext) -> None:
         from nlens_video.kernels.reblur.paper_scatter import paper_scatter
         from nlens_video.networks.model_store import find_model
-        from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+        from nlens_video.networks.onnx_networks import OnnxPaperNetworks
         from nlens_video.stages.reblur.l_paper import PaperReblur as Reblur
 
         arnet, iunet = find_model("paper-arnet").path, find_model("paper-iunet").path

@@ -17,9 +17,9 @@ from support.folders import TESTS
 from nlens_video import Compositor
 from nlens_video.kernels.reblur import aperture_covariance
 from nlens_video.kernels.scatter import extend, levels, scatter
-from nlens_video.networks import paper_onnx
+from nlens_video.networks import onnx_networks
 from nlens_video.networks.model_store import find_model
-from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+from nlens_video.networks.onnx_networks import OnnxPaperNetworks
 from nlens_video.render.software import renderer
 
 NEAR_AND_FAR = (Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
@@ -71,7 +71,7 @@ def test_any_strip_for_the_papers_networks():
     made = []
     for rows in (128, 64, 32):
         with pytest.MonkeyPatch.context() as changed:
-            changed.setattr(paper_onnx, "STRIP_ROWS", rows)
+            changed.setattr(onnx_networks, "STRIP_ROWS", rows)
             made.append(networks.render(code, defocus)[0])
     away = max(float(np.abs(one - made[0]).max()) for one in made)
     return Outcome(

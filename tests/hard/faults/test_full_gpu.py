@@ -12,10 +12,9 @@ import pytest
 
 from nlens_video.core.errors import NlensError
 from nlens_video.networks import onnx_session
-from nlens_video.networks.coc_onnx import OnnxCocNetwork
-from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
 from nlens_video.networks.device import DeviceChoice
 from nlens_video.networks.model_store import find_model
+from nlens_video.networks.onnx_networks import OnnxCocNetwork, OnnxRepairNetwork
 from nlens_video.stages.reblur.depth_order import CHANNELS
 
 PICTURE = np.random.default_rng(0).random((512, 960, 3), np.float32)

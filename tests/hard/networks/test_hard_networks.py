@@ -8,10 +8,8 @@ from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import heat, panels, srgb8
 from hard.objects import folder
 
-from nlens_video.networks.coc_onnx import OnnxCocNetwork
-from nlens_video.networks.depth_order_onnx import OnnxRepairNetwork
 from nlens_video.networks.model_store import find_model
-from nlens_video.networks.paper_onnx import OnnxPaperNetworks
+from nlens_video.networks.onnx_networks import OnnxCocNetwork, OnnxPaperNetworks, OnnxRepairNetwork
 from nlens_video.stages.f_coc import LARGEST_COC_PX
 from nlens_video.stages.reblur.depth_order import CHANNELS
 

@@ -11,8 +11,8 @@ from support import shots
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Box
-from nlens_video.networks.coc_onnx import OnnxCocNetwork
 from nlens_video.networks.model_store import find_model
+from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.video.pixels.picture import ArrayPicture
 

@@ -11,8 +11,8 @@ from hard.objects import LENS, composited, cube, folder, plate_bgr
 from support.folders import TESTS
 
 from nlens_video.core.errors import LensFitError, NlensError
-from nlens_video.networks.coc_onnx import OnnxCocNetwork
 from nlens_video.networks.model_store import find_model
+from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.stages.f_coc import estimate_coc
 
 TINY = ((1, 1), (2, 2), (17, 31))
