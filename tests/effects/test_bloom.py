@@ -22,7 +22,7 @@ def lamp(light, box=PLACE):
 
 
 @pytest.mark.parametrize("length", [3.0, 8.0, 21.0, 40.0])
-def test_quick_halo_is_the_plain_one(length):
+def test_fast_halo_agrees_with_the_direct_convolution(length):
     rng = np.random.default_rng(3)
     light = np.zeros((400, 500, 3), np.float32)
     light[150:190, 200:260] = rng.random((40, 60, 3))
@@ -32,7 +32,7 @@ def test_quick_halo_is_the_plain_one(length):
     assert quick.sum() == pytest.approx(plain.sum(), rel=0.01)
 
 
-def test_halo_keeps_the_light_and_falls_exponentially():
+def test_halo_keeps_energy_and_decays_exponentially():
     point = np.zeros((201, 201), np.float32)
     point[100, 100] = 1.0
     halo = halo_of(point, 6.0)
@@ -40,12 +40,12 @@ def test_halo_keeps_the_light_and_falls_exponentially():
     assert halo[100, 112] / halo[100, 106] == pytest.approx(np.exp(-1), rel=1e-3)
 
 
-def test_object_without_highlights_comes_back_itself():
+def test_layer_without_highlights_is_returned_unchanged():
     layer = lamp(1.0)
     assert add_bloom(layer, LENS, FRAME) is layer
 
 
-def test_halo_lies_round_the_highlight_and_covers_nothing():
+def test_halo_surrounds_the_highlight_without_alpha():
     out = add_bloom(lamp(5.0), LENS, FRAME)
     ring = out.rgba[90 - out.box.y0, 90 - out.box.x0]
     assert ring[3] == 0.0 and 0.0 < ring[0] < 0.1
@@ -53,7 +53,7 @@ def test_halo_lies_round_the_highlight_and_covers_nothing():
     assert near > 0.4 + 5 * ring[0]
 
 
-def test_highlight_counts_from_white_to_twice_white():
+def test_highlight_weight_rises_from_white_to_twice_white():
     halos = [
         add_bloom(lamp(light), LENS, FRAME).rgba[..., 0].sum() - lamp(light).rgba[..., 0].sum()
         for light in (1.25, 1.5, 2.0, 9.0)
@@ -63,7 +63,7 @@ def test_highlight_counts_from_white_to_twice_white():
     assert halos[3] == pytest.approx(halos[2], rel=1e-3)
 
 
-def test_colour_of_the_highlight_is_that_of_its_halo():
+def test_halo_has_the_colour_of_the_highlight():
     out = add_bloom(lamp((3.0, 1.5, 0.5)), LENS, FRAME)
     red, green, blue, _ = out.rgba[90 - out.box.y0, 80 - out.box.x0]
     assert green == pytest.approx(red / 2, rel=1e-3) and blue == 0.0

@@ -39,7 +39,7 @@ def plate():
     return rng.integers(40, 220, (FRAME.height, FRAME.width, 3), np.uint8)
 
 
-def test_every_channel_is_the_shape_drawn_displaced_over_the_plate():
+def test_each_channel_equals_the_shape_drawn_with_its_displacement():
     picture = ArrayPicture(plate(), "rgb")
     before = picture.linear(FRAME)
     out = displace_channels(layer_of(disc()), LENS, picture, FRAME)
@@ -53,7 +53,7 @@ def test_every_channel_is_the_shape_drawn_displaced_over_the_plate():
         assert np.abs(result[..., channel] - expected).mean() < 2e-4
 
 
-def test_composite_fringes_at_the_edge_only():
+def test_composite_has_colour_fringes_only_at_edges():
     picture, bare = ArrayPicture(plate(), "rgb"), ArrayPicture(plate(), "rgb")
     layer = layer_of(disc(), Box(155, 15, 215, 75))
     out = displace_channels(layer, LENS, picture, FRAME)
@@ -69,7 +69,7 @@ def test_composite_fringes_at_the_edge_only():
     assert cover.max() == 1
 
 
-def test_object_that_the_frame_cuts_stays_whole_at_the_border():
+def test_object_cut_by_the_frame_has_no_fringe_at_the_border():
     cover = np.zeros((FRAME.height, FRAME.width))
     cover[40:120, 160:] = 1.0
     picture = ArrayPicture(np.full((FRAME.height, FRAME.width, 3), 200, np.uint8), "rgb")
@@ -79,12 +79,12 @@ def test_object_that_the_frame_cuts_stays_whole_at_the_border():
     assert np.allclose(inside[..., :3], COLOUR, atol=1e-3)
 
 
-def test_layer_out_of_view_comes_back_itself():
+def test_layer_out_of_view_is_returned_unchanged():
     empty = BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
     assert displace_channels(empty, LENS, ArrayPicture(plate(), "rgb", SRGB), FRAME) is empty
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_strength_is_that_of_the_larger_channel_at_the_corner(sign):
+def test_strength_is_the_larger_channel_displacement_at_the_corner(sign):
     lens = Aberration(red=(sign * 0.5, sign * 0.25), blue=(0.1, 0.1))
     assert lens.at_corner_px == 0.75

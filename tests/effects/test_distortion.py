@@ -31,16 +31,16 @@ BARREL = Distortion(k1=-0.15, k2=0.02, focal_normalized=True)
 
 
 @given(st.floats(-0.1, 0.3), st.floats(0.0, 0.05), st.floats(0.0, 1.4))
-def test_undistorted_radius_is_the_inverse_of_browns_model(k1, k2, r):
+def test_undistorted_radius_inverts_browns_model(k1, k2, r):
     distorted = r * (1 + k1 * r**2 + k2 * r**4)
     assert undistorted_radius(k1, k2, np.array([distorted]))[0] == pytest.approx(r, abs=2e-3)
 
 
-def test_radius_that_nothing_is_mapped_to_is_infinite():
+def test_radius_without_a_preimage_is_infinite():
     assert np.isinf(undistorted_radius(-0.5, 0.0, np.array([1.0])))[0]
 
 
-def test_places_are_those_of_opencv():
+def test_distorted_points_agree_with_opencv():
     bend = DistortionMap.of(BARREL, CAMERA)
     matrix = np.array([[CAMERA.fx, 0, CAMERA.cx], [0, CAMERA.fy, CAMERA.cy], [0, 0, 1]])
     x, y = np.array([10.0, 100.0, 300.0, 470.0]), np.array([5.0, 200.0, 140.0, 260.0])
@@ -69,7 +69,7 @@ def middle(layer):
 
 @pytest.mark.parametrize("at", [(60.0, 50.0), (400.0, 220.0), (240.0, 30.0)])
 @pytest.mark.parametrize("model", [BARREL, Distortion(k1=0.08), Distortion(k1=-0.12)])
-def test_object_lies_where_the_lens_puts_it(at, model):
+def test_distorted_layer_lies_where_the_model_maps_it(at, model):
     bend = DistortionMap.of(model, CAMERA)
     x, y = bend.distorted(np.array([at[0]]), np.array([at[1]]))
     out = distort(disc(at), bend)
@@ -78,14 +78,14 @@ def test_object_lies_where_the_lens_puts_it(at, model):
     assert 0 <= out.rgba.min() and out.rgba[..., 3].max() <= 1
 
 
-def test_middle_of_the_frame_stays():
+def test_centre_of_the_frame_does_not_move():
     at = (CAMERA.cx, CAMERA.cy)
     assert middle(distort(disc(at), DistortionMap.of(BARREL, CAMERA))) == pytest.approx(
         at, abs=0.02
     )
 
 
-def test_barrel_sees_beyond_the_frame_and_fills_it():
+def test_barrel_distortion_fills_the_frame_from_the_overscan():
     bend = DistortionMap.of(BARREL, CAMERA)
     assert bend.margin > 3
     assert DistortionMap.of(Distortion(k1=0.1), CAMERA).margin == 0
@@ -95,12 +95,12 @@ def test_barrel_sees_beyond_the_frame_and_fills_it():
     assert out.box == FRAME and out.rgba.min() == pytest.approx(1.0, abs=1e-4)
 
 
-def test_object_out_of_view_gives_an_empty_layer():
+def test_distorting_an_object_out_of_view_gives_an_empty_layer():
     far = disc((-400.0, -400.0), box=Box(-420, -420, -380, -380))
     assert distort(far, DistortionMap.of(BARREL, CAMERA)).box.empty
 
 
-def test_shadow_and_mirror_image_move_with_the_object():
+def test_shadow_and_reflection_are_distorted_with_the_object():
     bend = DistortionMap.of(BARREL, CAMERA)
     layer = disc((400.0, 220.0))
     expected = middle(distort(layer, bend))
@@ -115,7 +115,7 @@ def test_shadow_and_mirror_image_move_with_the_object():
     assert middle(moved) == pytest.approx(expected, abs=0.05)
 
 
-def test_focal_length_of_the_camera_counts():
+def test_distortion_depends_on_the_focal_length_of_the_camera():
     longer = replace(CAMERA, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
     corner = np.array([0.0]), np.array([0.0])
     near, far = (

@@ -40,19 +40,19 @@ def run(pictures):
 
 @settings(max_examples=10, deadline=None)
 @given(st.tuples(*3 * [st.floats(-0.8, 0.6)]).filter(lambda s: max(map(abs, s)) > 0.1))
-def test_gains_are_those_of_the_light(stops):
+def test_gains_follow_a_change_of_exposure(stops):
     gains = np.exp2(np.array(stops))
     first, second = run([shot(scene()), shot(scene() * gains)])
     assert first == (1.0, 1.0, 1.0)
     assert second == pytest.approx(gains, rel=0.015)
 
 
-def test_noise_is_not_followed():
+def test_noise_does_not_change_the_gains():
     rng = np.random.default_rng(1)
     assert set(run([shot(scene(), 0.03, rng) for _ in range(12)])) == {(1.0, 1.0, 1.0)}
 
 
-def test_something_large_that_comes_into_view_is_not_followed():
+def test_large_object_entering_the_plate_does_not_change_the_gains():
     pictures = []
     for number in range(16):
         light = scene().copy()
@@ -62,13 +62,13 @@ def test_something_large_that_comes_into_view_is_not_followed():
 
 
 @pytest.mark.parametrize("step", [5, 23, 60])
-def test_camera_that_pans_over_other_things_is_not_followed(step):
+def test_panning_to_another_subject_does_not_change_the_gains(step):
     light = scene(3, wide=3)
     pictures = [shot(light[:, step * n : step * n + SIZE[1]]) for n in range(20)]
     assert max(max(gains) for gains in run(pictures)) == 1.0
 
 
-def test_drift_is_followed_while_the_camera_pans():
+def test_exposure_drift_is_followed_during_a_pan():
     light = scene(3, wide=3)
     pictures = [
         shot(light[:, 20 * n : 20 * n + SIZE[1]] * np.float32(2 ** (-0.05 * n))) for n in range(20)
@@ -76,37 +76,37 @@ def test_drift_is_followed_while_the_camera_pans():
     assert run(pictures)[-1] == pytest.approx(3 * [2**-0.95], rel=0.03)
 
 
-def test_cut_keeps_what_was_known():
+def test_cut_keeps_the_last_gains():
     bright = shot(scene() * np.float32(1.3))
     gains = run([shot(scene()), bright, shot(scene(9)[::-1]), shot(scene(9)[::-1])])
     assert gains[2] == gains[3] == gains[1]
 
 
 @pytest.mark.parametrize("light", [np.zeros((*SIZE, 3)), np.full((*SIZE, 3), 2.0)])
-def test_picture_that_is_black_or_white_tells_nothing(light):
+def test_black_or_clipped_picture_gives_no_gains(light):
     assert set(run([shot(light), shot(scene()), shot(light)])) == {(1.0, 1.0, 1.0)}
 
 
-def test_change_grows_without_a_jump():
+def test_gains_change_gradually():
     stops = np.linspace(0, 0.12, 40)
     gains = [run([shot(scene()), shot(scene() * np.float32(2**s))])[1][1] for s in stops]
     assert gains[0] == 1.0 and max(np.diff(gains)) < 0.012
     assert gains[-1] == pytest.approx(2**0.12, rel=0.01)
 
 
-def test_object_takes_the_gains_and_keeps_its_coverage():
+def test_gains_scale_the_object_and_keep_its_alpha():
     layer = BlurredLayer(box=Box(0, 0, 2, 2), rgba=np.full((2, 2, 4), 0.5, np.float32))
     out = match_exposure(layer, Exposure(gains=(1.5, 1.0, 0.5)))
     assert out.rgba[0, 0] == pytest.approx([0.75, 0.5, 0.25, 0.5])
     assert match_exposure(layer, Exposure(gains=(1.0, 1.0, 1.0))) is layer
 
 
-def test_levels_are_those_of_mid_grey():
+def test_exposure_change_is_converted_to_code_levels_at_mid_grey():
     a_stop = Exposure(gains=(1.0, 2.0, 1.0))
     assert a_stop.levels == pytest.approx(118 * (2 ** (1 / 2.2) - 1), abs=0.01)
 
 
-def test_still_has_nothing_to_follow():
+def test_still_picture_needs_no_exposure_tracking():
     (still,) = (one for one in decide("auto") if one.effect == EXPOSURE)
     moving = ShotFacts(shutter=Shutter(frame_s=0.04))
     (video,) = (one for one in decide("auto", moving) if one.effect == EXPOSURE)

@@ -19,7 +19,7 @@ FRAME = Box(0, 0, WIDTH, HEIGHT)
 INSIDE = (slice(150, 165), slice(232, 248))  # of the cube, which stands still
 
 
-def test_white_noise_is_that_of_its_definition_and_a_part_of_a_larger_one():
+def test_white_noise_of_a_part_is_a_crop_of_the_whole_and_of_the_reference():
     small = grain_kernels.white_noise((-3, 7), (5, 9), 12, 3)
     definition = grain_kernels.white_noise_reference((-3, 7), (5, 9), 12, 3)
     assert small == pytest.approx(definition, abs=1e-6)
@@ -27,7 +27,7 @@ def test_white_noise_is_that_of_its_definition_and_a_part_of_a_larger_one():
     assert np.array_equal(large[5:10, 7:16], small)
 
 
-def test_white_noise_is_white_and_normal_and_new_on_every_frame():
+def test_white_noise_is_normal_uncorrelated_and_differs_between_frames():
     first, second = (grain_kernels.white_noise((0, 0), (400, 500), at, 1) for at in (5, 6))
     assert first.mean() == pytest.approx(0, abs=0.01)
     assert first.std() == pytest.approx(1, abs=0.01)
@@ -41,7 +41,7 @@ def test_white_noise_is_white_and_normal_and_new_on_every_frame():
         assert np.corrcoef(first.ravel(), other.ravel())[0, 1] == pytest.approx(0, abs=0.01)
 
 
-def test_regrain_is_its_reference():
+def test_regrain_kernel_equals_the_reference():
     rng = np.random.default_rng(0)
     alpha = rng.choice([0.0, 0.3, 1.0], (30, 40, 1))
     rgba = np.concatenate([alpha * rng.uniform(0, 1.3, (30, 40, 3)), alpha], 2).astype(np.float32)
@@ -56,7 +56,7 @@ def test_regrain_is_its_reference():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_clean_plate_has_no_grain(seed):
+def test_clean_plate_measures_as_free_of_grain(seed):
     for frames in (1, 4):
         assert not measure(pictures(scene(seed, slope=0.9 + 0.2 * seed), frames)).called_for
 
@@ -67,7 +67,7 @@ def test_clean_plate_has_no_grain(seed):
     [{}, {"tint": 1.0}, {"spread_px": 0.7}, {"persistence": 0.5}, {"tint": 0.5, "spread_px": 1.0}],
     ids=str,
 )
-def test_strength_of_known_grain_is_found(levels, kind):
+def test_measured_grain_strength_equals_the_added_one(levels, kind):
     grain = noise(1, 5, levels / 255, **kind)
     found = measure(pictures(scene(2), 5, grain))
     assert found.called_for
@@ -77,14 +77,14 @@ def test_strength_of_known_grain_is_found(levels, kind):
     assert found.model.persistence == pytest.approx(wanted, abs=0.1)
 
 
-def test_single_picture_with_smooth_parts_shows_its_grain():
+def test_grain_of_a_single_picture_is_measured_in_smooth_areas():
     grain = noise(1, 1, 4.0 / 255)
     found = measure(pictures(scene(2, slope=2.2, soft_px=6.0), 1, grain))
     assert found.called_for
     assert found.value == pytest.approx(4.0, rel=0.15)
 
 
-def test_moving_camera_is_not_read_as_grain():
+def test_camera_motion_does_not_measure_as_grain():
     views = [np.roll(scene(3), 4 * at, axis=1) for at in range(4)]
     shot = [pictures(view, 1)[0] for view in views]
     assert not measure(shot).called_for
@@ -99,7 +99,7 @@ def spectrum(values):
 
 
 @pytest.mark.parametrize("kind", [{}, {"spread_px": 0.8, "tint": 0.6}], ids=str)
-def test_grained_object_has_the_plates_spectrum_and_level_curve(kind):
+def test_added_grain_has_the_plates_spectrum_and_level_dependence(kind):
     base = scene(4, slope=2.0)
     code = grain_kernels.to_code(base)
     frames = 6
@@ -127,14 +127,14 @@ def test_grained_object_has_the_plates_spectrum_and_level_curve(kind):
         assert between == pytest.approx(expected, abs=0.05)
 
 
-def test_grain_lasts_as_long_as_the_plates():
+def test_added_grain_has_the_plates_correlation_over_time():
     shares = np.array(past_shares(0.6))
     assert (shares**2).sum() == pytest.approx(1)
     assert (shares[1:] * shares[:-1]).sum() == pytest.approx(0.6, abs=0.02)
     assert past_shares(0.0) == (1.0,)
 
 
-def test_part_of_the_plate_that_shows_through_brings_its_own_noise():
+def test_semitransparent_object_gets_less_grain_because_the_plate_shows_its_own():
     grain = noise(5, 1, 4.0 / 255)
     shot = pictures(np.full((HEIGHT, WIDTH, 3), 0.2, np.float32), 1, grain)
     stage = AddGrain(measure(shot).model)
@@ -145,7 +145,7 @@ def test_part_of_the_plate_that_shows_through_brings_its_own_noise():
     assert grain_kernels.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
 
 
-def test_same_frame_gets_the_same_grain_whatever_the_box():
+def test_grain_of_a_pixel_does_not_depend_on_the_box():
     shot = pictures(scene(1), 4, noise(1, 4, 3 / 255, spread_px=0.7))
     stage = AddGrain(measure(shot).model)
 
@@ -160,7 +160,7 @@ def test_same_frame_gets_the_same_grain_whatever_the_box():
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_command_grains_the_object_on_a_noisy_plate_only(tmp_path):
+def test_command_adds_grain_only_on_a_noisy_plate(tmp_path):
     glb = shots.cube_glb(tmp_path / "cube.glb")
     fit = shots.fit_json(tmp_path / "fit.json")
     rng = np.random.default_rng(2)
@@ -180,7 +180,7 @@ def test_command_grains_the_object_on_a_noisy_plate_only(tmp_path):
     assert spreads["noisy"] == pytest.approx(5.0, rel=0.15)
 
 
-def test_large_picture_is_looked_at_in_its_middle():
+def test_grain_of_a_large_picture_is_measured_in_its_centre():
     base = np.tile(scene(2), (4, 4, 1))
     rng = np.random.default_rng(0)
     shot = []

@@ -21,7 +21,7 @@ def run(folder, name, *words):
 
 
 @pytest.mark.needs_gl
-def test_given_vignetting_darkens_the_object_and_nothing_else(tmp_path):
+def test_vignetting_option_darkens_only_the_object(tmp_path):
     bare = run(tmp_path, "bare", "-q", "--effects", "defocus")
     dark = run(tmp_path, "dark", "-q", "--effects", "defocus,vignetting", "--vignetting", "2")
     plate = cv2.imread(str(tmp_path / "in.png")).astype(int)
@@ -35,7 +35,7 @@ def test_given_vignetting_darkens_the_object_and_nothing_else(tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_given_distortion_moves_the_object_towards_the_middle(tmp_path):
+def test_barrel_distortion_option_moves_the_object_towards_the_centre(tmp_path):
     plate, places = None, []
     for name, words in (("bare", []), ("bent", ["--distortion", "-0.25"])):
         effects = "defocus,distortion" if words else "defocus"
@@ -48,7 +48,7 @@ def test_given_distortion_moves_the_object_towards_the_middle(tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_effect_asked_for_by_name_without_evidence_is_left_out_with_the_reason(tmp_path):
+def test_requested_effect_without_a_measurement_is_left_out_with_a_reason(tmp_path):
     said = run(tmp_path, "plan", "--effects", "defocus,aberration,bloom", "--plan")
     assert "left out chromatic-aberration: edges of red and blue against green" in said
     assert "left out bloom: " in said
@@ -58,7 +58,7 @@ def test_effect_asked_for_by_name_without_evidence_is_left_out_with_the_reason(t
 
 
 @pytest.mark.needs_gl
-def test_effect_that_is_not_called_for_leaves_every_bit_as_it_was(tmp_path):
+def test_effect_that_is_not_needed_changes_no_bit(tmp_path):
     names = "defocus,shadow"
     bare = run(tmp_path, "bare", "-q", "--effects", names)
     told = run(tmp_path, "told", "-q", "--effects", names, "--vignetting", "1.5")
@@ -77,7 +77,7 @@ def test_effect_that_is_not_called_for_leaves_every_bit_as_it_was(tmp_path):
         (["--effects", "vignetting", "--preset", "draft"], "no node for vignetting"),
     ],
 )
-def test_words_that_make_no_sense_are_refused_in_a_line(tmp_path, words, expected):
+def test_invalid_lens_options_are_refused_in_one_line(tmp_path, words, expected):
     shots.write_png(tmp_path / "in.png")
     shots.cube_glb(tmp_path / "cube.glb")
     files = [tmp_path / name for name in ("in.png", "cube.glb", "out.png")]

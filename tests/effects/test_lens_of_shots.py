@@ -13,13 +13,13 @@ LOOKED_AT = (
 
 
 @pytest.mark.parametrize("name", LOOKED_AT)
-def test_effects_are_decided_right_and_their_strength_is_within_15_percent(name):
+def test_lens_effects_are_detected_and_measured_within_15_percent(name):
     for verdict in judge(EVERY[name]):
         assert verdict.right, f"{verdict.effect}: {verdict.found} called for: {verdict.wanted}"
         assert verdict.error is None or abs(verdict.error) < 0.15, verdict
 
 
-def test_table_holds_each_effect_singly_and_in_company():
+def test_test_shots_cover_each_effect_alone_and_combined():
     for effect in ("aberration", "vignetting", "distortion", "bloom", "exposure"):
         assert sum(set(row.truth) == {effect} for row in SINGLE) >= 3
         assert any(effect in row.truth for row in MIXED)

@@ -31,14 +31,14 @@ from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)
 
 
-def test_kernel_of_a_way_along_the_rows_is_the_share_of_the_time_over_each_pixel():
+def test_line_kernel_weights_each_pixel_by_the_time_spent_over_it():
     assert line_kernel(np.array([4.0, 0.0])) == pytest.approx(
         np.array([[0.125, 0.25, 0.25, 0.25, 0.125]]), abs=2e-3
     )
 
 
 @given(st.floats(-40, 40), st.floats(-40, 40))
-def test_kernel_keeps_light_and_place(across, down):
+def test_line_kernel_keeps_energy_and_position(across, down):
     kernel = line_kernel(np.array([across, down]))
     assert kernel.sum() == pytest.approx(1, abs=1e-5)
     y, x = (np.arange(n) - n // 2 for n in kernel.shape)
@@ -46,12 +46,12 @@ def test_kernel_keeps_light_and_place(across, down):
     assert (kernel.sum(1) * y).sum() == pytest.approx(0, abs=1e-3)
 
 
-def test_object_that_does_not_move_comes_back_itself():
+def test_object_at_rest_is_returned_unchanged():
     layer = BlurredLayer(box=Box(5, 5, 9, 9), rgba=np.ones((4, 4, 4), np.float32))
     assert motion_blurred(layer, np.zeros(2), FRAME) is layer
 
 
-def test_object_that_the_frame_cuts_stays_opaque_at_the_border():
+def test_motion_blurred_object_cut_by_the_frame_stays_opaque_at_the_border():
     layer = BlurredLayer(box=Box(0, 10, 40, 50), rgba=np.ones((40, 40, 4), np.float32))
     out = motion_blurred(layer, np.array([12.0, 0.0]), FRAME)
     assert out.box == Box(0, 10, 46, 50)
@@ -59,7 +59,7 @@ def test_object_that_the_frame_cuts_stays_opaque_at_the_border():
     assert out.rgba[:, 39, 3] == pytest.approx(0.5 + 1 / 24, abs=0.01)
 
 
-def test_number_of_moments_is_odd_and_limited():
+def test_number_of_shutter_samples_is_odd_and_limited():
     counts = [moment_count(spread, 0.0) for spread in np.linspace(0, 200, 300)]
     assert all(count % 2 for count in counts)
     assert counts == sorted(counts)
@@ -67,13 +67,13 @@ def test_number_of_moments_is_odd_and_limited():
     assert moment_count(20.0, 40.0) < moment_count(20.0, 0.0)
 
 
-def test_motion_below_a_pixel_is_not_called_for():
+def test_motion_below_a_pixel_needs_no_blur():
     places = [np.array([[10.0 + 0.9 * moment, 20.0]]) for moment in (-0.5, 0.0, 0.5)]
     assert measure_motion(places, np.zeros((3, 1))) is None
     assert measure_motion([3.0 * seen for seen in places], np.zeros((3, 1))) is not None
 
 
-def test_fast_parts_that_are_out_of_focus_take_no_more_moments_than_slow_ones_in_focus():
+def test_fast_motion_hidden_by_defocus_needs_fewer_shutter_samples():
     still, moved = np.zeros((3, 2)), np.array([[0.0, 0.0], [2.0, 0.0], [16.0, 0.0]])
     places = [still, 0.5 * moved, moved]
     in_focus, fast_blurred = (
@@ -93,7 +93,7 @@ def test_fast_parts_that_are_out_of_focus_take_no_more_moments_than_slow_ones_in
         (ShotFacts(moves=True, pre_rendered=True), False, "layers"),
     ],
 )
-def test_motion_blur_is_decided_from_the_scene(scene, wanted, words):
+def test_motion_blur_is_planned_from_the_scenes_animation(scene, wanted, words):
     (decision,) = (one for one in decide("auto", scene) if one.effect == MOTION_BLUR)
     assert decision.wanted is wanted
     assert words in decision.reason
@@ -133,9 +133,7 @@ def card_at(x, depth, shade):
 
 
 @pytest.mark.parametrize(("nearer", "parts"), [(0.004, 1), (0.012, 3)])
-def test_mean_of_sharp_pictures_goes_through_the_lens_at_once_unless_the_blur_changes(
-    nearer, parts
-):
+def test_shutter_samples_are_reblurred_together_unless_their_coc_changes(nearer, parts):
     # it slides by 8 px and comes nearer, out of the focus at depth 1
     layers = [card_at(50 + 2 * i, 1.0 - nearer * i, 0.3 + 0.01 * i) for i in range(5)]
     fit = LensFit(slope=60.0, intercept=-60.0, width=shots.WIDTH, height=shots.HEIGHT)
@@ -163,7 +161,7 @@ def test_mean_of_sharp_pictures_goes_through_the_lens_at_once_unless_the_blur_ch
     assert psnr(whole(through_lens(layers[2])), truth, truth[..., 3] > 0) < 32
 
 
-def test_moment_out_of_view_counts_as_nothing():
+def test_shutter_sample_out_of_view_is_transparent_in_the_mean():
     half = mean_layer([card_at(50, 1.0, 0.4), None])
     assert half.rgba[30, 30] == pytest.approx([0.2, 0.25, 0.1, 0.5])
     assert half.depth[30, 30] == pytest.approx(1.0) and np.isinf(half.depth[0, 0])
@@ -176,7 +174,7 @@ def psnr(a, b, where):
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("coc_px", [0.0, 12.0])
-def test_turning_and_sliding_card_is_what_hundreds_of_moments_show(tmp_path, coc_px):
+def test_rotating_and_sliding_card_agrees_with_hundreds_of_shutter_samples(tmp_path, coc_px):
     from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
     from nlens_video.scene.scene import Scene
 
@@ -217,7 +215,7 @@ def test_turning_and_sliding_card_is_what_hundreds_of_moments_show(tmp_path, coc
 
 
 @pytest.mark.needs_gl
-def test_command_smears_a_moving_object_and_leaves_it_sharp_when_told_to(tmp_path):
+def test_command_blurs_a_moving_object_unless_motion_blur_is_off(tmp_path):
     plate = shots.write_video(tmp_path / "in.mp4", frames=4, audio=False)
     glb = spinning_glb(tmp_path / "card.glb")
     fit = shots.fit_json(tmp_path / "fit.json")

@@ -53,7 +53,7 @@ def mixed(m, front, back):
 
 @settings(max_examples=60, deadline=None)
 @given(SHARE, SHARE, LIGHT, LIGHT, LIGHT)
-def test_a_layer_behind_a_foreground_is_what_the_three_layers_make(m, alpha, front, back, paint):
+def test_layer_behind_a_foreground_equals_the_three_layer_composite(m, alpha, front, back, paint):
     layer = np.concatenate([alpha[..., None] * paint, alpha[..., None]], axis=2)
     plate = mixed(m, front, back).astype(np.float32)
     hidden = behind(layer, plate, m, m[..., None] * front)
@@ -62,14 +62,14 @@ def test_a_layer_behind_a_foreground_is_what_the_three_layers_make(m, alpha, fro
     assert seen == pytest.approx(truth, abs=1e-5)
 
 
-def test_light_of_foreground_and_background_is_told_apart_in_the_soft_edge():
+def test_foreground_colour_in_a_soft_edge_is_separated_from_the_background():
     m = ramp()
     front, back = np.array([0.9, 0.5, 0.1]), np.array([0.1, 0.2, 0.8])
     light = foreground_light(mixed(m, front, back).astype(np.float32), m, (0, 0))
     assert light == pytest.approx(m[..., None] * front, abs=1e-5)
 
 
-def test_a_twig_that_is_nowhere_opaque_is_told_apart_by_its_background():
+def test_foreground_colour_of_a_thin_semitransparent_object_is_estimated():
     at = np.arange(WIDTH) + 0.5
     m = np.tile(0.4 * np.exp(-(((at - 48) / 6) ** 2)), (HEIGHT, 1)).astype(np.float32)
     m[m < 0.004] = 0.0
@@ -78,7 +78,7 @@ def test_a_twig_that_is_nowhere_opaque_is_told_apart_by_its_background():
     assert light == pytest.approx(m[..., None] * front, abs=0.01)
 
 
-def test_no_halo_of_the_old_background_is_left_around_a_blurred_foreground():
+def test_soft_foreground_edge_keeps_no_halo_of_the_old_background():
     m = ramp()
     front, back, paint = np.full(3, 0.1), np.full(3, 0.9), np.full(3, 0.1)
     picture = linear_picture(mixed(m, front, back))
@@ -92,7 +92,7 @@ def test_no_halo_of_the_old_background_is_left_around_a_blurred_foreground():
     assert naive.max() > 0.28
 
 
-def test_shadow_and_object_behind_one_foreground_make_what_the_layers_make():
+def test_shadow_and_object_behind_a_foreground_equal_the_layered_composite():
     m, loss = ramp(), 0.6
     front, back, paint, alpha = np.full(3, 0.5), np.full(3, 0.8), np.full(3, 0.2), 0.7
     picture = linear_picture(mixed(m, front, back))
@@ -109,7 +109,7 @@ def test_shadow_and_object_behind_one_foreground_make_what_the_layers_make():
     assert picture.array == pytest.approx(truth, abs=3e-3)
 
 
-def test_what_is_covered_keeps_its_bits_and_what_is_free_is_the_same_as_without():
+def test_matte_of_one_keeps_the_plate_and_matte_of_zero_changes_nothing():
     rng = np.random.default_rng(2)
     plate = rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     layer = rng.random((HEIGHT, WIDTH, 4), np.float32)
@@ -123,7 +123,7 @@ def test_what_is_covered_keeps_its_bits_and_what_is_free_is_the_same_as_without(
     assert (hidden != plain)[(m > 0.3) & (m < 0.7)].mean() > 0.5
 
 
-def test_the_cover_does_not_depend_on_the_region_it_is_asked_for():
+def test_foreground_matte_does_not_depend_on_the_requested_region():
     picture = linear_picture(np.random.default_rng(3).random((HEIGHT, WIDTH, 3)) + 0.2)
     m = ramp(width=10.0)
     whole = foreground_matte(picture, FRAME, m)
@@ -153,7 +153,7 @@ def disc_share(x, radius):
 
 
 @pytest.mark.parametrize("near", [1.0, 1.5])
-def test_the_edge_of_a_nearer_depth_is_as_soft_as_its_own_coc(near):
+def test_matte_from_depth_is_as_soft_as_the_occluders_coc(near):
     fit = LensFit(slope=40.0, intercept=-20.0, width=WIDTH, height=HEIGHT)  # +20 px at 1, +6.7
     surface = object_disparity(flat_object(3.0, Box(20, 10, 80, 50)), FRAME)
     cover = CoverageFromDepth(scatter=scatter)(half_plane(near, 8.0), surface, FRAME, fit)
@@ -164,14 +164,14 @@ def test_the_edge_of_a_nearer_depth_is_as_soft_as_its_own_coc(near):
 
 
 @pytest.mark.parametrize(("depth", "hides"), [(2.9, True), (2.97, False), (3.0, False), (9, False)])
-def test_only_what_is_nearer_by_two_per_cent_hides(depth, hides):
+def test_occluder_must_be_nearer_by_two_percent(depth, hides):
     surface = object_disparity(flat_object(3.0, Box(20, 10, 80, 50)), FRAME)
     real = DepthMap(np.full((HEIGHT, WIDTH), depth, np.float32))
     cover = CoverageFromDepth(scatter=scatter)(real, surface, FRAME, None)
     assert (cover == 1.0).all() if hides else not cover.any()
 
 
-def test_depth_that_is_not_known_and_ground_above_the_horizon_hide_nothing():
+def test_unknown_depth_and_pixels_above_the_horizon_occlude_nothing():
     surface = np.where(np.arange(HEIGHT)[:, None] < 20, -0.1, 0.5) * np.ones(WIDTH)
     unknown = DepthMap(np.full((HEIGHT, WIDTH), np.inf, np.float32))
     nearer = DepthMap(np.full((HEIGHT, WIDTH), 1.0, np.float32))
@@ -196,7 +196,7 @@ def test_depth_that_is_not_known_and_ground_above_the_horizon_hide_nothing():
         (19.0, 15.0, False),
     ],
 )
-def test_blur_tells_what_is_nearer_only_where_either_sign_says_so(coc, surface_coc, nearer):
+def test_coc_implies_occlusion_only_if_both_signs_of_the_coc_are_nearer(coc, surface_coc, nearer):
     fit = LensFit(slope=40.0, intercept=-20.0, width=2, height=2)
     plate = CocMap(
         coc_px=np.full((2, 2), coc, np.float32), sigma_px=np.full((2, 2), 0.1, np.float32)
@@ -205,7 +205,7 @@ def test_blur_tells_what_is_nearer_only_where_either_sign_says_so(coc, surface_c
     assert CoverageFromCoc().nearer(plate, disparity, fit).all() == nearer
 
 
-def test_an_unsure_blur_hides_nothing():
+def test_uncertain_coc_occludes_nothing():
     fit = LensFit(slope=40.0, intercept=-20.0, width=2, height=2)
     disparity = np.full((2, 2), 0.25, np.float32)
     coc = np.zeros((2, 2), np.float32)
@@ -216,7 +216,7 @@ def test_an_unsure_blur_hides_nothing():
     assert not CoverageFromCoc().nearer(unsure, disparity, fit).any()
 
 
-def test_a_coarse_mask_is_drawn_to_the_edge_that_the_picture_shows():
+def test_matte_from_coc_is_refined_to_the_edge_in_the_picture():
     fit = LensFit(slope=40.0, intercept=-20.0, width=WIDTH, height=HEIGHT)
     picture = np.full((HEIGHT, WIDTH, 3), 0.2, np.float32)
     picture[:, WIDTH // 2 :] = 0.7

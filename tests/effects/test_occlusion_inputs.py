@@ -50,7 +50,7 @@ def plain(files):
     return still(files, files / "plain.png")[0]
 
 
-def test_a_matte_hides_object_and_shadow_and_leaves_the_plate_its_bits(files, plain, tmp_path):
+def test_holdout_matte_hides_object_and_shadow_and_keeps_the_plates_bits(files, plain, tmp_path):
     got, summary = still(files, tmp_path / "o.png", "--holdout", files / "matte.png")
     plate = cv2.imread(str(files / "plate.png")).astype(int)
     assert np.array_equal(got[:, :EDGE], plate[:, :EDGE])
@@ -61,7 +61,7 @@ def test_a_matte_hides_object_and_shadow_and_leaves_the_plate_its_bits(files, pl
 
 
 @pytest.mark.parametrize("preset", ["draft", "realtime", "reference", "paper"])
-def test_every_preset_holds_out(files, tmp_path, preset):
+def test_every_preset_applies_a_holdout_matte(files, tmp_path, preset):
     words = ("--preset", preset, "--holdout", files / "matte.png")
     got, _ = still(files, tmp_path / "o.png", *words)
     plate = cv2.imread(str(files / "plate.png")).astype(int)
@@ -69,7 +69,7 @@ def test_every_preset_holds_out(files, tmp_path, preset):
     assert (got[:, EDGE:] != plate[:, EDGE:]).any()
 
 
-def test_depth_that_is_nearer_hides_with_an_edge_as_soft_as_its_blur(files, plain, tmp_path):
+def test_nearer_plate_depth_occludes_with_an_edge_as_soft_as_its_coc(files, plain, tmp_path):
     depth = np.full(SIZE, 10.0, np.float32)
     depth[:, :EDGE] = 1.2  # CoC 24 / 1.2 - 12 = 8 px
     write_layers(tmp_path / "z.exr", {"Z": depth})
@@ -85,7 +85,7 @@ def test_depth_that_is_nearer_hides_with_an_edge_as_soft_as_its_blur(files, plai
     assert any("Z is nearer" in d["reason"] for d in summary["decisions"])
 
 
-def test_layers_are_held_out_too(files, tmp_path):
+def test_holdout_matte_applies_to_prerendered_layers(files, tmp_path):
     rgba = np.zeros((*SIZE, 4), np.float32)
     rgba[100:180, 200:280] = (0.2, 0.4, 0.1, 1.0)
     channels = {name: rgba[..., at] for at, name in enumerate("RGBA")}
@@ -98,7 +98,7 @@ def test_layers_are_held_out_too(files, tmp_path):
     assert (got[120:160, EDGE + 5 : 270] != plate[120:160, EDGE + 5 : 270]).any(axis=2).all()
 
 
-def test_a_matte_video_is_timed_by_frame_in_a_pipe(files, tmp_path):
+def test_holdout_video_is_matched_by_frame_for_a_piped_plate(files, tmp_path):
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=6, audio=False)
     with av.open(str(tmp_path / "m.mkv"), "w") as container:
         stream = container.add_stream("ffv1", rate=25)
@@ -125,7 +125,7 @@ def test_a_matte_video_is_timed_by_frame_in_a_pipe(files, tmp_path):
     assert same == [True, False, True, False]
 
 
-def test_wrong_mattes_are_answered_with_one_line(files, tmp_path):
+def test_invalid_holdout_mattes_are_refused_in_one_line(files, tmp_path):
     cv2.imwrite(str(tmp_path / "small.png"), half()[::2, ::2])
     words = (files / "plate.png", files / "anim.glb", tmp_path / "o.png")
     run = nlens(*words, "--holdout", tmp_path / "small.png")
@@ -147,12 +147,12 @@ def test_wrong_mattes_are_answered_with_one_line(files, tmp_path):
         (("--effects", "occlusion"), "node occlusion-cue [each frame; lane render] F: CoC network"),
     ],
 )
-def test_the_plan_says_what_is_in_front_and_mirrored_and_why(files, words, line):
+def test_plan_states_occlusion_and_reflection_with_reasons(files, words, line):
     run = nlens(files / "plate.png", files / "anim.glb", "o.png", "--plan", "-v", *words)
     assert run.returncode == 0 and line in run.stdout, run.stdout
 
 
-def test_the_mirror_image_lies_on_the_ground_below_the_object(files, plain, tmp_path):
+def test_reflection_lies_on_the_ground_below_the_object(files, plain, tmp_path):
     got, _ = still(files, tmp_path / "o.png", "--reflect", "0.5")
     changed = (got != plain).any(axis=2)
     camera = Scene.load(files / "anim.glb").camera(0.0, *SIZE[::-1])

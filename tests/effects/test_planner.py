@@ -8,7 +8,7 @@ from nlens_video.effects.planner import ShotFacts, decide, restrict_to_pipeline
 SUNLIT = ShotFacts(lamps=1)
 
 
-def test_pipeline_without_a_shadow_leaves_it_out_and_says_so():
+def test_plan_of_a_pipeline_without_shadow_states_that_it_is_left_out():
     decided = restrict_to_pipeline(
         decide("auto", SUNLIT), frozenset({"defocus"}), "realtime", "auto"
     )
@@ -17,13 +17,13 @@ def test_pipeline_without_a_shadow_leaves_it_out_and_says_so():
     assert "realtime" in by_name["shadow"].reason
 
 
-def test_effect_asked_for_by_name_that_a_pipeline_lacks_is_an_error():
+def test_requesting_an_effect_that_the_pipeline_lacks_is_an_error():
     asked = "defocus,shadow"
     with pytest.raises(UsageError, match="shadow; use --preset standard"):
         restrict_to_pipeline(decide(asked, SUNLIT), frozenset({"defocus"}), "realtime", asked)
 
 
-def test_pipeline_with_every_node_changes_no_decision():
+def test_pipeline_with_every_node_keeps_all_planned_effects():
     decisions = decide("auto", SUNLIT)
     assert (
         restrict_to_pipeline(decisions, frozenset({"defocus", "shadow"}), "standard", "auto")
@@ -42,7 +42,7 @@ def test_pipeline_with_every_node_changes_no_decision():
         (ShotFacts(occlusion_by_coc=True), "occlusion", True, "certainly of nearer things"),
     ],
 )
-def test_what_the_plates_own_things_do_is_decided_by_what_is_said_of_them(
+def test_reflection_and_occlusion_are_planned_only_if_their_inputs_are_given(
     scene, effect, wanted, reason
 ):
     decision = next(one for one in decide("auto", scene) if one.effect == effect)

@@ -60,7 +60,7 @@ def on_frame(layer):
     return rgba, depth
 
 
-def test_the_mirrored_camera_is_a_proper_one_below_the_ground_and_sees_the_mirror_image(tmp_path):
+def test_mirrored_camera_is_a_rotation_below_the_ground_and_sees_the_reflection(tmp_path):
     camera = pyramid(tmp_path / "a.glb").camera(0.0, WIDTH, HEIGHT)
     below = mirrored_camera(camera, GROUND)
     assert np.linalg.det(below.world_from_camera[:3, :3]) == pytest.approx(1.0)
@@ -73,7 +73,7 @@ def test_the_mirrored_camera_is_a_proper_one_below_the_ground_and_sees_the_mirro
 
 
 @pytest.mark.needs_gl
-def test_the_mirror_image_is_the_picture_of_the_mirrored_object(tmp_path):
+def test_reflection_equals_the_picture_of_the_mirrored_object(tmp_path):
     scene = pyramid(tmp_path / "a.glb")
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
@@ -95,7 +95,7 @@ def test_the_mirror_image_is_the_picture_of_the_mirrored_object(tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_what_lies_below_the_ground_is_not_mirrored_above_it(tmp_path):
+def test_geometry_below_the_ground_has_no_reflection(tmp_path):
     scene = pyramid(tmp_path / "a.glb", sunk=0.4)
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
@@ -108,7 +108,7 @@ def test_what_lies_below_the_ground_is_not_mirrored_above_it(tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_no_image_from_below_the_ground_or_out_of_view(tmp_path):
+def test_camera_below_the_ground_or_object_out_of_view_gives_no_reflection(tmp_path):
     scene = pyramid(tmp_path / "a.glb")
     camera = scene.camera(0.0, WIDTH, HEIGHT)
     with PyrenderObjectRenderer(scene) as renderer:
@@ -117,7 +117,7 @@ def test_no_image_from_below_the_ground_or_out_of_view(tmp_path):
         assert draw(0.0, camera, -50.0, 0.0) is None
 
 
-def test_the_ground_mirrors_as_schlick_has_it():
+def test_reflectance_follows_schlicks_approximation():
     # 0.04 + 0.96 (1 - cos)^5, by hand
     cosine = np.array([1.0, 0.5, 0.2, 0.0])
     assert schlick(cosine, 0.04) == pytest.approx([0.04, 0.07, 0.354573, 1.0], abs=1e-6)
@@ -135,7 +135,7 @@ class Wall:
         )
 
 
-def test_the_share_follows_the_angle_of_each_pixels_ray(tmp_path):
+def test_reflectance_is_evaluated_for_each_pixels_ray(tmp_path):
     camera = pyramid(tmp_path / "a.glb").camera(0.0, WIDTH, HEIGHT)
     layer = RenderReflection(renderer=Wall(), reflectance=0.04)(0.0, camera, GROUND, 0.0)
     rgba, _ = on_frame(layer)
@@ -148,7 +148,7 @@ def test_the_share_follows_the_angle_of_each_pixels_ray(tmp_path):
         assert rgba[row, column, 3] == pytest.approx(expected, abs=1e-5)
 
 
-def test_the_image_is_laid_over_the_plate_blurred_by_its_own_coc():
+def test_reflection_is_composited_with_the_blur_of_its_own_coc():
     plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
     rgba[40:80, 60:100] = (0.2, 0.0, 0.0, 0.2)  # a fifth of a red thing

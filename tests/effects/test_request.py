@@ -17,7 +17,7 @@ def decisions(requested, **scene):
 
 
 @pytest.mark.parametrize("text", ["auto,shadow", "auto,+shadow", "+shadow", "shadow,auto"])
-def test_an_effect_is_added_to_what_the_shot_calls_for(text):
+def test_effect_is_added_to_those_that_the_shot_needs(text):
     decided = decisions(text, moves=False)
     assert decided["shadow"].wanted and decided["defocus"].wanted
     assert "asked for by --effects; auto leaves it out: no light" in decided["shadow"].reason
@@ -25,25 +25,25 @@ def test_an_effect_is_added_to_what_the_shot_calls_for(text):
     assert decided["motion-blur"].reason == "neither object nor camera moves"
 
 
-def test_an_effect_that_the_shot_calls_for_keeps_its_reason_when_it_is_added():
+def test_adding_an_effect_that_the_shot_needs_keeps_its_reason():
     assert "by 2 lights" in decisions("auto,+shadow", lamps=2)["shadow"].reason
 
 
 @pytest.mark.parametrize("text", ["auto,-shadow", "-shadow", "all,-shadow"])
-def test_an_effect_is_taken_away(text):
+def test_effect_is_removed_from_those_that_the_shot_needs(text):
     decided = decisions(text, lamps=1)
     assert not decided["shadow"].wanted and decided["defocus"].wanted
     assert decided["shadow"].reason == "left out by --effects"
     assert "shadow" not in requested_effects(text)
 
 
-def test_names_alone_are_the_whole_list():
+def test_names_without_a_sign_replace_the_automatic_choice():
     assert requested_effects("defocus, shadow") == ("defocus", "shadow")
     assert requested_effects("none,shadow") == ("shadow",)
     assert requested_effects("none") == ()
 
 
-def test_all_asks_for_every_effect_and_leaves_out_what_the_pipeline_lacks():
+def test_all_requests_every_effect_that_the_pipeline_has():
     assert all(one.wanted for one in decisions("all").values())
     kept = restrict_to_pipeline(decide("all"), frozenset({"defocus"}), "draft", "all")
     assert [one.effect for one in kept if one.wanted] == ["defocus"]
@@ -63,20 +63,20 @@ def test_all_asks_for_every_effect_and_leaves_out_what_the_pipeline_lacks():
         ("+auto", "'+auto' is not an effect"),
     ],
 )
-def test_a_request_without_sense_says_what_to_write(text, words):
+def test_invalid_effect_request_states_the_expected_form(text, words):
     with pytest.raises(UsageError) as failed:
         requested_effects(text)
     assert words in str(failed.value)
 
 
-def test_an_effect_added_by_name_that_a_pipeline_lacks_is_an_error():
+def test_adding_an_effect_that_the_pipeline_lacks_is_an_error():
     with pytest.raises(UsageError, match="no node for shadow; use --preset standard"):
         restrict_to_pipeline(
             decide("auto,+shadow"), frozenset({"defocus"}), "draft", "auto,+shadow"
         )
 
 
-def test_a_strength_that_is_said_asks_for_a_shadow_without_lights():
+def test_stated_shadow_strength_requests_a_shadow_even_without_lights():
     told = decisions("auto", strength=2.0, strength_given=True)["shadow"]
     assert (
         told.wanted and "asked for by --shadow-strength 2; darkens the contact only" in told.reason
@@ -84,7 +84,7 @@ def test_a_strength_that_is_said_asks_for_a_shadow_without_lights():
     assert not decisions("auto", strength=1.0)["shadow"].wanted
 
 
-def test_options_that_contradict_each_other_on_the_shadow_are_refused():
+def test_contradictory_shadow_options_are_refused():
     with pytest.raises(UsageError, match="drop one"):
         decisions("auto,-shadow", strength=2.0, strength_given=True)
     with pytest.raises(UsageError, match="drop one"):

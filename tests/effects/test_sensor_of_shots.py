@@ -8,7 +8,7 @@ LOOKED_AT = [row for row in SENSOR_ROWS if "one frame" in row.name or "cards" in
 
 
 @pytest.mark.parametrize("row", LOOKED_AT, ids=lambda row: row.name)
-def test_effects_are_decided_right_and_their_strength_is_within_15_percent(row):
+def test_sensor_effects_are_detected_and_measured_within_15_percent(row):
     for verdict in judge(row):
         assert verdict.right, f"{verdict.effect}: {verdict.found} called for: {verdict.wanted}"
         assert verdict.error is None or abs(verdict.error) < 0.15, verdict

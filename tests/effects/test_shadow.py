@@ -71,7 +71,7 @@ def cast(light, camera=None, fit=None, vertices=CARD, **given):
     return CastShadow(**given)([moment], light, 0.0, fit)
 
 
-def test_shadow_of_a_card_under_a_sun_at_45_degrees_lies_its_height_aside():
+def test_shadow_under_a_sun_at_45_degrees_is_displaced_by_the_height():
     dark = loss(cast(of_sun()))[..., 0] > 0.5
     rows, columns = np.nonzero(dark)
     # The card spans x -0.5 to 0.5 at height 1: its shadow spans 0.5 to 1.5, that is 90 to 110 px.
@@ -80,13 +80,13 @@ def test_shadow_of_a_card_under_a_sun_at_45_degrees_lies_its_height_aside():
     assert dark[50:70, 90:110].all()
 
 
-def test_what_is_left_in_the_shadow_is_the_light_from_around():
+def test_ambient_light_remains_in_the_shadow():
     # Ten units up and 0.1 wide, the card hides next to nothing of what comes from around.
     high = CARD * (0.1, 10, 0.1) - (10.0, 0.0, 0.0)
     assert loss(cast(of_sun(ambient=0.25), vertices=high))[60, 80] == pytest.approx(0.8, abs=0.01)
 
 
-def test_each_channel_loses_its_own_light():
+def test_each_colour_channel_loses_its_own_share_of_light():
     red = PosedLight(
         Light(
             kind="directional", color=(1.0, 0.5, 0.0), intensity=math.sqrt(2.0), range=None,
@@ -103,7 +103,7 @@ def test_each_channel_loses_its_own_light():
     assert contact < 0.2
 
 
-def test_larger_lamp_gives_a_wider_edge():
+def test_larger_lamp_gives_a_wider_penumbra():
     def edge(diameter):
         row = loss(cast(of_sun(diameter=diameter), lamp_points=64))[60, :, 0]
         return int(((row > 0.05) & (row < 0.95)).sum())
@@ -128,7 +128,7 @@ def test_point_light_magnifies_the_shadow():
     assert from_lamp(Lamp(posed), aside) == pytest.approx(GREY * math.sqrt(0.5) / 8.0)
 
 
-def test_light_from_around_is_assumed_white_in_sum_where_no_file_tells_it():
+def test_missing_ambient_light_is_assumed_to_make_the_total_white():
     posed = sun(np.array([2.0, 1.0, 0.5]), np.array([0.0, -1.0, 0.0]))
     light = Illumination((Lamp(posed),), None)
     total = from_around(light, np.zeros(3)) + [2.0, 1.0, 0.5]
@@ -151,7 +151,7 @@ def test_no_light_on_the_ground_casts_no_shadow(light):
     assert cast(light) is None
 
 
-def test_strength_scales_the_loss_and_zero_turns_it_off():
+def test_shadow_strength_scales_the_loss_and_zero_disables_it():
     full, half = (loss(cast(of_sun(ambient=1.0), strength=s)) for s in (1.0, 0.5))
     assert half == pytest.approx(0.5 * full, abs=1e-6)
     assert cast(of_sun(), strength=0.0) is None
@@ -171,7 +171,7 @@ def test_no_shadow_above_the_horizon_or_from_below_the_ground():
     assert cast(of_sun(), camera, vertices=wide) is None
 
 
-def test_what_is_sunk_into_the_ground_casts_nothing():
+def test_geometry_below_the_ground_casts_no_shadow():
     wall = np.array([[0.0, -1.0, -0.5], [0.0, -1.0, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
     sunk = ClippedMesh.above(wall, FACES, edges_of(FACES), 0.0)
     used = sunk.vertices[sunk.faces.ravel()]
@@ -183,7 +183,7 @@ def test_what_is_sunk_into_the_ground_casts_nothing():
     assert (columns.min(), columns.max() + 1) == (80, 100)
 
 
-def test_feet_that_graze_the_ground_are_raised_and_those_that_stand_in_it_cut():
+def test_vertices_just_below_the_ground_are_raised_and_deeper_ones_clipped():
     wall = np.array([[0.0, -9e-4, -0.5], [0.0, -9e-4, 0.5], [0.0, 1.0, 0.5], [0.0, 1.0, -0.5]])
     raised = ClippedMesh.above(wall, FACES, edges_of(FACES), 0.0)
     assert raised.faces is FACES and raised.vertices[:, 1].min() == 0.0
@@ -203,7 +203,7 @@ def darkened(plate, shadow):
     return picture
 
 
-def test_plate_outside_the_shadow_keeps_its_bits_and_inside_is_multiplied():
+def test_plate_is_multiplied_in_the_shadow_and_bit_identical_outside():
     plate = np.random.default_rng(1).integers(180, 250, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     shadow = cast(of_sun(ambient=1.0))
     after = darkened(plate, shadow)
@@ -213,7 +213,7 @@ def test_plate_outside_the_shadow_keeps_its_bits_and_inside_is_multiplied():
     assert linear(after / 255.0) == pytest.approx(linear(plate / 255.0) * (1.0 - gone), abs=0.005)
 
 
-def test_shadow_on_ground_out_of_focus_is_blurred_as_the_ground_and_keeps_its_energy():
+def test_shadow_is_blurred_by_the_grounds_coc_and_keeps_its_energy():
     plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     fit = LensFit(slope=0.0, intercept=-12.0, width=WIDTH, height=HEIGHT)
     sharp, blurred = darkened(plate, cast(of_sun())), darkened(plate, cast(of_sun(), fit=fit))
@@ -223,7 +223,7 @@ def test_shadow_on_ground_out_of_focus_is_blurred_as_the_ground_and_keeps_its_en
     assert (90 - 8) <= half.min() <= (90 - 4) and (110 + 3) <= half.max() <= (110 + 7)
 
 
-def test_shadow_that_lies_beside_the_frame_blurs_into_it():
+def test_defocused_shadow_beside_the_frame_reaches_into_it():
     plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     beside = CARD + (3.6, 0.0, 0.0)  # its shadow begins 2 px to the right of the frame
     assert cast(of_sun(), vertices=beside) is None
@@ -233,13 +233,13 @@ def test_shadow_that_lies_beside_the_frame_blurs_into_it():
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
-def test_the_same_moment_gives_the_same_bits_on_any_number_of_threads(threads):
+def test_shadow_is_bit_identical_on_any_number_of_threads(threads):
     light = of_sun(ambient=0.5, diameter=0.2)
     first, second = cast(light), cast(light, threads=threads)
     assert first.box == second.box and np.array_equal(first.loss, second.loss)
 
 
-def test_shadow_on_blurred_ground_is_cast_coarsely_and_looks_the_same():
+def test_shadow_on_defocused_ground_is_cast_at_lower_resolution_without_difference():
     plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     light = of_sun(ambient=0.5, diameter=0.2)
     fit = LensFit(slope=0.0, intercept=17.0, width=WIDTH, height=HEIGHT)
@@ -253,7 +253,7 @@ def test_shadow_on_blurred_ground_is_cast_coarsely_and_looks_the_same():
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000))
-def test_covered_pixels_are_those_of_the_definition_behind_the_camera_too(seed):
+def test_triangle_coverage_agrees_with_the_reference_even_behind_the_camera(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(9, 3)) * (30, 30, 1) + (10, 10, 0.5)
     faces = np.arange(9, dtype=np.int32).reshape(3, 3)
@@ -269,7 +269,7 @@ def test_covered_pixels_are_those_of_the_definition_behind_the_camera_too(seed):
     assert (found | ~np.all(around, axis=0)).all() and (~found | np.any(around, axis=0)).all()
 
 
-def test_meshes_with_inner_edges_folds_and_borders_leave_neither_gap_nor_spill():
+def test_coverage_of_folded_meshes_with_holes_equals_the_reference():
     rng = np.random.default_rng(7)
     x, y = np.meshgrid(np.linspace(4, 60, 12), np.linspace(4, 40, 9))
     rough = np.column_stack([x.ravel(), y.ravel()]) + rng.normal(size=(108, 2)) * 4.0  # folds over
@@ -288,7 +288,7 @@ def test_meshes_with_inner_edges_folds_and_borders_leave_neither_gap_nor_spill()
 
 @pytest.mark.needs_truth
 @pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
-def test_shadow_comes_close_to_a_path_tracers(shared, scene, gain_db):
+def test_shadow_agrees_with_a_path_tracer(shared, scene, gain_db):
     from nlens_video.scene.illumination import SceneLight
     from nlens_video.scene.scene import Scene
 

@@ -45,7 +45,7 @@ def loss(moments, **given):
     return whole
 
 
-def test_edges_of_a_sliding_shadow_are_as_wide_as_its_way():
+def test_edge_of_a_sliding_shadow_is_as_wide_as_its_displacement():
     # 0.4 units are 8 px; the card at rest shades columns 90 to 110
     steps = (np.arange(9) + 0.5) / 9 - 0.5
     row = loss([moment(0.4 * step) for step in steps], lamp_points=72)[60]
@@ -60,21 +60,21 @@ def test_rising_object_blurs_its_shadow_along_the_light_and_not_across():
     assert rows[49, 100] == 0.0 and rows[51, 100] > 0.99
 
 
-def test_shadow_follows_a_camera_that_moves_meanwhile():
+def test_shadow_follows_a_moving_camera():
     row = loss([moment(aside=0.4 * step) for step in (-1 / 3, 0.0, 1 / 3)], lamp_points=60)[60]
     assert 0.2 < row[90] < 0.8 and 0.2 < row[109] < 0.8 and row[100] > 0.99
 
 
-def test_moments_that_are_alike_give_the_bits_of_one():
+def test_identical_shutter_samples_give_the_bits_of_a_single_one():
     assert np.array_equal(loss([moment()] * 5, lamp_points=13), loss([moment()], lamp_points=13))
 
 
-def test_moment_below_the_ground_hides_nothing():
+def test_shutter_sample_below_the_ground_casts_no_shadow():
     half = loss([moment(), moment(up=-5.0), moment()], lamp_points=30)
     assert half[60, 100] == pytest.approx(2 / 3, abs=1e-3)
 
 
-def test_places_of_shadows_are_those_of_the_projection_and_count_their_moments():
+def test_projected_shadow_positions_determine_the_number_of_shutter_samples():
     places = shadow_places([moment(step) for step in (-0.2, 0.0, 0.2)], [LAMP], 0.0)
     assert places.shape == (3, 8, 2)
     # straight below the card, and its height aside of it

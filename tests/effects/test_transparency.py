@@ -83,7 +83,7 @@ def halves(left, right):
     return alpha
 
 
-def test_a_tested_texture_casts_a_shadow_with_its_hole(tmp_path):
+def test_alpha_mask_texture_casts_a_shadow_with_a_hole(tmp_path):
     dark = loss_under(card(tmp_path / "a.glb", "MASK", alpha=halves(255, 0)))
     # The card covers columns 60 to 100 and rows 40 to 80; its right half is a hole.
     assert dark[42:78, 62:78] == pytest.approx(0.999, abs=1e-3)
@@ -91,13 +91,13 @@ def test_a_tested_texture_casts_a_shadow_with_its_hole(tmp_path):
 
 
 @pytest.mark.parametrize(("cutoff", "hides"), [(0.3, True), (0.6, False)])
-def test_the_cutoff_decides_what_is_a_hole(tmp_path, cutoff, hides):
+def test_alpha_cutoff_decides_which_texels_are_holes(tmp_path, cutoff, hides):
     scene = card(tmp_path / "a.glb", "MASK", alpha=halves(102, 102), alphaCutoff=cutoff)
     dark = loss_under(scene)
     assert (dark[42:78, 62:98] > 0.99).all() if hides else not dark.any()
 
 
-def test_glass_takes_its_alpha_and_two_panes_what_two_panes_leave(tmp_path):
+def test_blended_panes_absorb_by_their_alpha_and_multiply(tmp_path):
     one = loss_under(card(tmp_path / "a.glb", "BLEND", alpha=halves(102, 204)))
     assert one[45:75, 63:77] == pytest.approx(0.4, abs=1e-3)
     assert one[45:75, 83:97] == pytest.approx(0.8, abs=1e-3)
@@ -105,7 +105,7 @@ def test_glass_takes_its_alpha_and_two_panes_what_two_panes_leave(tmp_path):
     assert two[45:75, 63:97] == pytest.approx(1 - 0.6**2, abs=1e-3)
 
 
-def test_alpha_of_vertices_and_material_count_too(tmp_path):
+def test_vertex_and_material_alpha_scale_the_absorption(tmp_path):
     colors = np.array([[1, 1, 1, 0], [1, 1, 1, 1], [1, 1, 1, 1], [1, 1, 1, 0]])
     dark = loss_under(card(tmp_path / "a.glb", "BLEND", colors=colors, factor=0.5))
     ramp = (np.arange(62, 98) + 0.5 - 60) / 40 * 0.5
@@ -113,7 +113,7 @@ def test_alpha_of_vertices_and_material_count_too(tmp_path):
 
 
 @pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
-def test_what_is_opaque_everywhere_goes_the_quick_way(tmp_path, mode):
+def test_fully_opaque_meshes_use_the_coverage_bitmap(tmp_path, mode):
     casters = Casters.of(card(tmp_path / "a.glb", mode).pose(0.0), {})
     assert not casters.veils and len(casters.faces) == 2
     assert loss_under(card(tmp_path / "b.glb", "OPAQUE", alpha=halves(0, 0)))[60, 80] > 0.99
@@ -121,7 +121,7 @@ def test_what_is_opaque_everywhere_goes_the_quick_way(tmp_path, mode):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
-def test_what_is_stopped_is_as_the_definition_has_it(seed):
+def test_absorption_kernel_agrees_with_the_reference(seed):
     rng = np.random.default_rng(seed)
     size, at = (13, 17), (0.3, 0.7)
     points = rng.normal(size=(9, 3)) * (20, 20, 1) + (8, 6, 0.7)
@@ -162,7 +162,7 @@ def placed(time_s, camera=None):
     )
 
 
-def test_what_rests_casts_once_and_what_moves_again(tmp_path):
+def test_shadow_is_cast_again_only_if_object_camera_or_fit_changes(tmp_path):
     scene = card(tmp_path / "a.glb", "BLEND", factor=0.4, motion=True)
     shadow, _ = stages(scene)
     fit = LensFit(slope=20.0, intercept=-8.0, width=WIDTH, height=HEIGHT)
@@ -177,7 +177,7 @@ def test_what_rests_casts_once_and_what_moves_again(tmp_path):
     assert shadow(placed(1.5), fit, None).box != first.box
 
 
-def test_shadow_of_what_moves_is_blurred_where_that_is_called_for(tmp_path):
+def test_shadow_of_a_moving_object_has_motion_blur_if_enabled(tmp_path):
     scene = card(tmp_path / "a.glb", "OPAQUE", motion=True)  # by half a unit from 1 s to 2 s
     motion = Motion(span_px=5.0, spread_px=0.0, refocus_px=0.0, ways=np.array([[5.0, 0.0]]))
 
@@ -192,7 +192,7 @@ def test_shadow_of_what_moves_is_blurred_where_that_is_called_for(tmp_path):
     assert wide > still[0] and steepest < 0.6 * still[1]
 
 
-def test_a_resting_shadow_darkens_every_frame_alike(tmp_path):
+def test_static_shadow_darkens_every_frame_identically(tmp_path):
     shadow, darken = stages(card(tmp_path / "a.glb", "BLEND", factor=0.4))
     fit = LensFit(slope=20.0, intercept=-8.0, width=WIDTH, height=HEIGHT)
     results = []
@@ -204,7 +204,7 @@ def test_a_resting_shadow_darkens_every_frame_alike(tmp_path):
     assert np.array_equal(*results) and 0.35 < results[0].min() < 0.5 * (1 - 0.4 / 3)
 
 
-def test_two_values_are_alike_when_they_hold_the_same_numbers():
+def test_values_are_equal_if_their_types_and_numbers_are_equal():
     assert equal_values(looking_down(), looking_down())
     moved = looking_down()
     moved.world_from_camera[0, 3] = 1e-6

@@ -15,14 +15,14 @@ def opaque(box):
     return BlurredLayer(box=box, rgba=np.ones((box.height, box.width, 4), np.float32))
 
 
-def test_radius_is_0_in_the_middle_and_1_in_the_corners():
+def test_radius_is_0_at_the_centre_and_1_at_the_corners():
     square = square_radius(FRAME, FRAME)
     assert square[149:151, 199:201] == pytest.approx(0, abs=2e-5)
     assert square[[0, 0, -1, -1], [0, -1, 0, -1]] == pytest.approx(1, abs=0.006)
     assert square[150, -1] == pytest.approx(0.64, abs=0.005)
 
 
-def test_corner_loses_the_given_stops_and_the_middle_nothing():
+def test_corner_loses_the_given_stops_and_the_centre_none():
     out = vignette(opaque(FRAME), Vignetting.of(2.0), FRAME).rgba
     assert out[0, 0, :3] == pytest.approx(0.25, rel=0.02)
     assert out[150, 200, :3] == pytest.approx(1.0, abs=1e-4)
@@ -30,18 +30,18 @@ def test_corner_loses_the_given_stops_and_the_middle_nothing():
     assert out[75, 100, 0] == pytest.approx(2 ** -(0.25 + 0.0625), rel=0.01)
 
 
-def test_what_is_covered_stays_covered():
+def test_vignetting_keeps_alpha():
     assert (vignette(opaque(FRAME), Vignetting.of(3.0), FRAME).rgba[..., 3] == 1).all()
 
 
-def test_loss_depends_on_the_place_and_not_on_the_box():
+def test_vignetting_depends_on_frame_position_and_not_on_the_box():
     small = Box(300, 200, 380, 290)
     whole = vignette(opaque(FRAME), Vignetting(square=0.4, fourth=0.9), FRAME).rgba
     part = vignette(opaque(small), Vignetting(square=0.4, fourth=0.9), FRAME).rgba
     assert np.allclose(part, whole[small.slices_in(FRAME)], atol=1e-6)
 
 
-def test_layer_given_in_stays_as_it_is():
+def test_vignetting_does_not_modify_its_input():
     layer = opaque(FRAME)
     vignette(layer, Vignetting.of(1.0), FRAME)
     assert (layer.rgba == 1).all()
