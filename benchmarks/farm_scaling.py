@@ -2,7 +2,7 @@
 
     python benchmarks/farm_scaling.py     # draws docs/farm/scaling.png, prints the table
 
-The tasks and their order are those of `nlens_video.farm.shot_tasks`; how long each takes is a model
+The tasks and their order are those of `nlens_video.farm.tasks`; how long each takes is a model
 whose costs were measured (`docs/farm.md`). Beside it stands the closed form of the same costs.
 """
 
@@ -29,14 +29,14 @@ from nlens_video.core.settings import (
 )
 from nlens_video.farm.job import PIECE_S, Prepared, length_of, ranges
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.shot_tasks import (
+from nlens_video.farm.store import Folder
+from nlens_video.farm.tasks import (
     Plan,
     Progress,
     Shot,
     Task,
     plan,
 )
-from nlens_video.farm.store import Folder
 from nlens_video.farm.worker import Worker
 from nlens_video.video.chunks.chunk_id import ChunkMark
 

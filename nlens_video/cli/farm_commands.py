@@ -14,11 +14,10 @@ from nlens_video.cli.path_guard import refuse_overwriting
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
 from nlens_video.farm.chunk import render_chunk, render_locally
-from nlens_video.farm.folder import remove
 from nlens_video.farm.job import PIECE_S, absolute, run_job
 from nlens_video.farm.merge import Merged, merge
-from nlens_video.farm.shot_tasks import Progress, Shot, plan
 from nlens_video.farm.store import Folder, store_of
+from nlens_video.farm.tasks import Progress, Shot, plan
 from nlens_video.networks.device import choose
 from nlens_video.options import to_settings
 from nlens_video.options.files import chunks_beside
@@ -118,7 +117,7 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
         if folder.is_dir():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")
         raise
-    remove(folder)
+    Folder(folder).clear()
     console.merged(merged)
     return 0
 

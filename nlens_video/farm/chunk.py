@@ -1,21 +1,34 @@
-"""Rendering of chunks: frame ranges of a shot, each a lossless file named by its content."""
+"""Chunks: frame ranges of a shot as lossless files, named by a hash of what their pictures show.
+
+The hash leaves out paths and times of files, so that copies on other machines have the same name.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
-from nlens_video.core.errors import UsageError
-from nlens_video.core.settings import OutputSettings, Settings
-from nlens_video.farm.folder import create
-from nlens_video.farm.key import job_key, plate_key
-from nlens_video.farm.store import Folder
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
+from nlens_video.core.version import VERSION
+from nlens_video.farm.store import Folder, create
+from nlens_video.graph.pipeline_file import pipelines_folder
+from nlens_video.networks.model_store import MANIFEST, models_folder
+from nlens_video.render.select import renderer_name
 from nlens_video.run.render import OnProgress, render
 from nlens_video.run.result import RunResult
 from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
 from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.numbered import ImageSequence
+
+_LENGTH = 16  # hexadecimal digits of a key: 64 bits
+_WHOLE = 16 << 20  # files up to so many bytes are hashed whole
+_SAMPLE, _SAMPLES = 1 << 20, 8  # of larger ones so many parts of so many bytes, ends included
+_SPECS = ("spec", "layers", "holdout", "preset")  # fields that name files, hashed apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,10 +44,8 @@ class Chunk:
     result: RunResult | None
 
 
-def render_chunk(
-    settings: Settings, folder: Path, on_progress: OnProgress = lambda done, total: None
-) -> Chunk:
-    """Render the range of a run into a folder of chunks.
+def render_chunk(settings: Settings, folder: Path, on_progress: OnProgress) -> Chunk:
+    """Render the range of a run into a folder of chunks, unless its file exists.
 
     Args:
         settings: the run, with the lens fit that all chunks share; its output is ignored.
@@ -47,14 +58,21 @@ def render_chunk(
     """
     if settings.fit is None:
         raise UsageError(
-            "--as-chunk: chunks share one lens; find it with nlens-video fit and give --fit"
+            "--chunk-out: chunks share one lens; find it with nlens-video fit and give --fit"
         )
     output = settings.output
     if output is not None and (output.codec, output.crf, output.pix_fmt) != (None, None, None):
         raise UsageError(
-            "--as-chunk: chunks are lossless and as the plate; give the encoding to merge"
+            "--chunk-out: chunks are lossless and as the plate; give the encoding to merge"
         )
-    return write_chunk(settings, mark_of(settings), folder, on_progress)
+    mark = mark_of(settings)
+    path = folder / mark.file_name
+    if Folder(folder).has(mark.file_name):
+        return Chunk(path=path, result=None)
+    feed = ChunkFeed((mark,))
+    feed.end()
+    result = write_chunks(settings, feed, folder, on_progress)
+    return Chunk(path=path, result=replace(result, output=str(path)))
 
 
 def mark_of(settings: Settings) -> ChunkMark:
@@ -65,7 +83,7 @@ def mark_of(settings: Settings) -> ChunkMark:
         InputError: a file cannot be read.
     """
     if settings.hold_budget:
-        raise UsageError("--hold-budget: what it writes depends on the machine; leave it out")
+        raise UsageError("--adaptive-quality: what it writes depends on the machine; leave it out")
     if not can_be_read_again(settings.source.spec):
         raise UsageError(
             f"{settings.source.spec}: chunks are made of a file or a sequence, which can be read "
@@ -73,30 +91,6 @@ def mark_of(settings: Settings) -> ChunkMark:
         )
     first, end = settings.source.frames
     return ChunkMark(key=job_key(settings), plate=plate_key(settings.source), first=first, end=end)
-
-
-def write_chunk(
-    settings: Settings, mark: ChunkMark, folder: Path,
-    on_progress: OnProgress = lambda done, total: None,
-) -> Chunk:  # fmt: skip
-    """Render one chunk, unless its file exists.
-
-    Args:
-        settings: the run; its output is ignored.
-        mark: the chunk.
-        folder: of the chunks; created if missing.
-        on_progress: as of `run.render`.
-
-    Raises:
-        NlensError: as `run.render`.
-    """
-    path = folder / mark.file_name
-    if Folder(folder).has(mark.file_name):
-        return Chunk(path=path, result=None)
-    feed = ChunkFeed((mark,))
-    feed.end()
-    result = write_chunks(settings, feed, folder, on_progress)
-    return Chunk(path=path, result=replace(result, output=str(path)))
 
 
 def write_chunks(
@@ -123,13 +117,7 @@ def render_locally(
     settings: Settings, marks: Sequence[ChunkMark], folder: Path,
     on_done: Callable[[ChunkMark], None],
 ) -> None:  # fmt: skip
-    """Render chunks by one run in this process.
-
-    Args:
-        settings: the run.
-        marks: the chunks, in order.
-        folder: of the chunks.
-        on_done: called with each finished chunk.
+    """Render chunks in order by one run in this process; `on_done` is called with each.
 
     Raises:
         NlensError: as `run.render`.
@@ -137,3 +125,90 @@ def render_locally(
     feed = ChunkFeed(marks, on_done)
     feed.end()
     write_chunks(settings, feed, folder)
+
+
+def job_key(settings: Settings) -> str:
+    """Key of a result's pictures: plate, object, settings, lens, weights and version.
+
+    Args:
+        settings: the run; output, range and sidecar outputs are not part of the key.
+
+    Raises:
+        InputError: a file that it names cannot be read.
+    """
+    bare = replace(
+        settings,
+        source=replace(settings.source, frames=(0, None)),
+        output=None, budget_ms=1.0, save_fit=None, report=None, aov=None, timings=None,
+    )  # fmt: skip
+    shipped = pipelines_folder() / f"{settings.preset}.toml"
+    pipeline = shipped if shipped.is_file() else Path(settings.preset)
+    parts = {
+        "version": VERSION,
+        "renderer": renderer_name(),
+        "models": _hash_of_file(models_folder() / MANIFEST),
+        "pipeline": _hash_of_file(pipeline),
+        "plate": plate_key(settings.source),
+        "layers": _hash_of_spec(settings.scene.layers),
+        "holdout": _hash_of_spec(settings.scene.real.holdout),
+        "settings": _plain(bare),
+    }
+    return _digest(json.dumps(parts, sort_keys=True))
+
+
+def plate_key(source: SourceSettings) -> str:
+    """Key of a plate: its bytes and its input options.
+
+    Raises:
+        InputError: it cannot be read, or is no file.
+    """
+    return _digest(f"{_hash_of_spec(source.spec)} {source.hints}")
+
+
+def _plain(value: object) -> object:
+    """Settings as plain data, with hashes of files in place of paths."""
+    if isinstance(value, Path):
+        return _hash_of_file(value)
+    if is_dataclass(value):
+        return {
+            field.name: _plain(getattr(value, field.name))
+            for field in fields(value)
+            if field.name not in _SPECS
+        }
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    return value if value is None or isinstance(value, str | bool | int) else repr(value)
+
+
+def _hash_of_spec(spec: str | None) -> str:
+    """Hash of a file or of a sequence of files."""
+    if spec is None:
+        return ""
+    if Path(spec).is_file() or not ImageSequence.matches(spec):
+        return _hash_of_file(Path(spec))
+    sequence = ImageSequence(spec)
+    files = (f"{number} {_hash_of_file(sequence.path(number))}" for number in sequence.span())
+    return _digest("\n".join(files))
+
+
+def _hash_of_file(path: Path) -> str:
+    """Hash of a file's bytes; of a large file, of its size and some parts."""
+    try:
+        size = path.stat().st_size
+        digest = hashlib.sha256(b"%d\n" % size)
+        with path.open("rb") as file:
+            if size <= _WHOLE:
+                digest.update(file.read())
+            else:
+                for number in range(_SAMPLES):
+                    file.seek((size - _SAMPLE) * number // (_SAMPLES - 1))
+                    digest.update(file.read(_SAMPLE))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); chunks are made of files only"
+        ) from error
+    return digest.hexdigest()
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()[:_LENGTH]

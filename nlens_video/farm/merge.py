@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import OutputSettings, SourceSettings
-from nlens_video.farm.key import plate_key
+from nlens_video.farm.chunk import plate_key
 from nlens_video.farm.store import Store
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.run.open_run import opened
@@ -65,11 +65,14 @@ def merge(
         InputError: the plate or a chunk cannot be read.
         OutputError: the result cannot be written.
     """
-    files = sorted_chunks(
-        [ChunkFile(path) for path in _files(chunks)], plate_key(source), source.spec
-    )
-    ordered = sorted_chunks(files, plate_key(source), source.spec)
-    return _merged(source, ordered, output, on_progress)
+    files: list[Path] = []
+    for path in chunks:
+        inside = sorted(path.glob("[!.]*.nut")) if path.is_dir() else [path]
+        if not inside:
+            raise UsageError(f"{path}: contains no chunks (*.nut)")
+        files += inside
+    ordered = _sorted([ChunkFile(path) for path in files], plate_key(source), source.spec)
+    return _merged(source, ordered, len(ordered), output, on_progress)
 
 
 def merge_arriving(
@@ -89,7 +92,7 @@ def merge_arriving(
         NlensError: as `merge`.
     """
     arriving = _arriving(marks, store, poll)
-    return _merged(source, arriving, output, lambda done, total: poll())
+    return _merged(source, arriving, len(marks), output, lambda done, total: poll())
 
 
 def _arriving(
@@ -108,7 +111,7 @@ def _arriving(
 
 
 def _merged(
-    source: SourceSettings, files: Iterable[ChunkFile], output: OutputSettings,
+    source: SourceSettings, files: Iterable[ChunkFile], chunks: int, output: OutputSettings,
     on_progress: OnProgress,
 ) -> Merged:  # fmt: skip
     """Write the chunks' samples into the plate's frames and encode them."""
@@ -119,27 +122,54 @@ def _merged(
             keep_partial=output.keep_partial,
         )  # fmt: skip
         with note_on_partial_file(sink), sink:
-            rendered = _RenderedFrames(files)
+            rendered = ((file, frame) for file in files for frame in file.frames())
             for item in FrameRange(plate, (0, None)).items():
                 signals.check()
                 if not isinstance(item, SourceFrame):
                     sink.write_packet(item)
                     continue
-                rendered.put_into(item)
+                following = next(rendered, None)
+                if following is None:
+                    raise UsageError(f"frames {item.index} and on are missing; render that chunk")
+                _replace_samples(item, *following)
                 sink.write(item)
                 written += 1
                 on_progress(written, plate.info.frame_count)
-            rendered.finish(written)
+            following = next(rendered, None)
+            if following is not None:
+                raise InputError(
+                    f"{following[0].path}: goes on after the plate's last frame {written - 1}; "
+                    "render it again"
+                )
             notes = (*plate.info.notes, *sink.notes)
             sink.commit()
-    return Merged(output=output.spec, frames=written, chunks=rendered.chunks, notes=notes)
+    return Merged(output=output.spec, frames=written, chunks=chunks, notes=notes)
 
 
-def sorted_chunks(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
-    """The chunks in order of their frames.
+def _replace_samples(frame: SourceFrame, file: ChunkFile, rendered: av.VideoFrame) -> None:
+    """Replace the samples of the plate's frame by the rendered ones.
+
+    Raises:
+        UsageError: the plate has no chunks.
+        InputError: the rendered frame has another time, or is damaged.
+    """
+    moment = frame.pts * frame.time_base
+    found = (rendered.pts or 0) * Fraction(rendered.time_base or 0)
+    if found != moment:
+        raise InputError(
+            f"{file.path}: frame {frame.index} is at {float(found):.6f} s, the plate's at "
+            f"{float(moment):.6f} s; render this chunk again"
+        )
+    if not isinstance(frame.picture, AvPicture):
+        raise UsageError("a plate in OpenEXR has no chunks; give a video or other pictures")
+    fill(frame.picture, rendered)
+
+
+def _sorted(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
+    """The chunks, at least one, in order of their frames.
 
     Args:
-        files: in any order, at least one.
+        files: in any order.
         plate: key of the plate.
         name: of the plate, for messages.
 
@@ -172,67 +202,3 @@ def sorted_chunks(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFi
                 f"{later.path}; render that chunk"
             )
     return ordered
-
-
-class _RenderedFrames:
-    """The frames of all chunks in order.
-
-    Attributes:
-        chunks: opened so far [1].
-    """
-
-    def __init__(self, files: Iterable[ChunkFile]) -> None:
-        self.chunks = 0
-        self._files = files
-        self._frames = self._all()
-
-    def put_into(self, frame: SourceFrame) -> None:
-        """Replace the samples of the plate's next frame by the rendered ones.
-
-        Raises:
-            UsageError: the chunks end before the plate.
-            InputError: the rendered frame has another time, or is damaged.
-        """
-        following = next(self._frames, None)
-        if following is None:
-            raise UsageError(f"frames {frame.index} and on are missing; render that chunk")
-        file, rendered = following
-        moment = frame.pts * frame.time_base
-        found = (rendered.pts or 0) * Fraction(rendered.time_base or 0)
-        if found != moment:
-            raise InputError(
-                f"{file.path}: frame {frame.index} is at {float(found):.6f} s, the plate's at "
-                f"{float(moment):.6f} s; render this chunk again"
-            )
-        if not isinstance(frame.picture, AvPicture):
-            raise UsageError("a plate in OpenEXR has no chunks; give a video or other pictures")
-        fill(frame.picture, rendered)
-
-    def finish(self, count: int) -> None:
-        """Check that no rendered frame is left.
-
-        Raises:
-            InputError: the chunks are longer than the plate.
-        """
-        following = next(self._frames, None)
-        if following is not None:
-            raise InputError(
-                f"{following[0].path}: goes on after the plate's last frame {count - 1}; render "
-                "it again"
-            )
-
-    def _all(self) -> Iterator[tuple[ChunkFile, av.VideoFrame]]:
-        for file in self._files:
-            self.chunks += 1
-            for frame in file.frames():
-                yield file, frame
-
-
-def _files(chunks: Sequence[Path]) -> list[Path]:
-    found: list[Path] = []
-    for path in chunks:
-        inside = sorted(path.glob("[!.]*.nut")) if path.is_dir() else [path]
-        if not inside:
-            raise UsageError(f"{path}: contains no chunks (*.nut)")
-        found += inside
-    return found

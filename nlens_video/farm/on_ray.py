@@ -1,8 +1,8 @@
-"""Rendering of shots on a Ray cluster; the only module that imports Ray.
+"""Rendering of shots on a Ray cluster and in this process; the only module that imports Ray.
 
-Each worker is an actor, a process that lives for the whole run, so that Python, compiled kernels
-and drivers are loaded once. Only settings and paths are sent; all machines see the files under one
-path.
+Each worker of Ray is an actor, a process that lives for the whole run, so that Python, compiled
+kernels and drivers are loaded once. Only settings and paths are sent; all machines see the files
+under one path.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import closing, contextmanager, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from typing import Any
@@ -24,10 +24,8 @@ from ray.exceptions import RayError
 
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, UsageError
-from nlens_video.farm.local_worker import LocalWorker
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.shot_tasks import Plan
-from nlens_video.farm.task_queue import QueuedTask, TaskQueue
+from nlens_video.farm.tasks import Plan, QueuedTask, Task, TaskQueue
 from nlens_video.farm.worker import Worker
 from nlens_video.render.select import VARIABLE, renderer_name
 
@@ -64,8 +62,8 @@ class Cluster:
             UsageError: there is no such cluster, or it has no GPU where one is needed.
         """
         # a Ray client may not see the files
-        has_files = self.address is None or not self.address.startswith("ray://")
-        pool = WorkerPool(TaskQueue(plans), LocalWorker() if has_files else None, int(self.gpus))
+        local = self.address is None or not self.address.startswith("ray://")
+        pool = WorkerPool(TaskQueue(plans), local=local, gpus=int(self.gpus))
         try:
             if self.address is None:
                 pool.begin()
@@ -75,13 +73,6 @@ class Cluster:
             return pool.finish()
         finally:
             pool.cancel()
-
-
-@dataclass(frozen=True, slots=True)
-class _Failed:
-    """An `NlensError` of a task, which would fail on any machine."""
-
-    error: NlensError
 
 
 class _RemoteWorker:
@@ -94,17 +85,74 @@ class _RemoteWorker:
         try:
             return work(self._worker, *arguments)
         except NlensError as error:
-            return _Failed(error)
+            return error  # the task would fail on any machine
+
+
+class _Cancelled(Exception):
+    """The local task was cancelled."""
+
+
+class LocalWorker:
+    """Runs one task in a thread of this process; the task polls for cancellation."""
+
+    def __init__(self) -> None:
+        self._thread: threading.Thread | None = None
+        self._cancelled = threading.Event()
+        self._answer: object = None
+
+    def start(self, task: Task) -> None:
+        """Start a task; one that follows others is called with `poll`, which it calls often."""
+        polling = {"poll": self._poll} if task.follows else {}
+
+        def work() -> None:
+            try:
+                with closing(Worker()) as worker:
+                    self._answer = task.work(worker, *task.arguments, **polling)
+            except BaseException as error:  # noqa: BLE001 - raised by `take`
+                self._answer = error
+
+        self._cancelled.clear()
+        self._thread = threading.Thread(target=work, name="nlens-local-worker", daemon=True)
+        self._thread.start()
+
+    def ready(self, patience_s: float) -> bool:
+        """Whether the task has ended; waits at most `patience_s` for it [s]."""
+        if self._thread is not None:
+            self._thread.join(patience_s)
+        return self._thread is None or not self._thread.is_alive()
+
+    def take(self) -> object:
+        """What the task returned, or the `NlensError` that it raised, once it is `ready`.
+
+        Raises:
+            Whatever else it raised.
+        """
+        self._thread = None
+        if isinstance(self._answer, BaseException) and not isinstance(self._answer, NlensError):
+            raise self._answer
+        return self._answer
+
+    def cancel(self) -> None:
+        """Cancel the task; it removes its partial files."""
+        if self._thread is not None:
+            self._cancelled.set()
+            self._thread.join()
+            self._thread = None
+
+    def _poll(self) -> None:
+        if self._cancelled.is_set():
+            raise _Cancelled
 
 
 class WorkerPool:
     """Distributes tasks to Ray workers and, where it can, one task to this process."""
 
-    def __init__(self, queue: TaskQueue, local: LocalWorker | None, gpus: int) -> None:
+    def __init__(self, queue: TaskQueue, *, local: bool, gpus: int) -> None:
         self._most = 1
         self._gpus = gpus
         self._queue = queue
-        self._local = local
+        self._uses_local = local
+        self._local = LocalWorker()
         self._local_task: QueuedTask | None = None
         self._idle: list[tuple[Any, int]] = []
         self._busy: dict[Any, tuple[Any, QueuedTask]] = {}
@@ -112,8 +160,9 @@ class WorkerPool:
     def begin(self) -> None:
         """Start the first task of the first shot here, since Ray takes seconds to start."""
         self._queue.begin(1)
-        if self._local is not None and self._queue.waiting:
-            self._start_locally(self._local, self._queue.next())
+        if self._uses_local and self._queue.waiting:
+            self._local_task = self._queue.next()
+            self._local.start(self._local_task.task)
 
     def run(self, most: int) -> None:
         """Run all tasks that need workers, on at most `most` of them; Ray is initialised."""
@@ -130,15 +179,14 @@ class WorkerPool:
 
     def finish(self) -> list[Merged | NlensError]:
         """Wait for the local task, without Ray: the end of the merge after the last chunk."""
-        while self._local is not None and self._local_task is not None:
+        while self._local_task is not None:
             signals.check()
             self._poll_local_task(_IDLE_POLL_S)
         return self._queue.results()
 
     def cancel(self) -> None:
         """Cancel the local task."""
-        if self._local is not None:
-            self._local.cancel()
+        self._local.cancel()
 
     def _needed(self) -> bool:
         """Whether there is or will be a task for a worker."""
@@ -158,10 +206,10 @@ class WorkerPool:
             worker = self._worker(waiting.shot)
             task = waiting.task
             self._busy[worker.do.remote(task.work, task.arguments)] = (worker, waiting)
-        if self._local is not None and self._local_task is None:
-            follower = self._queue.next_follower()
-            if follower is not None:
-                self._start_locally(self._local, follower)
+        if self._uses_local and self._local_task is None:
+            self._local_task = self._queue.next_follower()
+            if self._local_task is not None:
+                self._local.start(self._local_task.task)
 
     def _worker(self, shot: int) -> Any:  # noqa: ANN401  # Ray's handles have no type of their own
         """An idle worker, if possible one that has the shot open."""
@@ -182,17 +230,13 @@ class WorkerPool:
             self._queue.lost(waiting, str(error).splitlines()[0])
             return
         self._idle.append((worker, waiting.shot))
-        self._queue.answered(waiting, answer.error if isinstance(answer, _Failed) else answer)
-
-    def _start_locally(self, local: LocalWorker, waiting: QueuedTask) -> None:
-        self._local_task = waiting
-        local.start(waiting.task)
+        self._queue.answered(waiting, answer)
 
     def _poll_local_task(self, patience_s: float = 0.0) -> None:
         """Take the result of the local task; cancel it where its shot has failed."""
-        if self._local is None or self._local_task is None:
-            return
         waiting = self._local_task
+        if waiting is None:
+            return
         if not self._queue.wants(waiting):
             self._local.cancel()
             self._local_task = None

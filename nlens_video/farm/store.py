@@ -7,101 +7,61 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
+import re
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from nlens_video.core.errors import InputError, NlensError, OutputError, UsageError
-from nlens_video.farm.folder import FARM_FILES, locked, remove
 from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.chunks.chunk_file import ChunkFile
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
+_FARM_FILES = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
+"""Names of chunks and fits, and of their temporaries."""
 _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "adl", "oss", "oci", "memory"}
 """Protocols whose uploads are atomic; elsewhere files are renamed at the end."""
 
 
-class Store(Protocol):
-    """Files that all workers share; a value that can be pickled."""
-
-    @property
-    def local(self) -> Path:
-        """Folder on this machine in which files are written before `put`."""
-        ...
-
-    @property
-    def poll_s(self) -> float:
-        """Polling interval while waiting for a file [s]."""
-        ...
-
-    def held(self) -> AbstractContextManager[None]:
-        """Create the store and lock it against other runs where it has locks.
-
-        Raises:
-            NlensError: it cannot be reached or written, or another run is using it.
-        """
-        ...
-
-    def has(self, name: str) -> bool:
-        """Whether a complete file exists."""
-        ...
-
-    def existing(self, names: Iterable[str]) -> set[str]:
-        """The names for which `has` is true.
-
-        Raises:
-            InputError: the store cannot be read.
-        """
-        ...
-
-    def put(self, name: str) -> None:
-        """Publish a file of `local`, which may be removed there.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        ...
-
-    def fetch(self, name: str) -> Path:
-        """Local path of a file, downloaded if necessary.
-
-        Raises:
-            InputError: it cannot be read.
-        """
-        ...
-
-    def forget(self, name: str) -> None:
-        """Release a file that was fetched."""
-        ...
-
-    def clear(self) -> None:
-        """Remove chunks and fits."""
-        ...
-
-
-def store_of(spec: str) -> Store:
-    """The store at a path or URL."""
-    return Bucket(spec.rstrip("/")) if "://" in spec else Folder(Path(spec).absolute())
-
-
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """A folder with the same absolute path on all machines."""
+    """A folder with the same absolute path on all machines.
+
+    Attributes:
+        local: the folder, in which files are written before `put`.
+        poll_s: polling interval while waiting for a file [s].
+    """
 
     local: Path
     poll_s: float = 0.1
 
-    def held(self) -> AbstractContextManager[None]:
-        """Create and lock the folder."""
-        return locked(self.local)
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Create the folder and lock it against a second run; the lock ends with the process.
+
+        Raises:
+            OutputError: it cannot be created, or another run has locked it.
+        """
+        create(self.local)
+        try:
+            handle = _lock(self.local)
+        except OSError as error:
+            raise OutputError(f"{self.local}: cannot be written ({error.strerror})") from error
+        try:
+            yield
+        finally:
+            if handle is not None:
+                os.close(handle)
 
     def has(self, name: str) -> bool:
-        """Whether a file exists; a chunk also has to match its name."""
+        """Whether a complete file exists; a chunk also has to match its name."""
         path = self.local / name
         if not path.is_file() or path.suffix != ".nut":
             return path.is_file()
@@ -115,18 +75,60 @@ class Folder:
         return {name for name in names if self.has(name)}
 
     def put(self, name: str) -> None:
-        """Nothing to do."""
+        """Publish a file of `local`: in a folder, it is published once it is written."""
 
     def fetch(self, name: str) -> Path:
-        """Path in the folder."""
+        """Path of a file on this machine."""
         return self.local / name
 
     def forget(self, name: str) -> None:
-        """Nothing to do: the file stays in the folder."""
+        """Remove what `fetch` has downloaded: here nothing."""
 
     def clear(self) -> None:
         """Remove chunks and fits, and the folder if it is then empty."""
-        remove(self.local)
+        with contextlib.suppress(OSError):
+            for path in self.local.iterdir():
+                if _FARM_FILES.fullmatch(path.name):
+                    path.unlink()
+            self.local.rmdir()
+
+
+def create(folder: Path) -> None:
+    """Create a folder for chunks, if missing.
+
+    Raises:
+        OutputError: it cannot be created.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise OutputError(f"{folder}: is a file; name a folder for the chunks") from error
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+
+
+def _lock(folder: Path) -> int | None:
+    """File descriptor that holds the lock until it is closed; None on Windows, without `flock`.
+
+    Raises:
+        OutputError: another run has locked it.
+        OSError: the folder cannot be opened.
+    """
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise OutputError(
+            f"{folder}: another run is using it; wait for it, or give OUT another name"
+        ) from error
+    except OSError:
+        pass  # some network file systems have no locks: users must not start two runs there
+    return handle
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,12 +199,10 @@ class Bucket:
         with self._opened(OutputError, "be emptied") as (files, folder):
             found = [str(path) for path in files.ls(folder, detail=False)]
             for path in found:
-                if FARM_FILES.fullmatch(path.rsplit("/", 1)[-1]):
+                if _FARM_FILES.fullmatch(path.rsplit("/", 1)[-1]):
                     files.rm_file(path)
-        remove(self._fetched)
-        remove(self.local)
-        with contextlib.suppress(OSError):
-            self.local.rmdir()
+        Folder(self._fetched).clear()
+        Folder(self.local).clear()
 
     @property
     def _fetched(self) -> Path:
@@ -227,6 +227,15 @@ class Bucket:
             yield files, folder.rstrip("/")
         except Exception as error:  # each kind of storage has errors of its own
             raise kind(f"{self.url}: cannot {what} ({_line(error)})") from error
+
+
+Store = Folder | Bucket
+"""Files that all workers share; a value that can be pickled."""
+
+
+def store_of(spec: str) -> Store:
+    """The store at a path or URL."""
+    return Bucket(spec.rstrip("/")) if "://" in spec else Folder(Path(spec).absolute())
 
 
 def _line(error: Exception) -> str:

@@ -1,24 +1,91 @@
-"""A worker of the farm: its tasks, and the run that it keeps open between them."""
+"""A worker of the farm: its tasks, and the run that stays open between chunks of one shot."""
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import TracebackType
-from typing import Self
+from queue import SimpleQueue
 
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
-from nlens_video.farm.chunk import mark_of
+from nlens_video.farm.chunk import mark_of, write_chunks
 from nlens_video.farm.job import Prepared, prepare, with_stored_fit
 from nlens_video.farm.merge import Merged, merge_arriving
-from nlens_video.farm.persistent_run import PersistentRun
 from nlens_video.farm.store import Store
 from nlens_video.run.open_run import opened
 from nlens_video.run.preflight import preflight
 from nlens_video.run.render import render
 from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
+
+
+class PersistentRun:
+    """Renders chunks as they are added, in a thread of its own.
+
+    The plate stays open at the end of the last chunk, and so do scene, measured effects, networks,
+    OpenGL context and the state of exposure matching.
+
+    Args:
+        settings: the run.
+        store: of the chunks.
+    """
+
+    def __init__(self, settings: Settings, store: Store) -> None:
+        self._settings = settings
+        self._store = store
+        self._done: SimpleQueue[ChunkMark | None] = SimpleQueue()  # None: the run has ended
+        self._feed = ChunkFeed(on_done=self._done.put)
+        self._position: float = 0.0
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="nlens-persistent-run", daemon=True)
+        self._thread.start()
+
+    def accepts(self, settings: Settings, store: Store, mark: ChunkMark) -> bool:
+        """Whether a chunk is of this run and starts at or after its position."""
+        ahead = self._thread.is_alive() and mark.first >= self._position
+        return ahead and (settings, store) == (self._settings, self._store)
+
+    def render(self, marks: Sequence[ChunkMark]) -> None:
+        """Render chunks one after the other; each is put into the store when it is complete.
+
+        Args:
+            marks: the chunks, in order, at least one; the first is one that it `accepts`.
+
+        Raises:
+            UsageError: the plate has no such frames.
+            NlensError: as `run.render` and `Store.put`; the run then accepts no more.
+        """
+        end = marks[-1].end
+        self._position = math.inf if end is None else end
+        for mark in marks:
+            self._feed.add(mark)
+        try:
+            for mark in marks:  # which are completed in their order
+                if self._done.get() is None:
+                    raise self._error or UsageError(
+                        f"{self._settings.source.spec}: ends before frame {mark.first}; "
+                        "was it changed?"
+                    )
+                self._store.put(mark.file_name)
+        except BaseException:
+            self._position = math.inf  # accepts no more
+            self._feed.drop()
+            raise
+
+    def close(self) -> None:
+        """End the run."""
+        self._feed.end()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            write_chunks(self._settings, self._feed, self._store.local)
+        except BaseException as error:  # noqa: BLE001 - raised by `render`
+            self._error = error
+        self._done.put(None)
 
 
 class Worker:
@@ -26,15 +93,6 @@ class Worker:
 
     def __init__(self) -> None:
         self._open: PersistentRun | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        self.close()
 
     def prepare(self, settings: Settings, store: Store, chunk_s: float) -> Prepared:
         """Fit the lens and divide the plate into chunks, as `job.prepare`."""

@@ -15,7 +15,7 @@ from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import UsageError
-from nlens_video.farm.chunk import write_chunk
+from nlens_video.farm.chunk import render_locally
 from nlens_video.farm.job import prepare, ranges, run_job
 from nlens_video.farm.store import Folder
 from nlens_video.networks.device import choose
@@ -124,8 +124,7 @@ def test_job_renders_only_what_is_missing(shot, whole):
     def loop(known, marks, folder, on_done):
         for mark in marks:
             rendered.append(mark.first)
-            write_chunk(known, mark, folder)
-            on_done(mark)
+            render_locally(known, [mark], folder, on_done)
 
     told = []
     for _ in range(2):

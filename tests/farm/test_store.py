@@ -10,10 +10,9 @@ from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, OutputError, UsageError
-from nlens_video.farm.folder import create
 from nlens_video.farm.job import absolute
-from nlens_video.farm.shot_tasks import Progress, Shot, plan
-from nlens_video.farm.store import Bucket, Folder, store_of
+from nlens_video.farm.store import Bucket, Folder, create, store_of
+from nlens_video.farm.tasks import Progress, Shot, plan
 from nlens_video.farm.worker import Worker
 from nlens_video.options.options import parse
 from nlens_video.options.to_settings import settings

@@ -20,7 +20,7 @@ from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import NlensError, OutputError
-from nlens_video.farm.folder import locked, remove
+from nlens_video.farm.store import Folder
 from nlens_video.networks import model_store
 from nlens_video.options.files import chunks_beside
 from nlens_video.run import preflight as preflight_module
@@ -264,12 +264,12 @@ def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
 
 def test_two_runs_do_not_share_chunks_and_foreign_files_stay(tmp_path):
     folder = chunks_beside(tmp_path / "out.mp4")
-    with locked(folder), pytest.raises(OutputError, match="another run is using it"):
-        with locked(folder):
+    with Folder(folder).held(), pytest.raises(OutputError, match="another run is using it"):
+        with Folder(folder).held():
             pass
     (folder / ("0" * 16 + "-00000000-end.nut")).write_bytes(b"x")
     (folder / "mine.txt").write_bytes(b"x")
-    remove(folder)
+    Folder(folder).clear()
     assert [path.name for path in folder.iterdir()] == ["mine.txt"]
 
 

@@ -17,14 +17,14 @@ from nlens_video.core.settings import (
 )
 from nlens_video.farm.job import Prepared, ranges
 from nlens_video.farm.merge import Merged
-from nlens_video.farm.shot_tasks import (
+from nlens_video.farm.store import Folder
+from nlens_video.farm.tasks import (
     Progress,
     Shot,
     Task,
+    TaskQueue,
     plan,
 )
-from nlens_video.farm.store import Folder
-from nlens_video.farm.task_queue import TaskQueue
 from nlens_video.farm.worker import Worker
 from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.chunks.chunk_id import ChunkMark

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +13,8 @@ from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
-from nlens_video.farm.persistent_run import PersistentRun
 from nlens_video.farm.store import Bucket, Folder
-from nlens_video.farm.worker import Worker
+from nlens_video.farm.worker import PersistentRun, Worker
 from nlens_video.options.options import parse
 from nlens_video.options.to_settings import settings
 
@@ -148,7 +148,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
 @pytest.mark.needs_gl
 def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
-    with Worker() as bench:
+    with closing(Worker()) as bench:
         bench.chunk(run, None, (parts[0],), Folder(tmp_path))
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     looked = []
@@ -166,7 +166,7 @@ def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
 @pytest.mark.needs_gl
 def test_merge_refuses_a_file_that_is_not_the_chunk_its_name_says(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
-    with Worker() as bench:
+    with closing(Worker()) as bench:
         bench.chunk(run, None, (one,), Folder(tmp_path))
     (tmp_path / other.file_name).write_bytes((tmp_path / one.file_name).read_bytes())
     assert not Folder(tmp_path).has(other.file_name)  # there it would be rendered again
