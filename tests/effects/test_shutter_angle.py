@@ -16,7 +16,7 @@ from nlens_video.stages.r_regression import FitLens
 
 @pytest.mark.parametrize("way", [(12.0, 0.0), (0.0, 14.0), (-9.0, 12.0), (25.0, 0.0)], ids=str)
 @pytest.mark.parametrize("share", [0.5, 0.75])
-def test_shutter_of_a_panning_camera_is_read(way, share):
+def test_shutter_angle_is_measured_from_a_panning_camera(way, share):
     angle = shutter_angle(panned(scene(0, slope=0.9), way, share))
     assert angle == pytest.approx(360 * share, rel=0.15)
 
@@ -24,16 +24,16 @@ def test_shutter_of_a_panning_camera_is_read(way, share):
 @pytest.mark.parametrize(
     ("way", "share"), [((0.0, 0.0), 0.0), ((3.0, 0.0), 0.5), ((14.0, 0.0), 0.0)], ids=str
 )
-def test_plate_that_shows_no_smear_tells_nothing(way, share):
+def test_plate_without_motion_blur_gives_no_shutter_angle(way, share):
     for seed in range(3):
         assert shutter_angle(panned(scene(seed), way, share)) is None
 
 
-def test_single_picture_tells_nothing():
+def test_single_picture_gives_no_shutter_angle():
     assert shutter_angle(pictures(scene(1), 1)) is None
 
 
-def test_panning_camera_is_not_read_as_defocus():
+def test_motion_blur_of_a_pan_is_not_measured_as_softness():
     from nlens_video.networks.model_store import find_model
     from nlens_video.networks.onnx_networks import OnnxCocNetwork
     from nlens_video.stages.f_coc import estimate_coc

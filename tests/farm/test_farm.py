@@ -61,7 +61,7 @@ def children_at_work(chunks):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_farm_with_a_worker_killed_midway_gives_the_single_runs_bits(shot, whole):
+def test_farm_with_a_killed_worker_equals_the_single_run_bit_for_bit(shot, whole):
     command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, "out.mkv")]
     command += ["--workers", "2", "--chunk", "0.12", "--chunks", str(shot / "chunks"), "--json"]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -106,7 +106,7 @@ print(during, interrupted())
 
 
 @pytest.mark.slow
-def test_signal_that_ends_a_run_is_heard_while_ray_runs_and_when_it_has_ended():
+def test_termination_signal_is_handled_during_and_after_a_ray_session():
     """While the last piece is joined Ray has ended: half-written results would stay behind."""
     ran = subprocess.run(
         [sys.executable, "-c", TERMINATED], capture_output=True, text=True, timeout=100, check=False
@@ -116,7 +116,7 @@ def test_signal_that_ends_a_run_is_heard_while_ray_runs_and_when_it_has_ended():
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_job_renders_only_what_is_missing(shot, whole):
+def test_job_renders_only_missing_chunks(shot, whole):
     """With a plain loop in place of a cluster."""
     run = settings(parse(["farm", *words(shot, "loop.mkv")]))
     rendered = []
@@ -139,7 +139,7 @@ def test_job_renders_only_what_is_missing(shot, whole):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_list_of_shots_is_made_by_one_farm_and_a_broken_one_stops_no_other(shot, whole, capfd):
+def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole, capfd):
     jobs = shot / "jobs.toml"
     listed = [
         (shot / "in.mp4", shot / "anim.glb", shot / "one.mkv"),
@@ -174,7 +174,7 @@ def test_list_of_shots_is_made_by_one_farm_and_a_broken_one_stops_no_other(shot,
         ("not toml", "cannot be read"),
     ],
 )
-def test_list_that_makes_no_sense_is_refused_in_one_line(text, says, tmp_path, capsys):
+def test_invalid_list_of_shots_is_refused_in_one_line(text, says, tmp_path, capsys):
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(text)
     assert main(["farm", "--jobs", str(jobs)]) == 2
@@ -190,7 +190,9 @@ def test_list_that_makes_no_sense_is_refused_in_one_line(text, says, tmp_path, c
         ("2", "--device cuda: "),  # the worker was placed, and finds that the GPU is none
     ],
 )
-def test_worker_of_a_gpu_is_placed_where_one_is_declared(declared, says, shot, capfd, monkeypatch):
+def test_gpu_worker_is_placed_only_where_the_cluster_declares_a_gpu(
+    declared, says, shot, capfd, monkeypatch
+):
     """The GPUs are Ray's book-keeping: where none is at hand, the worker says so."""
     if choose("auto").name == "cuda" and declared != "0":
         says = ""
@@ -204,7 +206,7 @@ def test_worker_of_a_gpu_is_placed_where_one_is_declared(declared, says, shot, c
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("focus", ["auto", "off"])  # counted by the look for a change, or alone
-def test_plate_is_counted_as_the_decoder_gives_it_whoever_has_read_it(shot, focus, tmp_path):
+def test_frame_count_of_a_plate_equals_the_decoded_frames(shot, focus, tmp_path):
     run = settings(parse(["farm", *words(shot, "no.mkv"), "--track-focus", focus]))
     store = Folder(tmp_path)
     first = prepare(run, store, 0.2)
@@ -214,13 +216,13 @@ def test_plate_is_counted_as_the_decoder_gives_it_whoever_has_read_it(shot, focu
     assert first.fit is not None and (tmp_path / first.fit).is_file()
 
 
-def test_ranges_cover_every_frame_once():
+def test_chunk_ranges_cover_every_frame_once():
     assert list(ranges(12, 5)) == [(0, 5), (5, 10), (10, 12)]
     assert list(ranges(10, 5)) == [(0, 5), (5, 10)]
     assert list(ranges(3, 5)) == [(0, 3)]
 
 
-def test_farm_refuses_what_belongs_to_single_runs(shot, tmp_path):
+def test_farm_refuses_options_of_single_runs(shot, tmp_path):
     for more in (["--range", "2:4"], ["--timings", "t.json"], ["--report", "r"]):
         run = settings(parse(["farm", *words(shot, "no.mkv", *more)]))
         with pytest.raises(UsageError, match=f"{more[0]}: chunks are made of all frames"):

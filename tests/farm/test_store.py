@@ -61,7 +61,7 @@ def urls(folder):
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
+def test_stored_file_can_be_fetched_and_removed(which, tmp_path):
     store = store_of(urls(tmp_path)[which])
     assert isinstance(store, Bucket)
     with store.held():
@@ -85,7 +85,7 @@ def test_file_is_there_for_all_once_it_was_put(which, tmp_path):
     assert not store.local.exists()
 
 
-def test_folder_for_chunks_that_is_a_file_is_one_clear_line(tmp_path):
+def test_chunk_folder_that_is_a_file_is_refused_in_one_line(tmp_path):
     file = tmp_path / "out.mp4"
     file.write_bytes(b"mine")
     with pytest.raises(OutputError, match="out.mp4: is a file; name a folder for the chunks$"):
@@ -95,11 +95,11 @@ def test_folder_for_chunks_that_is_a_file_is_one_clear_line(tmp_path):
     assert file.read_bytes() == b"mine"
 
 
-def test_path_is_a_folder_and_not_a_url(tmp_path):
+def test_plain_path_is_a_folder_store(tmp_path):
     assert store_of(str(tmp_path)) == Folder(tmp_path)
 
 
-def test_file_with_the_name_of_a_chunk_that_is_none_does_not_count(tmp_path):
+def test_truncated_chunk_file_does_not_count_as_present(tmp_path):
     name = f"{'0' * 16}-00000000-00000010.nut"
     (tmp_path / name).write_bytes(b"cut short")
     assert not Folder(tmp_path).has(name)
@@ -108,7 +108,7 @@ def test_file_with_the_name_of_a_chunk_that_is_none_does_not_count(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.needs_gl
-def test_shot_by_way_of_a_url_has_the_single_runs_bits_and_nothing_stays_here(
+def test_farm_through_a_url_equals_the_single_run_and_leaves_no_local_files(
     which, shot, whole, tmp_path, own_temporaries
 ):
     """The farm's own tasks, done one after the other by one worker in this process."""
@@ -133,7 +133,7 @@ def test_shot_by_way_of_a_url_has_the_single_runs_bits_and_nothing_stays_here(
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_farm_of_two_processes_that_share_a_url_gives_the_single_runs_bits(shot, whole, tmp_path):
+def test_farm_of_two_processes_sharing_a_url_equals_the_single_run(shot, whole, tmp_path):
     command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, tmp_path / "out.mkv")]
     command += ["--workers", "2", "--chunk", "0.12", "--chunks", f"file://{tmp_path}/url", "-q"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=200)
@@ -142,7 +142,7 @@ def test_farm_of_two_processes_that_share_a_url_gives_the_single_runs_bits(shot,
     assert len(list((tmp_path / "url").glob("*.nut"))) == 4
 
 
-def test_url_that_cannot_be_used_is_one_clear_line(tmp_path):
+def test_unusable_store_url_is_refused_in_one_line(tmp_path):
     for url, kind, says in (
         ("nosuch://x/y", UsageError, "nosuch"),
         (f"file://{tmp_path}/a file/b", OutputError, "cannot be made"),

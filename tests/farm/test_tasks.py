@@ -69,7 +69,7 @@ def spans(task):
     return [(mark.first, mark.end) for mark in task.arguments[2]]
 
 
-def test_chunk_is_given_to_a_worker_as_pieces_of_two_seconds(tmp_path):
+def test_chunk_is_split_into_pieces_of_two_seconds(tmp_path):
     (first, second, merging), piece_s, told = planned(10.0, 300, tmp_path)
     assert piece_s == 2.0
     assert spans(first) == [(0, 48), (48, 96), (96, 144), (144, 192), (192, 240)]
@@ -90,15 +90,13 @@ def test_chunk_shorter_than_two_seconds_is_one_piece(tmp_path):
 @pytest.mark.parametrize(
     ("rate", "chunk_s", "frames"), [(1, 3.0, 4), (0.25, 10.0, 2), (0.1, 10, 1)]
 )
-def test_chunk_keeps_its_length_where_a_piece_cannot_be_shorter_than_a_frame(
-    tmp_path, rate, chunk_s, frames
-):
+def test_piece_of_a_chunk_is_at_least_one_frame_long(tmp_path, rate, chunk_s, frames):
     tasks, _, _ = planned(chunk_s, 20, tmp_path, rate=rate)
     first = spans(tasks[0])
     assert first[-1][1] - first[0][0] == frames
 
 
-def test_only_pieces_that_are_missing_are_rendered(tmp_path):
+def test_only_missing_pieces_are_rendered(tmp_path):
     there = (0, 96, 240, 288)
     tasks, _, told = planned(10.0, 300, tmp_path, there)
     assert [spans(task) for task in tasks[:-1]] == [[(48, 96), (144, 192), (192, 240)]]
@@ -107,7 +105,7 @@ def test_only_pieces_that_are_missing_are_rendered(tmp_path):
     assert told[-1] == (300, 300)
 
 
-def test_shot_of_one_chunk_is_rendered_at_once_unless_pieces_of_it_are_there(tmp_path):
+def test_shot_of_one_chunk_is_one_task_unless_some_pieces_exist(tmp_path):
     (whole,), _, _ = planned(10.0, 240, tmp_path)
     assert whole.work is Worker.whole
     rendering, merging = planned(10.0, 240, tmp_path, (48,))[0]
@@ -127,7 +125,7 @@ def steps(*lists):
     return MERGED
 
 
-def test_tasks_of_earlier_shots_go_first_and_one_that_follows_waits_for_the_others():
+def test_earlier_shots_go_first_and_a_merge_waits_for_its_chunks():
     queue = TaskQueue([steps([task("a")]), steps([task("b"), task("c"), task("d", follows=True)])])
     queue.begin(1)
     assert queue.waiting
@@ -144,7 +142,7 @@ def test_tasks_of_earlier_shots_go_first_and_one_that_follows_waits_for_the_othe
     assert queue.results() == [MERGED, MERGED]
 
 
-def test_one_that_follows_is_given_once_to_who_can_wait():
+def test_waiting_merge_is_given_out_once():
     queue = TaskQueue([steps([task("a"), task("b", follows=True)])])
     queue.begin(1)
     follower = queue.next_follower()
@@ -157,7 +155,7 @@ def test_one_that_follows_is_given_once_to_who_can_wait():
     assert queue.results() == [MERGED]
 
 
-def test_shot_that_has_failed_wants_nothing_more_and_others_go_on():
+def test_failed_shot_drops_its_remaining_tasks_and_others_continue():
     broken = InputError("in.mp4: no such file")
     queue = TaskQueue([steps([task("a"), task("b"), task("c", follows=True)]), steps([task("d")])])
     queue.begin(2)
@@ -171,7 +169,7 @@ def test_shot_that_has_failed_wants_nothing_more_and_others_go_on():
     assert not queue.waiting and queue.results() == [broken, MERGED]
 
 
-def test_task_of_a_lost_worker_is_done_again_three_times_and_what_it_left_goes(tmp_path):
+def test_task_of_a_lost_worker_is_tried_three_times_and_its_partial_files_are_removed(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     files = tuple(tmp_path / name for name in ("one.nut", "two.nut"))

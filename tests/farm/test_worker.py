@@ -60,9 +60,7 @@ def same(found, expected):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
-    shot, run, whole, tmp_path
-):
+def test_alternating_chunks_of_two_open_runs_equal_the_single_run(shot, run, whole, tmp_path):
     """Two workers take turns, so each passes over what the other renders; one chunk has pieces."""
     first, second = PersistentRun(run, Folder(tmp_path)), PersistentRun(run, Folder(tmp_path))
     parts = marks(run, (0, 3), (3, 7), (7, 8), (8, 9), (9, 11), (11, 13), (13, 20))
@@ -81,7 +79,7 @@ def test_chunks_of_two_open_runs_with_gaps_between_them_are_the_single_run(
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(run, tmp_path):
+def test_worker_keeps_its_run_open_and_restarts_for_an_earlier_chunk(run, tmp_path):
     bench = Worker()
     late, early, missing = marks(run, (5, 7), (2, 4), (40, 50))
     before = threading.active_count()
@@ -95,7 +93,7 @@ def test_worker_keeps_its_run_open_and_starts_anew_for_a_chunk_that_lies_behind(
 
 
 @pytest.mark.needs_gl
-def test_open_run_that_fails_says_so_to_who_waits_for_the_chunk(run, tmp_path):
+def test_error_of_an_open_run_reaches_the_caller_that_waits_for_a_chunk(run, tmp_path):
     (mark,) = marks(run, (0, 3))
     broken = replace(run, source=replace(run.source, spec=str(tmp_path / "gone.mp4")))
     worker = PersistentRun(broken, Folder(tmp_path))
@@ -114,7 +112,7 @@ class Full(Folder):
 
 
 @pytest.mark.needs_gl
-def test_rest_of_a_chunk_is_not_rendered_once_a_piece_of_it_cannot_be_stored(run, tmp_path):
+def test_rendering_of_a_chunk_stops_if_a_piece_cannot_be_stored(run, tmp_path):
     pieces = marks(run, *((first, first + 1) for first in range(14)))
     worker = PersistentRun(run, Full(tmp_path))
     with pytest.raises(OutputError, match="no space"):
@@ -126,7 +124,7 @@ def test_rest_of_a_chunk_is_not_rendered_once_a_piece_of_it_cannot_be_stored(run
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_path):
+def test_merge_proceeds_while_chunks_are_still_being_rendered(shot, run, whole, tmp_path):
     parts = marks(run, (0, 6), (6, 10), (10, 14))
     output = replace(run.output, spec=str(tmp_path / "followed.mkv"))
     looks = []
@@ -146,7 +144,7 @@ def test_merge_follows_while_chunks_are_still_rendered(shot, run, whole, tmp_pat
 
 
 @pytest.mark.needs_gl
-def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
+def test_cancelled_merge_leaves_no_file(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
     with closing(Worker()) as bench:
         bench.chunk(run, None, (parts[0],), Folder(tmp_path))
@@ -164,7 +162,7 @@ def test_merge_that_nobody_wants_any_more_leaves_nothing(run, tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_merge_refuses_a_file_that_is_not_the_chunk_its_name_says(run, tmp_path):
+def test_merge_refuses_a_file_whose_content_does_not_match_its_name(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
     with closing(Worker()) as bench:
         bench.chunk(run, None, (one,), Folder(tmp_path))

@@ -38,25 +38,25 @@ def held(shot, tmp_path_factory):
     return folder / "out.mp4", json.loads((folder / "t.json").read_text())
 
 
-def test_each_frames_row_names_its_rung_and_no_rung_is_left_out(held):
+def test_timings_name_the_quality_level_of_each_frame(held):
     rungs = [row["rung"] for row in held[1]["frames"]]
     assert list(dict.fromkeys(rungs)) == ["standard", "realtime", "draft"]
     assert rungs == sorted(rungs, key=["standard", "realtime", "draft"].index)
 
 
-def test_change_of_rung_is_no_jump(held, shot):
+def test_change_of_quality_level_is_invisible_to_the_quality_check(held, shot):
     verdict = compare(str(held[0]), SourceSettings(spec=str(shot[0]))).verdict
     assert [one.text for one in verdict.findings if one.kind in ("pop", "flicker", "plate")] == []
 
 
-def test_change_of_rung_without_mixing_would_be_a_jump(shot, tmp_path, monkeypatch):
+def test_change_of_quality_level_without_a_crossfade_would_be_a_jump(shot, tmp_path, monkeypatch):
     monkeypatch.setattr(adaptive_quality, "CROSSFADE_FRAMES", 0)
     assert render(shot, tmp_path / "o.mp4", "--hold-budget", "--budget-ms", "0.01") == 0
     verdict = compare(str(tmp_path / "o.mp4"), SourceSettings(spec=str(shot[0]))).verdict
     assert any(one.kind == "pop" and "stays so" in one.text for one in verdict.findings)
 
 
-def test_plate_that_the_object_does_not_reach_stays_as_it_is(shot, tmp_path):
+def test_plate_outside_the_objects_reach_is_unchanged_by_level_changes(shot, tmp_path):
     words = ("--hold-budget", "--budget-ms", "0.01", "--codec", "ffv1")
     assert render(shot, tmp_path / "out.mkv", *words) == 0
     before, after = shots.read_planes(shot[0]), shots.read_planes(tmp_path / "out.mkv")
@@ -64,7 +64,7 @@ def test_plate_that_the_object_does_not_reach_stays_as_it_is(shot, tmp_path):
         assert np.array_equal(plate[0][:60, :60], result[0][:60, :60])
 
 
-def test_budget_that_is_met_leaves_every_bit_as_without(shot, tmp_path):
+def test_met_time_budget_changes_no_bit(shot, tmp_path):
     lossless = ("--codec", "ffv1", "--range", "0:10")
     assert render(shot, tmp_path / "plain.mkv", *lossless) == 0
     words = (*lossless, "--hold-budget", "--budget-ms", "1e6")
@@ -76,7 +76,7 @@ def test_budget_that_is_met_leaves_every_bit_as_without(shot, tmp_path):
         assert all(map(np.array_equal, plain, held))
 
 
-def test_summary_tells_the_steps(shot, tmp_path, capsys):
+def test_run_summary_states_the_quality_level_changes(shot, tmp_path, capsys):
     plate, glb, fit = shot
     words = (plate, glb, tmp_path / "o.mp4", "--fit", fit, "--json", "--range", "0:30",
              "--hold-budget", "--budget-ms", "0.01")  # fmt: skip
@@ -87,6 +87,6 @@ def test_summary_tells_the_steps(shot, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("preset", ["draft", "paper"])
-def test_preset_without_rungs_below_is_refused(shot, tmp_path, preset, capsys):
+def test_preset_without_lower_quality_levels_is_refused(shot, tmp_path, preset, capsys):
     assert render(shot, tmp_path / "o.mp4", "--hold-budget", "--preset", preset) == 2
     assert "choose one of them" in capsys.readouterr().err

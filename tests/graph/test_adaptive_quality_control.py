@@ -27,19 +27,19 @@ def drive(controller, load, frames, first=0, lag=3):
     return times, levels
 
 
-def test_frames_within_the_budget_change_nothing():
+def test_frames_within_the_budget_keep_the_quality_level():
     controller = control()
     drive(controller, lambda frame: 1.1 + 0.05 * np.sin(frame), 500)
     assert controller.steps == [] and controller.level == "standard"
 
 
-def test_single_slow_frames_change_nothing():
+def test_single_slow_frames_keep_the_quality_level():
     controller = control()
     drive(controller, lambda frame: 3.0 if frame % 6 == 0 else 1.0, 500)
     assert controller.steps == []
 
 
-def test_slow_down_steps_down_within_a_second_and_keeps_95_percent_of_frames_in_budget():
+def test_sustained_load_lowers_the_level_within_a_second_and_keeps_95_percent_in_budget():
     controller = control()
     times, levels = drive(controller, lambda frame: 1.0 if frame < 100 else 2.0, 600)
     assert [step.level for step in controller.steps] == ["realtime"]
@@ -47,27 +47,27 @@ def test_slow_down_steps_down_within_a_second_and_keeps_95_percent_of_frames_in_
     assert np.mean(np.array(times) <= 120.0) >= 0.95
 
 
-def test_it_goes_no_lower_than_the_last_rung_and_skips_none():
+def test_level_is_lowered_one_step_at_a_time_down_to_the_last():
     controller = control(budget_ms=1.0)
     drive(controller, lambda frame: 1.0, 300)
     assert [step.level for step in controller.steps] == ["realtime", "draft"]
 
 
-def test_it_comes_back_up_only_after_a_long_comfortable_time():
+def test_level_is_raised_only_after_a_long_time_within_budget():
     controller = control()
     _, levels = drive(controller, lambda frame: 2.0 if 50 <= frame < 100 else 0.8, 400)
     assert [step.level for step in controller.steps] == ["realtime", "standard"]
     assert levels.index("standard", 100) - 100 >= 75 - 8
 
 
-def test_without_headroom_for_the_rung_above_it_stays_down():
+def test_level_is_not_raised_without_headroom_for_the_next_one():
     controller = control()
     # standard would need 110 of 120 ms
     drive(controller, lambda frame: 2.0 if frame < 40 else 1.1, 800)
     assert [step.level for step in controller.steps] == ["realtime"]
 
 
-def test_going_up_and_failing_again_waits_twice_as_long_each_time():
+def test_each_failed_raise_doubles_the_wait_for_the_next():
     controller = control()
     since, level = 0, controller.level
     for frame in range(6000):
@@ -81,7 +81,7 @@ def test_going_up_and_failing_again_waits_twice_as_long_each_time():
     assert len(gaps) >= 3 and (gaps[1:] > 1.5 * gaps[:-1]).all()
 
 
-def test_frames_of_a_rung_that_was_left_tell_nothing():
+def test_times_of_frames_from_a_former_level_are_ignored():
     controller = control(budget_ms=50.0)
     for frame in range(8):
         controller.observe(frame, "standard", 100.0)
@@ -92,7 +92,7 @@ def test_frames_of_a_rung_that_was_left_tell_nothing():
 
 
 @given(st.lists(st.floats(0.1, 4.0), min_size=20, max_size=300))
-def test_same_times_give_same_steps_and_neighbouring_rungs(loads):
+def test_control_is_deterministic_and_moves_to_neighbouring_levels_only(loads):
     runs = []
     for _ in range(2):
         controller = control()

@@ -86,7 +86,7 @@ def ran(runner, state):
 
 
 @pytest.mark.parametrize("preset", ["standard", "realtime"])
-def test_lens_is_found_once_and_used_on_every_later_frame(preset):
+def test_fit_is_estimated_once_and_used_on_every_later_frame(preset):
     runner, shot = steps(preset)
     first, second = run(runner, 0), run(runner, 1)
     assert first.carried_fit and not second.carried_fit
@@ -97,7 +97,7 @@ def test_lens_is_found_once_and_used_on_every_later_frame(preset):
     assert shot.found_lens.regression.fit is runner.fit
 
 
-def test_a_saved_fit_shows_the_plate_past_edges_as_the_run_that_made_it():
+def test_saved_fit_reproduces_edge_parallax():
     runner, _ = steps()
     first = run(runner, 0)
     assert "edge-parallax" in ran(runner, first) and runner.fit.ground_seen
@@ -114,7 +114,7 @@ def test_fit_waits_for_the_first_frame_with_the_object_in_view():
     assert runner.fit.frame == 2
 
 
-def test_given_fit_leaves_everything_that_finds_one_out_of_the_graph():
+def test_given_fit_removes_the_estimating_nodes_from_the_graph():
     runner, _ = steps(fit=FIT)
     assert not {"estimate-coc", "ground-footprint", "fit"} & {
         node.name for node in runner.graph.nodes
@@ -129,7 +129,7 @@ def test_object_in_focus_is_not_reblurred():
     assert "reblur" not in nodes and "composite" in nodes
 
 
-def test_effects_none_builds_no_node_of_defocus():
+def test_effects_none_builds_no_defocus_node():
     runner, _ = steps(effects="none")
     assert {node.name for node in runner.graph.nodes} == {
         "object-bounds",
@@ -140,7 +140,7 @@ def test_effects_none_builds_no_node_of_defocus():
     assert isinstance(run(runner, 0).values.blurred, BlurredLayer)
 
 
-def test_pixels_of_the_plate_out_of_reach_are_untouched():
+def test_plate_pixels_out_of_the_blurs_reach_are_unchanged():
     runner, _ = steps(fit=FIT)
     state = run(runner, 0)
     reach = BOX.expanded(12)
@@ -151,7 +151,7 @@ def test_pixels_of_the_plate_out_of_reach_are_untouched():
     assert (before[~outside] != after[~outside]).mean() > 0.5
 
 
-def test_repair_network_has_its_place_after_the_scatter_and_runs_on_depth_steps_only():
+def test_repair_network_runs_after_the_scatter_and_only_on_depth_discontinuities():
     calls = []
 
     def network(defocused, blurred):
@@ -166,7 +166,7 @@ def test_repair_network_has_its_place_after_the_scatter_and_runs_on_depth_steps_
     assert len(calls) == 1
 
 
-def test_without_a_repair_network_the_plan_says_that_the_scatter_stands():
+def test_plan_without_a_repair_network_states_that_scatter_is_used():
     runner, _ = steps(fit=FIT)
     assert "scatter" in dict(runner.graph.left_out)["depth-order"]
 
@@ -176,7 +176,7 @@ def unknowing(picture, following):
     return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 40.0))
 
 
-def test_estimate_that_knows_nothing_stops_unless_a_constant_may_stand_in():
+def test_unusable_coc_estimate_is_an_error_unless_the_constant_fallback_is_allowed():
     runner, _ = steps(estimate_coc=lambda: unknowing)
     with pytest.raises(LensFitError):
         run(runner, 0)

@@ -21,7 +21,7 @@ def of_effects(pipeline, effects):
 
 
 @pytest.mark.parametrize("name", PIPELINES)
-def test_every_edge_goes_from_a_writer_down_to_a_reader_of_the_port(name):
+def test_every_edge_leads_from_a_ports_writer_to_a_later_reader(name):
     pipeline = PIPELINES[name]
     place = {spec.name: at for at, spec in enumerate(pipeline.nodes)}
     types = {spec.name: spec.type for spec in pipeline.nodes}
@@ -34,7 +34,7 @@ def test_every_edge_goes_from_a_writer_down_to_a_reader_of_the_port(name):
 
 
 @given(st.sampled_from(sorted(PIPELINES)), st.sets(st.sampled_from(EFFECTS)))
-def test_the_object_reaches_the_picture_for_every_subset_of_effects(name, effects):
+def test_object_reaches_the_picture_for_every_subset_of_effects(name, effects):
     pipeline = of_effects(PIPELINES[name], effects)
     written = {*GIVEN}
     for spec in pipeline.nodes:
@@ -47,7 +47,7 @@ def test_the_object_reaches_the_picture_for_every_subset_of_effects(name, effect
 
 
 @pytest.mark.parametrize("name", PIPELINES)
-def test_a_port_has_alternatives_first_and_then_one_chain_of_operations(name):
+def test_port_has_alternative_writers_first_and_then_a_single_chain(name):
     changed = set()
     for spec in PIPELINES[name].nodes:
         if spec.type.is_operation():
@@ -57,7 +57,7 @@ def test_a_port_has_alternatives_first_and_then_one_chain_of_operations(name):
 
 
 @pytest.mark.parametrize("name", PIPELINES)
-def test_both_notations_hold_every_node_and_edge(name):
+def test_mermaid_and_dot_hold_every_node_and_edge(name):
     pipeline = PIPELINES[name]
     drawn, graphviz = mermaid(pipeline), dot(pipeline)
     for spec in pipeline.nodes:

@@ -12,7 +12,7 @@ FORMER = "".join(
 
 
 @pytest.mark.parametrize("preset", shipped_pipelines())
-def test_every_preset_is_printed_as_mermaid_and_as_dot(preset):
+def test_graph_command_prints_every_preset_as_mermaid_and_dot(preset):
     mermaid, dot = nlens("graph", preset), nlens("graph", preset, "--dot")
     assert mermaid.returncode == dot.returncode == 0
     assert "flowchart TD" in mermaid.stdout and "reblur" in mermaid.stdout
@@ -20,7 +20,7 @@ def test_every_preset_is_printed_as_mermaid_and_as_dot(preset):
     assert mermaid.stderr == dot.stderr == ""
 
 
-def test_a_pipeline_file_is_printed_by_its_path(tmp_path):
+def test_graph_command_prints_a_pipeline_file(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(shipped_pipelines()["draft"].read_text())
     assert (
@@ -29,13 +29,13 @@ def test_a_pipeline_file_is_printed_by_its_path(tmp_path):
     )
 
 
-def test_what_is_no_pipeline_is_one_line(tmp_path):
+def test_invalid_pipeline_is_refused_in_one_line(tmp_path):
     assert "'fast' is not one of" in one_line(nlens("graph", "fast"), 2)
     (tmp_path / "own.toml").write_text("nodes = 3\n")
     assert "no list 'nodes'" in one_line(nlens("graph", tmp_path / "own.toml"), 2)
 
 
-def test_a_file_of_the_former_form_is_printed_with_a_note(tmp_path):
+def test_pipeline_file_in_the_old_format_is_printed_with_a_note(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(FORMER)
     run = nlens("graph", own)

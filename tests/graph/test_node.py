@@ -41,14 +41,14 @@ def run(nodes, frame):
     return frame.blurred
 
 
-def test_ports_are_derived_from_the_signature():
+def test_node_ports_are_derived_from_the_signature():
     assert [(port.name, port.type, port.optional) for port in Operation.inputs()] == [
         ("blurred", "BlurredLayer", False),
         ("fit", "LensFit", True),
     ]
 
 
-def test_a_wrong_annotation_is_refused_when_the_class_is_created():
+def test_node_class_with_a_wrong_port_type_is_refused():
     with pytest.raises(TypeError, match="port 'layer' is a ObjectLayer, not a Picture"):
 
         class Wrong(Node):
@@ -58,7 +58,7 @@ def test_a_wrong_annotation_is_refused_when_the_class_is_created():
                 return layer
 
 
-def test_a_parameter_that_is_not_a_port_is_refused_when_the_class_is_created():
+def test_node_class_with_an_unknown_port_is_refused():
     with pytest.raises(TypeError, match="'sparkle' is not a port"):
 
         class Wrong(Node):
@@ -68,7 +68,7 @@ def test_a_parameter_that_is_not_a_port_is_refused_when_the_class_is_created():
                 return sparkle
 
 
-def test_a_wrong_result_is_refused_when_the_class_is_created():
+def test_node_class_with_a_wrong_result_type_is_refused():
     with pytest.raises(TypeError, match="returns Picture, but its port 'blurred' is a Blurred"):
 
         class Wrong(Node):
@@ -78,19 +78,19 @@ def test_a_wrong_result_is_refused_when_the_class_is_created():
                 return picture
 
 
-def test_a_node_without_a_call_is_refused_when_the_class_is_created():
+def test_node_class_without_a_call_method_is_refused():
     with pytest.raises(TypeError, match="defines no __call__"):
 
         class Wrong(Node):
             name, writes = "wrong", "blurred"
 
 
-def test_a_condition_on_something_that_is_not_a_port_is_refused():
+def test_condition_on_an_unknown_port_is_refused():
     with pytest.raises(TypeError, match="'sparkle' is not a port"):
         Condition("bright", "the frame sparkles", lambda sparkle: True)
 
 
-def test_a_condition_fails_on_a_frame_without_its_port():
+def test_condition_is_false_on_a_frame_without_its_port():
     def wide(frame_box: "Box", layer: "ObjectLayer") -> bool:  # noqa: F821
         return frame_box.width > 3
 
@@ -107,23 +107,23 @@ def test_a_condition_fails_on_a_frame_without_its_port():
         ({}, None),
     ],
 )
-def test_of_alternatives_the_first_that_can_run_writes_the_port(ports, expected):
+def test_first_runnable_alternative_writes_the_port(ports, expected):
     assert run([FromDefocused(), FromLayer()], values(**ports)) == expected
 
 
-def test_operations_form_a_chain_on_the_port_that_they_read_and_write():
+def test_operations_on_a_port_form_a_chain():
     chain = [FromLayer(), Operation(), Operation()]
     assert run(chain, values(layer=1)) == "from the layer, changed, changed"
     assert run([Operation()], values()) is None
 
 
-def test_every_node_reads_and_writes_ports_of_their_types():
+def test_every_node_annotates_its_ports_with_their_types():
     for node in NODES.values():
         assert all(port.type == port_type(port.name) for port in node.inputs()), node
         assert node.when is None or ports_of(node.when.test), node
 
 
-def test_a_stateful_node_takes_the_picture_alone():
+def test_stateful_nodes_read_only_the_picture():
     for node in NODES.values():
         if node.stateful:
             assert [port.name for port in node.inputs()] == ["picture"], node

@@ -30,31 +30,31 @@ def former(name, stage=None, inputs='["frame"]', output="placement", more=""):
 
 
 @pytest.mark.parametrize("preset", sorted(shipped_pipelines()))
-def test_shipped_pipeline_loads_without_a_note_and_ends_with_the_picture(preset):
+def test_shipped_pipelines_load_without_notes_and_write_the_picture_last(preset):
     pipeline = load_pipeline(preset)
     assert pipeline.summary and not pipeline.notes
     assert pipeline.nodes[-1].type.writes == "picture"
 
 
-def test_own_pipeline_file_is_used_by_its_path(tmp_path):
+def test_pipeline_file_is_loaded_by_its_path(tmp_path):
     path = write(tmp_path, '["object-bounds", "render"]', summary='"mine"')
     pipeline = load_pipeline(path)
     assert (pipeline.name, pipeline.summary) == ("mine", "mine")
     assert [spec.name for spec in pipeline.nodes] == ["object-bounds", "render"]
 
 
-def test_options_stand_beside_the_nodes_name(tmp_path):
+def test_node_options_are_read_from_the_pipeline_file(tmp_path):
     path = write(tmp_path, '["object-bounds", { node = "measure-motion", most_moments = 5 }]')
     assert load_pipeline(path).nodes[1].options == {"most_moments": 5}
 
 
-def test_a_whole_number_is_taken_for_an_option_that_is_a_fraction(tmp_path):
+def test_integer_is_accepted_for_a_float_option(tmp_path):
     nodes = '["object-bounds", "estimate-coc", "ground-footprint", '
     path = write(tmp_path, nodes + '{ node = "fit", anchor_weight = 1 }]')
     assert load_pipeline(path).nodes[-1].options == {"anchor_weight": 1}
 
 
-def test_value_that_may_be_missing_need_not_be_written_at_all(tmp_path):
+def test_optional_input_needs_no_writer(tmp_path):
     path = write(tmp_path, '["object-bounds", "render", "crop-sharp", "composite"]')
     assert [port.name for port in load_pipeline(path).nodes[-1].type.inputs() if port.optional]
 
@@ -92,7 +92,7 @@ def test_value_that_may_be_missing_need_not_be_written_at_all(tmp_path):
         ),
     ],
 )
-def test_wrong_pipeline_file_is_named_in_one_line(tmp_path, nodes, message):
+def test_invalid_pipeline_file_is_refused_in_one_line_with_its_path(tmp_path, nodes, message):
     path = write(tmp_path, nodes)
     with pytest.raises(UsageError) as caught:
         load_pipeline(path)
@@ -104,19 +104,19 @@ def test_wrong_pipeline_file_is_named_in_one_line(tmp_path, nodes, message):
     ("text", "message"),
     [("not toml [", "cannot be read"), ("colour = 1\nnodes = []", "unknown key 'colour'")],
 )
-def test_file_that_is_no_pipeline_is_named(tmp_path, text, message):
+def test_file_that_is_not_a_pipeline_is_refused(tmp_path, text, message):
     path = tmp_path / "wrong.toml"
     path.write_text(text)
     with pytest.raises(UsageError, match=message):
         load_pipeline(str(path))
 
 
-def test_unknown_preset_lists_the_known_ones():
+def test_unknown_preset_error_lists_the_known_ones():
     with pytest.raises(UsageError, match="standard"):
         load_pipeline("cinematic")
 
 
-def test_file_of_the_form_before_1_0_is_read_with_a_note(tmp_path):
+def test_file_format_before_1_0_is_read_with_a_note(tmp_path):
     path = tmp_path / "old.toml"
     path.write_text(
         '[pipeline]\nsummary = "old"\n'
@@ -136,7 +136,7 @@ def test_file_of_the_form_before_1_0_is_read_with_a_note(tmp_path):
     assert "form before 1.0" in pipeline.notes[0]
 
 
-def test_in_a_file_of_the_form_before_1_0_the_sharp_layer_goes_behind_its_alternative(tmp_path):
+def test_file_format_before_1_0_gets_the_sharp_layer_after_its_alternative(tmp_path):
     path = tmp_path / "old.toml"
     find = [
         former("estimate-coc", output="plate_coc"),
@@ -160,13 +160,13 @@ def test_in_a_file_of_the_form_before_1_0_the_sharp_layer_goes_behind_its_altern
         ("pipeline = 3\n" + former("locate"), "must be"),
     ],
 )
-def test_wrong_file_of_the_form_before_1_0_is_named(tmp_path, table, message):
+def test_invalid_file_in_the_format_before_1_0_is_refused(tmp_path, table, message):
     path = tmp_path / "old.toml"
     path.write_text(table)
     with pytest.raises(UsageError, match=message):
         load_pipeline(str(path))
 
 
-def test_former_names_lead_to_nodes_that_exist():
+def test_former_node_names_map_to_existing_nodes():
     assert set(FORMER_NAMES.values()) <= set(NODES)
     assert not set(FORMER_NAMES) & set(NODES)

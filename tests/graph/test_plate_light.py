@@ -44,7 +44,7 @@ def run(runner, level, index=0):
     return runner.run(state, runner.graph.nodes).values
 
 
-def test_light_of_the_plate_flows_through_the_bounds_to_the_rendered_object(context):
+def test_estimated_plate_light_reaches_the_rendered_object(context):
     bright, dark = run(executor(context), 200), run(executor(context), 40)
     for values in (bright, dark):
         assert values.plate_light is not None
@@ -52,19 +52,19 @@ def test_light_of_the_plate_flows_through_the_bounds_to_the_rendered_object(cont
     assert bright.layer.rgba[..., :3].mean() > 2 * dark.layer.rgba[..., :3].mean()
 
 
-def test_the_shadow_takes_the_light_of_its_own_frames_bounds(context):
+def test_estimated_plate_light_casts_a_shadow(context):
     values = run(executor(context), 200)
     assert values.shadow is not None and values.shadow.loss.any()
 
 
-def test_the_renderer_keeps_no_light_of_another_shot(context):
+def test_renderer_keeps_no_light_of_another_shot(context):
     first = run(executor(context), 200).layer
     run(executor(context), 40)
     again = run(executor(context), 200).layer
     assert np.array_equal(first.rgba, again.rgba)
 
 
-def test_later_frames_of_a_shot_keep_the_light_of_the_first(context):
+def test_light_of_the_first_frame_holds_for_the_shot(context):
     runner = executor(context)
     first, later = run(runner, 200), run(runner, 40, index=1)
     assert later.plate_light is first.plate_light

@@ -9,7 +9,7 @@ from nlens_video.graph.base.profiler import Profiler, Quantiles
 
 
 @given(st.lists(st.floats(0.01, 5000), min_size=1, max_size=200), st.floats(0.01, 1.0))
-def test_quantiles_are_those_of_all_values_to_one_percent(values, share):
+def test_running_quantiles_are_exact_to_one_percent(values, share):
     quantiles = Quantiles()
     for value in values:
         quantiles.add(value)
@@ -17,7 +17,7 @@ def test_quantiles_are_those_of_all_values_to_one_percent(values, share):
     assert quantiles.quantile(share) == pytest.approx(exact, rel=0.011)
 
 
-def test_each_frame_has_a_row_with_each_node_that_ran():
+def test_profiler_reports_a_row_per_frame_with_the_nodes_that_ran():
     rows = []
     profiler = Profiler(budget_ms=50, on_frame=rows.append)
     for index in range(3):
@@ -35,7 +35,7 @@ def test_each_frame_has_a_row_with_each_node_that_ran():
     assert rows[0].nodes["render"] >= 2.0
 
 
-def test_frame_that_carried_the_fit_is_told_apart():
+def test_first_frame_with_the_fit_is_reported_separately():
     profiler = Profiler(budget_ms=10)
     profiler.add(0, "estimate-coc", 500.0)
     profiler.close_frame(0, pts=0, warm_up=True)
@@ -50,7 +50,7 @@ def test_frame_that_carried_the_fit_is_told_apart():
     assert summary.node_median_ms["estimate-coc"] == pytest.approx(500.0)
 
 
-def test_memory_does_not_grow_with_the_number_of_frames():
+def test_profiler_memory_does_not_grow_with_the_number_of_frames():
     profiler = Profiler()
     for index in range(5000):
         profiler.add(index, "render", 1.0 + index % 50)

@@ -20,13 +20,13 @@ def lane_threads():
     return [t for t in threading.enumerate() if t.name in {"decode", "a", "b"}]
 
 
-def test_items_pass_all_lanes_in_order():
+def test_items_pass_all_workers_in_order():
     lanes = [Worker("a", step(lambda x: x + 1)), Worker("b", step(lambda x: x * 10))]
     assert list(run_workers(range(50), lanes)) == [(x + 1) * 10 for x in range(50)]
     assert not lane_threads()
 
 
-def test_oldest_items_that_may_be_dropped_make_room_for_new_ones():
+def test_oldest_droppable_items_make_room_for_new_ones():
     begun, go_on, dropped = threading.Event(), threading.Event(), []
 
     def slow(item):
@@ -49,7 +49,7 @@ def test_oldest_items_that_may_be_dropped_make_room_for_new_ones():
     assert dropped == [1, 3] and kept == [0, 2, 4, 5, 6, 7]
 
 
-def test_endless_source_is_read_only_a_few_items_ahead_and_all_threads_end():
+def test_endless_source_is_read_a_few_items_ahead_and_threads_end_on_close():
     made = []
     closed = []
 
@@ -73,7 +73,7 @@ def test_endless_source_is_read_only_a_few_items_ahead_and_all_threads_end():
     assert closed
 
 
-def test_lane_opens_works_and_closes_on_one_thread_of_its_own():
+def test_worker_opens_runs_and_closes_on_a_single_thread():
     seen = []
 
     @contextmanager
@@ -87,7 +87,7 @@ def test_lane_opens_works_and_closes_on_one_thread_of_its_own():
 
 
 @pytest.mark.parametrize("where", ["source", "lane", "opening"])
-def test_fault_surfaces_after_the_items_before_it(where):
+def test_exception_is_raised_after_the_items_before_it(where):
     def source():
         yield 1
         if where == "source":
@@ -113,7 +113,7 @@ def test_fault_surfaces_after_the_items_before_it(where):
     assert not lane_threads()
 
 
-def test_lanes_overlap():
+def test_workers_run_concurrently():
     meeting = threading.Barrier(2, timeout=30)
 
     def first(item):

@@ -51,7 +51,7 @@ def graph(*steps):
     return Graph(pipeline="p", summary="", nodes=nodes, left_out=())
 
 
-def test_kernels_are_compiled_for_the_nodes_that_need_them():
+def test_warmup_compiles_the_kernels_of_the_graphs_nodes():
     # in a process of its own: here other tests have compiled them long since
     done = subprocess.run(
         [sys.executable, "-c", PROBE], capture_output=True, text=True, check=False
@@ -59,7 +59,7 @@ def test_kernels_are_compiled_for_the_nodes_that_need_them():
     assert done.stdout.strip() == "ready", done.stderr
 
 
-def test_it_ends_after_the_node_at_hand_and_leaves_no_thread():
+def test_warmup_stops_after_the_current_node_and_leaves_no_thread():
     begun, go_on, ran = threading.Event(), threading.Event(), []
 
     def slow():
@@ -75,7 +75,7 @@ def test_it_ends_after_the_node_at_hand_and_leaves_no_thread():
     assert ran == ["slow"] and threading.active_count() == before
 
 
-def test_what_goes_wrong_is_left_to_the_frame_that_needs_it():
+def test_warmup_ignores_errors_of_nodes():
     def broken():
         raise ValueError("no such network")
 
@@ -85,7 +85,7 @@ def test_what_goes_wrong_is_left_to_the_frame_that_needs_it():
 
 
 @pytest.mark.parametrize(("seconds", "lines"), [(0.4, 0), (12.3, 1)])
-def test_only_a_wait_that_is_noticed_is_told_of(seconds, lines):
+def test_warmup_is_noted_only_if_it_took_noticeable_time(seconds, lines):
     warmup = KernelWarmup(graph())
     warmup._seconds = seconds
     assert len(warmup.notes) == lines

@@ -33,7 +33,7 @@ def blurred(rgba, coc, target=None, **changes):
     st.integers(0, 2**31), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 9.0),
     st.floats(0.0, 1.0), st.floats(0.6, 1.6),
 )  # fmt: skip
-def test_kernel_gives_what_the_slow_definition_gives(
+def test_gather_kernel_agrees_with_the_reference(
     seed, height, width, largest, filled, pixel_aspect
 ):
     rng = np.random.default_rng(seed)
@@ -47,7 +47,7 @@ def test_kernel_gives_what_the_slow_definition_gives(
     np.testing.assert_allclose(fast, slow, atol=2e-5)
 
 
-def test_kernel_gives_what_the_definition_gives_across_the_chunks_of_a_wide_row():
+def test_gather_kernel_agrees_with_the_reference_on_wide_rows():
     rng = np.random.default_rng(1)
     light = rng.random((3, 140, 4)).astype(np.float32)
     covered = rng.random((3, 140)) < 0.7
@@ -61,7 +61,7 @@ def test_kernel_gives_what_the_definition_gives_across_the_chunks_of_a_wide_row(
 
 
 @pytest.mark.parametrize("coc", [-16.0, -5.0, 1.5, 3.0, 8.0, 16.0])
-def test_a_card_of_one_coc_is_blurred_as_the_scatter_blurs_it(coc):
+def test_gather_of_a_constant_coc_equals_scatter(coc):
     rgba, cocs = card(coc=coc)
     margin = subaperture_reach(abs(coc))
     wide = np.pad(rgba, ((margin, margin), (margin, margin), (0, 0)))
@@ -71,12 +71,12 @@ def test_a_card_of_one_coc_is_blurred_as_the_scatter_blurs_it(coc):
     assert np.sqrt(np.mean((blurred(rgba, cocs, target) - other) ** 2)) < 0.006
 
 
-def test_what_is_in_focus_keeps_its_values():
+def test_gather_keeps_pixels_in_focus():
     rgba, coc = card(coc=0.0)
     assert np.array_equal(blurred(rgba, coc), rgba)
 
 
-def test_alpha_is_one_inside_however_the_coc_varies_and_zero_out_of_reach():
+def test_gathered_alpha_is_one_inside_and_zero_out_of_reach():
     rgba, coc = card()
     coc[:] = np.random.default_rng(0).uniform(-8.0, 8.0, coc.shape)
     reach = subaperture_reach(8.0)
@@ -86,7 +86,7 @@ def test_alpha_is_one_inside_however_the_coc_varies_and_zero_out_of_reach():
     assert not alpha[:3].any() and not alpha[:, -3:].any() and alpha.max() <= 1.0 + 1e-5
 
 
-def test_a_sharp_edge_before_something_blurred_takes_none_of_its_light():
+def test_sharp_edge_before_a_blurred_background_receives_none_of_its_light():
     rgba, coc = card(coc=-6.0)
     rgba[..., :3] = [1.0, 0.0, 0.0]
     rgba[:, 25:, :3], coc[:, 25:] = [0.0, 1.0, 0.0], 0.0
@@ -95,7 +95,7 @@ def test_a_sharp_edge_before_something_blurred_takes_none_of_its_light():
     np.testing.assert_allclose(seen[:, 25:, 1], 1.0, atol=1e-6)
 
 
-def test_a_blurred_edge_before_something_sharp_is_half_transparent():
+def test_blurred_edge_before_a_sharp_background_is_half_transparent():
     rgba, coc = card(coc=6.0)
     rgba[..., :3] = [1.0, 0.0, 0.0]
     rgba[:, 25:, :3], coc[:, 25:] = [0.0, 1.0, 0.0], 0.0
@@ -105,14 +105,14 @@ def test_a_blurred_edge_before_something_sharp_is_half_transparent():
     np.testing.assert_allclose(seen[10:40, 0] + seen[10:40, 1], 1.0, atol=1e-5)
 
 
-def test_the_result_does_not_depend_on_the_box_that_is_asked_for():
+def test_gather_does_not_depend_on_the_requested_box():
     rgba, coc = card()
     whole = blurred(rgba, coc, Box(-5, -5, 55, 45))
     part = blurred(rgba, coc, Box(7, -2, 31, 20))
     np.testing.assert_allclose(part, whole[3:25, 12:36], atol=1e-6)
 
 
-def test_a_disc_that_is_too_large_to_gather_and_shapes_that_differ_are_refused():
+def test_gather_refuses_too_large_discs_and_mismatched_shapes():
     rgba, coc = card()
     with pytest.raises(ValueError, match="at most"):
         blurred(rgba, coc + np.float32(2.0 * LARGEST_RADIUS_PX))

@@ -26,18 +26,18 @@ def two_cards(near=12.0, far=2.0):
     return rgba, coc
 
 
-def test_a_slope_has_no_step():
+def test_slope_is_not_a_depth_discontinuity():
     rgba = np.ones((30, 30, 4), np.float32)
     coc = np.fromfunction(lambda y, x: 1.2 * x - 20, (30, 30)).astype(np.float32)
     assert find_discontinuities(rgba, coc) is None
 
 
-def test_the_silhouette_before_nothing_is_no_step():
+def test_silhouette_before_nothing_is_not_a_depth_discontinuity():
     rgba, coc = two_cards(near=2.0)
     assert find_discontinuities(rgba, coc) is None
 
 
-def test_a_step_reaches_as_far_as_the_larger_disc_and_splits_half_way():
+def test_discontinuity_reaches_as_far_as_the_larger_disc_and_splits_halfway():
     rgba, coc = two_cards(near=10.0, far=4.0)
     steps = find_discontinuities(rgba, coc)
     assert np.all(steps.split_px == 7.0)
@@ -55,12 +55,12 @@ def hidden_from_column(rgba, first):
     return HiddenSurface(rgba=seen, coc_px=coc, front_rgba=rgba)
 
 
-def test_a_steep_place_that_hides_nothing_is_no_step():
+def test_steep_coc_change_that_hides_nothing_is_not_a_discontinuity():
     rgba, coc = two_cards(near=12.0, far=2.0)
     assert find_discontinuities(rgba, coc, hidden_from_column(rgba, 30)) is None
 
 
-def test_a_step_fades_out_with_the_distance_to_what_it_hides():
+def test_discontinuity_fades_with_the_distance_of_the_hidden_surface():
     rgba, coc = two_cards(near=12.0, far=2.0)
     reaches = []
     for first in range(10, 22):
@@ -72,7 +72,7 @@ def test_a_step_fades_out_with_the_distance_to_what_it_hides():
     assert reaches[2 * whole :] == [0.0] * len(reaches[2 * whole :])
 
 
-def test_reach_grows_from_nothing_with_the_step():
+def test_reach_of_a_discontinuity_grows_continuously_with_its_size():
     reaches = []
     for step in np.linspace(STEP_PX - 0.1, FULL_STEP_PX + 0.5, 30):
         steps = find_discontinuities(*two_cards(near=2.0 + step, far=2.0))
@@ -81,7 +81,7 @@ def test_reach_grows_from_nothing_with_the_step():
     assert np.diff(reaches).min() >= 0.0 and np.diff(reaches).max() < 0.5
 
 
-def test_layers_hold_what_is_seen_of_each_and_the_back_goes_on_under_the_near_one():
+def test_back_layer_is_extended_under_the_near_layer():
     rgba, coc = two_cards()
     layers = split_at_steps(rgba, coc, find_discontinuities(rgba, coc))
     near = coc == 12.0
@@ -92,7 +92,7 @@ def test_layers_hold_what_is_seen_of_each_and_the_back_goes_on_under_the_near_on
     assert layers.back_coc_px[near] == pytest.approx(np.full(400, 2.0), abs=1e-4)
 
 
-def test_nothing_goes_on_under_what_stands_before_nothing():
+def test_back_layer_is_not_extended_under_a_silhouette_before_nothing():
     rgba, coc = two_cards()
     rgba[:, :45][coc[:, :45] == 2.0] = 0.0  # only the near card is left …
     rgba[:, :5], coc[:, :5] = OPAQUE, 2.0
@@ -102,7 +102,7 @@ def test_nothing_goes_on_under_what_stands_before_nothing():
     assert under[0] > 0.7 and under[-1] < 0.2 and np.all(np.diff(under) < 0.05)
 
 
-def test_antialiased_edges_of_the_near_layer_hold_their_own_light_only():
+def test_antialiased_edges_of_the_near_layer_hold_only_its_own_light():
     rgba, coc = two_cards()
     near_light, far_light = np.float32([0.9, 0.1, 0.1, 1.0]), OPAQUE
     rgba[10:30, 10:30] = near_light
@@ -115,7 +115,7 @@ def test_antialiased_edges_of_the_near_layer_hold_their_own_light_only():
     assert whole == pytest.approx(rgba, abs=1e-5)
 
 
-def test_what_is_hidden_does_not_depend_on_the_cut():
+def test_extension_of_the_back_layer_does_not_depend_on_the_crop():
     rng = np.random.default_rng(2)
     rgba, coc = two_cards()
     rgba[:, :45, :3] *= rng.random((40, 45, 1), dtype=np.float32)
@@ -132,7 +132,7 @@ def test_what_is_hidden_does_not_depend_on_the_cut():
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10**6), height=st.integers(1, 23), width=st.integers(1, 23))
-def test_values_are_carried_out_from_the_nearest_known_pixel(seed, height, width):
+def test_unknown_pixels_take_the_value_of_the_nearest_known_pixel(seed, height, width):
     rng = np.random.default_rng(seed)
     values = rng.random((height, width), dtype=np.float32)
     known = rng.random((height, width)) < 0.3
@@ -148,7 +148,7 @@ def test_values_are_carried_out_from_the_nearest_known_pixel(seed, height, width
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10**6), height=st.integers(2, 40), width=st.integers(2, 40))
-def test_any_layer_splits_into_finite_parts_within_the_range_of_its_colours(seed, height, width):
+def test_splitting_any_layer_gives_finite_values_within_its_range(seed, height, width):
     rng = np.random.default_rng(seed)
     alpha = rng.choice(np.float32([0.0, 0.3, 1.0]), (height, width, 1))
     rgba = alpha * np.float32(rng.random((height, width, 4)))

@@ -38,20 +38,20 @@ def blob(height=40, width=44, *, margin=12, seed=0):
     return rgba
 
 
-def test_coc_zero_is_the_identity_bit_for_bit():
+def test_scatter_with_coc_zero_is_the_identity_bit_for_bit():
     rgba = blob()
     rgba[14, 14] = (0.1, 0.2, 0.3, 0.37)
     np.testing.assert_array_equal(scatter(rgba, np.zeros(rgba.shape[:2], np.float32)), rgba)
 
 
 @pytest.mark.parametrize("coc", [1.3, 3.0, 6.9, 7.7, 14.0])
-def test_energy_of_an_isolated_blob_is_kept_at_constant_coc(coc):
+def test_scatter_keeps_the_energy_of_an_isolated_blob(coc):
     rgba = blob()
     out = scatter(rgba, np.full(rgba.shape[:2], coc, np.float32))
     np.testing.assert_allclose(out.sum((0, 1)), rgba.sum((0, 1)), rtol=1e-3)
 
 
-def test_alpha_stays_one_inside_on_a_45_degree_ramp_through_focus():
+def test_alpha_stays_one_inside_a_ramp_through_focus():
     rgba = np.ones((60, 60, 4), np.float32)
     coc = np.add.outer(np.arange(60.0), np.zeros(60)).astype(np.float32) - 30.0
     np.testing.assert_array_equal(scatter(rgba, coc)[..., 3], 1.0)
@@ -71,7 +71,7 @@ def test_fast_and_reference_agree_on_random_layers(shape, largest, seed):
     np.testing.assert_allclose(scatter(rgba, coc), scatter_ref(rgba, coc), atol=2e-3)
 
 
-def test_values_that_are_not_finite_are_refused():
+def test_scatter_refuses_values_that_are_not_finite():
     rgba = blob()
     rgba[20, 20, 0] = np.nan
     with pytest.raises(ValueError, match="finite"):
@@ -105,7 +105,7 @@ def test_fast_and_reference_agree_on_a_ramp_of_large_discs(largest, aspect):
     assert np.sqrt(np.mean((fast - slow) ** 2)) < 2e-3
 
 
-def test_fast_and_reference_agree_on_parts_that_lie_apart():
+def test_fast_and_reference_agree_on_separate_parts():
     rgba = np.zeros((44, 72, 4), np.float32)
     rgba[8:16, 6:14] = (0.2, 0.4, 0.6, 1.0)
     rgba[24:34, 50:60] = (0.3, 0.1, 0.2, 0.5)
@@ -116,7 +116,7 @@ def test_fast_and_reference_agree_on_parts_that_lie_apart():
     np.testing.assert_allclose(fast, slow, atol=0.02)
 
 
-def test_a_steep_ramp_of_large_discs_gives_the_same_mirrored():
+def test_scatter_of_a_mirrored_ramp_is_the_mirrored_scatter():
     # Its discs are as skew as they can be, and their spans the furthest from the pixel.
     coc = np.repeat(90.0 - np.arange(100, dtype=np.float32)[None], 60, axis=0)
     rgba = np.zeros((60, 100, 4), np.float32)
@@ -131,7 +131,7 @@ def test_a_steep_ramp_of_large_discs_gives_the_same_mirrored():
     [optical_vignetting, extend, levels, normalize, scatter_rows],
     ids=lambda module: module.__name__,
 )
-def test_kernels_compile_in_no_number_of_another_file(module):
+def test_kernels_use_no_constant_imported_from_another_module(module):
     # Their cache on disk would keep the old one after it changed there.
     names = {
         name.id
@@ -155,13 +155,13 @@ def _called(decorator):
     return decorator.func.id if isinstance(decorator, ast.Call) else ""
 
 
-def test_the_sign_of_the_coc_does_not_matter():
+def test_scatter_does_not_depend_on_the_sign_of_the_coc():
     rgba = blob()
     coc = ramp(rgba.shape[:2], 1.0, 11.0)
     np.testing.assert_array_equal(scatter(rgba, coc), scatter(rgba, -coc))
 
 
-def test_any_number_of_threads_gives_the_same_bits():
+def test_scatter_is_bit_identical_on_any_number_of_threads():
     rgba = blob(61, 47)
     coc = ramp(rgba.shape[:2], -9.0, 14.0)
     one = scatter(rgba, coc, threads=1)
@@ -169,7 +169,7 @@ def test_any_number_of_threads_gives_the_same_bits():
         np.testing.assert_array_equal(scatter(rgba, coc, threads=threads), one)
 
 
-def test_a_shifted_layer_gives_a_shifted_blur():
+def test_scatter_of_a_shifted_layer_is_the_shifted_scatter():
     rgba = blob(60, 60, margin=20)
     coc = ramp((60, 60), 0.0, 12.0)
     moved = scatter(np.roll(rgba, (3, 5), (0, 1)), np.roll(coc, (3, 5), (0, 1)))
@@ -178,7 +178,7 @@ def test_a_shifted_layer_gives_a_shifted_blur():
 
 @settings(max_examples=10, deadline=None)
 @given(gain=st.floats(1e-3, 1e4), coc=st.floats(0.0, 12.0))
-def test_it_is_linear_in_light_and_highlights_survive(gain, coc):
+def test_scatter_is_linear_in_light_and_keeps_highlights(gain, coc):
     rgba = blob()
     plane = np.full(rgba.shape[:2], coc, np.float32)
     bright = rgba.copy()
@@ -187,7 +187,7 @@ def test_it_is_linear_in_light_and_highlights_survive(gain, coc):
     np.testing.assert_allclose(scatter(bright, plane)[..., :3], scaled, rtol=1e-4, atol=1e-6 * gain)
 
 
-def test_brighter_light_never_darkens_a_pixel():
+def test_scatter_is_monotone_in_light():
     rgba = blob()
     coc = ramp(rgba.shape[:2], -8.0, 8.0)
     brighter = rgba.copy()
@@ -197,25 +197,25 @@ def test_brighter_light_never_darkens_a_pixel():
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (7, 5)])
 @pytest.mark.parametrize("coc", [0.0, 0.7, 5.0, 60.0])
-def test_a_covered_array_of_any_shape_stays_opaque_and_of_its_colour(shape, coc):
+def test_opaque_layer_of_any_shape_keeps_alpha_and_colour(shape, coc):
     out = scatter(np.ones((*shape, 4), np.float32), np.full(shape, coc, np.float32))
     np.testing.assert_allclose(out, 1.0, rtol=1e-6)
 
 
 @pytest.mark.parametrize("coc", [200.0, 3e3])
-def test_a_huge_coc_gives_a_thin_finite_haze(coc):
+def test_very_large_coc_gives_finite_small_alpha(coc):
     rgba = blob(32, 34)
     out = scatter(rgba, np.full(rgba.shape[:2], coc, np.float32))
     assert np.isfinite(out).all()
     assert 0.0 < out[..., 3].max() < 0.05
 
 
-def test_nothing_covered_gives_exactly_nothing_and_reads_no_coc():
+def test_empty_layer_scatters_to_zero_and_its_coc_is_not_read():
     rgba = np.zeros((5, 6, 4), np.float32)
     assert not scatter(rgba, np.full((5, 6), np.nan, np.float32)).any()
 
 
-def test_nothing_is_written_out_of_reach():
+def test_scatter_writes_nothing_out_of_reach():
     rgba = np.zeros((80, 80, 4), np.float32)
     rgba[40, 40] = 1.0
     out = scatter(rgba, np.full((80, 80), 10.0, np.float32))
@@ -223,7 +223,7 @@ def test_nothing_is_written_out_of_reach():
     assert rows.min() >= 35 and rows.max() <= 45 and columns.min() >= 35 and columns.max() <= 45
 
 
-def test_the_blur_never_pops_while_the_coc_grows():
+def test_blur_changes_smoothly_while_the_coc_grows():
     rgba = blob(36, 36, margin=14)
     steps = [scatter(rgba, np.full((36, 36), c, np.float32)) for c in np.arange(0.0, 10.0, 0.02)]
     change = np.abs(np.diff(np.stack(steps), axis=0)).max(axis=(1, 2, 3))
@@ -232,7 +232,7 @@ def test_the_blur_never_pops_while_the_coc_grows():
     assert bend.max() < 0.01
 
 
-def test_oblong_pixels_scale_the_disc_along_columns():
+def test_pixel_aspect_scales_the_disc_along_columns():
     rgba = np.zeros((41, 41, 4), np.float32)
     rgba[20, 20] = 1.0
     out = scatter(rgba, np.full((41, 41), 16.0, np.float32), pixel_aspect=0.5)[..., 3]
@@ -252,7 +252,7 @@ def test_oblong_pixels_scale_the_disc_along_columns():
     ],
     ids=["tilted, 0 to 20 px", "tilted through focus", "13 px", "2 px"],
 )
-def test_a_slab_looks_as_through_a_sampled_lens(slab, least_db):
+def test_scatter_of_a_slab_agrees_with_a_sampled_lens(slab, least_db):
     # Checks of full contrast, finer than a renderer's filtered textures: the hard case near focus.
     sharp, coc = pinhole([slab], (102, 132))
     truth = lens([slab], (102, 132), views=300)
@@ -260,7 +260,7 @@ def test_a_slab_looks_as_through_a_sampled_lens(slab, least_db):
 
 
 @pytest.mark.slow
-def test_large_discs_on_coarse_pixels_look_as_the_definition_says():
+def test_large_discs_on_coarse_pixels_agree_with_the_reference():
     rgba = blob(150, 160, margin=60, seed=3)
     rgba[75, 80, :3] = 50.0  # a highlight
     for coc in (36.0, 75.0):
@@ -269,7 +269,7 @@ def test_large_discs_on_coarse_pixels_look_as_the_definition_says():
         assert psnr_over_plate(fast, slow) > 50.0
 
 
-def test_no_seam_shows_where_discs_go_over_to_coarser_pixels():
+def test_transition_to_coarser_pixels_has_no_seam():
     rgba = np.ones((90, 90, 4), np.float32)
     rgba[..., :3] = 0.5
     out = scatter(rgba, ramp((90, 90), 20.0, 100.0))
@@ -278,7 +278,7 @@ def test_no_seam_shows_where_discs_go_over_to_coarser_pixels():
 
 
 @pytest.mark.parametrize("detail", [FINE, DRAFT], ids=["fine", "draft"])
-def test_the_same_frame_position_gives_the_same_whatever_array_it_comes_in(detail):
+def test_scatter_does_not_depend_on_the_crop_of_the_layer(detail):
     rgba, coc = blob(90, 84, margin=36), ramp((90, 84), 3.0, 30.0)
     whole = scatter(rgba, coc, frame=Box(0, 0, 84, 90), detail=detail)
     wide = np.pad(rgba, ((5, 3), (7, 2), (0, 0)))
@@ -293,7 +293,7 @@ def largest_bend(frames):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
-def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(detail, times):
+def test_object_sliding_by_tenths_of_a_pixel_does_not_flicker(detail, times):
     # An antialiased edge bends by itself as it crosses pixels: the definition says how much.
     slabs = [
         Slab(corners=(20 + s, 20.3, 52 + s, 50), coc_px=2.0 - 0.35 * s, slope=(0.35, 0.0))
@@ -304,7 +304,7 @@ def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(detail, times):
     assert seen < times * largest_bend([scatter_ref(*frame) for frame in frames])
 
 
-def test_an_edge_is_as_wide_as_its_own_disc_however_the_coc_changes_inside():
+def test_edge_width_is_the_edges_own_coc():
     coverage = []
     for slope in (0.0, 0.1, 0.3, 0.5):
         columns = np.arange(120, dtype=np.float32)
@@ -318,7 +318,7 @@ def test_an_edge_is_as_wide_as_its_own_disc_however_the_coc_changes_inside():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("detail", "times"), [(FINE, 1.2), (DRAFT, 1.5)], ids=["fine", "draft"])
-def test_an_object_that_moves_through_focus_never_pops(detail, times):
+def test_object_moving_through_focus_does_not_flicker(detail, times):
     rgba = blob(56, 56, margin=20)
     planes = [np.full((56, 56), c, np.float32) for c in np.arange(-9.0, 9.0, 0.4)]
     seen = largest_bend([scatter(rgba, plane, detail=detail) for plane in planes])
@@ -326,7 +326,7 @@ def test_an_object_that_moves_through_focus_never_pops(detail, times):
 
 
 @pytest.mark.parametrize(("slope", "start"), [((0.2, 0.0), -3.2), ((0.05, 0.35), -12.4)])
-def test_a_draft_of_a_slab_is_above_36_db(slope, start):
+def test_draft_scatter_of_a_slab_is_above_36_db(slope, start):
     slab = Slab(corners=(16, 16.3, 116.4, 86), coc_px=start, slope=slope)
     sharp, coc = pinhole([slab], (102, 132))
     truth = lens([slab], (102, 132), views=300)
@@ -334,7 +334,7 @@ def test_a_draft_of_a_slab_is_above_36_db(slope, start):
 
 
 @pytest.mark.parametrize("detail", [FINE, DRAFT], ids=["fine", "draft"])
-def test_what_is_not_wanted_changes_nothing_of_what_is(detail):
+def test_scatter_of_requested_pixels_equals_the_whole(detail):
     rng = np.random.default_rng(3)
     rgba = blob(90, 110, margin=34)
     coc = rng.uniform(-60.0, 60.0, (3, 3)).repeat(30, axis=0).repeat(37, axis=1)[:, :110]

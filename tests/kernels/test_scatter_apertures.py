@@ -76,7 +76,7 @@ def test_fast_and_reference_agree_on_a_ramp_through_focus_of_oblong_pixels(shape
 
 @pytest.mark.slow
 @pytest.mark.parametrize("coc", [-9.0, 15.0])
-def test_fast_and_reference_agree_on_a_picture(drop, coc):
+def test_fast_and_reference_agree_for_an_aperture_picture(drop, coc):
     rgba = patch((56, 58), 20)
     plane = np.full(rgba.shape[:2], coc, np.float32)
     fast, slow = scatter(rgba, plane, aperture=drop), scatter_ref(rgba, plane, aperture=drop)
@@ -85,7 +85,7 @@ def test_fast_and_reference_agree_on_a_picture(drop, coc):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_highlight_takes_the_apertures_shape(shape):
+def test_highlight_has_the_shape_of_the_aperture(shape):
     # A bright speck on a dark, wide, evenly defocused object.
     rgba = np.zeros((121, 121, 4), np.float32)
     rgba[..., 3] = 1.0
@@ -105,21 +105,21 @@ def test_a_highlight_takes_the_apertures_shape(shape):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("coc", [-2.0, 5.0, -23.0])
-def test_light_is_kept_whatever_the_shape(shape, coc):
+def test_scatter_by_an_aperture_shape_keeps_energy(shape, coc):
     rgba = speck(81, light=(40.0, 2.0, 1.0))
     plane = np.full((81, 81), coc, np.float32)
     out = scatter(rgba, plane, aperture=SHAPES[shape], frame=Box(-900, -500, 1020, 580))
     np.testing.assert_allclose(out.sum((0, 1)), rgba.sum((0, 1)), rtol=6e-3)
 
 
-def test_light_of_a_picture_is_kept(drop):
+def test_scatter_by_an_aperture_picture_keeps_energy(drop):
     rgba = speck(81)
     out = scatter(rgba, np.full((81, 81), -17.0, np.float32), aperture=drop)
     np.testing.assert_allclose(out.sum((0, 1)), rgba.sum((0, 1)), rtol=1e-3)
 
 
 @pytest.mark.parametrize("blades", [3, 5, 8])
-def test_before_the_focus_a_shape_is_turned_by_half_a_turn(blades):
+def test_aperture_shape_is_rotated_by_180_degrees_in_front_of_the_focus(blades):
     rgba, aperture = patch((61, 61), 20), Aperture(blades=blades, rotation_deg=7.0)
     coc = np.full((61, 61), 17.0, np.float32)
     near = scatter(rgba, coc, aperture=aperture)
@@ -127,7 +127,7 @@ def test_before_the_focus_a_shape_is_turned_by_half_a_turn(blades):
     np.testing.assert_allclose(near, far, atol=2e-5)
 
 
-def test_a_cat_eye_loses_its_outer_side_behind_the_focus_and_leaves_the_middle_alone():
+def test_cat_eye_clips_the_outer_side_behind_the_focus_and_not_the_centre():
     aperture = Aperture(cat_eye=0.9)
     coc = np.full((61, 61), -24.0, np.float32)
     rgba = speck(61)
@@ -138,13 +138,13 @@ def test_a_cat_eye_loses_its_outer_side_behind_the_focus_and_leaves_the_middle_a
     assert seen[0] in (18, 19) and seen[-1] < 36
 
 
-def test_full_roundness_is_a_disc():
+def test_blades_of_full_roundness_are_a_disc():
     rgba, coc = patch((61, 61), 20), np.full((61, 61), 17.0, np.float32)
     shaped = scatter(rgba, coc, aperture=Aperture(blades=6, roundness=1.0))
     np.testing.assert_allclose(shaped, scatter(rgba, coc), atol=2e-3)
 
 
-def test_reach_follows_the_furthest_point_of_the_shape():
+def test_blur_reach_is_that_of_the_farthest_point_of_the_shape():
     triangle = Aperture(blades=3)
     rgba, coc = speck(101), np.full((101, 101), -40.0, np.float32)
     reach = blur_reach(coc, rgba[..., 3], aperture=triangle)
@@ -153,14 +153,14 @@ def test_reach_follows_the_furthest_point_of_the_shape():
     assert 29 <= seen[-1] - 50 <= reach <= 34
 
 
-def test_a_picture_that_lets_no_light_pass_is_refused(tmp_path):
+def test_black_aperture_picture_is_refused(tmp_path):
     assert cv2.imwrite(str(tmp_path / "black.png"), np.zeros((8, 8), np.uint8))
     coc = np.full((9, 9), 5.0, np.float32)
     with pytest.raises(InputError, match="black"):
         scatter(speck(9), coc, aperture=Aperture(image=tmp_path / "black.png"))
 
 
-def test_a_picture_that_is_none_is_refused(tmp_path):
+def test_unreadable_aperture_picture_is_refused(tmp_path):
     (tmp_path / "no.png").write_text("no picture")
     with pytest.raises(InputError, match="no.png"):
         scatter(speck(9), np.ones((9, 9), np.float32), aperture=Aperture(image=tmp_path / "no.png"))

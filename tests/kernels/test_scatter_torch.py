@@ -45,7 +45,7 @@ def spread(name="cpu"):
         ("cat's eye", 20, 60, FINE),
     ],
 )
-def test_torch_gives_what_the_kernel_gives(shape, least, largest, detail):
+def test_torch_scatter_agrees_with_the_kernel(shape, least, largest, detail):
     rgba, coc = layer(least, largest, margin=50)
     frame = Box(-33, -20, 300, 250)
     given = {"aperture": APERTURES[shape], "frame": frame, "detail": detail, "pixel_aspect": 1.2}
@@ -54,7 +54,7 @@ def test_torch_gives_what_the_kernel_gives(shape, least, largest, detail):
 
 
 @pytest.mark.needs_torch
-def test_torch_comes_as_close_to_the_definition_as_the_kernel():
+def test_torch_scatter_is_as_close_to_the_reference_as_the_kernel():
     rgba, coc = layer(-8.0, 10.0, margin=12)
     truth = scatter_ref(rgba, coc)
     kernel = np.abs(scatter(rgba, coc) - truth).max()
@@ -63,7 +63,7 @@ def test_torch_comes_as_close_to_the_definition_as_the_kernel():
 
 @pytest.mark.slow
 @pytest.mark.needs_torch
-def test_an_aperture_that_is_a_picture_is_spread_by_torch_too(tmp_path):
+def test_torch_scatter_supports_an_aperture_picture(tmp_path):
     import cv2
 
     assert cv2.imwrite(str(tmp_path / "a.png"), np.eye(9, dtype=np.uint8) * 255)
@@ -73,7 +73,7 @@ def test_an_aperture_that_is_a_picture_is_spread_by_torch_too(tmp_path):
     np.testing.assert_allclose(scatter(rgba, coc, spread=spread(), **given), kernel, atol=2e-5)
 
 
-def test_auto_takes_the_cpu_where_there_is_no_cuda_and_says_why(monkeypatch):
+def test_auto_device_is_the_cpu_without_cuda_and_states_why(monkeypatch):
     monkeypatch.setattr(device, "_why_no_cuda", lambda: "there is no NVIDIA driver")
     assert device.choose("auto") == device.DeviceChoice("cpu", "there is no NVIDIA driver")
     assert device.choose("auto").spread is None
@@ -81,14 +81,14 @@ def test_auto_takes_the_cpu_where_there_is_no_cuda_and_says_why(monkeypatch):
         device.choose("cuda")
 
 
-def test_without_torch_the_reason_names_it(monkeypatch):
+def test_reason_for_the_cpu_names_missing_torch(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert device.choose("auto").name == "cpu" and "torch" in device.choose("auto").reason
     assert device.choose("cpu").reason == "as asked for"
 
 
 @pytest.mark.needs_torch
-def test_a_gpu_out_of_memory_leaves_its_pictures_to_the_cpu_with_a_word(monkeypatch):
+def test_gpu_out_of_memory_falls_back_to_the_cpu_with_a_note(monkeypatch):
     """torch's own error is raised at the seam: no GPU is full here."""
     import torch
 

@@ -61,7 +61,7 @@ def of_sixteens(values, limit, out):
 
 @settings(deadline=None)
 @given(arrays(np.float32, (2, 4), elements=NUMBERS), st.floats(0.125, 8.0, width=32))
-def test_four_numbers_are_added_multiplied_divided_and_put_together(values, factor):
+def test_vector_operations_of_four_agree_with_numpy(values, factor):
     out, flat = np.zeros(20, np.float32), values.ravel()
     of_fours(values, np.float32(factor), out)
     one, other = flat[4:8], flat[2:6]
@@ -74,7 +74,7 @@ def test_four_numbers_are_added_multiplied_divided_and_put_together(values, fact
 
 @settings(deadline=None)
 @given(arrays(np.float32, 10, elements=NUMBERS))
-def test_eight_numbers_are_summed_in_float64(values):
+def test_sum_of_eight_is_in_float64(values):
     out = np.zeros(6, np.float32)
     of_eights(values, out)
     exact = (values[1:9].astype(np.float64) + values[2:10]).astype(np.float32)
@@ -83,7 +83,7 @@ def test_eight_numbers_are_summed_in_float64(values):
 
 @settings(deadline=None)
 @given(arrays(np.float32, 19, elements=NUMBERS), NUMBERS)
-def test_sixteen_numbers_are_chosen_lane_by_lane_and_no_others_written(values, limit):
+def test_masked_selection_of_sixteen_writes_only_its_lanes(values, limit):
     out = np.full(18, 7.0, np.float32)
     of_sixteens(values, np.float32(limit), out)
     np.testing.assert_array_equal(out[1:17], np.minimum(values[3:], np.float32(limit)))
@@ -135,7 +135,7 @@ def test_span_end_adds_light_and_weight_to_both_halves_of_one_row(rgba, here, fu
     arrays(np.float32, 24, elements=st.floats(0, 2, width=32)), st.integers(-3, 20),
     st.floats(0, 2, width=32), st.floats(-0.125, 0.125, width=32),
 )  # fmt: skip
-def test_run_draws_its_samples_that_are_not_farther(disparity, count, start, slope):
+def test_depth_tested_run_writes_only_samples_that_are_not_farther(disparity, count, start, slope):
     ids = np.full(24, -1, np.int32)
     start, slope = np.float32(start), np.float32(slope)
     mine = start + slope * np.arange(DRAW_LANES, dtype=np.float32)
@@ -152,7 +152,7 @@ def test_run_draws_its_samples_that_are_not_farther(disparity, count, start, slo
     arrays(np.uint16, (6, 4)), st.integers(0, 4), st.integers(0, 4), st.floats(0, 1, width=32),
     st.floats(0, 1, width=32),
 )  # fmt: skip
-def test_texels_are_mixed_bilinearly(texels, upper, lower, across, down):
+def test_texels_are_interpolated_bilinearly(texels, upper, lower, across, down):
     out = np.zeros(4, np.float32)
     mixed_texels(texels.ravel(), upper, lower, np.float32(across), np.float32(down), out)
     t = texels / 65535.0
@@ -162,7 +162,7 @@ def test_texels_are_mixed_bilinearly(texels, upper, lower, across, down):
 
 @settings(deadline=None)
 @given(st.floats(2.0**-126, 2.0**120, width=32))
-def test_number_is_its_significand_times_a_power_of_two(value):
+def test_split_number_is_its_significand_times_a_power_of_two(value):
     out = np.zeros(2, np.float32)
     parts_of_a_number(np.float32(value), out)
     assert 1.0 <= out[1] < 2.0

@@ -15,17 +15,17 @@ needs_affinity = pytest.mark.skipif(
 
 
 @pytest.mark.parametrize("workers", [None, 1, 2, 5])
-def test_every_item_is_worked_on_once(workers):
+def test_pool_processes_every_item_once(workers):
     done = []
     parallel_for(done.append, range(100), workers)
     assert sorted(done) == list(range(100))
 
 
-def test_nothing_to_do_is_done_at_once():
+def test_pool_returns_at_once_without_items():
     parallel_for(lambda _: pytest.fail("there is no item"), [])
 
 
-def test_threads_are_made_once():
+def test_pool_creates_its_threads_once():
     parallel_for(lambda _: None, range(100), 3)
     before = threading.active_count()
     for _ in range(5):
@@ -33,7 +33,7 @@ def test_threads_are_made_once():
     assert threading.active_count() == before
 
 
-def test_an_error_of_any_worker_reaches_the_caller():
+def test_error_of_any_thread_reaches_the_caller():
     def fail(item):
         raise ValueError(f"item {item}")
 
@@ -41,14 +41,14 @@ def test_an_error_of_any_worker_reaches_the_caller():
         parallel_for(fail, range(9), 2)
 
 
-def test_work_may_share_work_itself():
+def test_parallel_loops_can_be_nested():
     done = []
     parallel_for(lambda _: parallel_for(done.append, range(10), 4), range(10), 4)
     assert len(done) == 100
 
 
 @needs_affinity
-def test_processors_that_are_forbidden_do_not_count():
+def test_pool_size_respects_the_processor_affinity():
     allowed = os.sched_getaffinity(0)
     try:
         os.sched_setaffinity(0, {min(allowed)})
@@ -59,7 +59,7 @@ def test_processors_that_are_forbidden_do_not_count():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_forked_child_shares_work_and_both_end():
+def test_forked_child_can_use_the_pool():
     code = (
         "import os, sys\n"
         "from nlens_video.kernels.thread_pool import parallel_for\n"

@@ -23,7 +23,7 @@ from nlens_video.options import options
         (["in.mp4", "a.glb", "o.mp4", "--ground-y", "nan"], "'nan' is not a number"),
     ],
 )
-def test_slips_of_the_hand_are_told_with_what_was_meant(words, said):
+def test_typing_errors_get_a_suggestion(words, said):
     assert said in one_line(nlens(*words), 2)
 
 
@@ -45,7 +45,7 @@ def test_slips_of_the_hand_are_told_with_what_was_meant(words, said):
         ("study make --things cups", "study make --subject cups", "things"),
     ],
 )
-def test_former_names_of_options_mean_the_same(former, now, attribute):
+def test_former_option_names_are_accepted(former, now, attribute):
     more = {"check": ["o.mp4"], "merge": ["o.mp4", "c.nut"], "study": ["o.html"]}
     parsed = [
         vars(options.parse([*words, *more.get(words[0], ["i.mp4", "a.glb", "o.mp4"])]))
@@ -55,16 +55,16 @@ def test_former_names_of_options_mean_the_same(former, now, attribute):
     assert parsed[0] == parsed[1] and parsed[0][attribute] not in (None, False, plain)
 
 
-def test_two_names_of_one_option_may_be_abbreviated():
+def test_option_with_two_names_can_be_abbreviated():
     assert options.parse(["i.mp4", "a.glb", "o.mp4", "--foot", "near"]).footprint == "near"
 
 
-def test_control_characters_of_a_name_do_not_reach_the_terminal():
+def test_control_characters_in_a_file_name_are_escaped_in_messages():
     line = one_line(nlens("no\x1b[2Jsuch.mp4", "a.glb", "o.mp4"), 3)
     assert "no\\x1b[2Jsuch.mp4" in line
 
 
-def test_value_that_begins_with_a_minus_needs_no_equals_sign():
+def test_value_beginning_with_a_minus_needs_no_equals_sign():
     words = options.parse(
         ["in.mp4", "a.glb", "-", "--distortion", "-0.1,0.02", "--at", "-0.1,0.5", "--yaw", "-30",
          "--effects", "-grain,+shadow", "-q"]

@@ -25,7 +25,7 @@ OWNERS = {
 }  # fmt: skip
 
 
-def test_every_option_feeds_a_field_that_its_settings_have():
+def test_every_option_sets_an_existing_settings_field():
     for option in ROWS:
         owner, _, field = option.feeds.partition(".")
         if owner:
@@ -33,13 +33,13 @@ def test_every_option_feeds_a_field_that_its_settings_have():
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, JOBS])
-def test_every_default_is_one_that_the_option_takes(command):
+def test_every_default_is_accepted_by_its_option(command):
     for action in parser_of(command)._actions:
         if action.choices and action.option_strings and action.default is not None:
             assert action.default in action.choices, action.dest
 
 
-def test_no_command_has_an_option_name_twice():
+def test_option_names_are_unique_within_a_command():
     for command in (*COMMANDS, JOBS):
         names = [name for row in ROWS if command in row.commands for name in row.flags]
         assert len(names) == len(set(names)), command
