@@ -30,10 +30,10 @@ from nlens_video.core.settings import (
 )
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.base.object_source import ScreenBounds, View
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import ScreenBounds, View
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
-from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.session import open_session
 from nlens_video.run.render import render
 from nlens_video.video.exr import read_exr, write_layers

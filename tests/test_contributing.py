@@ -27,7 +27,7 @@ import sys
 import nlens_video.core, nlens_video.options
 for package in (nlens_video.core, nlens_video.options):
     package.__path__.insert(0, sys.argv[1] + "/" + package.__name__.partition(".")[2])
-from nlens_video.options.options import parser_of
+from nlens_video.options.parser import parser_of
 from nlens_video.options.to_settings import settings
 words = parser_of("render").parse_args(["in.mp4", "anim.glb", "out.mp4", "--gop", "12"])
 words.command = "render"

@@ -8,9 +8,8 @@ import pytest
 from support.folders import ROOT
 
 from nlens_video.graph.diagram import mermaid
-from nlens_video.graph.nodes.registry import FORMER_NAMES, NODES
-from nlens_video.graph.pipeline_file import load_pipeline
-from nlens_video.options.options import COMMANDS, parser_of
+from nlens_video.graph.pipeline_file import FORMER_NAMES, NODES, load_pipeline
+from nlens_video.options.parser import COMMANDS, parser_of
 
 PAGES = [
     path

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out, standard_error
 from nlens_video.options import to_settings
-from nlens_video.options.options import parser_of
+from nlens_video.options.parser import parser_of
 from nlens_video.options.table import COMMANDS
 
 COMPLETING = "_ARGCOMPLETE"

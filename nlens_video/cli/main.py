@@ -26,7 +26,7 @@ from nlens_video.core.stdio import (
     redirect_to_devnull,
     standard_error,
 )
-from nlens_video.options import options, to_settings
+from nlens_video.options import parser, to_settings
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Console
@@ -124,7 +124,7 @@ def _exit_if_reader_blocks(code: int) -> None:
 
 
 def _run(argv: list[str]) -> int:
-    args = options.parse(argv)
+    args = parser.parse(argv)
     drop_protocol(args)
     if args.command not in _LIGHT:
         require_memory()
@@ -177,7 +177,7 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
         return run_farm(args, settings, console)
     if args.command == "fit":
         from nlens_video.run.render import find_fit
-        from nlens_video.run.sidecar_outputs import check_sidecars
+        from nlens_video.run.result import check_sidecars
 
         found = find_fit(settings)
         console.fit(found)
@@ -192,7 +192,7 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
 
         return run_chunk(settings, Path(args.output), console)
     from nlens_video.run.render import render
-    from nlens_video.run.sidecar_outputs import check_sidecars
+    from nlens_video.run.result import check_sidecars
 
     with console.progress_bar() as on_progress:
         outcome = render(settings, on_progress)

@@ -17,7 +17,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides, as_aperture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import EFFECTS, requested_effects
-from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.options.option import Option
 from nlens_video.options.readers import word

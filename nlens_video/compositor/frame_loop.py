@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, TypeVar
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.graph.base.object_source import View
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.values import LoopFrame
-from nlens_video.graph.effect_decisions import PlatePreview
-from nlens_video.graph.lens_request import LensRequest
+from nlens_video.graph.base.view import View
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.session import Session, open_session
-from nlens_video.graph.warmup import KernelWarmup
 
 if TYPE_CHECKING:
     import av
@@ -64,7 +63,7 @@ class FrameLoop:
         """What runs on each frame and why, a line each; empty before the first frame."""
         if self._session is None:
             return ()
-        from nlens_video.graph.plan import describe
+        from nlens_video.graph.session import describe
 
         return tuple(describe(self._session))
 
@@ -110,7 +109,7 @@ class FrameLoop:
                 self.objects, self.lens, view, self.profiler, PlatePreview(lambda: (picture,))
             )
             self._stack.enter_context(self._session.render_context())
-            self._stack.enter_context(KernelWarmup(self._session.graph))
+            self._stack.enter_context(KernelWarmup(self._session.nodes))
             self._size = size
         if size != self._size:
             raise UsageError(

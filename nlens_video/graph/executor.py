@@ -100,6 +100,16 @@ class GraphExecutor:
         self._track = fit if isinstance(fit, FitTrack) else None
         self._live = live
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes for the user on the lens, as of now."""
+        found, live = self.shot.found_lens, self._live
+        return (
+            *([found.warning] if found is not None and found.warning else []),
+            *([self._track.describe()] if self._track is not None else []),
+            *([live.describe()] if live is not None and live.fits > 1 else []),
+        )
+
     def pin_fit(self, fit: LensFit) -> None:
         """Use this lens, in pixels of this stream, from now on and ignore its changes."""
         self._track = self._live = None

@@ -7,26 +7,80 @@
         { node = "reblur", fallback_for = "lens-sampling" },
     ]
 
-Which ports a node takes and writes, on which thread and frames it runs, is the node's own (see
-`graph.base.node`). Files of the form before 1.0 (`[[node]]` tables) are read as well.
+Ports, thread and condition of a node are its class's own (see `graph.base.node`). Files of the form
+before 1.0 (`[[node]]` tables) are read as well.
 """
 
 from __future__ import annotations
 
 import inspect
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib import resources
+from importlib import import_module, resources
+from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import ModuleInfo, iter_modules
+from types import ModuleType
 
+from nlens_video import effects
 from nlens_video.core.errors import UsageError
+from nlens_video.graph import nodes as node_modules
 from nlens_video.graph.base.node import LANES, Node
 from nlens_video.graph.base.values import GIVEN
-from nlens_video.graph.former_files import former_nodes
-from nlens_video.graph.nodes.registry import NODES
 
 _KEYS = {"summary", "nodes"}
 _NODE_KEYS = ("node", "fallback_for")
+
+
+def _node_classes() -> Iterator[type[Node]]:
+    modules = [module.name for module in _submodules(node_modules)]
+    for folder in _submodules(effects):  # an effect with a folder of its own brings its node
+        if folder.ispkg and find_spec(f"{folder.name}.node") is not None:
+            modules.append(f"{folder.name}.node")
+    for module in map(import_module, modules):
+        for value in vars(module).values():
+            own = inspect.isclass(value) and value.__module__ == module.__name__
+            if own and issubclass(value, Node):
+                yield value
+
+
+def _submodules(package: ModuleType) -> Iterator[ModuleInfo]:
+    return iter_modules(package.__path__, f"{package.__name__}.")
+
+
+NODES: dict[str, type[Node]] = {cls.name: cls for cls in _node_classes()}
+"""The nodes that a pipeline file can name: subclasses of `Node` in `graph/nodes` and `effects`."""
+
+FORMER_NAMES = {
+    "locate": "object-bounds",
+    "project": "ground-footprint",
+    "light": "estimate-light",
+    "follow": "match-exposure",
+    "motion": "measure-motion",
+    "moments": "select-samples",
+    "expose": "render-motion",
+    "smear": "motion-blur",
+    "sharp": "crop-sharp",
+    "scatter": "reblur",
+    "lens": "lens-sampling",
+    "views": "aperture-views",
+    "lay-views": "blend-views",
+    "peel": "depth-peel",
+    "past-edges": "edge-parallax",
+    "repair": "depth-order",
+    "matte": "occlusion-cue",
+    "hold-out": "foreground",
+    "darken": "composite-shadow",
+    "lay-reflection": "composite-reflection",
+    "widen": "add-overscan",
+    "narrow": "remove-overscan",
+    "bend": "distort",
+    "bend-shadow": "distort-shadow",
+    "bend-reflection": "distort-reflection",
+    "fringe": "chromatic-aberration",
+}
+"""Names of nodes before 1.0, as older pipeline files have them, to today's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +137,7 @@ def load_pipeline(preset: str) -> PipelineFile:
         raise UsageError(f"{path}: cannot be read as a pipeline file ({error})") from error
     notes: tuple[str, ...] = ()
     if "node" in raw:
-        raw = former_nodes(raw, path)
+        raw = _from_former(raw, path)
         notes = (f"{path}: has the form before 1.0, which the next release no longer reads",)
     if unknown := set(raw) - _KEYS:
         raise UsageError(f"{path}: unknown key {min(unknown)!r}; known: {', '.join(sorted(_KEYS))}")
@@ -181,3 +235,57 @@ def _check_order(specs: tuple[NodeSpec, ...], path: Path) -> None:
                 f"lane {LANES[lane]!r}"
             )
         lane = LANES.index(node.lane)
+
+
+_LATE = ("crop-sharp",)
+"""Nodes that now stand behind their alternatives: the first that can run does."""
+
+
+def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
+    """Today's form of a file from before 1.0, whose tables also spell out ports and lanes."""
+    tables, about = raw.get("node"), raw.get("pipeline", {})
+    if not isinstance(tables, list) or not isinstance(about, dict):
+        raise UsageError(f"{path}: 'node' must be a list of tables, 'pipeline' a table")
+    names = {
+        table["name"]: _current_name(table, path)
+        for table in tables
+        if isinstance(table, dict) and "name" in table
+    }
+    nodes = [_node(table, names, path) for table in tables]
+    late = [node for node in nodes if node["node"] in _LATE]
+    nodes = [node for node in nodes if node["node"] not in _LATE]
+    for node in late:
+        nodes.insert(_behind_alternatives(nodes), node)
+    return {"summary": about.get("summary", ""), "nodes": nodes}
+
+
+def _current_name(table: dict[str, object], path: Path) -> str:
+    stage = table.get("stage")
+    name = FORMER_NAMES.get(stage, stage) if isinstance(stage, str) else None
+    if name not in NODES:
+        raise UsageError(f"{path}: no stage {stage!r}; there are {', '.join(FORMER_NAMES)}")
+    return name
+
+
+def _node(table: object, names: dict[str, str], path: Path) -> dict[str, object]:
+    if not isinstance(table, dict):
+        raise UsageError(f"{path}: a [[node]] is not a table")
+    options = table.get("options", {})
+    if not isinstance(options, dict):
+        raise UsageError(f"{path}: 'options' must be a table")
+    node: dict[str, object] = {"node": _current_name(table, path), **options}
+    if "unless" in table:
+        node["fallback_for"] = names.get(table["unless"], table["unless"])
+    return node
+
+
+def _behind_alternatives(nodes: list[dict[str, object]]) -> int:
+    """Where a last alternative goes: behind the others, before the operations on their result."""
+    place = 0
+    for at, node in enumerate(nodes):
+        kind = NODES[str(node["node"])]
+        if kind.writes == "blurred" and not kind.is_operation():
+            place = at + 1
+        elif kind.lane == "render":
+            place = max(place, at + 1)
+    return place

@@ -1,11 +1,10 @@
-"""From settings to a graph that is ready to take frames."""
+"""From settings to a graph that is ready to take frames, and its plan in words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cache, partial
 
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
 from nlens_video.effects.planner import OCCLUSION, Decision, request
@@ -15,17 +14,21 @@ from nlens_video.graph.adaptive_quality import (
     check_level,
     lower_levels,
 )
-from nlens_video.graph.base.context import NodeContext, OcclusionSource
-from nlens_video.graph.base.lazy_networks import lazy_coc_estimator, lazy_depth_order
-from nlens_video.graph.base.object_setup import open_object, shadow_scene
-from nlens_video.graph.base.object_source import RenderedObject, View, choose_camera
-from nlens_video.graph.base.occlusion_source import closing_source, open_occlusion_source
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
+from nlens_video.graph.base.view import View, choose_camera
 from nlens_video.graph.builder import Built, Graph, build
-from nlens_video.graph.effect_decisions import PlatePreview, ShotContext, decide_effects
+from nlens_video.graph.dependencies import (
+    lazy_coc_estimator,
+    lazy_depth_order,
+    open_occlusion_source,
+    shadow_scene,
+)
+from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.executor import FrameState, GraphExecutor
-from nlens_video.graph.lens_request import LensRequest
-from nlens_video.graph.nodes.distortion import overscan_px
+from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
@@ -38,29 +41,50 @@ class Session:
     """Everything that a stream of frames is run with.
 
     Attributes:
-        scene: the GLB.
         graph: the nodes.
+        context: their dependencies.
         executor: runs them.
         decisions: which effects, and why.
         device: where networks and kernels run.
         quality: chooses each frame's level where quality is held to a budget, else None.
-        render_context: holds what the render lane's thread must open and close.
-        notes: what a person should know before the run.
+        opening_notes: for the user, on how the session was opened.
     """
 
-    scene: Scene
     graph: Graph
+    context: NodeContext
     executor: GraphExecutor
     decisions: tuple[Decision, ...]
     device: DeviceChoice
     quality: QualityExecutor | None
-    render_context: Callable[[], AbstractContextManager[object]]
-    notes: Callable[[], tuple[str, ...]]
+    opening_notes: tuple[str, ...]
 
     @property
-    def graphs(self) -> tuple[Graph, ...]:
-        """That of the run, and those of the levels that it may step down to."""
-        return (self.graph,) if self.quality is None else tuple(self.quality.graphs.values())
+    def nodes(self) -> tuple[Node, ...]:
+        """Nodes of the graph and of those that adaptive quality may step down to."""
+        graphs = (self.graph,) if self.quality is None else self.quality.graphs.values()
+        return tuple(dict.fromkeys(node for graph in graphs for node in graph.nodes))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes for the user, as of now."""
+        quality = () if self.quality is None else self.quality.describe()
+        return (
+            *self.opening_notes,
+            *self.context.objects.notes,
+            *self.executor.notes,
+            *quality,
+        )
+
+    @contextmanager
+    def render_context(self) -> Iterator[None]:
+        """Holds what the render lane's thread must open and close."""
+        occlusion = self.context.occlusion
+        try:
+            with self.context.objects.opened():
+                yield
+        finally:
+            if occlusion is not None:
+                occlusion.close()
 
     def wrote(self, state: FrameState, timing: FrameTiming) -> None:
         """A frame is written: what holds the budget learns from its time."""
@@ -88,7 +112,7 @@ def open_session(
         lens: how the lens is found and simulated.
         view: the frame that sees it.
         profiler: times the nodes.
-        plate: the shot's first pictures, on which effects of its camera are looked for.
+        plate: the shot's first pictures, on which effects of its camera are measured.
         pipeline: what runs; default: that of the lens' preset.
 
     Raises:
@@ -103,48 +127,13 @@ def open_session(
     pipeline = pipeline or load_pipeline(lens.preset)
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, placed_note = choose_camera(objects, scene, view)
-    ground = shadow_scene(objects, scene)
-    estimator = cache(partial(lazy_coc_estimator, view.pixel_aspect, device))
-    size = (view.width, view.height)
-    occluded = request(lens.effects).asks_for(OCCLUSION)
-    occlusion = open_occlusion_source(objects.real, size, estimator, asked_for=occluded)
-    shot = ShotContext(
-        scene=scene,
-        ground=ground,
-        ground_y=objects.ground_y,
-        shutter=lens.shutter,
-        plate=plate,
-        real=objects.real,
-        occlusion_source="" if occlusion is None else occlusion.description,
-        optics=lens.optics,
-    )
-    effects = decide_effects(lens.effects, pipeline, shot, profiler)
-    view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
-    source, render_context, notes = open_object(objects, scene, view, ground.light)
-    renderer = source.renderer if isinstance(source, RenderedObject) else None
-    context = NodeContext(
-        objects=source,
-        estimate_coc=estimator,
-        ground_y=objects.ground_y,
-        fallback_constant=lens.fallback == "constant",
-        pixel_aspect=view.pixel_aspect,
-        aperture=lens.aperture,
-        views=renderer,
-        hidden=renderer,
-        repair=lazy_depth_order(view.pixel_aspect, device),
-        spread=device.spread,
-        shadow_scene=ground,
-        shutter=effects.shutter,
-        measured=effects.measured,
-        occlusion=occlusion,
-        reflectance=_reflectance(objects),
-    )
+    context, effects = _dependencies(objects, lens, view, device, scene, pipeline, plate, profiler)
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     known = lens.track or fit
     frame_s = lens.frame_s or 1 / 30
-    live = LiveLens(frame_s) if lens.live and known is None else None
     built: Built = {}
     graph = build(pipeline, effects.decisions, context, fit_given=known is not None, built=built)
+    live = LiveLens(frame_s) if lens.live and known is None else None
     executor = GraphExecutor(graph, profiler, known, live)
     quality = None
     if lens.hold_budget:
@@ -152,39 +141,107 @@ def open_session(
         control = BudgetControl(profiler.budget_ms, tuple(graphs), frame_s)
         quality = QualityExecutor(executor, graphs, control)
     return Session(
-        scene=scene,
         graph=graph,
+        context=context,
         executor=executor,
-        quality=quality,
         decisions=effects.decisions,
         device=device,
-        render_context=lambda: _with(render_context, occlusion),
-        notes=lambda: (
-            *placed_note,
-            *scene.warnings,
-            *graph.notes,
-            *notes(),
-            *_doubt(executor),
-            *([lens.track.describe()] if lens.track is not None else []),
-            *(quality.describe() if quality is not None else ()),
-            *([live.describe()] if live is not None and live.fits > 1 else []),
-        ),
+        quality=quality,
+        opening_notes=(*placed_note, *scene.warnings, *effects.notes, *graph.notes),
     )
 
 
-def _doubt(executor: GraphExecutor) -> tuple[str, ...]:
-    found = executor.shot.found_lens
-    return (found.warning,) if found is not None and found.warning else ()
-
-
-@contextmanager
-def _with(
-    render_context: Callable[[], AbstractContextManager[object]], front: OcclusionSource | None
-) -> Iterator[None]:
-    with closing_source(front), render_context():
-        yield
-
-
-def _reflectance(objects: ObjectSettings) -> float:
+def _dependencies(
+    objects: ObjectSettings,
+    lens: LensRequest,
+    view: View,
+    device: DeviceChoice,
+    scene: Scene,
+    pipeline: PipelineFile,
+    plate: PlatePreview,
+    profiler: Profiler,
+) -> tuple[NodeContext, EffectPlan]:
+    """Decide on the effects and open what their nodes depend on."""
+    ground = shadow_scene(objects, scene)
+    estimate_coc = lazy_coc_estimator(view.pixel_aspect, device)
+    asked_for = request(lens.effects).asks_for(OCCLUSION)
+    size = (view.width, view.height)
+    occlusion = open_occlusion_source(objects.real, size, estimate_coc, asked_for=asked_for)
+    effects = plan_effects(lens, pipeline, objects, scene, ground, occlusion, plate, profiler)
+    view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
+    source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance
-    return REFLECTANCE if given is None else given
+    context = NodeContext(
+        objects=source,
+        estimate_coc=estimate_coc,
+        ground_y=objects.ground_y,
+        fallback_constant=lens.fallback == "constant",
+        pixel_aspect=view.pixel_aspect,
+        aperture=lens.aperture,
+        renderer=source.renderer if isinstance(source, RenderedObject) else None,
+        repair=lazy_depth_order(view.pixel_aspect, device),
+        spread=device.spread,
+        shadow_scene=ground,
+        shutter=effects.shutter,
+        measured=effects.measured,
+        occlusion=occlusion,
+        reflectance=REFLECTANCE if given is None else given,
+    )
+    return context, effects
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRow:
+    """One line of the plan.
+
+    Attributes:
+        subject: what it is about, such as `effect shadow`.
+        text: what the plan says of it.
+        when: of a node, its cadence and lane; else empty.
+    """
+
+    subject: str
+    text: str
+    when: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.subject} [{self.when}] {self.text}" if self.when else (
+            f"{self.subject}: {self.text}"
+        )  # fmt: skip
+
+
+def describe(session: Session, *, all_reasons: bool = True) -> Iterator[str]:
+    """The plan and the notes of a run as lines of text; arguments as `plan_rows`."""
+    yield from map(str, plan_rows(session, all_reasons=all_reasons))
+    for note in session.notes:
+        yield f"note: {note}"
+
+
+def plan_rows(session: Session, *, all_reasons: bool = True) -> Iterator[PlanRow]:
+    """Pipeline, device, effects, and nodes with backend and condition.
+
+    Args:
+        session: the resolved graph.
+        all_reasons: also why the effects are off that are, in place of one line with their names.
+    """
+    graph = session.graph
+    yield PlanRow(f"pipeline {graph.pipeline}", graph.summary)
+    yield PlanRow(f"device {session.device.name}", session.device.reason)
+    for decision in session.decisions:
+        if decision.wanted or all_reasons:
+            word = "yes" if decision.wanted else "no"
+            yield PlanRow(f"effect {decision.effect}", f"{word}, {decision.reason}")
+    off = [decision.effect for decision in session.decisions if not decision.wanted]
+    if off and not all_reasons:
+        yield PlanRow("effects off", f"{', '.join(off)} (-v says why)")
+    for node in graph.nodes:
+        yield PlanRow(
+            f"node {node.name}", node.description, when=f"{_when(node)}; lane {node.lane}"
+        )
+    for name, reason in graph.left_out:
+        yield PlanRow(f"left out {name}", reason)
+
+
+def _when(node: Node) -> str:
+    cadence = "once a shot" if node.once else "each frame"
+    return cadence if node.when is None else f"{cadence} when {node.when.description}"

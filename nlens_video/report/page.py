@@ -50,7 +50,7 @@ def _header(findings: Findings) -> str:
         rate = "still"
     facts = [
         ("Plate", _name(info.name), f"{info.codec}, {info.pixel_format}"),
-        ("Object", findings.session.scene.path.name, ""),
+        ("Object", findings.session.context.objects.scene.path.name, ""),
         ("Written", _name(findings.output), _written(findings)),
         ("Frame", f"{info.width} \N{MULTIPLICATION SIGN} {info.height} px", rate),
         ("Pipeline", findings.session.graph.pipeline, findings.session.graph.summary),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from nlens_video.graph.plan import plan_rows
+from nlens_video.graph.session import plan_rows
 from nlens_video.report.findings import Findings
 from nlens_video.report.markup import key, missing, section, table
 from nlens_video.report.timing_plot import timing_plot

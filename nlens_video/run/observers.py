@@ -17,7 +17,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import OutputSettings, Settings
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.nodes.registry import FORMER_NAMES
+from nlens_video.graph.pipeline_file import FORMER_NAMES
 from nlens_video.graph.session import Session
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.exr import write_layers

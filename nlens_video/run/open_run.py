@@ -13,15 +13,13 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.placement import focal_35mm
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
-from nlens_video.graph.base.object_source import View
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.effect_decisions import PlatePreview
+from nlens_video.graph.base.view import View
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
-from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice
-from nlens_video.run.lookahead import LookAhead
+from nlens_video.run.frame_range import ChunkRange, FrameRange, LookAhead, SourceSlice
 from nlens_video.run.observers import Observer
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.chunks.chunk_queue import ChunkFeed

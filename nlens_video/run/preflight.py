@@ -12,7 +12,7 @@ from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.graph.base.object_source import View, bounds_near_frame, choose_camera
+from nlens_video.graph.base.view import View, bounds_near_frame, choose_camera
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.open_run import frame_s, view_of
 from nlens_video.scene.scene import Scene

@@ -13,15 +13,14 @@ from nlens_video.core.errors import OutOfViewError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.plan import describe
+from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.scheduler import run_workers
-from nlens_video.graph.warmup import KernelWarmup
+from nlens_video.graph.session import describe
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import RunContext, observers, save_fit
 from nlens_video.run.open_run import frame_s, open_run, opened, take_in
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
-from nlens_video.run.result import FitOutcome, RunResult
-from nlens_video.run.sidecar_outputs import SidecarOutputs, note_on_complete_result
+from nlens_video.run.result import FitOutcome, RunResult, SidecarOutputs, note_on_complete_result
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
@@ -47,7 +46,7 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
 
     Args:
         settings: the run.
-        all_reasons: as of `graph.plan.describe`.
+        all_reasons: as of `graph.session.describe`.
 
     Raises:
         NlensError: as `render`.
@@ -115,9 +114,9 @@ def find_fit(
             )
         save_fit(fit, settings.save_fit)
         with note_on_complete_result(str(settings.save_fit)):
-            sidecars.finish(profiler.summary(), session.notes())
+            sidecars.finish(profiler.summary(), session.notes)
     return FitOutcome(
-        fit=fit, path=settings.save_fit, notes=session.notes(), missing=sidecars.missing
+        fit=fit, path=settings.save_fit, notes=session.notes, missing=sidecars.missing
     )
 
 
@@ -157,7 +156,7 @@ def render(
         profiler = Profiler(settings.budget_ms)
         run_input = take_in(source, settings, profiler, lens_track_pass(settings), chunks)
         session = run_input.session
-        warmup = stack.enter_context(KernelWarmup(*session.graphs))
+        warmup = stack.enter_context(KernelWarmup(session.nodes))
         zoom = ZoomCheck(frame_s(source.info))
         context = RunContext(source.info, session, profiler)
         sidecars = stack.enter_context(
@@ -192,7 +191,7 @@ def render(
             notes=(
                 *source.info.notes,
                 *source.warnings(),
-                *session.notes(),
+                *session.notes,
                 *session.device.notes,
                 *warmup.notes,
                 *sink.notes,

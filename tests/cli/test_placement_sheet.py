@@ -16,7 +16,7 @@ from nlens_video.cli.placement_sheet import Choice, choices
 from nlens_video.core.errors import UsageError
 from nlens_video.core.placement import Placement, focal_of_fov, fov_of_focal
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.options import options as arguments
+from nlens_video.options import parser as arguments
 from nlens_video.options import to_settings
 
 pytestmark = pytest.mark.needs_gl

@@ -14,7 +14,7 @@ from nlens_video.compositor.arguments import PARAMETERS, in_python
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.options.options import parser_of
+from nlens_video.options.parser import parser_of
 
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
 FILES_AND_STREAMS = {

@@ -18,8 +18,9 @@ from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.projection import Moment
 from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.graph.base.context import NodeContext, ShadowScene
-from nlens_video.graph.base.object_source import RenderedObject, ScreenBounds, View
-from nlens_video.graph.nodes.shadow import CompositeShadow, ShadowNode, equal_values
+from nlens_video.graph.base.object_source import RenderedObject
+from nlens_video.graph.base.view import ScreenBounds, View
+from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode, equal_values
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, SceneLight, sun
@@ -147,7 +148,8 @@ def stages(scene, shutter=STILL):
     """The two nodes of a shadow."""
     view = View(width=WIDTH, height=HEIGHT, placed=looking_down())
     context = NodeContext(
-        objects=RenderedObject(scene, None, view), shutter=shutter, estimate_coc=lambda: None,
+        objects=RenderedObject(scene=scene, renderer=None, view=view), shutter=shutter,
+        estimate_coc=None,
         ground_y=0.0, fallback_constant=False, pixel_aspect=1.0,
         shadow_scene=ShadowScene(
             pose=scene.pose, light=SceneLight(scene.light_count), pre_rendered=False, strength=1.0

@@ -19,7 +19,7 @@ from nlens_video.farm.chunk import render_locally
 from nlens_video.farm.job import prepare, ranges, run_job
 from nlens_video.farm.store import Folder
 from nlens_video.networks.device import choose
-from nlens_video.options.options import parse
+from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 
 FRAMES = 12

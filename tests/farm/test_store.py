@@ -14,7 +14,7 @@ from nlens_video.farm.job import absolute
 from nlens_video.farm.store import Bucket, Folder, create, store_of
 from nlens_video.farm.tasks import Progress, Shot, plan
 from nlens_video.farm.worker import Worker
-from nlens_video.options.options import parse
+from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 
 FRAMES = 12

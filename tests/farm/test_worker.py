@@ -15,7 +15,7 @@ from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import merge, merge_arriving
 from nlens_video.farm.store import Bucket, Folder
 from nlens_video.farm.worker import PersistentRun, Worker
-from nlens_video.options.options import parse
+from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 
 FRAMES = 14

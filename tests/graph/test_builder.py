@@ -14,8 +14,8 @@ from nlens_video.core.layers import (
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import decide
 from nlens_video.graph.base.context import NodeContext
-from nlens_video.graph.base.object_source import ScreenBounds
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import ScreenBounds
 from nlens_video.graph.builder import build
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.pipeline_file import load_pipeline
@@ -67,7 +67,7 @@ def exact_coc(picture, following):
 def steps(preset="standard", effects="auto", fit=None, **tools):
     context = NodeContext(
         **{
-            "objects": Slab(), "estimate_coc": lambda: exact_coc, "ground_y": None,
+            "objects": Slab(), "estimate_coc": exact_coc, "ground_y": None,
             "fallback_constant": False, "pixel_aspect": 1.0, **tools,
         }
     )  # fmt: skip
@@ -177,10 +177,10 @@ def unknowing(picture, following):
 
 
 def test_unusable_coc_estimate_is_an_error_unless_the_constant_fallback_is_allowed():
-    runner, _ = steps(estimate_coc=lambda: unknowing)
+    runner, _ = steps(estimate_coc=unknowing)
     with pytest.raises(LensFitError):
         run(runner, 0)
-    runner, shot = steps(estimate_coc=lambda: unknowing, fallback_constant=True)
+    runner, shot = steps(estimate_coc=unknowing, fallback_constant=True)
     run(runner, 0)
     assert (runner.fit.slope, runner.fit.intercept) == (0.0, -9.0)
     assert "constant CoC" in shot.found_lens.warning

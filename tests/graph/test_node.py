@@ -5,7 +5,7 @@ import pytest
 from nlens_video.core.layers import Box
 from nlens_video.graph.base.node import Condition, Node, port_type, ports_of
 from nlens_video.graph.base.values import FrameValues
-from nlens_video.graph.nodes.registry import NODES
+from nlens_video.graph.pipeline_file import NODES
 
 
 def values(**ports):

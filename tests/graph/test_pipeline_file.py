@@ -3,8 +3,7 @@
 import pytest
 
 from nlens_video.core.errors import UsageError
-from nlens_video.graph.nodes.registry import FORMER_NAMES, NODES
-from nlens_video.graph.pipeline_file import load_pipeline, shipped_pipelines
+from nlens_video.graph.pipeline_file import FORMER_NAMES, NODES, load_pipeline, shipped_pipelines
 
 FORMER_NODE = """
 [[node]]

@@ -7,11 +7,12 @@ from support import shots
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import decide
 from nlens_video.graph.base.context import NodeContext
-from nlens_video.graph.base.object_setup import open_object, shadow_scene
-from nlens_video.graph.base.object_source import View
+from nlens_video.graph.base.object_source import open_object
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.values import LoopFrame
+from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import build
+from nlens_video.graph.dependencies import shadow_scene
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.scene.scene import Scene
@@ -25,11 +26,11 @@ def context(tmp_path):
     scene = Scene.load(settings.glb)
     shadow = shadow_scene(settings, scene)
     view = View(width=shots.WIDTH, height=shots.HEIGHT)
-    source, opened, _ = open_object(settings, scene, view, shadow.light)
-    with opened():
+    source = open_object(settings, scene, view, shadow.light)
+    with source.opened():
         yield NodeContext(
-            objects=source, estimate_coc=lambda: None, ground_y=0.0, fallback_constant=False,
-            pixel_aspect=1.0, views=source.renderer, hidden=source.renderer, shadow_scene=shadow,
+            objects=source, estimate_coc=None, ground_y=0.0, fallback_constant=False,
+            pixel_aspect=1.0, renderer=source.renderer, shadow_scene=shadow,
         )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 import pytest
 from support.command import nlens, one_line
 
-from nlens_video.options import options
+from nlens_video.options import parser
 
 
 @pytest.mark.parametrize(
@@ -48,15 +48,15 @@ def test_typing_errors_get_a_suggestion(words, said):
 def test_former_option_names_are_accepted(former, now, attribute):
     more = {"check": ["o.mp4"], "merge": ["o.mp4", "c.nut"], "study": ["o.html"]}
     parsed = [
-        vars(options.parse([*words, *more.get(words[0], ["i.mp4", "a.glb", "o.mp4"])]))
+        vars(parser.parse([*words, *more.get(words[0], ["i.mp4", "a.glb", "o.mp4"])]))
         for words in (former.split(), now.split())
     ]
-    plain = options.parser_of("render").get_default(attribute)
+    plain = parser.parser_of("render").get_default(attribute)
     assert parsed[0] == parsed[1] and parsed[0][attribute] not in (None, False, plain)
 
 
 def test_option_with_two_names_can_be_abbreviated():
-    assert options.parse(["i.mp4", "a.glb", "o.mp4", "--foot", "near"]).footprint == "near"
+    assert parser.parse(["i.mp4", "a.glb", "o.mp4", "--foot", "near"]).footprint == "near"
 
 
 def test_control_characters_in_a_file_name_are_escaped_in_messages():
@@ -65,7 +65,7 @@ def test_control_characters_in_a_file_name_are_escaped_in_messages():
 
 
 def test_value_beginning_with_a_minus_needs_no_equals_sign():
-    words = options.parse(
+    words = parser.parse(
         ["in.mp4", "a.glb", "-", "--distortion", "-0.1,0.02", "--at", "-0.1,0.5", "--yaw", "-30",
          "--effects", "-grain,+shadow", "-q"]
     )  # fmt: skip

@@ -15,7 +15,7 @@ from nlens_video.core.settings import (
     Settings,
     SourceSettings,
 )
-from nlens_video.options.options import parser_of
+from nlens_video.options.parser import parser_of
 from nlens_video.options.table import COMMANDS, JOBS, ROWS
 
 OWNERS = {

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError
-from nlens_video.graph.base.object_source import RenderedObject, View
+from nlens_video.graph.base.object_source import RenderedObject
+from nlens_video.graph.base.view import View
 from nlens_video.scene.scene import Scene
 
 TRIANGLES = 12

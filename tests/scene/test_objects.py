@@ -5,7 +5,8 @@ import pytest
 from support.glb_builder import QUAD, QUAD_FACES, GlbBuilder
 
 from nlens_video.core.errors import SceneError
-from nlens_video.graph.base.object_source import RenderedObject, View
+from nlens_video.graph.base.object_source import RenderedObject
+from nlens_video.graph.base.view import View
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 
@@ -55,8 +56,10 @@ def test_the_footprint_is_that_of_the_named_object_else_of_all(tmp_path):
     scene = load(two_cards(near_first=True), tmp_path)
     view = View(width=64, height=48)
     renderer = PyrenderObjectRenderer(scene)
-    assert len(RenderedObject(scene, renderer, view).footprint(0.0)) == 4
-    named = RenderedObject(scene, renderer, view, "tree").footprint(0.0)
+    assert len(RenderedObject(scene=scene, renderer=renderer, view=view).footprint(0.0)) == 4
+    named = RenderedObject(
+        scene=scene, renderer=renderer, view=view, footprint_node="tree"
+    ).footprint(0.0)
     np.testing.assert_array_equal(named[..., 2], -1.0)
 
 

@@ -15,7 +15,7 @@ from nlens_video.evaluate.bench.shapes import (
     rectangle,
     tube,
 )
-from nlens_video.graph.base.conditions import DEPTH_STEPS
+from nlens_video.graph.base.node import DEPTH_STEPS
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer

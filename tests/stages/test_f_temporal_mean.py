@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlens_video.run.lookahead import FRAMES, LookAhead
+from nlens_video.run.frame_range import LOOKAHEAD_FRAMES, LookAhead
 from nlens_video.stages.f_temporal_mean import temporal_mean
 
 HEIGHT, WIDTH = 120, 160
@@ -116,9 +116,9 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
         seen.append(item.index)
         ahead[item.index] = len(following)
         if item.index == 2:
-            assert len(read) == 3 + FRAMES
+            assert len(read) == 3 + LOOKAHEAD_FRAMES
     assert seen == [thing for i in range(20) for thing in (i, f"packet {i}")]
-    assert ahead[0] == ahead[2] == FRAMES
+    assert ahead[0] == ahead[2] == LOOKAHEAD_FRAMES
     assert ahead[12] == 0
 
 

@@ -12,7 +12,7 @@ from support import shots
 from support.command import nlens, one_line
 from support.folders import ROOT
 
-from nlens_video.options import options
+from nlens_video.options import parser as command_line
 
 pytestmark = pytest.mark.needs_gl
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.needs_gl
 def actions(name):
     """The words of a command by the name that argparse keeps them under, a second by its own."""
     command, _, kind = name.partition(" ")
-    parser = options.parser_of(command)
+    parser = command_line.parser_of(command)
     if kind:
         parser = parser._subparsers._group_actions[0].choices[kind]
     found = {}
@@ -97,7 +97,7 @@ def state(*folders):
     }
 
 
-@pytest.mark.parametrize("command", options.COMMANDS)
+@pytest.mark.parametrize("command", command_line.COMMANDS)
 def test_every_word_of_the_help_has_a_row(command):
     names = [name for name in COMMANDS if name.split()[0] == command]
     assert names, f"{command} has no rows"

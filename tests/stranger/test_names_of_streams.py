@@ -8,7 +8,7 @@ from support import shots
 from support.command import nlens, one_line
 from support.live_shot import FRAMES, QUICK, pictures, shell, succeeded, write_shot
 
-from nlens_video.options.options import parse
+from nlens_video.options.parser import parse
 
 pytestmark = [pytest.mark.needs_gl, pytest.mark.needs_programs("ffmpeg", "ffprobe")]
 

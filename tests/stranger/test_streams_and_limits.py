@@ -153,7 +153,7 @@ def test_help_needs_no_memory_to_speak_of():
     assert run.returncode == 0, run.stderr
 
 
-@pytest.mark.parametrize("loaded", ["nlens_video.core.errors", "nlens_video.options.options"])
+@pytest.mark.parametrize("loaded", ["nlens_video.core.errors", "nlens_video.options.parser"])
 def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(files, tmp_path, loaded):
     words = ("-", files / "anim.glb", tmp_path / "out.mp4")  # an open pipe: it waits for pictures
     command = [sys.executable, "-X", "importtime", *program(*words)[1:]]

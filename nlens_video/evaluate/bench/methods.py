@@ -12,12 +12,11 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.evaluate.bench.case import Case
 from nlens_video.evaluate.bench.rivals import RIVALS, GivenCoc, RivalReblur
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.base.object_source import View
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import Graph
-from nlens_video.graph.effect_decisions import PlatePreview
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import GraphExecutor
-from nlens_video.graph.lens_request import LensRequest
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline, shipped_pipelines
 from nlens_video.graph.session import open_session
 from nlens_video.stages.reblur.lens_sampling import view_count

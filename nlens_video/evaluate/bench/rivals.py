@@ -11,8 +11,7 @@ import numpy as np
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import DEFOCUS
-from nlens_video.graph.base.conditions import OUT_OF_FOCUS
-from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.node import OUT_OF_FOCUS, Node
 from nlens_video.stages.l_reblur import crop_to_frame
 
 SIGMA_PER_COC = 0.25

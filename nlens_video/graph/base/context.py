@@ -1,11 +1,11 @@
-"""Dependencies that nodes are constructed from: object, networks, renderers, measurements."""
+"""Dependencies that nodes are constructed from: object, networks, renderer, measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from nlens_video.core.layers import CocMap, OcclusionCue, Picture
 from nlens_video.core.optics import ROUND, Aperture, Shutter
@@ -14,7 +14,13 @@ from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
 from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
-from nlens_video.stages.protocols import BehindRenderer, ReblurNetwork, ViewRenderer
+from nlens_video.stages.protocols import ReblurNetwork
+
+if TYPE_CHECKING:
+    from nlens_video.render.base.box_renderer import BoxRenderer
+
+CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
+"""F: the CoC map of a picture, from it and the ones that follow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,23 +42,20 @@ class ShadowScene:
     strength_given: bool = False
 
 
-class OcclusionSource(Protocol):
-    """Source of foreground occlusion, frame by frame."""
+@dataclass(frozen=True, slots=True)
+class OcclusionSource:
+    """Source of foreground occlusion, frame by frame.
 
-    @property
-    def description(self) -> str:
-        """The source in one phrase."""
-        ...
+    Attributes:
+        description: the source in one phrase.
+        read: the occlusion cue of a frame, from its index, the plate before the composite, and the
+            frame's CoC map if that was estimated already.
+        close: closes its file.
+    """
 
-    def read(self, index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
-        """The occlusion cue of a frame.
-
-        Args:
-            index: of the frame.
-            picture: the plate, not composited yet.
-            plate_coc: CoC map of this frame, if it was estimated already.
-        """
-        ...
+    description: str
+    read: Callable[[int, Picture, CocMap | None], OcclusionCue]
+    close: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,14 +64,14 @@ class NodeContext:
 
     Attributes:
         objects: bounds, geometry and rendering of the object.
-        estimate_coc: loads F; called only where a pipeline has it.
+        estimate_coc: F; loads its network when first called.
         ground_y: height of the ground plane, None for the object's lowest point at time 0.
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
         aperture: shape of the lens' aperture.
         spread: accelerated kernel of the scatter, None for the CPU's.
-        views: renders the object from points of the aperture, None for pre-rendered layers.
-        hidden: renders hidden surfaces, None for pre-rendered layers.
+        renderer: renders the object from any camera, and surfaces that it hides; None for
+            pre-rendered layers.
         repair: depth ordering of the blurred layer, None without its network.
         shadow_scene: casters and light of the shadow, None without a scene.
         shutter: of the plate.
@@ -78,14 +81,13 @@ class NodeContext:
     """
 
     objects: ObjectSource
-    estimate_coc: Callable[[], Callable[[Picture, Sequence[Picture]], CocMap]]
+    estimate_coc: CocEstimator
     ground_y: float | None
     fallback_constant: bool
     pixel_aspect: float
     aperture: Aperture = ROUND
     spread: Spread | None = None
-    views: ViewRenderer | None = None
-    hidden: BehindRenderer | None = None
+    renderer: BoxRenderer | None = None
     repair: ReblurNetwork | None = None
     shadow_scene: ShadowScene | None = None
     shutter: Shutter = Shutter()

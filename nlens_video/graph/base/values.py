@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.exposure import Exposure
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.shadow.apply import Shadow
-    from nlens_video.graph.base.object_source import ScreenBounds
+    from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
     from nlens_video.stages.p_projection import GroundProjection

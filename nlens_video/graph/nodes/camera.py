@@ -1,10 +1,26 @@
-"""Nodes of the camera's effects beside defocus: vignetting, exposure, bloom, grain and others."""
+"""Nodes of the camera's effects beside defocus, such as exposure, lens distortion and grain."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, cast
 
 from nlens_video.core.box import Box
+from nlens_video.core.errors import UsageError
+from nlens_video.core.optics import Distortion
+from nlens_video.effects.camera.bloom import add_bloom
+from nlens_video.effects.camera.chromatic_aberration import displace_channels
+from nlens_video.effects.camera.distortion_apply import (
+    DistortionMap,
+    distort,
+    distort_defocused,
+    distort_shadow,
+)
+from nlens_video.effects.camera.grain_apply import AddGrain
+from nlens_video.effects.camera.softness import missing_sigma, soften
+from nlens_video.effects.camera.vignetting import vignette
+from nlens_video.effects.exposure import MeasureExposure as Measure
+from nlens_video.effects.exposure import match_exposure
 from nlens_video.effects.planner import EXPOSURE
 from nlens_video.graph.base.node import Node, Unavailable
 
@@ -14,8 +30,14 @@ if TYPE_CHECKING:
     from nlens_video.effects.camera.grain_apply import GrainModel
     from nlens_video.effects.camera.softness import SharpnessFloor
     from nlens_video.effects.exposure import Exposure
+    from nlens_video.effects.measurement import Measurement
+    from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.values import StreamFrame
+    from nlens_video.graph.base.view import ScreenBounds, View
+    from nlens_video.scene.scene import Scene
+
+_DISTORTION = "distortion"
 
 
 def measured_model(context: NodeContext, effect: str) -> object:
@@ -43,8 +65,6 @@ class Vignette(Node):
         self.description = f"{self._model.at_corner_stops:.2g} stops at the corner"
 
     def __call__(self, blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.vignetting import vignette
-
         return vignette(blurred, self._model, frame_box)
 
 
@@ -55,8 +75,6 @@ class MeasureExposure(Node):
     effect, stateful = EXPOSURE, True
 
     def __init__(self, context: NodeContext) -> None:
-        from nlens_video.effects.exposure import MeasureExposure as Measure
-
         self._measure = Measure()
         self.description = "median ratio of small pictures, per channel"
 
@@ -74,8 +92,6 @@ class MatchExposure(Node):
         self.description = "gains, where mid grey changes by 1 to 2 levels or more"
 
     def __call__(self, blurred: BlurredLayer, exposure: Exposure) -> BlurredLayer:
-        from nlens_video.effects.exposure import match_exposure
-
         return match_exposure(blurred, exposure)
 
 
@@ -90,8 +106,6 @@ class BloomNode(Node):
         self.description = f"around what exceeds white, decay length {self._model.length_px:.0f} px"
 
     def __call__(self, blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.bloom import add_bloom
-
         return add_bloom(blurred, self._model, frame_box)
 
 
@@ -109,8 +123,6 @@ class Soften(Node):
     def __call__(
         self, blurred: BlurredLayer, frame_box: Box, defocused: DefocusedLayer | None
     ) -> BlurredLayer:
-        from nlens_video.effects.camera.softness import missing_sigma, soften
-
         return soften(blurred, missing_sigma(self._floor, defocused), frame_box)
 
 
@@ -125,8 +137,6 @@ class ChromaticAberration(Node):
         self.description = f"red and blue displaced by up to {self._model.at_corner_px:.2g} px"
 
     def __call__(self, blurred: BlurredLayer, picture: Picture, frame_box: Box) -> BlurredLayer:
-        from nlens_video.effects.camera.chromatic_aberration import displace_channels
-
         return displace_channels(blurred, self._model, picture, frame_box)
 
 
@@ -137,11 +147,94 @@ class Grain(Node):
     effect, lane = "grain", "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        from nlens_video.effects.camera.grain_apply import AddGrain
-
         model = cast("GrainModel", measured_model(context, "grain"))
         self._add = AddGrain(model)
         self.description = f"noise by level, temporal correlation {model.persistence:.0%}, numba"
 
     def __call__(self, picture: Picture, blurred: BlurredLayer, frame: StreamFrame) -> BlurredLayer:
         return self._add(picture, blurred, frame.index)
+
+
+class _Distorts:
+    """What the nodes of lens distortion share: the model, and its map for a frame's camera."""
+
+    description = ""
+
+    def __init__(self, context: NodeContext) -> None:
+        self._model = cast("Distortion", measured_model(context, _DISTORTION))
+        if not self.description:
+            unit = "focal lengths" if self._model.focal_normalized else "half diagonals"
+            self.description = f"k1 {self._model.k1:.3g}, k2 {self._model.k2:.3g}, radius in {unit}"
+
+    def _map(self, bounds: ScreenBounds) -> DistortionMap:
+        return DistortionMap.of(self._model, bounds.camera)
+
+
+class AddOverscan(_Distorts, Node):
+    """Overscan: a frame box that holds all that the distorted frame shows."""
+
+    name, writes = "add-overscan", "frame_box"
+    effect = _DISTORTION
+    description = "as far beyond the border as the distortion shows"
+
+    def __call__(self, frame_box: Box, bounds: ScreenBounds) -> Box:
+        return frame_box.expanded(self._map(bounds).margin)
+
+
+class Distort(_Distorts, Node):
+    """Distortion of the object's layer."""
+
+    name, writes = "distort", "blurred"
+    effect, lane = _DISTORTION, "composite"
+
+    def __call__(self, blurred: BlurredLayer, bounds: ScreenBounds) -> BlurredLayer:
+        return distort(blurred, self._map(bounds))
+
+
+class DistortShadow(_Distorts, Node):
+    """Distortion of the shadow."""
+
+    name, writes = "distort-shadow", "shadow"
+    effect, lane = _DISTORTION, "composite"
+
+    def __call__(self, shadow: Shadow, bounds: ScreenBounds) -> Shadow:
+        return distort_shadow(shadow, self._map(bounds))
+
+
+class DistortReflection(_Distorts, Node):
+    """Distortion of the mirror image."""
+
+    name, writes = "distort-reflection", "reflection"
+    effect, lane = _DISTORTION, "composite"
+
+    def __call__(self, reflection: DefocusedLayer, bounds: ScreenBounds) -> DefocusedLayer:
+        return distort_defocused(reflection, self._map(bounds))
+
+
+class RemoveOverscan(_Distorts, Node):
+    """The frame box without overscan."""
+
+    name, writes = "remove-overscan", "frame_box"
+    effect, lane = _DISTORTION, "composite"
+    description = "the plate's own frame"
+
+    def __call__(self, frame_box: Box, picture: Picture) -> Box:
+        return Box(0, 0, picture.width, picture.height).intersection(frame_box)
+
+
+def overscan_px(scene: Scene, view: View, measured: Mapping[str, Measurement]) -> int:
+    """Overscan that a distortion calls for, with the camera at time 0 [px].
+
+    Raises:
+        UsageError: a given distortion leaves corners of the frame empty.
+    """
+    found = measured.get(_DISTORTION)
+    if found is None or not isinstance(found.model, Distortion):
+        return 0
+    warp = DistortionMap.of(found.model, view.camera_at(scene, 0.0))
+    if warp.folds:
+        raise UsageError(
+            f"--distortion {found.model.k1:g},{found.model.k2:g}: the frame's corners stay empty "
+            "with that; expected coefficients that count in focal lengths, as in OpenCV"
+        )
+    return warp.margin

@@ -1,17 +1,41 @@
-"""The last node: alpha compositing of the object over the plate."""
+"""Nodes of the composite: foreground occlusion, and the object over the plate."""
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from typing import TYPE_CHECKING
 
-from nlens_video.graph.base.node import Node
+import numpy as np
+
+from nlens_video.core.box import Box
+from nlens_video.core.layers import DepthMap, Matte
+from nlens_video.effects.occlusion import (
+    CoverageFromCoc,
+    CoverageFromDepth,
+    foreground_matte,
+    object_disparity,
+)
+from nlens_video.effects.planner import OCCLUSION
+from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
-from nlens_video.stages.composite import composite
+from nlens_video.stages.composite import Foreground, composite
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import BlurredLayer, Picture
+    from nlens_video.core.layers import (
+        BlurredLayer,
+        CocMap,
+        DefocusedLayer,
+        Float32,
+        ObjectLayer,
+        OcclusionCue,
+        Picture,
+    )
+    from nlens_video.core.lens_fit import LensFit
+    from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.stages.composite import Foreground
+    from nlens_video.graph.base.values import StreamFrame
+    from nlens_video.graph.base.view import ScreenBounds
 
 
 class Composite(Node):
@@ -31,3 +55,99 @@ class Composite(Node):
     def warm_up(self) -> None:
         """Compile the blend."""
         warm_up.blend()
+
+
+_NO_SOURCE = "no matte, depth or CoC of the foreground is given"
+_SOFTENED_PX = 16  # how far later nodes may spread the object [px]
+_SPREAD_PX = 16  # beyond half a CoC, for discs on coarser pixels [px]
+
+
+class OcclusionCueNode(Node):
+    """Matte, depth map or CoC map from which occlusion is derived."""
+
+    name, writes = "occlusion-cue", "occlusion_cue"
+    effect = OCCLUSION
+
+    def __init__(self, context: NodeContext) -> None:
+        if context.occlusion is None:
+            raise Unavailable(_NO_SOURCE)
+        self._source = context.occlusion
+        self.description = context.occlusion.description
+
+    def __call__(
+        self,
+        frame: StreamFrame,
+        picture: Picture,
+        bounds: ScreenBounds,
+        plate_coc: CocMap | None,
+    ) -> OcclusionCue:
+        return self._source.read(frame.index, picture, plate_coc)
+
+
+class ForegroundNode(Node):
+    """Foreground mattes before the object, and before its shadow and reflection on the ground."""
+
+    name, writes = "foreground", "foreground"
+    effect, lane = OCCLUSION, "composite"
+
+    def __init__(self, context: NodeContext) -> None:
+        from nlens_video.kernels.scatter.scatter import scatter
+
+        if context.occlusion is None:
+            raise Unavailable(_NO_SOURCE)
+        self._context = context
+        self._by_depth = CoverageFromDepth(
+            scatter=partial(scatter, aperture=context.aperture), pixel_aspect=context.pixel_aspect
+        )
+        self._by_coc = CoverageFromCoc()
+        self.description = (
+            "object behind it, its light separated from the background's in soft edges"
+        )
+
+    def __call__(
+        self, occlusion_cue: OcclusionCue, picture: Picture, bounds: ScreenBounds,
+        frame_box: Box, fit: LensFit | None, layer: ObjectLayer | None,
+        blurred: BlurredLayer | None, shadow: Shadow | None, reflection: DefocusedLayer | None,
+    ) -> Foreground | None:  # fmt: skip
+        object_region = Box(0, 0, 0, 0)
+        if blurred is not None and not blurred.box.empty:
+            object_region = blurred.box.expanded(_SOFTENED_PX).intersection(frame_box)
+        ground_region = _on_ground(shadow, reflection, frame_box)
+        if isinstance(occlusion_cue, Matte):
+            region = object_region.union(ground_region)
+            cover = foreground_matte(picture, region, occlusion_cue.coverage)
+            return None if cover is None else Foreground(before_object=cover, before_ground=cover)
+        over_object = over_ground = None
+        if layer is not None and not object_region.empty:
+            surface = object_disparity(layer, frame_box)
+            share = self._coverage(occlusion_cue, surface, object_region, fit, picture)
+            over_object = foreground_matte(picture, object_region, share)
+        if not ground_region.empty:
+            height = self._context.ground_height
+            surface = bounds.camera.plane_disparity(height).astype(np.float32)
+            share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
+            over_ground = foreground_matte(picture, ground_region, share)
+        return Foreground(before_object=over_object, before_ground=over_ground)
+
+    def _coverage(
+        self, cue: DepthMap | CocMap, disparity: Float32, region: Box, fit: LensFit | None,
+        picture: Picture,
+    ) -> Float32:  # fmt: skip
+        if isinstance(cue, DepthMap):
+            return self._by_depth(cue, disparity, region, fit)
+        if fit is None:
+            return np.zeros(disparity.shape, np.float32)
+        return self._by_coc(cue, disparity, region, fit, picture.srgb())
+
+
+def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: Box) -> Box:
+    """Bounds of shadow and reflection with their blur, inside the frame."""
+    found = Box(0, 0, 0, 0)
+    for box, coc in (
+        (shadow.box, shadow.coc_px) if shadow is not None else (found, None),
+        (reflection.layer.box, reflection.coc_px) if reflection is not None else (found, None),
+    ):
+        if coc is not None:
+            reach = math.ceil(0.5 * float(np.abs(coc).max(initial=0.0))) + _SPREAD_PX
+            found = found.union(box.expanded(reach).intersection(frame))
+    return found

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.effects.planner import DEFOCUS
-from nlens_video.graph.base.conditions import IN_FRAME
-from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.node import IN_FRAME, Node
 from nlens_video.graph.base.values import FoundLens
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens, constant_fit
@@ -17,8 +16,8 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import CocMap, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import ScreenBounds
     from nlens_video.graph.base.values import StreamFrame
+    from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
 
 
@@ -45,7 +44,7 @@ class EstimateCoc(Node):
     effect, once, when = DEFOCUS, True, IN_FRAME
 
     def __init__(self, context: NodeContext) -> None:
-        self._estimate = context.estimate_coc()
+        self._estimate = context.estimate_coc
         self.description = "F: CoC network, onnxruntime on the CPU"
 
     def __call__(

@@ -28,7 +28,7 @@ from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object
 if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import ScreenBounds
+    from nlens_video.graph.base.view import ScreenBounds
 
 
 class MeasureMotion(Node):

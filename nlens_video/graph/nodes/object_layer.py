@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.box import Box
 from nlens_video.effects.planner import DEFOCUS
-from nlens_video.graph.base.conditions import DEPTH_RANGE
-from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.graph.base.node import DEPTH_RANGE, Node, Unavailable
 from nlens_video.scene.illumination import Illumination
 from nlens_video.stages.l_reblur import object_coc
 
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import DefocusedLayer, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import ScreenBounds
+    from nlens_video.graph.base.view import ScreenBounds
 
 
 class EstimateLight(Node):
@@ -79,12 +78,12 @@ class DepthPeel(Node):
     effect, when, skip_if = DEFOCUS, DEPTH_RANGE, "moments"
 
     def __init__(self, context: NodeContext) -> None:
-        if context.hidden is None:
+        if context.renderer is None:
             raise Unavailable(
                 "pre-rendered layers hold the nearest surfaces only: what they hide of the object "
                 "is guessed from what is seen of it"
             )
-        self._renderer = context.hidden
+        self._renderer = context.renderer
         self.description = f"depth-peeled second layer, {context.objects.description}"
 
     def __call__(

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import DEFOCUS
-from nlens_video.graph.base.conditions import DEPTH_STEPS, OUT_OF_FOCUS
-from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.graph.base.node import DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     )  # fmt: skip
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.object_source import ScreenBounds
+    from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.stages.reblur.lens_sampling import Reblur
     from nlens_video.stages.reblur.view_blend import ViewBlend
 
@@ -59,12 +58,12 @@ class ApertureViews(Node):
     def __init__(self, context: NodeContext) -> None:
         from nlens_video.stages.reblur.view_blend import VIEWS, SampleSmallDiscs
 
-        if context.views is None:
+        if context.renderer is None:
             raise Unavailable(
                 "pre-rendered layers hold one view of the object: the scatter blurs small discs too"
             )
         self._sample = SampleSmallDiscs(
-            renderer=context.views, pixel_aspect=context.pixel_aspect, aperture=context.aperture
+            renderer=context.renderer, pixel_aspect=context.pixel_aspect, aperture=context.aperture
         )
         self.description = f"{VIEWS} more points of the aperture, {context.objects.description}"
 
@@ -94,7 +93,7 @@ class LensSampling(Node):
         from nlens_video.kernels.scatter.scatter import blur_reach, scatter
         from nlens_video.stages.reblur.lens_sampling import BlurCell, SampleLens, view_count
 
-        if context.views is None:
+        if context.renderer is None:
             raise Unavailable(
                 "pre-rendered layers hold one view of the object, so the lens cannot be sampled: "
                 "the blur of the preset standard stands in"
@@ -102,7 +101,7 @@ class LensSampling(Node):
         count = view_count(accuracy_db)
         wide = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=context.pixel_aspect)
         self._sample = SampleLens(
-            renderer=context.views,
+            renderer=context.renderer,
             whole=cast("Reblur", make_reblur(context)),
             cell=BlurCell(wide, context.pixel_aspect),
             count=count,
@@ -190,7 +189,7 @@ class DepthOrder(Node):
         if context.repair is None:
             raise Unavailable("no repair network is available: the scatter's result stands")
         self._repair = context.repair
-        self._hidden_is_known = context.hidden is not None
+        self._hidden_is_known = context.renderer is not None
         self.description = (
             "L: depth-ordered layers at CoC discontinuities, weighted by a network where hidden "
             "surfaces are not rendered"

@@ -6,7 +6,7 @@ from hard.drawing import over_grey, panels, srgb8
 
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.graph.base.prerendered import covered_part
+from nlens_video.graph.base.object_source import covered_part
 from nlens_video.kernels.scatter.scatter import (
     DRAFT,
     FINE,

@@ -6,15 +6,13 @@ import threading
 
 import pytest
 
-from nlens_video.graph.builder import Graph
-from nlens_video.graph.warmup import KernelWarmup
+from nlens_video.graph.nodes.warm_up import KernelWarmup
 
 PROBE = """
 from nlens_video.core.optics import ROUND
 from nlens_video.graph.base.context import NodeContext
-from nlens_video.graph.builder import Graph
-from nlens_video.graph.nodes.registry import NODES
-from nlens_video.graph.warmup import KernelWarmup
+from nlens_video.graph.nodes.warm_up import KernelWarmup
+from nlens_video.graph.pipeline_file import NODES
 from nlens_video.kernels.scatter import scatter_rows
 from nlens_video.render.software import deferred, raster, triangles
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
@@ -29,7 +27,7 @@ context = NodeContext(
     objects=Objects(), estimate_coc=None, ground_y=None, fallback_constant=False, pixel_aspect=1.0
 )
 nodes = tuple(NODES[name](context) for name in ("render", "reblur", "composite"))
-warmup = KernelWarmup(Graph(pipeline="p", summary="", nodes=nodes, left_out=()))
+warmup = KernelWarmup(nodes)
 with warmup:
     warmup._thread.join()
 assert len(scatter_rows.scatter_rows.signatures) == 1, scatter_rows.scatter_rows.signatures
@@ -46,9 +44,8 @@ class Probe:
         self.warm_up = warm_up
 
 
-def graph(*steps):
-    nodes = tuple(Probe(step) for step in steps)
-    return Graph(pipeline="p", summary="", nodes=nodes, left_out=())
+def probes(*steps):
+    return [Probe(step) for step in steps]
 
 
 def test_warmup_compiles_the_kernels_of_the_graphs_nodes():
@@ -68,7 +65,7 @@ def test_warmup_stops_after_the_current_node_and_leaves_no_thread():
         ran.append("slow")
 
     before = threading.active_count()
-    with KernelWarmup(graph(slow, lambda: ran.append("late"))) as warmup:
+    with KernelWarmup(probes(slow, lambda: ran.append("late"))) as warmup:
         assert begun.wait(10.0)
         warmup._stop.set()
         go_on.set()
@@ -79,13 +76,13 @@ def test_warmup_ignores_errors_of_nodes():
     def broken():
         raise ValueError("no such network")
 
-    with KernelWarmup(graph(broken)) as warmup:
+    with KernelWarmup(probes(broken)) as warmup:
         warmup._thread.join()
     assert warmup.notes == ()
 
 
 @pytest.mark.parametrize(("seconds", "lines"), [(0.4, 0), (12.3, 1)])
 def test_warmup_is_noted_only_if_it_took_noticeable_time(seconds, lines):
-    warmup = KernelWarmup(graph())
+    warmup = KernelWarmup(probes())
     warmup._seconds = seconds
     assert len(warmup.notes) == lines

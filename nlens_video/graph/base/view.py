@@ -1,0 +1,146 @@
+"""The camera that sees the object, and the object's bounds on the screen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from nlens_video.core.errors import Note, NoteKind, UsageError
+from nlens_video.core.layers import Box, ObjectLayer
+from nlens_video.core.placement import ASSUMED_FOCAL_MM, focal_of_fov
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.extent import extent, misses
+from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.placement_camera import contact_point, place_camera
+from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene import Scene
+
+MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
+_NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """How the frame's pixels see the scene.
+
+    Attributes:
+        width: columns [px].
+        height: rows [px].
+        pixel_aspect: width of a pixel by its height [1].
+        camera: name of the camera in the file, None for the first perspective one.
+        focal_35mm: 35 mm equivalent focal length of the plate, None where it is unknown [mm].
+        placed: a camera that stands in for those of the file, None where there is none.
+        overscan_px: how far beyond the frame the object is rendered, without its blur [px].
+    """
+
+    width: int
+    height: int
+    pixel_aspect: float = 1.0
+    camera: str | None = None
+    focal_35mm: float | None = None
+    placed: Camera | None = None
+    overscan_px: int = 0
+
+    @property
+    def box(self) -> Box:
+        """The whole frame."""
+        return Box(0, 0, self.width, self.height)
+
+    def camera_at(self, scene: Scene, time_s: float) -> Camera:
+        """The camera at a moment of the plate [s]."""
+        if self.placed is not None:
+            return self.placed
+        return scene.camera(
+            time_s, self.width, self.height, name=self.camera, pixel_aspect=self.pixel_aspect
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScreenBounds:
+    """Camera, screen bounds and depth range of the object at one moment.
+
+    Attributes:
+        time_s: moment of the animation [s].
+        camera: that moment's camera.
+        box: the object's bounds on the frame's pixel grid; may reach beyond the frame.
+        nearest: least depth of the object in front of the camera [scene unit].
+        farthest: greatest depth [scene unit].
+        layer: the object's layer, where it was read rather than rendered.
+        plate_light: lighting estimated from the plate, None for a default light.
+    """
+
+    time_s: float
+    camera: Camera
+    box: Box
+    nearest: float
+    farthest: float
+    layer: ObjectLayer | None = None
+    plate_light: Illumination | None = None
+
+
+def choose_camera(
+    objects: ObjectSettings, scene: Scene, view: View
+) -> tuple[View, tuple[str, ...]]:
+    """The file's camera, or one that sees the object, as it is at time 0, where it is placed.
+
+    Returns:
+        The view with that camera, and a note on it.
+
+    Raises:
+        SceneError: no camera sees it so, or the file has none.
+        UsageError: layers were rendered through another camera.
+    """
+    if objects.placing is None:
+        view.camera_at(scene, 0.0)
+        return view, ()
+    if objects.layers is not None:
+        raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
+    size = (view.width, view.height)
+    focal = view.focal_35mm or ASSUMED_FOCAL_MM
+    known = "as the plate says" if view.focal_35mm else "assumed"
+    if objects.fov_deg is not None:
+        focal = focal_of_fov(objects.fov_deg, size, view.pixel_aspect)
+        known = f"by --fov {objects.fov_deg:g}"
+    unused = "; the file's own camera is not used" if scene.camera_names else ""
+    note = Note(
+        f"placed by {objects.placing.describe()}, focal length {focal:.4g} mm "
+        f"(35 mm equivalent, {known}){unused}",
+        NoteKind.CAMERA if unused else NoteKind.OTHER,
+    )
+    vertices = scene.pose(0.0).vertices()
+    contact = contact_point(vertices, objects.ground_y)
+    camera = place_camera(vertices, contact, objects.placing, focal, size, view.pixel_aspect)
+    return replace(view, placed=camera), (note,)
+
+
+def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
+    """Bounds of an object at a moment [s]; None when it misses the frame and all that blurs in."""
+    camera = view.camera_at(scene, time_s)
+    surroundings = view.box.expanded(MARGIN_LIMIT_PX)
+    if misses(scene.hull(time_s), camera, surroundings):
+        return None  # without moving a vertex
+    bounds = _bounds(scene.pose(time_s), camera)
+    if bounds is None:
+        return None
+    box, nearest, farthest = bounds
+    if box.intersection(surroundings).empty:
+        return None
+    return ScreenBounds(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
+
+
+def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:
+    """Screen bounds and depth range of what lies in front of the camera; None if nothing does.
+
+    A body that reaches behind the camera may cover any pixel: its bounds are the whole frame.
+    """
+    seen = extent(posed, camera)
+    if not seen.farthest > 0:
+        return None
+    nearest = max(seen.nearest, _NEAREST * seen.farthest)
+    if seen.nearest < nearest:
+        return Box(0, 0, camera.width, camera.height), nearest, seen.farthest
+    limit = 1e6  # far off is far off: keeps whole numbers small
+    x0, y0 = (math.floor(min(max(v, -limit), limit)) for v in seen.low)
+    x1, y1 = (math.ceil(min(max(v, -limit), limit)) for v in seen.high)
+    return Box(x0, y0, x1 + 1, y1 + 1), nearest, seen.farthest

@@ -1,0 +1,196 @@
+"""The lens as a run asks for it, and the effects that it simulates on a shot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from nlens_video.core.layers import Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import ASSUMED_ANGLE_DEG, ROUND, Aperture, LensOverrides, Shutter
+from nlens_video.core.settings import Device, Fallback, ObjectSettings
+from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate, overridden
+from nlens_video.effects.planner import (
+    MOTION_BLUR,
+    OCCLUSION,
+    REFLECTION,
+    SHADOW,
+    Decision,
+    ShotFacts,
+    decide,
+    requested_effects,
+    restrict_to_pipeline,
+)
+from nlens_video.graph.base.context import OcclusionSource, ShadowScene
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.pipeline_file import PipelineFile
+from nlens_video.scene.illumination import reaches
+from nlens_video.scene.scene import Scene
+from nlens_video.stages.r_lens_track import FitTrack
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensRequest:
+    """How the lens is found and simulated.
+
+    Attributes:
+        preset: shipped pipeline's name or path of a pipeline file.
+        effects: `auto`, `none`, or names separated by commas.
+        fit: the lens, when it is known beforehand.
+        fallback: what stands in for a fit that fails.
+        device: where networks and kernels run.
+        aperture: shape of its aperture.
+        shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
+        frame_s: from one frame to the next, 0 for a still [s].
+        optics: known vignetting and distortion.
+        track: the lens over the length of a file, where it changes, in the pixels of its frames.
+        live: whether a lens that changes is followed as frames come.
+        hold_budget: whether quality adapts to keep the frame budget.
+    """
+
+    preset: str = "standard"
+    effects: str = "auto"
+    fit: LensFit | None = None
+    fallback: Fallback = "none"
+    device: Device = "auto"
+    aperture: Aperture = ROUND
+    shutter_deg: float | None = None
+    frame_s: float = 0.0
+    optics: LensOverrides = LensOverrides()
+    track: FitTrack | None = None
+    live: bool = False
+    hold_budget: bool = False
+
+    @property
+    def shutter(self) -> Shutter:
+        """The plate's shutter."""
+        if self.shutter_deg is None:
+            return Shutter(angle_deg=ASSUMED_ANGLE_DEG, frame_s=self.frame_s, source="assumed")
+        return Shutter(angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given", given=True)
+
+
+@dataclass(frozen=True, slots=True)
+class PlatePreview:
+    """A shot's first pictures, before a frame is composited.
+
+    Attributes:
+        pictures: reads them, perhaps only one; called where an effect is measured on them.
+        first: number of the frame that the time of measuring is counted to [1].
+    """
+
+    pictures: Callable[[], Sequence[Picture]]
+    first: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class EffectPlan:
+    """Decisions on effects, their measurements on the plate, the shutter, notes for the user."""
+
+    decisions: tuple[Decision, ...]
+    measured: Mapping[str, Measurement]
+    shutter: Shutter
+    notes: tuple[str, ...]
+
+
+def plan_effects(
+    lens: LensRequest,
+    pipeline: PipelineFile,
+    objects: ObjectSettings,
+    scene: Scene,
+    ground: ShadowScene,
+    occlusion: OcclusionSource | None,
+    plate: PlatePreview,
+    profiler: Profiler,
+) -> EffectPlan:
+    """Decide on every effect, from the scene and the plate's first frames.
+
+    Args:
+        lens: the request; its `effects` as `EffectRequest.parse` reads them.
+        pipeline: what can be simulated.
+        objects: ground, occlusion and reflection as the user gives them.
+        scene: the object.
+        ground: geometry and light of its shadow.
+        occlusion: source of occlusion, if there is one.
+        plate: the shot's first pictures.
+        profiler: times the measuring.
+
+    Raises:
+        UsageError: an effect that does not exist, or that the pipeline has no node for.
+    """
+    simulated = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
+    possible = simulated.intersection(requested_effects(lens.effects))
+    measured: dict[str, Measurement] = overridden(lens.optics)
+    unknown = possible.intersection(PLATE_EFFECTS).difference(measured)
+    shutter = lens.shutter
+    reads_shutter = (
+        MOTION_BLUR in possible and scene.moves and not shutter.given and shutter.frame_s > 0.0
+    )
+    if unknown or reads_shutter:
+        with profiler.timed(plate.first, "measure"):
+            pictures = plate.pictures()
+            measured.update(measure_plate(unknown, pictures))
+            if reads_shutter:
+                shutter = _read_shutter(shutter, pictures)
+    facts = _shot_facts(objects, scene, ground, occlusion, shutter, measured)
+    wanted = decide(lens.effects, facts)
+    decisions = restrict_to_pipeline(wanted, simulated, pipeline.name, lens.effects)
+    dropped = {one.effect for one in wanted if one.wanted and one.effect not in simulated}
+    notes = tuple(
+        f"{option}: the pipeline {pipeline.name!r} has no node for {effect}; use --preset standard"
+        for effect, option in _given_options(objects, lens.optics)
+        if effect in dropped
+    )
+    return EffectPlan(decisions, measured, shutter, notes)
+
+
+def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[tuple[str, str]]:
+    """Effects for which an option of their own is given, and that option."""
+    real = objects.real
+    if objects.light.shadow_strength is not None:
+        yield SHADOW, f"--shadow-strength {objects.light.shadow_strength:g}"
+    if real.reflectance is not None:
+        yield REFLECTION, f"--ground-reflectance {real.reflectance:g}"
+    if real.holdout is not None or real.occlusion == "auto":
+        yield OCCLUSION, "--occlusion auto" if real.holdout is None else f"--holdout {real.holdout}"
+    if optics.vignetting_stops is not None:
+        yield "vignetting", f"--vignetting {optics.vignetting_stops:g}"
+    if optics.distortion is not None:
+        yield "distortion", "--distortion {:g},{:g}".format(*optics.distortion)
+
+
+def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
+    """The shutter as measured from the plate's motion blur, if that shows."""
+    from nlens_video.effects.camera.shutter_angle import shutter_angle
+
+    angle = shutter_angle(pictures)
+    if angle is None:
+        return assumed
+    return replace(assumed, angle_deg=angle, source="read off the plate's own smear")
+
+
+def _shot_facts(
+    objects: ObjectSettings,
+    scene: Scene,
+    ground: ShadowScene,
+    occlusion: OcclusionSource | None,
+    shutter: Shutter,
+    measured: Mapping[str, Measurement],
+) -> ShotFacts:
+    """The scene at time 0, as effects depend on it."""
+    posed = ground.pose(0.0)
+    height = float(posed.bounds()[0, 1]) if objects.ground_y is None else objects.ground_y
+    light = ground.light.on_ground(posed.lights)
+    real = objects.real
+    return ShotFacts(
+        lamps=sum(reaches(lamp, height) for lamp in light.lamps),
+        surroundings=ground.light.known and light.ambient is not None,
+        pre_rendered=ground.pre_rendered,
+        strength=ground.strength,
+        strength_given=ground.strength_given,
+        moves=scene.moves,
+        shutter=shutter,
+        measured=measured,
+        reflectance=real.reflectance or 0.0,
+        holdout=occlusion.description if occlusion is not None and real.holdout is not None else "",
+        occlusion_by_coc=real.occlusion == "auto",
+    )

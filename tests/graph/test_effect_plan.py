@@ -1,0 +1,67 @@
+"""Notes on options whose effect the pipeline has no node for."""
+
+import pytest
+from support import shots
+
+from nlens_video.core.optics import LensOverrides
+from nlens_video.core.settings import LightSettings, ObjectSettings, RealSettings
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import View
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.session import open_session
+
+BARE = """
+nodes = ["object-bounds", "estimate-coc", "ground-footprint", "fit", "render", "object-coc",
+         "reblur", "crop-sharp", "composite"]
+"""
+
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory):
+    return shots.cube_glb(tmp_path_factory.mktemp("scene") / "cube.glb")
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """A pipeline of defocus alone."""
+    path = tmp_path_factory.mktemp("pipeline") / "bare.toml"
+    path.write_text(BARE)
+    return str(path)
+
+
+def notes(glb, preset, light=None, real=None, optics=None):
+    objects = ObjectSettings(glb=glb, light=light or LightSettings(), real=real or RealSettings())
+    lens = LensRequest(preset=preset, effects="auto", optics=optics or LensOverrides())
+    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    session = open_session(objects, lens, view, Profiler(), PlatePreview(lambda: ()))
+    return [note for note in session.notes if "has no node for" in note]
+
+
+@pytest.mark.parametrize(
+    ("given", "option", "effect"),
+    [
+        ({"light": LightSettings(shadow_strength=2.0)}, "--shadow-strength 2", "shadow"),
+        ({"real": RealSettings(reflectance=0.1)}, "--ground-reflectance 0.1", "reflection"),
+        ({"real": RealSettings(occlusion="auto")}, "--occlusion auto", "occlusion"),
+        ({"optics": LensOverrides(vignetting_stops=1.5)}, "--vignetting 1.5", "vignetting"),
+        ({"optics": LensOverrides(distortion=(0.1, 0.0))}, "--distortion 0.1,0", "distortion"),
+    ],
+)
+def test_an_option_without_a_node_is_noted_in_one_line(cube, bare, given, option, effect):
+    note = f"{option}: the pipeline 'bare' has no node for {effect}; use --preset standard"
+    assert notes(cube, bare, **given) == [note]
+
+
+def test_the_preset_draft_has_no_shadow(cube):
+    (note,) = notes(cube, "draft", light=LightSettings(shadow_strength=2.0))
+    assert note.startswith("--shadow-strength 2: the pipeline 'draft' has no node for shadow;")
+
+
+def test_nothing_is_noted_where_no_option_or_no_effect_is_asked_for(cube, bare):
+    assert not notes(cube, bare)
+    assert not notes(cube, bare, light=LightSettings(shadow_strength=0.0))
+
+
+def test_nothing_is_noted_where_the_pipeline_has_the_node(cube):
+    real = RealSettings(reflectance=0.1, occlusion="auto")
+    assert not notes(cube, "reference", light=LightSettings(shadow_strength=2.0), real=real)
