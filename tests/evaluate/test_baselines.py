@@ -44,7 +44,7 @@ def test_reblur_ratio_of_a_picture_without_edges_is_zero():
     assert not reblur_ratio_coc(np.full((60, 80, 3), 0.4, np.float32)).any()
 
 
-def test_reblur_ratio_reads_more_blur_where_there_is_more():
+def test_reblur_ratio_increases_with_blur():
     picture = np.concatenate([step_edge(1.5), step_edge(5.0)], axis=1)
     coc = reblur_ratio_coc(picture)
     assert np.median(coc[:, 150:210]) > 2 * np.median(coc[:, 30:90])
@@ -57,7 +57,7 @@ def strips(of):
     return np.concatenate([of(*strip) for strip in STRIPS], axis=1)
 
 
-def test_quadratic_finds_the_blur_by_which_the_sharp_picture_became_the_plate():
+def test_quadratic_baseline_finds_the_blur_between_sharp_picture_and_plate():
     rng = np.random.default_rng(0)
     sharp = rng.random((96, 288, 3)).astype(np.float32)
     disparity = strips(lambda d, _: np.full((96, 96), d, np.float32))
@@ -68,7 +68,7 @@ def test_quadratic_finds_the_blur_by_which_the_sharp_picture_became_the_plate():
         assert coc[48, 96 * at + 48] == pytest.approx(4 * sigma, rel=0.1)
 
 
-def test_quadratic_is_fitted_on_the_blur_of_edges_too():
+def test_quadratic_baseline_is_also_fitted_on_edge_blur():
     turned = {2.0: math.pi}  # the middle step falls, so that the strips meet without a seam
     plate = strips(lambda _, sigma: step_edge(sigma, turned.get(sigma, 0.0), size=96))
     disparity = strips(lambda d, _: np.full((96, 96), d, np.float32))
@@ -77,19 +77,19 @@ def test_quadratic_is_fitted_on_the_blur_of_edges_too():
         assert coc[48, 96 * at + 48] == pytest.approx(4 * sigma, rel=0.05)
 
 
-def test_quadratic_of_a_picture_without_anything_to_read_is_zero():
+def test_quadratic_baseline_of_a_flat_picture_is_zero():
     flat = np.full((40, 60, 3), 0.5, np.float32)
     assert not quadratic_coc(edge_blur(flat), np.zeros((40, 60), np.float32)).any()
 
 
-def test_best_factor_takes_out_a_scale():
+def test_best_factor_removes_a_scale():
     truth = np.float32([[1, 4], [9, 2]])
     assert best_factor(1.25 * truth, truth) == pytest.approx(0.8)
     assert best_factor(np.zeros_like(truth), truth) == 0
 
 
 @given(st.floats(-5, 25))
-def test_no_constant_beats_the_best_one(other):
+def test_best_constant_has_the_smallest_error(other):
     truth = np.float32([[0, 3], [8, 20]])
     best = best_constant(truth)
     assert np.mean((best - truth) ** 2) <= np.mean((other - truth) ** 2) + 1e-6
@@ -106,7 +106,7 @@ def seen(plane, slope, focus):
 
 
 @pytest.mark.parametrize("focus", [0.1, 0.75, 1.4], ids=["before", "within", "behind"])
-def test_the_papers_line_finds_a_lens_focused_in_front_of_within_and_behind_the_ground(focus):
+def test_papers_regression_finds_a_lens_focused_before_within_or_behind_the_ground(focus):
     plane = footprint()
     fit = fit_line(seen(plane, 30.0, focus), plane)
     assert fit.slope == pytest.approx(30.0, rel=0.01)
@@ -114,14 +114,14 @@ def test_the_papers_line_finds_a_lens_focused_in_front_of_within_and_behind_the_
     assert fit.rmse_px < 0.5
 
 
-def test_the_papers_line_takes_a_floor_of_blur_for_a_lens_out_of_focus():
+def test_papers_regression_mistakes_a_constant_blur_for_defocus():
     plane = footprint()
     coc = seen(plane, 30.0, 0.75)
     floored = CocMap(coc_px=np.maximum(coc.coc_px, 2.5), sigma_px=coc.sigma_px)
     assert abs(fit_line(floored, plane).slope) < 5  # the V is not seen as one
 
 
-def test_the_papers_line_refuses_a_handful_of_pixels():
+def test_papers_regression_refuses_too_few_pixels():
     plane = footprint()
     plane.mask[:] = False
     plane.mask[0, :10] = True

@@ -42,7 +42,7 @@ def rows(measured, table):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_accuracy_rises_from_rung_to_rung(measured):
+def test_accuracy_rises_with_the_quality_level(measured):
     found = [rows(measured, "bench")[name]["psnr_db"] for name in RUN]
     assert found == sorted(found) and found[0] < 25 and found[-1] > 35
     likeness = [rows(measured, "bench")[name]["ssim"] for name in RUN]
@@ -51,7 +51,7 @@ def test_accuracy_rises_from_rung_to_rung(measured):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_each_rung_tells_its_time_memory_and_start(measured):
+def test_bench_reports_time_memory_and_startup_of_each_method(measured):
     for row in rows(measured, "bench").values():
         assert 0 < row["median_ms"] and 0 < row["p95_ms_worst"]
         assert row["startup_s"] > 0.1 and 50 < row["peak_mib_worst"] < 4000
@@ -61,7 +61,7 @@ def test_each_rung_tells_its_time_memory_and_start(measured):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_layers_are_measured_with_their_true_coc_by_all_that_need_one_view(measured):
+def test_prerendered_layers_are_benchmarked_with_their_true_coc(measured):
     found = rows(measured, "bench_plates")
     assert list(found) == ["naive", "realtime"]  # a layer cannot be seen from elsewhere
     assert found["naive"]["psnr_db"] < 35
@@ -71,7 +71,7 @@ def test_layers_are_measured_with_their_true_coc_by_all_that_need_one_view(measu
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_files_tell_the_figures_and_the_machine_but_not_its_name(measured):
+def test_bench_files_hold_figures_and_machine_but_no_host_name(measured):
     import platform
 
     names = ["bench.csv", "bench.md", "bench.png", "bench_plates.csv"]
@@ -91,7 +91,7 @@ def test_files_tell_the_figures_and_the_machine_but_not_its_name(measured):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_the_truth_is_the_plate_out_of_the_objects_reach_and_not_within(tmp_path):
+def test_ground_truth_differs_from_the_plate_only_within_the_objects_reach(tmp_path):
     scene = write_scenes(tmp_path, TINY.size)[0]
     case = built_case(scene, TINY.size, views=16)
     assert case.region == Box(95, 14, 145, 114)  # of 380 to 580 and 56 to 456, at a quarter
@@ -102,7 +102,7 @@ def test_the_truth_is_the_plate_out_of_the_objects_reach_and_not_within(tmp_path
     assert naive["psnr_db"] < 25 and case.score(case.truth)["psnr_db"] == math.inf
 
 
-def test_every_shipped_preset_and_every_rival_is_a_rung():
+def test_every_preset_and_every_baseline_is_benchmarked():
     names = [rung.name for rung in all_rungs()]
     assert names[:5] == ["naive", "one Gaussian", "layered Gaussian", "draft", "realtime"]
     assert {"standard", "lens, 8 views", "lens, 32 views", "reference"} <= set(names)
@@ -110,12 +110,12 @@ def test_every_shipped_preset_and_every_rival_is_a_rung():
     assert sampled == ["lens, 8 views", "lens, 32 views", "reference"]
 
 
-def test_a_plate_gives_the_lens_that_blurred_its_object(tmp_path):
+def test_bench_uses_the_lens_of_the_plates_ground_truth(tmp_path):
     case = plate_case(write_rendered(tmp_path / "one_a"))
     assert (case.fit.slope, case.fit.intercept) == pytest.approx((SLOPE, INTERCEPT), abs=0.05)
 
 
-def test_figures_of_a_rung_as_worked_by_hand(tmp_path):
+def test_bench_figures_agree_with_a_hand_calculation(tmp_path):
     case = plate_case(write_rendered(tmp_path / "one_a"))
     times = tuple(float(ms) for ms in range(1, 22))
     run = RungRun(
@@ -129,7 +129,7 @@ def test_figures_of_a_rung_as_worked_by_hand(tmp_path):
     assert found["psnr_db"] == pytest.approx(10 * math.log10(255**2 / mean))
 
 
-def test_the_front_holds_what_none_beats_in_both():
+def test_pareto_front_holds_methods_that_none_beats_in_time_and_accuracy():
     slow, quick, bad = (
         Point("slow", 9.0, 50.0, ours=True), Point("quick", 1.0, 40.0, ours=True),
         Point("bad", 5.0, 39.0, ours=False),
@@ -137,32 +137,32 @@ def test_the_front_holds_what_none_beats_in_both():
     assert pareto([slow, bad, quick]) == [quick, slow]
 
 
-def test_a_folder_that_is_not_there_is_one_line(tmp_path):
+def test_missing_folder_is_refused_in_one_line(tmp_path):
     assert "no such folder" in one_line(nlens("bench", tmp_path / "gone"), 3)
 
 
 @pytest.mark.parametrize("name", ["object.exr", "gt_noshadow.png", "object_coc.npy"])
-def test_a_plate_without_one_of_its_files_is_one_line(tmp_path, name):
+def test_plate_with_a_missing_file_is_refused_in_one_line(tmp_path, name):
     (write_rendered(tmp_path / "one_a") / name).unlink()
     assert name in one_line(nlens("bench", tmp_path), 3)
 
 
-def test_a_truth_of_another_size_is_one_line(tmp_path):
+def test_ground_truth_of_another_size_is_refused_in_one_line(tmp_path):
     path = write_rendered(tmp_path / "one_a") / "gt_noshadow.png"
     assert cv2.imwrite(str(path), np.zeros((9, 9, 3), np.uint8))
     assert "gt_noshadow.png" in one_line(nlens("bench", tmp_path), 3)
 
 
-def test_a_coc_that_no_lens_gives_is_one_line(tmp_path):
+def test_impossible_ground_truth_coc_is_refused_in_one_line(tmp_path):
     path = write_rendered(tmp_path / "one_a") / "object_coc.npy"
     np.save(path, np.random.default_rng(0).normal(0, 5, (HEIGHT, WIDTH)).astype(np.float16))
     assert "object_coc.npy" in one_line(nlens("bench", tmp_path), 3)
 
 
-def test_an_out_that_is_a_file_is_one_line(tmp_path):
+def test_output_folder_that_is_a_file_is_refused_in_one_line(tmp_path):
     (tmp_path / "taken").write_text("")
     assert "is no folder" in one_line(nlens("bench", "--out", tmp_path / "taken"), 6)
 
 
-def test_wrong_words_are_one_line():
+def test_invalid_arguments_are_refused_in_one_line():
     one_line(nlens("bench", "a", "b"), 2)

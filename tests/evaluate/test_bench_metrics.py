@@ -17,26 +17,26 @@ def pair(seed, shape=(23, 17, 3), off=40):
     ), truth.astype(np.uint8)
 
 
-def test_psnr_of_two_pixels_as_worked_by_hand():
+def test_psnr_of_two_pixels_agrees_with_a_hand_calculation():
     seen, truth = np.array([[[10, 0, 0], [0, 0, 5]]], np.uint8), np.zeros((1, 2, 3), np.uint8)
     assert psnr(seen, truth) == pytest.approx(10 * math.log10(255**2 / (125 / 6)))
     assert psnr(truth, seen) == psnr(seen, truth)  # no wrap of 8 bits
 
 
-def test_equal_pictures_are_infinitely_alike():
+def test_psnr_of_equal_pictures_is_infinite():
     picture = pair(0)[0]
     assert psnr(picture, picture) == math.inf
     assert ssim(picture, picture) == pytest.approx(1.0)
 
 
-def test_ssim_of_two_flat_pictures_as_worked_by_hand():
+def test_ssim_of_flat_pictures_agrees_with_a_hand_calculation():
     dark, bright = np.full((7, 7, 3), 100, np.uint8), np.full((7, 7, 3), 120, np.uint8)
     c1 = (0.01 * 255) ** 2  # no variance: only the means differ
     assert ssim(dark, bright) == pytest.approx((2 * 100 * 120 + c1) / (100**2 + 120**2 + c1))
 
 
 @given(st.integers(0, 10_000), st.integers(0, 120))
-def test_both_agree_with_scikit_image(seed, off):
+def test_psnr_and_ssim_agree_with_scikit_image(seed, off):
     seen, truth = pair(seed, off=off)
     ours = ssim(seen, truth)
     assert ours == pytest.approx(
@@ -48,7 +48,7 @@ def test_both_agree_with_scikit_image(seed, off):
         )
 
 
-def test_a_picture_smaller_than_a_window_is_refused():
+def test_ssim_of_a_picture_smaller_than_the_window_is_refused():
     small = np.zeros((6, 40, 3), np.uint8)
     with pytest.raises(ValueError, match="7 each way"):
         ssim(small, small)

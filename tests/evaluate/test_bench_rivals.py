@@ -29,7 +29,7 @@ def sharp(defocused):
     return whole(naive(defocused, FRAME))
 
 
-def test_naive_leaves_the_layer_as_it_is():
+def test_unblurred_baseline_returns_the_layer():
     defocused = square(20.0)
     assert np.array_equal(sharp(defocused)[20:50, 30:60], defocused.layer.rgba)
     assert sharp(defocused).sum() == pytest.approx(defocused.layer.rgba.sum())
@@ -37,20 +37,20 @@ def test_naive_leaves_the_layer_as_it_is():
 
 @pytest.mark.parametrize("rival", [one_gaussian, layered_gaussian])
 @pytest.mark.parametrize("coc", [8.0, -8.0])
-def test_one_coc_all_over_gives_a_gaussian_of_a_quarter_of_it(rival, coc):
+def test_constant_coc_gives_a_gaussian_with_sigma_of_a_quarter(rival, coc):
     defocused = square(coc)
     expected = cv2.GaussianBlur(sharp(defocused), (13, 13), 2.0)
     np.testing.assert_allclose(whole(rival(defocused, FRAME)), expected, atol=1e-5)
 
 
-def test_one_gaussian_takes_the_mean_of_what_is_covered():
+def test_single_gaussian_baseline_uses_the_mean_coc_of_covered_pixels():
     coc = np.full((30, 30), 4.0, np.float32)
     coc[:15] = 12.0
     expected = cv2.GaussianBlur(sharp(square(0.0)), (13, 13), 2.0)
     np.testing.assert_allclose(whole(one_gaussian(square(coc), FRAME)), expected, atol=1e-5)
 
 
-def test_layers_follow_the_coc_of_each_pixel():
+def test_layered_gaussian_baseline_follows_the_coc_of_each_pixel():
     coc = np.zeros((30, 30), np.float32)
     coc[:, 15:] = 12.0
     found = whole(layered_gaussian(square(coc), FRAME))
@@ -59,14 +59,14 @@ def test_layers_follow_the_coc_of_each_pixel():
     np.testing.assert_allclose(found[30:40, 47:58], blurred[30:40, 47:58], atol=1e-5)
 
 
-def test_a_sigma_between_two_layers_lies_between_their_blurs():
+def test_layered_gaussian_baseline_interpolates_between_levels():
     found = whole(layered_gaussian(square(6.0), FRAME))[..., 3]
     narrow, wide = (whole(layered_gaussian(square(c), FRAME))[..., 3] for c in (4.0, 8.0))
     np.testing.assert_allclose(found, 0.5 * (narrow + wide), atol=1e-5)
 
 
 @pytest.mark.parametrize("rival", [naive, one_gaussian, layered_gaussian])
-def test_what_lies_beyond_the_frame_is_cut(rival):
+def test_baseline_blur_is_cropped_to_the_frame(rival):
     cut = rival(square(8.0), Box(0, 0, 45, 35))
     assert (cut.box.x1, cut.box.y1) == (45, 35)
     far = rival(square(8.0), Box(200, 200, 210, 210))
@@ -74,5 +74,5 @@ def test_what_lies_beyond_the_frame_is_cut(rival):
 
 
 @pytest.mark.parametrize("rival", [one_gaussian, layered_gaussian])
-def test_an_empty_layer_stays_empty(rival):
+def test_baseline_of_an_empty_layer_is_empty(rival):
     assert not whole(rival(square(8.0, alpha=0.0), FRAME)).any()

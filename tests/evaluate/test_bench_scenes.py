@@ -27,7 +27,7 @@ def seen(scenes):
     return found
 
 
-def test_a_place_is_seen_where_it_says_with_the_coc_it_says():
+def test_surface_point_projects_to_its_stated_pixel_and_coc():
     optics = SceneLens(slope=112.0, intercept=-56.0)
     x, y, z = optics.point(Place(580, 156, 28.0))
     assert -1 / z == pytest.approx((28 + 56) / 112)
@@ -47,7 +47,7 @@ def test_a_place_is_seen_where_it_says_with_the_coc_it_says():
         ("skinned figure", -20.0, 26.8),
     ],
 )
-def test_a_scene_is_as_large_and_as_blurred_as_it_says(seen, name, low, high):
+def test_bench_scene_has_its_stated_size_and_coc(seen, name, low, high):
     defocused = seen[name]
     coc = defocused.coc_px[defocused.layer.rgba[..., 3] > 0]
     assert (coc.min(), coc.max()) == pytest.approx((low, high), abs=1.0)
@@ -57,14 +57,14 @@ def test_a_scene_is_as_large_and_as_blurred_as_it_says(seen, name, low, high):
 
 
 @pytest.mark.needs_gl
-def test_only_the_slab_hides_no_part_of_itself(seen):
+def test_only_the_slab_scene_has_no_self_occlusion(seen):
     steps = {name: defocused.largest_step_px for name, defocused in seen.items()}
     assert steps.pop("tilted slab") < 1.0
     assert min(steps.values()) > 10.0
 
 
 @pytest.mark.needs_gl
-def test_parts_of_a_scene_differ_in_colour(seen):
+def test_parts_of_a_bench_scene_differ_in_colour(seen):
     for defocused in seen.values():
         rgba = defocused.layer.rgba
         solid = rgba[rgba[..., 3] > 0.999]
@@ -72,13 +72,13 @@ def test_parts_of_a_scene_differ_in_colour(seen):
         assert solid[:, :3].mean() > 0.1
 
 
-def test_a_smaller_frame_has_the_same_lens_in_its_own_pixels(tmp_path, scenes):
+def test_bench_scene_in_a_smaller_frame_has_the_scaled_lens(tmp_path, scenes):
     for small in write_scenes(tmp_path, (240, 128)):
         assert small.fit.slope == pytest.approx(0.25 * scenes[small.name].fit.slope)
         assert (small.fit.width, small.fit.height) == (240, 128)
 
 
-def test_the_plate_is_the_same_each_time_and_has_detail():
+def test_bench_plate_is_deterministic_and_textured():
     first = plate((240, 128))
     assert np.array_equal(first, plate((240, 128)))
     assert first.shape == (128, 240, 3) and first.dtype == np.uint8 and first.std() > 10

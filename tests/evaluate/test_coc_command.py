@@ -34,13 +34,13 @@ def summary(measured, table):
 
 
 @pytest.mark.slow
-def test_every_plate_is_measured_and_what_is_no_still_is_named(measured):
+def test_every_still_plate_is_evaluated_and_others_are_named(measured):
     assert measured.figures["plates"] == ["one_a", "two_b"]
     assert measured.figures["passed_over"] == ["clip"]
 
 
 @pytest.mark.slow
-def test_the_network_beats_every_baseline_that_is_not_told_the_truth(measured):
+def test_network_beats_every_baseline_without_ground_truth(measured):
     rows = summary(measured, "methods")
     ours = rows["ours (network)"]
     assert ours["rmse_px"] < rows["best constant"]["rmse_px"]
@@ -51,7 +51,7 @@ def test_the_network_beats_every_baseline_that_is_not_told_the_truth(measured):
 
 
 @pytest.mark.slow
-def test_a_method_is_left_out_on_a_plate_that_lacks_what_it_needs(measured):
+def test_method_is_skipped_on_a_plate_that_lacks_its_inputs(measured):
     for name in (SHARP, f"{SHARP}, best factor"):
         one, two = [row for row in measured.figures["methods"]["plates"] if row["name"] == name]
         assert one["plate"] == "one_a" and one["rmse_px"] > 0
@@ -59,13 +59,13 @@ def test_a_method_is_left_out_on_a_plate_that_lacks_what_it_needs(measured):
 
 
 @pytest.mark.slow
-def test_the_best_factor_can_only_help(measured):
+def test_best_factor_never_increases_the_error(measured):
     rows = summary(measured, "methods")
     assert rows[f"{SHARP}, best factor"]["rmse_px"] <= rows[SHARP]["rmse_px"]
 
 
 @pytest.mark.slow
-def test_each_ablation_and_each_condition_is_measured_on_each_plate(measured):
+def test_every_ablation_and_condition_is_evaluated_on_every_plate(measured):
     assert list(summary(measured, "ablations")) == [
         "shipped", "no confidence", "no V-fit (the paper's line)", "footprint only",
     ]  # fmt: skip
@@ -79,14 +79,14 @@ def test_each_ablation_and_each_condition_is_measured_on_each_plate(measured):
 
 
 @pytest.mark.slow
-def test_the_shipped_fit_finds_the_lens_that_made_the_plates(measured):
+def test_estimated_fit_recovers_the_lens_of_the_plates(measured):
     assert summary(measured, "ablations")["shipped"]["object_rms_px"] < 1.5
     shipped = summary(measured, "conditions")["as rendered"]["object_rms_px"]
     assert shipped == summary(measured, "ablations")["shipped"]["object_rms_px"]
 
 
 @pytest.mark.slow
-def test_a_frame_of_twice_the_width_is_judged_in_the_plates_pixels(measured):
+def test_errors_at_twice_the_width_are_in_the_plates_pixels(measured):
     rows = summary(measured, "conditions")
     assert rows["1920 px wide"]["rmse_px"] < 2 * rows["as rendered"]["rmse_px"]
 
@@ -107,7 +107,7 @@ def test_tables_and_plots_are_written(measured):
 
 
 @pytest.mark.slow
-def test_a_plates_own_folder_is_enough_and_tables_go_to_standard_output(folder):
+def test_single_plate_folder_is_evaluated_and_printed_to_standard_output(folder):
     run = nlens("evaluate", "coc", folder / "one_a")
     assert run.returncode == 0, run.stderr
     assert "# CoC of 1 plate" in run.stdout and "| shipped" in run.stdout and run.stderr == ""
@@ -118,16 +118,16 @@ def damaged(folder, name):
     return write_plate(folder / "bad_one") / name
 
 
-def test_a_folder_that_is_not_there_is_one_line(tmp_path):
+def test_missing_folder_is_refused_in_one_line(tmp_path):
     assert "no such folder" in one_line(nlens("evaluate", "coc", tmp_path / "gone"), 3)
 
 
-def test_a_folder_without_plates_is_one_line(tmp_path):
+def test_folder_without_plates_is_refused_in_one_line(tmp_path):
     assert "object_coc.npy" in one_line(nlens("evaluate", "coc", tmp_path), 3)
 
 
 @pytest.mark.parametrize("name", ["bg.png", "object_depth.npz", "params.json", "object.glb"])
-def test_a_missing_file_is_named(tmp_path, name):
+def test_missing_ground_truth_file_is_named(tmp_path, name):
     damaged(tmp_path, name).unlink()
     assert name in one_line(nlens("evaluate", "coc", tmp_path), 3)
 
@@ -137,28 +137,28 @@ def test_a_missing_file_is_named(tmp_path, name):
     [("bg.png", 3), ("bg_coc.npy", 3), ("object_depth.npz", 3), ("object_rgba.png", 3),
      ("params.json", 3), ("object.glb", 4)],
 )  # fmt: skip
-def test_an_unreadable_file_is_named(tmp_path, name, code):
+def test_unreadable_ground_truth_file_is_named(tmp_path, name, code):
     damaged(tmp_path, name).write_bytes(b"\x93NUMPY but not really")
     assert name in one_line(nlens("evaluate", "coc", tmp_path), code)
 
 
-def test_a_map_of_another_size_is_named(tmp_path):
+def test_ground_truth_map_of_another_size_is_named(tmp_path):
     np.save(damaged(tmp_path, "bg_coc.npy"), np.zeros((8, 8), np.float16))
     assert "bg_coc.npy: shape (8, 8)" in one_line(nlens("evaluate", "coc", tmp_path), 3)
 
 
-def test_an_object_out_of_view_is_one_line(tmp_path):
+def test_object_out_of_view_is_refused_in_one_line(tmp_path):
     path = damaged(tmp_path, "object_rgba.png")
     assert cv2.imwrite(str(path), np.zeros((180, 320, 4), np.uint8))
     assert "covers no pixel" in one_line(nlens("evaluate", "coc", tmp_path), 3)
 
 
-def test_an_out_that_is_a_file_is_one_line(folder, tmp_path):
+def test_output_folder_that_is_a_file_is_refused_in_one_line(folder, tmp_path):
     (tmp_path / "taken").write_text("")
     run = nlens("evaluate", "coc", folder, "--out", tmp_path / "taken")
     assert "is no folder" in one_line(run, 6)
 
 
 @pytest.mark.parametrize("words", [(), ("coc",), ("everything", "there")])
-def test_wrong_words_are_one_line(words):
+def test_invalid_arguments_are_refused_in_one_line(words):
     one_line(nlens("evaluate", *words), 2)

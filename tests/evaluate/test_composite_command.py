@@ -51,14 +51,14 @@ def rows(measured):
     return {row["name"]: row for row in measured.figures["composite"]["summary"]}
 
 
-def test_every_layered_preset_every_rival_and_both_bounds_are_methods():
+def test_every_layered_preset_baseline_and_bound_is_a_method():
     names = [method.name for method in all_methods()]
     assert names[:3] == [NAIVE, BLIND, GAUSSIAN] and names[-2:] == [TRUE_FIT, TRUE_COC]
     assert names[3:-2] == ["draft", "realtime", "standard", "paper"]
 
 
 @pytest.mark.slow
-def test_each_method_is_measured_on_each_plate(measured):
+def test_every_method_is_evaluated_on_every_plate(measured):
     assert measured.figures["plates"] == ["one_a", "two_b"]
     assert list(rows(measured)) == ROWS
     assert len(measured.figures["composite"]["plates"]) == 2 * len(ROWS)
@@ -66,7 +66,7 @@ def test_each_method_is_measured_on_each_plate(measured):
 
 
 @pytest.mark.slow
-def test_ours_beats_naive_and_blind_augmentation_and_is_bounded_by_the_true_lens(measured):
+def test_our_method_beats_the_baselines_and_is_bounded_by_the_true_lens(measured):
     found = rows(measured)
     psnr = {name: found[name]["psnr_db"] or math.inf for name in ROWS}  # exact: no dB
     assert psnr[NAIVE] < psnr[DEFAULT] < psnr[TRUE_FIT]
@@ -75,14 +75,14 @@ def test_ours_beats_naive_and_blind_augmentation_and_is_bounded_by_the_true_lens
 
 
 @pytest.mark.slow
-def test_the_error_of_the_objects_coc_is_that_of_what_was_told(measured):
+def test_object_coc_error_is_that_of_the_injected_lens_error(measured):
     found = {name: row["object_rms_px"] for name, row in rows(measured).items()}
     assert found[TRUE_COC] == found[GAUSSIAN] == 0.0
     assert 0 < found[TRUE_FIT] < 0.05 < found[DEFAULT] == found["draft"] < found[NAIVE]
 
 
 @pytest.mark.slow
-def test_tables_and_a_picture_are_written(measured):
+def test_composite_evaluation_writes_tables_and_a_picture(measured):
     assert sorted(path.name for path in measured.out.iterdir()) == [
         "composite.csv", "composite.md", "composite.png", "composite_plate_coc.csv",
     ]  # fmt: skip
@@ -96,7 +96,7 @@ def test_tables_and_a_picture_are_written(measured):
     assert picture is not None and picture.shape[0] > 300 and picture.std() > 5
 
 
-def test_the_band_lies_around_the_outline_and_is_as_wide_as_the_blur(folder):
+def test_evaluated_band_surrounds_the_outline_and_is_as_wide_as_the_blur(folder):
     subject = load_subject(folder / "one_a")
     mask = cv2.imread(str(folder / "one_a/object_rgba.png"), -1)[..., 3]
     reach = int(np.abs(subject.coc_px).max() / 2) + 3
@@ -108,7 +108,7 @@ def test_the_band_lies_around_the_outline_and_is_as_wide_as_the_blur(folder):
     assert subject.band.sum() > least * outline.sum() / 2
 
 
-def test_what_differs_within_the_band_only_shows_in_its_figures(folder):
+def test_difference_within_the_band_affects_only_the_bands_figures(folder):
     subject = load_subject(folder / "one_a")
     harmed = subject.case.truth.copy()
     harmed[subject.band] ^= 16
@@ -119,7 +119,7 @@ def test_what_differs_within_the_band_only_shows_in_its_figures(folder):
     assert exact["band_ssim"] == 1 and exact["band_psnr_db"] == math.inf
 
 
-def test_an_interval_over_scenes_as_worked_by_hand():
+def test_confidence_interval_over_scenes_agrees_with_a_hand_calculation():
     found = over_scenes([("a", 1.0), ("a", 3.0), ("b", 4.0), ("c", 6.0), ("c", math.nan)])
     assert (found.mean, found.scenes) == (4.0, 3)  # of the scenes' means 2, 4, 6
     assert found.half == pytest.approx(4.3027 * 2 / math.sqrt(3), abs=1e-4)
@@ -129,7 +129,7 @@ def test_an_interval_over_scenes_as_worked_by_hand():
 
 
 @given(st.lists(st.floats(20, 40), min_size=3, max_size=9), st.integers(1, 4))
-def test_more_plates_of_the_same_scenes_narrow_no_interval(figures, times):
+def test_repeated_scenes_do_not_narrow_the_confidence_interval(figures, times):
     once = [(str(at), figure) for at, figure in enumerate(figures)]
     found, again = over_scenes(once), over_scenes(once * times)
     assert again.mean == pytest.approx(found.mean) and again.half == pytest.approx(found.half)
@@ -159,16 +159,16 @@ def test_figures_agree_with_an_independent_scorer_of_finished_pictures(shared, t
 
 
 @pytest.mark.parametrize("name", ["object.exr", "gt_noshadow.png", "object_depth.npz"])
-def test_a_plate_without_one_of_its_files_is_one_line(tmp_path, name):
+def test_plate_with_a_missing_file_is_refused_in_one_line(tmp_path, name):
     (write_rendered(tmp_path / "one_a") / name).unlink()
     assert name in one_line(nlens("evaluate", "composite", tmp_path), 3)
 
 
-def test_a_folder_without_plates_is_one_line(tmp_path):
+def test_folder_without_plates_is_refused_in_one_line(tmp_path):
     assert "object_coc.npy" in one_line(nlens("evaluate", "composite", tmp_path), 3)
 
 
-def test_an_out_that_is_a_file_is_one_line(folder, tmp_path):
+def test_output_folder_that_is_a_file_is_refused_in_one_line(folder, tmp_path):
     (tmp_path / "taken").write_text("")
     run = nlens("evaluate", "composite", folder, "--out", tmp_path / "taken")
     assert "is no folder" in one_line(run, 6)

@@ -19,25 +19,25 @@ def error_of(changed, picture):
     return float(np.sqrt(np.mean((changed - picture) ** 2)))
 
 
-def test_h264_loses_more_at_a_higher_crf_but_keeps_the_picture(picture):
+def test_h264_error_grows_with_crf(picture):
     fine, coarse = (error_of(through_h264(picture, crf), picture) for crf in (10, 40))
     assert 0.001 < fine < 0.07  # half the chroma samples are gone in any case
     assert coarse > 1.5 * fine
 
 
-def test_h264_keeps_the_colours():
+def test_h264_condition_keeps_colours():
     orange = np.full((64, 64, 3), (0.9, 0.5, 0.1), np.float32)
     assert through_h264(orange) == pytest.approx(orange, abs=0.015)
 
 
-def test_h264_takes_odd_sizes_and_gives_the_same_bits_each_time(picture):
+def test_h264_condition_accepts_odd_sizes_and_is_deterministic(picture):
     odd = picture[:101, :77]
     first = through_h264(odd)
     assert first.shape == odd.shape
     assert np.array_equal(first, through_h264(odd))
 
 
-def test_noise_has_its_deviation_and_is_the_same_each_time():
+def test_noise_condition_has_the_stated_deviation_and_is_deterministic():
     grey = np.full((80, 80, 3), 0.5, np.float32)
     noisy = with_noise(grey)
     assert noisy.std() == pytest.approx(0.02, rel=0.05)
@@ -45,13 +45,13 @@ def test_noise_has_its_deviation_and_is_the_same_each_time():
 
 
 @pytest.mark.parametrize(("width", "height"), [(160, 90), (640, 360)])
-def test_scaling_keeps_shape_and_light(picture, width, height):
+def test_scaling_condition_keeps_shape_and_mean_light(picture, width, height):
     other = scaled(picture, width)
     assert other.shape == (height, width, 3)
     assert other.mean() == pytest.approx(picture.mean(), abs=0.003)
 
 
-def test_the_right_field_of_view_moves_nothing():
+def test_true_field_of_view_changes_nothing():
     view = camera()
     guess = guess_camera(view, TRIANGLES, 0.0, 1.0)
     assert guess.moved(CORNERS) == pytest.approx(CORNERS)
@@ -61,7 +61,7 @@ def test_the_right_field_of_view_moves_nothing():
 
 
 @pytest.mark.parametrize("ratio", [0.85, 1.15])
-def test_under_a_wrong_field_of_view_the_object_stays_where_it_is_seen(ratio):
+def test_wrong_field_of_view_keeps_the_object_at_its_screen_position(ratio):
     view = camera()
     guess = guess_camera(view, TRIANGLES, 0.0, ratio)
     before = view.pixels(view.to_camera(CORNERS))
@@ -77,7 +77,7 @@ def test_under_a_wrong_field_of_view_the_object_stays_where_it_is_seen(ratio):
     assert guess.size != pytest.approx(1.0, abs=0.02)
 
 
-def test_depth_of_moved_surface_points_is_that_of_the_moved_object():
+def test_depth_of_moved_surface_points_agrees_with_the_moved_object():
     view = camera()
     guess = guess_camera(view, TRIANGLES, 0.0, 1.15)
     ground = view.plane_disparity(0.0)  # take the ground itself for the surface: it stays in place
@@ -93,12 +93,12 @@ def test_depth_of_moved_surface_points_is_that_of_the_moved_object():
     assert moved[row, column] == pytest.approx(expected)
 
 
-def test_a_field_of_view_that_lifts_the_foot_over_the_horizon_is_refused():
+def test_field_of_view_that_puts_the_contact_point_above_the_horizon_is_refused():
     far = TRIANGLES + np.array([0.0, 0.0, -60.0])
     with pytest.raises(SceneError, match="above the horizon"):
         guess_camera(camera(), far, 0.0, 2.0)
 
 
-def test_a_field_of_view_that_no_camera_has_is_refused():
+def test_impossible_field_of_view_is_refused():
     with pytest.raises(SceneError, match="no camera sees"):
         guess_camera(camera(), TRIANGLES, 0.0, 5.0)

@@ -10,7 +10,7 @@ COC = np.array([[1, 2], [5, 8]], np.float32)
 TRUTH = np.array([[0, 4], [4, 10]], np.float32)
 
 
-def test_figures_of_a_map_of_four_pixels_as_worked_by_hand():
+def test_coc_errors_of_four_pixels_agree_with_a_hand_calculation():
     found = coc_figures(COC, TRUTH, np.array([[1, 3], [2, 4]], np.float32))
     assert found.rmse_px == pytest.approx(math.sqrt((1 + 4 + 1 + 4) / 4))
     assert found.confident_rmse_px == pytest.approx(1.0)  # the pixels with sigma 1 and 2
@@ -18,15 +18,15 @@ def test_figures_of_a_map_of_four_pixels_as_worked_by_hand():
     assert found.relative == pytest.approx(1 / 4)  # of 2/4, 1/4 and 2/10; the sharp pixel is out
 
 
-def test_a_method_without_sigma_has_no_confident_half():
+def test_method_without_uncertainty_has_no_confident_half():
     assert math.isnan(coc_figures(COC, TRUTH).confident_rmse_px)
 
 
-def test_a_sharp_plate_has_no_relative_error():
+def test_sharp_plate_has_no_relative_error():
     assert math.isnan(coc_figures(COC, np.ones_like(TRUTH)).relative)
 
 
-def test_the_objects_error_counts_its_solid_pixels_and_their_sign():
+def test_object_coc_error_counts_opaque_pixels_and_signs():
     predicted = np.array([[3.0, -4.0, 99.0]], np.float32)
     truth = np.array([[3.0, 4.0, 0.0]], np.float32)
     solid = np.array([[True, True, False]])
@@ -34,7 +34,7 @@ def test_the_objects_error_counts_its_solid_pixels_and_their_sign():
     assert math.isnan(rms_within(predicted, truth, np.zeros_like(solid)))
 
 
-def test_errors_fall_into_the_bins_of_what_they_are_sorted_by():
+def test_errors_are_binned_by_their_key():
     error = np.array([1, -3, 2, 50], np.float32)
     found = binned_errors(error, np.array([0.5, 0.7, 2.5, 99], np.float32), np.arange(4.0))
     assert found.count.tolist() == [2, 1]  # nothing between 1 and 2, one beyond all edges
@@ -61,14 +61,14 @@ def table():
     return Table("t", "Title", columns, "rms_px", ("A note.",), entries)
 
 
-def test_summary_takes_mean_worst_count_and_median_over_the_plates(table):
+def test_summary_holds_mean_worst_count_and_median_over_plates(table):
     assert table.summary() == [
         {"name": "ours", "rms_px": 1.5, "rms_px_worst": 2.0, "rms_px_count": 2.0, "ms": 20.0},
         {"name": "theirs", "rms_px": None, "rms_px_worst": None, "rms_px_count": 0.0, "ms": 5.5},
     ]
 
 
-def test_markdown_shows_a_dash_for_what_is_not_defined_and_every_plate(table):
+def test_markdown_table_shows_every_plate_and_a_dash_for_undefined_values(table):
     lines = table.markdown().splitlines()
     assert lines[0] == "## Title" and lines[-1] == "A note."
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
@@ -78,7 +78,7 @@ def test_markdown_shows_a_dash_for_what_is_not_defined_and_every_plate(table):
     assert ["", "a", "b"] in cells and ["ours", "1.00", "2.00"] in cells
 
 
-def test_csv_holds_a_line_for_each_row_and_plate(table):
+def test_csv_has_a_line_per_method_and_plate(table):
     assert table.csv().splitlines() == [
         "row,plate,rms_px,ms",
         "ours,a,1.0000,10.0000",

@@ -50,7 +50,7 @@ def measured(capsys, *words):
     return json.loads(capsys.readouterr().out)
 
 
-def test_shadow_is_measured_where_the_truth_has_one_and_its_strength_is_found(plate, capsys):
+def test_shadow_is_evaluated_where_the_ground_truth_has_one(plate, capsys):
     told = measured(capsys, plate.parent, "--out", plate.parent / "tables")
     rows = {row["name"]: row for row in told["shadow"]["summary"]}
     given, best = rows["by the given light"], rows["the same, told its strength"]
@@ -62,7 +62,7 @@ def test_shadow_is_measured_where_the_truth_has_one_and_its_strength_is_found(pl
     assert names == {"scene.md", "drawn.csv", "shadow.csv"}
 
 
-def test_drawn_cube_has_the_mask_and_depth_of_the_slab_method(plate, capsys):
+def test_rasterised_cube_has_the_mask_and_depth_of_the_slab_method(plate, capsys):
     (row,) = measured(capsys, plate)["drawn"]["summary"]
     assert row["iou"] > 0.98 and row["depth_error"] < 0.05
     depth = cube_depth(camera())
@@ -71,13 +71,13 @@ def test_drawn_cube_has_the_mask_and_depth_of_the_slab_method(plate, capsys):
     assert row["depth_error"] == pytest.approx(1.0, abs=0.05)
 
 
-def test_plates_without_a_shadow_in_their_truth_say_so(plate, capsys):
+def test_plates_without_a_ground_truth_shadow_are_reported(plate, capsys):
     (plate / "gt.png").unlink()
     assert main(["evaluate", "scene", str(plate)]) == 0
     assert "nothing is said of shadows" in capsys.readouterr().out
 
 
-def test_truth_that_is_no_picture_is_one_line(plate, capsys):
+def test_unreadable_ground_truth_picture_is_refused_in_one_line(plate, capsys):
     (plate / "gt.png").write_bytes(b"no picture")
     assert main(["evaluate", "scene", str(plate)]) == 3
     assert capsys.readouterr().err.count("\n") == 1

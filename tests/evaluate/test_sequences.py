@@ -71,7 +71,9 @@ def rows_of(capsys, *words):
     return {row["name"]: row for row in told["sequences"]["summary"]}
 
 
-def test_lens_found_comes_close_to_the_true_one_and_no_blur_does_not(rendered, tmp_path, capsys):
+def test_estimated_lens_comes_close_to_the_true_one_and_no_blur_does_not(
+    rendered, tmp_path, capsys
+):
     rows = rows_of(capsys, rendered.parent, "--out", tmp_path / "tables")
     found, true, sharp = rows["lens found"], rows["true lens"], rows["no blur"]
     assert true["gap_db_most"] == true["object_rms_px"] == true["more_flicker_percent_most"] == 0.0
@@ -88,7 +90,7 @@ def test_lens_found_comes_close_to_the_true_one_and_no_blur_does_not(rendered, t
 
 
 @pytest.mark.slow
-def test_error_of_the_lens_found_is_counted_against_the_told_one(sequence, capsys):
+def test_estimated_lens_is_compared_with_the_described_one(sequence, capsys):
     off = rows_of(capsys, sequence)["lens found"]["object_rms_px"]
     describe(sequence, scale=1.5)
     told_more = rows_of(capsys, sequence)
@@ -129,7 +131,7 @@ def empty_truth(folder):
         (empty_truth, "empty"),
     ],
 )
-def test_sequence_that_cannot_be_used_is_one_line_that_names_it(sequence, capsys, spoil, named):
+def test_unusable_sequence_is_refused_in_one_line_with_its_name(sequence, capsys, spoil, named):
     spoil(sequence)
     assert main(["evaluate", "sequences", str(sequence)]) == 3
     told = capsys.readouterr().err
@@ -145,7 +147,7 @@ OUT_OF_VIEW = FrameFigures(
 )
 
 
-def test_worst_frame_is_the_one_farthest_below_the_true_lens():
+def test_largest_gap_is_the_frame_farthest_below_the_true_lens():
     known = [frame(psnr_db=db) for db in (30.0, 34.0, 32.0)]
     seen = [frame(psnr_db=db) for db in (30.5, 33.0, 32.0)]
     told = over_sequence(seen, known)
@@ -154,7 +156,7 @@ def test_worst_frame_is_the_one_farthest_below_the_true_lens():
     assert told["spread_db"] == pytest.approx(np.std([30.5, 33.0, 32.0]))
 
 
-def test_detail_that_goes_up_and_down_flickers_by_twice_its_amplitude():
+def test_flicker_is_twice_the_amplitude_of_alternating_detail():
     steady = [frame(detail=0.1 * at) for at in range(6)]
     calm = [frame(detail=0.1 * at + 0.01 * (-1) ** at) for at in range(6)]
     wild = [frame(detail=0.1 * at + 0.03 * (-1) ** at) for at in range(6)]
@@ -163,21 +165,21 @@ def test_detail_that_goes_up_and_down_flickers_by_twice_its_amplitude():
     assert over_sequence(steady, calm)["more_flicker_percent"] == pytest.approx(-100.0)
 
 
-def test_frames_without_the_object_count_for_nothing():
+def test_frames_without_the_object_are_not_counted():
     seen = [frame(detail=0.1), frame(detail=0.2), frame(detail=0.3)]
     for one in (seen, [*seen, OUT_OF_VIEW]):
         told = over_sequence(one, one)
         assert told["psnr_db"] == 30.0 and told["flicker_percent"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_frames_equal_to_the_truth_have_no_gap_and_leave_the_others_to_be_counted():
+def test_frames_equal_to_the_ground_truth_are_excluded_from_the_gap():
     same = replace(frame(), psnr_db=math.inf, block_psnr_db=math.nan)
     told = over_sequence([same, frame(psnr_db=29.0)], [same, frame(psnr_db=30.0)])
     assert told["gap_db"] == 1.0 and told["psnr_db"] == 29.0
     assert math.isnan(over_sequence([same], [same])["gap_db"])
 
 
-def test_noise_averages_out_over_blocks_and_a_shift_of_light_does_not():
+def test_block_psnr_ignores_noise_but_not_a_shift_of_light():
     truth = np.full((32, 40, 3), 100, np.uint8)
     reach = np.zeros((32, 40), bool)
     reach[4:28, 5:35] = True
@@ -194,7 +196,7 @@ def test_noise_averages_out_over_blocks_and_a_shift_of_light_does_not():
     assert math.isnan(frame_figures(noisy, truth, thin, 0.0).block_psnr_db)
 
 
-def test_error_of_the_coc_is_that_at_the_objects_own_depths():
+def test_coc_error_is_evaluated_at_the_objects_depths():
     true = LensFit(slope=30.0, intercept=-6.0, width=320, height=180)
     found = LensFit(slope=32.0, intercept=-6.5, width=320, height=180)
     disparity = np.array([0.5, 1.0], np.float32)

@@ -41,7 +41,7 @@ def by_hand(one, other):
     st.tuples(st.integers(0, 60), st.integers(1, 60)),
     st.tuples(st.integers(0, 60), st.integers(1, 60)),
 )
-def test_the_z_test_is_the_textbooks(one, other):
+def test_two_proportion_test_agrees_with_a_textbook_example(one, other):
     one, other = ((failures, failures + rest) for failures, rest in (one, other))
     z, p = two_proportion_test(one, other)
     if one[0] + other[0] == 0:
@@ -51,14 +51,14 @@ def test_the_z_test_is_the_textbooks(one, other):
     assert z == pytest.approx(expected[0], abs=1e-9) and p == pytest.approx(expected[1])
 
 
-def test_the_papers_counts_are_as_surely_apart_as_it_says():
+def test_two_proportion_test_reproduces_the_papers_significance():
     # 25 people, 27 pictures of each method; 90 % against 74.9 and 75.1 %
     for rate in (0.749, 0.751):
         z, p = two_proportion_test((608, 675), (round(rate * 675), 675))
         assert z > 7 and 1e-16 < p < 1e-11
 
 
-def test_answers_of_several_people_in_both_forms_make_one_table(tmp_path, capsys):
+def test_answers_of_several_participants_make_one_table(tmp_path, capsys):
     files = [
         saved(tmp_path / "a.json", "a", {"naive": (3, 10), "ours": (9, 10)}),
         saved(tmp_path / "b.csv", "b", {"naive": (4, 10), "ours": (10, 10)}),
@@ -77,7 +77,7 @@ def test_answers_of_several_people_in_both_forms_make_one_table(tmp_path, capsys
     assert "# Answers of 2 participants" in table and "95.0%" in table and "nan" not in table
 
 
-def test_no_answer_at_all_counts_as_a_failure_to_find_it(tmp_path, capsys):
+def test_missing_answer_counts_as_a_failure_to_find_the_object(tmp_path, capsys):
     path = tmp_path / "a.json"
     row = answer("a", 0, "ours", failed=True) | {"chosen": []}
     path.write_text(json.dumps({"answers": [row]}))
@@ -92,7 +92,7 @@ def one_line(capsys, words, code):
     return told.err
 
 
-def test_a_participant_given_twice_is_one_line(tmp_path, capsys):
+def test_duplicate_participant_is_refused_in_one_line(tmp_path, capsys):
     files = [saved(tmp_path / f"{n}.json", "a", {"ours": (1, 2)}) for n in range(2)]
     assert "twice" in one_line(capsys, ["study", "analyse", *files], 3)
 
@@ -101,11 +101,11 @@ def test_a_participant_given_twice_is_one_line(tmp_path, capsys):
     "text", ["", "{}", "[]", '{"answers": [{}]}', '{"answers": [{"chosen": "red"}]}', "\x00"]
 )
 @pytest.mark.parametrize("name", ["a.json", "a.csv"])
-def test_what_is_no_answer_is_one_line(tmp_path, capsys, name, text):
+def test_invalid_answer_file_is_refused_in_one_line(tmp_path, capsys, name, text):
     (tmp_path / name).write_text(text)
     assert name in one_line(capsys, ["study", "analyse", tmp_path / name], 3)
 
 
-def test_a_method_that_nobody_saw_is_one_line(tmp_path, capsys):
+def test_method_without_answers_is_refused_in_one_line(tmp_path, capsys):
     path = saved(tmp_path / "a.json", "a", {"naive": (1, 2)})
     assert "naive" in one_line(capsys, ["study", "analyse", path], 2)

@@ -27,7 +27,7 @@ def picture(folder, name):
 
 
 @pytest.mark.slow
-def test_every_position_lens_and_method_is_shown_once(folder):
+def test_demo_study_shows_every_position_lens_and_method_once(folder):
     stimuli = load_stimuli(folder)
     assert len(stimuli) == 3 * 1 * 3 * 3
     for name in ("position", "focus", "method"):
@@ -36,7 +36,7 @@ def test_every_position_lens_and_method_is_shown_once(folder):
     assert {one.method for one in stimuli} == {"naive", "blind augmentation", "ours"}
 
 
-def test_pictures_of_one_plate_differ_where_the_virtual_ball_is_only(folder):
+def test_demo_pictures_of_a_plate_differ_only_at_the_virtual_ball(folder):
     naive, ours = (picture(folder, f"f2_back_red_{method}.jpg") for method in ("naive", "ours"))
     changed = np.abs(naive - ours).max(axis=2) > 24
     rows, columns = np.nonzero(changed)
@@ -45,7 +45,7 @@ def test_pictures_of_one_plate_differ_where_the_virtual_ball_is_only(folder):
     assert columns.max() < 0.75 * SIZE[0]
 
 
-def test_a_ball_out_of_focus_is_softer_by_ours_and_in_focus_as_sharp_as_pasted(folder):
+def test_our_method_blurs_only_the_ball_that_is_out_of_focus(folder):
     def kept(focus):
         """Share of the steepest step on the ball, in columns 190 to 219, that is left."""
         steps = [
@@ -60,12 +60,12 @@ def test_a_ball_out_of_focus_is_softer_by_ours_and_in_focus_as_sharp_as_pasted(f
 
 
 @pytest.mark.parametrize("words", [["a", "b.html", "--demo"], ["b.html"]])
-def test_a_folder_or_the_demo_but_one_of_both(words, capsys):
+def test_folder_and_demo_exclude_each_other(words, capsys):
     assert main(["study", "make", *words]) == 2
     told = capsys.readouterr().err
     assert told.startswith("nlens-video: ") and told.count("\n") == 1
 
 
-def test_a_page_that_has_no_place_is_told_before_any_picture_is_made(tmp_path, capsys):
+def test_unwritable_study_page_is_refused_before_any_rendering(tmp_path, capsys):
     assert main(["study", "make", "--demo", str(tmp_path / "gone" / "a.html")]) == 6
     assert "gone" in capsys.readouterr().err

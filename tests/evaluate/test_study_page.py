@@ -44,7 +44,7 @@ def made(tmp_path_factory):
     return page, stimuli
 
 
-def test_the_page_holds_all_it_needs_and_reads_well(made):
+def test_study_page_is_self_contained_and_well_formed(made):
     path, stimuli = made
     text = path.read_text()
     page = read(text)
@@ -61,7 +61,7 @@ def test_the_page_holds_all_it_needs_and_reads_well(made):
     assert picture == (path.parents[1] / "pictures" / stimuli[0].file).read_bytes()
 
 
-def test_words_from_outside_cannot_leave_their_place(tmp_path):
+def test_text_from_the_study_list_is_escaped(tmp_path):
     stimuli = write_folder(tmp_path / "pictures", positions=1)
     path = tmp_path / "pictures" / "stimuli.csv"
     path.write_text(path.read_text().replace("naive", "</script><b>x"))
@@ -95,7 +95,7 @@ def take_part(page, person):
 
 @pytest.mark.slow
 @pytest.mark.needs_chromium
-def test_a_person_with_a_keyboard_sees_every_picture_once_in_an_order_of_their_own(made):
+def test_keyboard_user_sees_every_picture_once_in_a_random_order(made):
     page, stimuli = made
     first, log = take_part(page, "p-1")
     answers = json.loads(first["json"].read_text())["answers"]
@@ -120,7 +120,7 @@ def test_a_person_with_a_keyboard_sees_every_picture_once_in_an_order_of_their_o
     assert sum(one["trials"] for one in found["methods"]) == 2 * len(stimuli)
 
 
-def test_a_folder_without_its_list_is_one_line(tmp_path):
+def test_folder_without_a_study_list_is_refused_in_one_line(tmp_path):
     assert "stimuli.csv" in one_line(nlens("study", "make", tmp_path, tmp_path / "a.html"), 3)
 
 
@@ -130,7 +130,7 @@ def test_a_folder_without_its_list_is_one_line(tmp_path):
      ("naive", "", "method"), ("000.png", "stimuli.csv", "expected one of"),
      ("000.png", "001.png", "twice")],
 )  # fmt: skip
-def test_a_list_that_cannot_be_used_is_one_line(tmp_path, before, after, told):
+def test_invalid_study_list_is_refused_in_one_line(tmp_path, before, after, told):
     write_folder(tmp_path / "pictures")
     path = tmp_path / "pictures" / "stimuli.csv"
     path.write_text(path.read_text().replace(before, after, 1))
@@ -139,12 +139,12 @@ def test_a_list_that_cannot_be_used_is_one_line(tmp_path, before, after, told):
 
 
 @pytest.mark.parametrize("choices", ["red,green", "red,green,yellow,", "red,red,green,yellow"])
-def test_choices_without_a_right_answer_are_one_line(tmp_path, choices):
+def test_choices_without_a_correct_answer_are_refused_in_one_line(tmp_path, choices):
     write_folder(tmp_path / "pictures")
     words = ["study", "make", tmp_path / "pictures", tmp_path / "a.html", "--choices", choices]
     assert "yellow" in one_line(nlens(*words), 2)
 
 
-def test_wrong_words_are_one_line():
+def test_invalid_arguments_are_refused_in_one_line():
     one_line(nlens("study"), 2)
     one_line(nlens("study", "make", "a"), 2)
