@@ -13,7 +13,7 @@ from nlens_video.effects import exposure_kernels
     seed=st.integers(0, 100_000), count=st.integers(1, 300),
     among=st.sampled_from(["normal", "few", "signs", "huge"]),
 )  # fmt: skip
-def test_the_median_is_the_value_in_the_middle_of_the_sorted_ones(seed, count, among):
+def test_median_kernel_agrees_with_numpy(seed, count, among):
     rng = np.random.default_rng(seed)
     values = {
         "normal": lambda: rng.normal(size=count),
@@ -45,7 +45,7 @@ def stops_of(light):
     seed=st.integers(0, 10_000), noise=st.sampled_from([0.0, 0.02, 0.3, 1.0]),
     lost=st.sampled_from([0.0, 0.3, 0.9]),
 )  # fmt: skip
-def test_the_change_of_light_is_the_median_of_what_both_pictures_know(seed, noise, lost):
+def test_exposure_change_kernel_agrees_with_the_reference(seed, noise, lost):
     before, now = (stops_of(light) for light in pictures(seed, noise, lost))
     found = np.empty(3)
     told = exposure_kernels.take_change(before, now, 0.25, 0.2, found)
@@ -55,7 +55,7 @@ def test_the_change_of_light_is_the_median_of_what_both_pictures_know(seed, nois
         np.testing.assert_array_equal(found, expected)
 
 
-def test_stops_are_logarithms_of_light_that_is_neither_dark_nor_white():
+def test_stops_kernel_agrees_with_the_reference():
     before, now = pictures(3, 0.5, 0.2)
     for light in (before, now):
         np.testing.assert_allclose(
@@ -64,7 +64,7 @@ def test_stops_are_logarithms_of_light_that_is_neither_dark_nor_white():
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, -1.0])
-def test_light_that_is_no_number_is_not_known(wrong):
+def test_light_that_is_not_finite_is_marked_unknown(wrong):
     light = np.full((2, 2, 3), 0.5, np.float32)
     light[0, 1, 2] = wrong
     assert np.isnan(stops_of(light)[0, 1]).all()

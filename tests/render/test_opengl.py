@@ -14,7 +14,7 @@ from nlens_video.scene import Scene
 pytestmark = pytest.mark.needs_gl
 
 
-def test_another_thread_and_a_closed_renderer_are_told(tmp_path):
+def test_use_from_another_thread_or_after_closing_is_refused(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder))
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
@@ -37,7 +37,7 @@ def test_another_thread_and_a_closed_renderer_are_told(tmp_path):
         renderer.render(0.0, camera_at(4.0))
 
 
-def test_a_machine_without_the_device_is_told_what_to_install(tmp_path, monkeypatch):
+def test_missing_graphics_device_error_states_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setenv("EGL_DEVICE_ID", "99")
     builder = GlbBuilder()
     quad(builder, number=unlit(builder))
@@ -46,9 +46,7 @@ def test_a_machine_without_the_device_is_told_what_to_install(tmp_path, monkeypa
     assert "\n" not in str(raised.value)
 
 
-def test_a_texture_too_large_for_the_driver_is_one_line_and_leaves_no_context(
-    tmp_path, monkeypatch
-):
+def test_texture_too_large_for_the_driver_is_refused_and_leaves_no_context(tmp_path, monkeypatch):
     from nlens_video.render.opengl.egl_platform import HeadlessPlatform
 
     deleted = []
@@ -69,7 +67,7 @@ def test_a_texture_too_large_for_the_driver_is_one_line_and_leaves_no_context(
     assert deleted[0] is True
 
 
-def test_a_picture_too_large_for_the_driver_is_one_line(tmp_path):
+def test_picture_too_large_for_the_driver_is_refused_in_one_line(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder), node={"scale": [1e6, 1, 1]})
     wide = camera_at(4.0, width=70_000)

@@ -19,7 +19,7 @@ from nlens_video.scene.gltf.images import Image
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.4, 2.0, 8.0]))
 @settings(max_examples=40, deadline=None)
-def test_samples_show_the_nearest_triangle_whatever_crosses_the_near_plane(seed, spread):
+def test_rasteriser_shows_the_nearest_triangle_even_across_the_near_plane(seed, spread):
     rng = np.random.default_rng(seed)
     positions = rng.normal(0, spread, (18, 3)).astype(np.float32)
     positions[:, 2] -= 2.0
@@ -34,7 +34,7 @@ def test_samples_show_the_nearest_triangle_whatever_crosses_the_near_plane(seed,
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_a_sheet_of_triangles_covers_each_sample_once_and_leaves_no_cracks(seed):
+def test_triangle_mesh_covers_each_sample_once_without_cracks(seed):
     """Every triangle alone, one by one: counts must be 1 inside the sheet's outline."""
     rng = np.random.default_rng(seed)
     grid = np.stack(np.meshgrid(np.linspace(-3, 3, 9), np.linspace(-3, 3, 9)), -1)
@@ -59,7 +59,7 @@ def _folded(positions, faces):
     return (turn <= 0).any() and (turn >= 0).any()
 
 
-def test_rows_do_not_depend_on_how_they_are_shared():
+def test_rasterised_rows_do_not_depend_on_their_partition():
     rng = np.random.default_rng(5)
     positions = rng.normal(0, 1.5, (60, 3)).astype(np.float32) - np.float32([0, 0, 3])
     faces = np.arange(60, dtype=np.int32).reshape(-1, 3)
@@ -69,7 +69,7 @@ def test_rows_do_not_depend_on_how_they_are_shared():
     np.testing.assert_array_equal(whole[1], parts[1])
 
 
-def test_the_runs_of_single_triangles_are_those_that_are_filled():
+def test_computed_span_of_a_triangle_equals_the_filled_pixels():
     rng = np.random.default_rng(7)
     positions = rng.normal(0, 2.0, (30, 3)).astype(np.float32) - np.float32([0, 0, 2])
     for face in np.arange(30, dtype=np.int32).reshape(-1, 3):
@@ -79,7 +79,7 @@ def test_the_runs_of_single_triangles_are_those_that_are_filled():
             np.testing.assert_array_equal(np.flatnonzero(ids[line] >= 0), np.arange(left, right))
 
 
-def test_light_is_that_of_the_specification_on_any_material():
+def test_shading_kernel_agrees_with_the_gltf_specification():
     rng = np.random.default_rng(3)
     block, fields = random_block(rng)
     lamps = np.zeros((3, 16), np.float32)
@@ -96,7 +96,7 @@ def test_light_is_that_of_the_specification_on_any_material():
     np.testing.assert_allclose(added, expected, rtol=2e-3, atol=2e-6)
 
 
-def test_a_lamp_gives_what_a_sun_of_its_strength_there_would():
+def test_lamp_shades_as_a_sun_of_equal_irradiance():
     rng = np.random.default_rng(4)
     block, fields = random_block(rng)
     lamp = np.zeros((1, 16), np.float32)
@@ -119,7 +119,7 @@ MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
 
 @pytest.mark.parametrize("wrap", [33071, 33648, 10497])
 @pytest.mark.parametrize("least", MIN_FILTERS)
-def test_textures_are_filtered_and_wrapped_as_defined(wrap, least):
+def test_texture_filtering_and_wrapping_agree_with_the_reference(wrap, least):
     rng = np.random.default_rng(least + wrap)
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
     for mag in (9728, 9729):
@@ -141,7 +141,7 @@ def test_textures_are_filtered_and_wrapped_as_defined(wrap, least):
             assert not fields[at.TEXEL_R // at.WIDTH :, [0, 1, 62, 63]].any()
 
 
-def test_srgb_is_decoded_before_levels_are_made():
+def test_mip_levels_are_averaged_in_linear_light():
     pixels = np.zeros((2, 2, 4), np.uint8)
     pixels[0], pixels[..., 3] = 255, 255
     atlas = Atlas.of(
@@ -151,7 +151,7 @@ def test_srgb_is_decoded_before_levels_are_made():
     np.testing.assert_allclose(smallest, [32768, 32768, 32768, 65535], atol=1)
 
 
-def test_depth_is_the_mean_on_one_surface_and_the_nearest_of_two():
+def test_resolved_depth_is_the_mean_on_one_surface_and_the_nearest_of_two():
     rng = np.random.default_rng(9)
     lines, columns = np.indices((4 * 20, 30))
     disparity = (0.5 + 0.004 * columns + 0.0005 * lines).astype(np.float32)  # steep

@@ -41,7 +41,7 @@ def centre(layer):
     return layer.rgba[y, x], layer.depth[y, x]
 
 
-def test_a_lambert_surface_has_the_radiance_albedo_over_pi_times_intensity_times_cosine(tmp_path):
+def test_lambert_surface_has_radiance_albedo_over_pi_times_irradiance(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder, (0.8, 0.4, 0.2, 1)))
     tilt = [math.sin(math.radians(30)), 0, 0, math.cos(math.radians(30))]  # 60 degrees about x
@@ -91,7 +91,7 @@ def test_a_rough_metal_under_a_head_on_light_has_the_ggx_value(tmp_path):
     np.testing.assert_allclose(rgba[:3], expected, rtol=5e-3)
 
 
-def test_highlights_above_one_survive(tmp_path):
+def test_highlights_above_one_are_kept(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder, (37.5, 2.0, 0.0, 1)))
     np.testing.assert_allclose(centre(draw(builder, tmp_path))[0], [37.5, 2, 0, 1], rtol=1e-3)
@@ -119,7 +119,7 @@ def test_textures_are_decoded_from_srgb_and_row_zero_lies_at_v_zero(tmp_path):
     np.testing.assert_allclose(lower, [0, linear, 0, 1], rtol=2e-3)
 
 
-def test_a_normal_map_tilts_towards_u_and_up_the_picture(tmp_path):
+def test_normal_map_tilts_towards_u_and_up_the_picture(tmp_path):
     tilted = {}
     for name, texel in (("right", [218, 128, 218]), ("up", [128, 218, 218])):
         builder = GlbBuilder()
@@ -150,7 +150,7 @@ FOUR = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]])  #
         ({}, [1, 0, 0]),
     ],
 )
-def test_a_texture_lies_where_its_set_and_transform_put_it(tmp_path, texture, corner):
+def test_texture_coordinates_use_their_set_and_transform(tmp_path, texture, corner):
     builder = GlbBuilder()
     info = {"index": builder.texture(FOUR), **texture}
     second = np.full((4, 2), [0.25, 0.75], np.float32)
@@ -162,7 +162,7 @@ def test_a_texture_lies_where_its_set_and_transform_put_it(tmp_path, texture, co
     np.testing.assert_allclose(pixel, [*corner, 1], atol=1e-3)
 
 
-def test_a_normal_map_is_scaled(tmp_path):
+def test_normal_map_scale_is_applied(tmp_path):
     builder = GlbBuilder()
     info = {"index": builder.texture(np.array([[[218, 128, 218]]])), "scale": 0.5}
     quad(builder, number=material(builder, normalTexture=info), TEXCOORD_0=QUAD_UV)
@@ -171,7 +171,7 @@ def test_a_normal_map_is_scaled(tmp_path):
     assert rgba[0] == pytest.approx(1.0 / math.sqrt(1.0 + 0.5**2), abs=0.01)
 
 
-def test_occlusion_takes_its_strength_from_the_light_around_only(tmp_path):
+def test_ambient_occlusion_darkens_only_ambient_light(tmp_path):
     def around(texel):
         builder = GlbBuilder()
         info = {"index": builder.texture(np.full((1, 1, 3), texel)), "strength": 0.5}
@@ -185,7 +185,7 @@ def test_occlusion_takes_its_strength_from_the_light_around_only(tmp_path):
     assert around(0) == pytest.approx(0.4, rel=3e-3)
 
 
-def test_more_lights_than_four_of_a_kind_add_up(tmp_path):
+def test_more_than_four_lights_of_a_kind_add_up(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder))
     for _ in range(6):
@@ -194,7 +194,7 @@ def test_more_lights_than_four_of_a_kind_add_up(tmp_path):
     assert centre(draw(builder, tmp_path))[0][0] == pytest.approx(6 * (0.1 + 0.1), rel=3e-3)
 
 
-def test_a_webp_picture_is_drawn(tmp_path):
+def test_webp_texture_is_drawn(tmp_path):
     builder = GlbBuilder()
     file = io.BytesIO()
     PIL.Image.fromarray(np.full((4, 4, 3), 188, np.uint8)).save(file, "WEBP", lossless=True)
@@ -208,7 +208,7 @@ def test_a_webp_picture_is_drawn(tmp_path):
     np.testing.assert_allclose(centre(draw(builder, tmp_path))[0][:3], linear, rtol=2e-3)
 
 
-def test_opaque_ignores_alpha_and_blend_keeps_it(tmp_path):
+def test_alpha_mode_opaque_ignores_alpha_and_blend_keeps_it(tmp_path):
     for mode, alpha in (("OPAQUE", 1.0), ("BLEND", 0.5)):
         builder = GlbBuilder()
         quad(builder, number=unlit(builder, (0.8, 0.4, 0.2, 0.5), alphaMode=mode))
@@ -231,7 +231,7 @@ def test_blended_layers_are_composited_back_to_front_whatever_their_order(tmp_pa
 
 
 @pytest.mark.parametrize(("alpha", "drawn"), [(0.39, False), (0.4, True), (0.41, True)])
-def test_mask_keeps_what_is_not_below_the_cutoff_and_keeps_it_whole(tmp_path, alpha, drawn):
+def test_alpha_mode_mask_is_opaque_at_and_above_the_cutoff(tmp_path, alpha, drawn):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder, (1, 1, 1, alpha), alphaMode="MASK", alphaCutoff=0.4))
     rgba, depth = centre(draw(builder, tmp_path))
@@ -249,7 +249,7 @@ def test_back_faces_are_culled_unless_double_sided_and_then_lit_from_behind(tmp_
         np.testing.assert_allclose(rgba, [float(double_sided)] * 4, atol=2e-3)
 
 
-def test_a_mirrored_node_still_shows_its_front(tmp_path):
+def test_mirrored_node_shows_its_front_faces(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder), node={"scale": [-1, 1, 1]})
     builder.light(intensity=math.pi)
@@ -261,7 +261,7 @@ def turned(degrees):
     return {"rotation": [0, 0, math.sin(half), math.cos(half)]}
 
 
-def test_edges_are_premultiplied_and_always_have_depth(tmp_path):
+def test_edge_pixels_are_premultiplied_and_have_depth(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder, (3.0, 1.0, 0.5, 1)), node=turned(17))
     layer = draw(builder, tmp_path)
@@ -273,7 +273,7 @@ def test_edges_are_premultiplied_and_always_have_depth(tmp_path):
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.13, 0.37, 0.5])
-def test_the_picture_lies_where_the_camera_projects_it(tmp_path, shift):
+def test_rendered_vertices_lie_where_the_camera_projects_them(tmp_path, shift):
     builder = GlbBuilder()
     place = {"translation": [(3 + shift) / 20, -(5 + shift) / 20, 0], **turned(17)}
     quad(builder, number=unlit(builder), node=place)
@@ -286,7 +286,7 @@ def test_the_picture_lies_where_the_camera_projects_it(tmp_path, shift):
     assert alpha.sum() == pytest.approx(1600.0, rel=2e-3)
 
 
-def test_depth_of_a_slanted_surface_is_that_at_the_pixels_centre(tmp_path):
+def test_depth_of_a_slanted_surface_is_taken_at_the_pixel_centre(tmp_path):
     builder = GlbBuilder()
     slanted = QUAD * [1, 1, 0] + np.array([[0, 0, 0.4]]) * QUAD[:, :1]
     quad(builder, slanted, number=unlit(builder, doubleSided=True))
@@ -299,7 +299,7 @@ def test_depth_of_a_slanted_surface_is_that_at_the_pixels_centre(tmp_path):
     np.testing.assert_allclose(layer.depth[inside], expected[inside], rtol=1e-4)
 
 
-def test_a_pixel_on_the_edge_of_a_near_surface_has_its_depth_not_a_mean(tmp_path):
+def test_edge_pixel_of_a_near_surface_has_its_depth_and_not_an_average(tmp_path):
     builder = GlbBuilder()
     white = unlit(builder)
     quad(builder, number=white, node={"scale": [9, 9, 1], "translation": [0, 0, -4]})
@@ -309,7 +309,7 @@ def test_a_pixel_on_the_edge_of_a_near_surface_has_its_depth_not_a_mean(tmp_path
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
-def test_scenes_of_any_unit_look_the_same(tmp_path, scale):
+def test_picture_does_not_depend_on_the_scenes_unit(tmp_path, scale):
     def at(size):
         builder = GlbBuilder()
         ramp = QUAD * [1, 1, 0] + np.array([[0, 0, 0.4]]) * QUAD[:, :1]
@@ -327,7 +327,7 @@ def test_scenes_of_any_unit_look_the_same(tmp_path, scale):
     np.testing.assert_allclose(other.depth[inside] / scale, unit.depth[inside], rtol=1e-4)
 
 
-def test_a_box_holds_the_same_pixels_as_the_whole_frame(tmp_path):
+def test_rendered_box_equals_the_same_part_of_the_whole_frame(tmp_path):
     def at(x):
         builder = GlbBuilder()
         number = unlit(builder)
@@ -341,13 +341,13 @@ def test_a_box_holds_the_same_pixels_as_the_whole_frame(tmp_path):
     np.testing.assert_array_equal(large.rgba[small.box.slices_in(large.box)], small.rgba)
 
 
-def test_the_box_is_the_objects_bounds_and_one_pixel(tmp_path):
+def test_rendered_box_is_the_objects_bounds_plus_one_pixel(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder))
     assert draw(builder, tmp_path).box == Box(11, 11, 53, 53)
 
 
-def test_the_object_is_rendered_beyond_the_frame_as_far_as_the_margin(tmp_path):
+def test_object_is_rendered_beyond_the_frame_up_to_the_margin(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder), node={"translation": [-1.6, 0, 0]})
     inside, beyond = draw(builder, tmp_path), draw(builder, tmp_path, margin=12)
@@ -356,14 +356,14 @@ def test_the_object_is_rendered_beyond_the_frame_as_far_as_the_margin(tmp_path):
     assert (beyond.rgba[20, :12] == 1).all()
 
 
-def test_an_object_out_of_view_or_behind_the_camera_is_none(tmp_path):
+def test_object_out_of_view_or_behind_the_camera_gives_no_layer(tmp_path):
     for place in ([50, 0, 0], [0, 0, 9]):
         builder = GlbBuilder()
         quad(builder, number=unlit(builder), node={"translation": place})
         assert draw(builder, tmp_path) is None
 
 
-def test_an_object_through_the_camera_is_clipped(tmp_path):
+def test_object_around_the_camera_is_clipped(tmp_path):
     builder = GlbBuilder()
     floor = np.array([[-9, -1, 9], [9, -1, 9], [9, -1, -9], [-9, -1, -9]], np.float32)
     quad(builder, floor, number=unlit(builder, doubleSided=True))
@@ -375,7 +375,7 @@ def test_an_object_through_the_camera_is_clipped(tmp_path):
     assert layer.depth[63, 32] == pytest.approx(80 / 31.5, rel=1e-3)
 
 
-def test_a_shifted_principal_point_and_eye_is_a_point_of_the_aperture(tmp_path):
+def test_shifted_eye_and_principal_point_keep_the_focal_plane_in_place(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder), node=turned(17))
     straight = camera_at(4.0)
@@ -390,7 +390,7 @@ def test_a_shifted_principal_point_and_eye_is_a_point_of_the_aperture(tmp_path):
     np.testing.assert_allclose(a.rgba, b.rgba, atol=1e-6)  # the focal plane stands still
 
 
-def test_vertices_are_updated_in_place_and_pictures_repeat_exactly(tmp_path):
+def test_animated_pictures_repeat_exactly_when_vertices_are_updated(tmp_path):
     builder = GlbBuilder()
     node = quad(builder, number=unlit(builder))
     values = [[0, 0, 0], [0.5, 0, 0]]
@@ -405,7 +405,7 @@ def test_vertices_are_updated_in_place_and_pictures_repeat_exactly(tmp_path):
     np.testing.assert_array_equal(first.depth, again.depth)
 
 
-def test_two_renderers_work_side_by_side_and_one_may_close_first(tmp_path):
+def test_two_renderers_work_side_by_side_even_after_one_is_closed(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder))
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
@@ -416,7 +416,7 @@ def test_two_renderers_work_side_by_side_and_one_may_close_first(tmp_path):
         np.testing.assert_array_equal(one.render(0.0, camera_at(4.0)).rgba, before.rgba)
 
 
-def test_a_file_without_lights_is_lit_and_says_so(tmp_path):
+def test_scene_without_lights_is_lit_by_default_with_a_note(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder, (0.5, 0.5, 0.5, 1), {}))
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
@@ -426,7 +426,7 @@ def test_a_file_without_lights_is_lit_and_says_so(tmp_path):
     assert 0.05 < rgba[0] < 1.0
 
 
-def test_a_closed_renderer_says_so(tmp_path):
+def test_closed_renderer_refuses_to_render(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=unlit(builder))
     renderer = ObjectRenderer(Scene.load(builder.write(tmp_path / "scene.glb")))
@@ -437,7 +437,7 @@ def test_a_closed_renderer_says_so(tmp_path):
         renderer.render(0.0, camera_at(4.0))
 
 
-def test_at_rest_the_last_layer_is_given_again_and_any_change_draws_anew(tmp_path):
+def test_unchanged_scene_returns_the_last_layer_and_any_change_renders_again(tmp_path):
     builder = GlbBuilder()
     node = quad(builder, number=material(builder))
     light = builder.light(intensity=2.0)
@@ -475,7 +475,7 @@ STILLS = [f"{s}_{f}" for s in ("indoor", "street", "table") for f in ("front", "
 
 @pytest.mark.needs_truth
 @pytest.mark.parametrize("name", STILLS)
-def test_mask_and_depth_are_those_of_a_path_tracer(shared, name):
+def test_alpha_and_depth_agree_with_a_path_tracer(shared, name):
     import OpenEXR
 
     folder = shared / "data/cycles/dev" / name

@@ -93,23 +93,23 @@ def mixed_scene():
 
 
 @pytest.mark.needs_gl
-def test_all_kinds_of_materials_and_lamps_look_the_same(tmp_path):
+def test_renderers_agree_on_all_materials_and_lamps(tmp_path):
     assert_agree(Scene.load(mixed_scene().write(tmp_path / "scene.glb")))
 
 
 @pytest.mark.needs_gl
-def test_the_samples_animal_looks_the_same():
+def test_renderers_agree_on_the_sample_object():
     assert_agree(Scene.load(SAMPLE))
 
 
 @pytest.mark.needs_gl
 @pytest.mark.needs_truth
 @pytest.mark.parametrize("name", OTHERS)
-def test_objects_of_other_programs_look_the_same(shared, name):
+def test_renderers_agree_on_exports_of_other_programs(shared, name):
     assert_agree(Scene.load(shared / "data/assets/gltf" / f"{name}.glb"))
 
 
-def test_any_number_of_threads_gives_the_same_bits(tmp_path):
+def test_rasteriser_is_bit_identical_on_any_number_of_threads(tmp_path):
     scene = Scene.load(mixed_scene().write(tmp_path / "scene.glb"))
     layers = []
     for threads in (1, 2, 7):

@@ -22,7 +22,7 @@ def scene(tmp_path):
     return Scene.load(builder.write(tmp_path / "scene.glb"))
 
 
-def test_the_variable_names_a_renderer_and_the_description_says_so(scene, monkeypatch):
+def test_environment_variable_selects_the_renderer(scene, monkeypatch):
     monkeypatch.setenv("NLENS_RENDERER", "software")
     with select.choose_renderer(scene) as renderer:
         assert isinstance(renderer, SoftwareObjectRenderer)
@@ -32,7 +32,7 @@ def test_the_variable_names_a_renderer_and_the_description_says_so(scene, monkey
         assert "OpenGL (NLENS_RENDERER=opengl)" in renderer.description
 
 
-def test_an_unknown_name_is_one_line_that_lists_what_there_is(scene, monkeypatch):
+def test_unknown_renderer_name_error_lists_the_renderers(scene, monkeypatch):
     monkeypatch.setenv("NLENS_RENDERER", "vulkan")
     with pytest.raises(
         UsageError, match="NLENS_RENDERER=vulkan: expected auto, opengl or software"
@@ -40,7 +40,7 @@ def test_an_unknown_name_is_one_line_that_lists_what_there_is(scene, monkeypatch
         select.choose_renderer(scene)
 
 
-def test_without_a_graphics_device_the_rasteriser_draws_and_no_opengl_is_loaded(scene, tmp_path):
+def test_without_a_graphics_device_the_rasteriser_is_used_and_opengl_is_not_loaded(scene, tmp_path):
     program = f"""
 import pathlib, sys
 import nlens_video.render.select as choose
@@ -63,7 +63,7 @@ print(sorted({{"OpenGL", "pyrender", "trimesh"}} & set(sys.modules)))
     assert loaded == "[]"
 
 
-def test_an_opengl_that_cannot_start_is_said_and_the_rasteriser_draws(scene, monkeypatch):
+def test_failing_opengl_is_reported_and_the_rasteriser_used(scene, monkeypatch):
     monkeypatch.setenv("EGL_DEVICE_ID", "99")
     monkeypatch.delenv("NLENS_RENDERER", raising=False)
     monkeypatch.setattr(select, "_DEVICES", ("null",))  # /dev/null is there always
@@ -78,7 +78,7 @@ def test_an_opengl_that_cannot_start_is_said_and_the_rasteriser_draws(scene, mon
 
 
 @pytest.mark.needs_gl
-def test_an_opengl_that_runs_on_the_processor_gives_way_to_the_rasteriser(scene, monkeypatch):
+def test_software_opengl_is_replaced_by_the_rasteriser(scene, monkeypatch):
     from nlens_video.render.opengl.egl_platform import describe, open_platform
 
     platform = open_platform()

@@ -17,7 +17,7 @@ def picked(frames, room=24, count=12):
 
 
 @given(st.integers(1, 3000))
-def test_the_picks_are_few_and_evenly_spread_over_any_length(frames):
+def test_picked_frames_are_few_and_evenly_spread(frames):
     chosen = picked(frames)
     assert len(chosen) == min(frames, 12)
     assert chosen[0] == 0
@@ -27,7 +27,7 @@ def test_the_picks_are_few_and_evenly_spread_over_any_length(frames):
         assert frames - 1 - chosen[-1] < max(gaps)
 
 
-def test_few_frames_are_kept_of_a_long_stream():
+def test_number_of_kept_frames_is_bounded_for_a_long_stream():
     pick = EvenPick(room=24)
     kept = 0
     for index in range(100_000):
@@ -38,7 +38,7 @@ def test_few_frames_are_kept_of_a_long_stream():
 
 
 @given(st.integers(1, 400), st.sampled_from([2, 8, 64]))
-def test_bins_are_bounded_and_lose_no_time(frames, room):
+def test_number_of_bins_is_bounded_and_total_time_is_kept(frames, room):
     bins = TimingBins(room=room)
     for index in range(frames):
         nodes = {"render": float(index % 7), f"odd-{index % 2}": 1.0}
@@ -50,7 +50,7 @@ def test_bins_are_bounded_and_lose_no_time(frames, room):
     assert spent == pytest.approx(sum(index % 7 + 1.0 for index in range(frames)))
 
 
-def test_a_bin_gives_means_over_all_its_frames_and_the_slowest_one():
+def test_bin_holds_the_mean_of_its_frames_and_the_slowest():
     bins = TimingBins(room=2)
     for index, elapsed_ms in enumerate((10.0, 30.0, 20.0)):
         bins.add(FrameTiming(index=index, pts=index, nodes={"render": elapsed_ms}))

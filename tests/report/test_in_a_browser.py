@@ -79,7 +79,7 @@ def seen(folder):
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("width", [360, 1200])
-def test_page_fits_its_window_and_all_pictures_are_there(seen, width):
+def test_report_fits_the_window_and_loads_all_pictures(seen, width):
     page = seen[width]
     assert page["overflow"] <= 0 and page["wide"] == []
     assert page["broken"] == 0
@@ -87,7 +87,7 @@ def test_page_fits_its_window_and_all_pictures_are_there(seen, width):
 
 
 @pytest.mark.needs_gl
-def test_slider_takes_the_focus_moves_the_split_and_says_where_it_is(seen):
+def test_comparison_slider_is_focusable_and_announces_its_position(seen):
     page = seen[360]
     assert page["focused"] and page["reachable"]
     assert page["outline"] != "none"

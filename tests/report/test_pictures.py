@@ -30,7 +30,7 @@ def picture(pixel_format="yuv420p", rotation=0, rgb=RAMP):
     return AvPicture(frame, rotation=rotation)
 
 
-def test_a_copy_keeps_the_plate_when_an_object_is_laid_over_the_picture():
+def test_copied_picture_keeps_the_plate_after_compositing():
     plate = picture()
     expected = shown(plate.srgb())
     before = copied(plate)
@@ -39,7 +39,7 @@ def test_a_copy_keeps_the_plate_when_an_object_is_laid_over_the_picture():
     assert np.abs(shown(plate.srgb()).astype(int) - expected).max() > 50
 
 
-def test_a_copy_of_an_array_keeps_the_plate_too():
+def test_copied_array_picture_keeps_the_plate_after_compositing():
     array = np.full((20, 30, 3), 90, np.uint8)
     before = copied(ArrayPicture(array))
     array[:] = 0
@@ -48,7 +48,7 @@ def test_a_copy_of_an_array_keeps_the_plate_too():
 
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p", "yuv444p10le", "gbrp", "gray"])
 @pytest.mark.parametrize("rotation", [0, 90])
-def test_a_thumbnail_looks_like_the_whole_picture_made_small(pixel_format, rotation):
+def test_thumbnail_equals_the_downscaled_picture(pixel_format, rotation):
     whole = picture(pixel_format, rotation)
     expected = shown(whole.srgb(), 320)
     small = decoded(thumbnail(whole))
@@ -62,14 +62,14 @@ def test_a_small_picture_is_not_enlarged():
     assert decoded(thumbnail(small)).shape == (40, 64, 3)
 
 
-def test_a_data_uri_holds_the_very_bytes():
+def test_data_uri_holds_the_images_bytes():
     data = jpeg(np.full((4, 4, 3), 128, np.uint8))
     head, text = data_uri(data).split(",")
     assert head == "data:image/jpeg;base64"
     assert base64.b64decode(text) == data
 
 
-def test_a_scale_has_the_first_colour_at_zero_and_the_last_from_its_top_on():
+def test_colour_scale_starts_at_zero_and_saturates_at_its_top():
     scale = Scale(top_px=8.0, colormap=COC_MAP)
     colors = scale.colors(np.array([[0.0, 8.0, 80.0]], np.float32))[0].astype(int)
     np.testing.assert_allclose(colors[0], [68, 1, 84], atol=1)  # viridis begins dark violet
@@ -77,7 +77,7 @@ def test_a_scale_has_the_first_colour_at_zero_and_the_last_from_its_top_on():
     np.testing.assert_array_equal(colors[1], colors[2])
 
 
-def test_the_band_is_the_standard_error_of_a_straight_line():
+def test_fit_curve_band_is_the_standard_error_of_a_line():
     """Ordinary least squares: sigma / sqrt(n) at the mean, growing with the distance from it."""
     disparity = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
     sigma, spread = 2.0, float(((disparity - 0.3) ** 2).sum())
@@ -96,7 +96,7 @@ def test_the_band_is_the_standard_error_of_a_straight_line():
     assert error[1] == pytest.approx(sigma * np.sqrt(1 / 5 + 0.2**2 / spread))
 
 
-def test_axes_put_values_where_their_ticks_are():
+def test_axes_place_values_at_their_ticks():
     axes = Axes(width=200, height=100, x=(0, 10), y=(-1, 1), margins=(20, 10, 30, 15))
     np.testing.assert_allclose(axes.place_x(np.array([0, 5, 10])), [20, 95, 170])
     np.testing.assert_allclose(axes.place_y(np.array([-1, 0, 1])), [85, 47.5, 10])
@@ -106,12 +106,12 @@ def test_axes_put_values_where_their_ticks_are():
     ("low", "high", "expected"),
     [(0, 10, [0, 2, 4, 6, 8, 10]), (-3, 3, [-3, -2, -1, 0, 1, 2, 3]), (0, 0.26, [0, 0.05])],
 )
-def test_ticks_are_round_and_inside(low, high, expected):
+def test_ticks_are_round_numbers_within_the_range(low, high, expected):
     found = ticks(low, high)
     np.testing.assert_allclose(found[: len(expected)], expected, atol=1e-12)
     assert low <= found[0]
     assert found[-1] <= high
 
 
-def test_steps_are_one_two_two_and_a_half_or_five():
+def test_tick_steps_are_1_2_2_5_or_5():
     assert [nice_step(v) for v in (0.9, 1.1, 2.1, 3, 6)] == [1, 2, 2.5, 5, 10]

@@ -143,7 +143,7 @@ def measured(tmp_path_factory):
     return measured_run(Bench(tmp_path_factory.mktemp("measured")))
 
 
-def test_the_page_is_well_formed_and_has_every_part(measured):
+def test_report_is_well_formed_and_has_every_section(measured):
     page = read(measured)
     titles = [attributes["id"] for attributes in page.all("h2")]
     assert titles == [f"{name}-title" for name in
@@ -153,14 +153,14 @@ def test_the_page_is_well_formed_and_has_every_part(measured):
     assert "missing" not in [attributes.get("class") for attributes in page.all("p")]
 
 
-def test_the_page_fetches_nothing(measured):
+def test_report_loads_nothing_from_elsewhere(measured):
     page = read(measured)
     assert all(value.startswith(("data:image/jpeg;base64,", "#")) for value in page.fetched)
     assert not re.search(r"url\(|@import|@font-face", page.css)
     assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(", without_pictures(measured))
 
 
-def test_every_picture_and_chart_has_words_for_those_who_do_not_see_it(measured):
+def test_every_picture_and_chart_has_a_text_alternative(measured):
     page = read(measured)
     assert page.all("img")
     assert all(attributes["alt"].strip() for attributes in page.all("img"))
@@ -173,7 +173,7 @@ def test_every_picture_and_chart_has_words_for_those_who_do_not_see_it(measured)
     assert {"for": slider["id"]} in page.all("label")
 
 
-def test_headings_do_not_skip_a_level_and_names_are_unique(measured):
+def test_headings_skip_no_level_and_ids_are_unique(measured):
     page = read(measured)
     levels = [int(tag[1]) for tag, _ in page.tags if re.fullmatch(r"h[1-6]", tag)]
     assert all(b - a <= 1 for a, b in zip(levels, levels[1:], strict=False))
@@ -181,7 +181,7 @@ def test_headings_do_not_skip_a_level_and_names_are_unique(measured):
     assert len(names) == len(set(names))
 
 
-def test_the_lens_is_told_in_plain_words(measured):
+def test_report_describes_the_lens_in_plain_words(measured):
     text = read(measured).text
     focus = float(re.search(r"in focus at ([\d.]+) m", text).group(1))
     assert focus == pytest.approx(2.0, rel=0.02)
@@ -195,7 +195,7 @@ def test_a_good_fit_gives_no_warning(measured):
     assert not [a for a in read(measured).all("li") if a.get("class") == "warning"]
 
 
-def test_names_and_notes_from_outside_are_escaped(tmp_path):
+def test_file_names_and_notes_are_escaped_in_the_report(tmp_path):
     bench = Bench(tmp_path / "run")
     bench.info = replace(bench.info, name='<script>alert("1")</script>&.mp4')
     with bench.report(output="\"><img src=x onerror='x'>.mp4") as report:
@@ -207,7 +207,7 @@ def test_names_and_notes_from_outside_are_escaped(tmp_path):
     assert '<b>"bold"</b>' in page.text
 
 
-def test_a_given_fit_is_said_instead_of_maps_and_samples(tmp_path):
+def test_report_of_a_given_fit_has_no_maps_and_samples(tmp_path):
     bench = Bench(tmp_path / "run", fit=TRUE_FIT)
     with bench.report() as report:
         for index in range(3):
@@ -222,7 +222,7 @@ def test_a_given_fit_is_said_instead_of_maps_and_samples(tmp_path):
     assert page.all("input")
 
 
-def test_no_effects_is_said_and_the_sharp_composite_shown(tmp_path):
+def test_report_without_effects_shows_the_sharp_composite(tmp_path):
     bench = Bench(tmp_path / "run", effects="none")
     with bench.report() as report:
         state = bench.enter(report)
@@ -234,7 +234,7 @@ def test_no_effects_is_said_and_the_sharp_composite_shown(tmp_path):
     assert page.all("input")
 
 
-def test_an_object_never_in_view_leaves_a_page_that_says_so(tmp_path):
+def test_report_states_that_the_object_was_never_in_view(tmp_path):
     bench = Bench(tmp_path / "run")
     with bench.report() as report:
         for index in range(3):
@@ -245,7 +245,7 @@ def test_an_object_never_in_view_leaves_a_page_that_says_so(tmp_path):
     assert [a for a in page.all("svg") if a.get("role") == "img"]  # the times are there
 
 
-def test_a_run_that_only_finds_the_lens_shows_the_plate_and_the_fit(tmp_path):
+def test_report_of_a_fit_run_shows_plate_and_fit(tmp_path):
     bench = Bench(tmp_path / "run")
     with bench.report(output="lens.json") as report:
         state = bench.enter(report)
@@ -270,7 +270,7 @@ def test_a_run_that_only_finds_the_lens_shows_the_plate_and_the_fit(tmp_path):
         ({"intercept": -8.0}, "px less blurred than the fitted lens says", "--ground-y"),
     ],
 )
-def test_a_doubtful_fit_is_a_warning_with_a_remedy(tmp_path, changes, words, remedy):
+def test_uncertain_fit_gives_a_warning_with_a_remedy(tmp_path, changes, words, remedy):
     bench = Bench(tmp_path / "run")
     with bench.report() as report:
         state = bench.enter(report)
@@ -287,7 +287,7 @@ def test_a_doubtful_fit_is_a_warning_with_a_remedy(tmp_path, changes, words, rem
     assert f"<code>{remedy}</code>" in warning
 
 
-def test_a_constant_blur_is_a_warning_and_says_why_once(tmp_path):
+def test_constant_fallback_gives_a_warning_with_its_reason(tmp_path):
     bench = Bench(tmp_path / "run")
     note = "constant CoC instead of a fit: only 3 samples"
     with bench.report() as report:
@@ -303,7 +303,7 @@ def test_a_constant_blur_is_a_warning_and_says_why_once(tmp_path):
     assert page.text.count("only 3 samples") == 2  # the warning, and in place of the plot
 
 
-def test_the_page_of_ten_thousand_frames_is_small_and_its_strip_even(tmp_path):
+def test_report_of_ten_thousand_frames_is_small_and_its_strip_evenly_spaced(tmp_path):
     bench = Bench(tmp_path / "run", fit=TRUE_FIT)
     small = np.zeros((36, 64, 3), np.uint8)
     blurred = BlurredLayer(box=Box(0, 0, 2, 2), rgba=np.ones((2, 2, 4), np.float32))
@@ -326,7 +326,7 @@ def test_the_page_of_ten_thousand_frames_is_small_and_its_strip_even(tmp_path):
     assert "means of 32 frames" in page.text
 
 
-def test_plates_of_frames_without_the_object_are_let_go(tmp_path):
+def test_plates_of_frames_without_the_object_are_not_kept(tmp_path):
     bench = Bench(tmp_path / "run")
     with bench.report() as report:
         waiting = [bench.enter(report, index) for index in range(4)]
@@ -336,7 +336,7 @@ def test_plates_of_frames_without_the_object_are_let_go(tmp_path):
         assert report._plates == {}
 
 
-def test_a_report_where_a_file_is_in_the_way_is_refused_in_one_line(tmp_path):
+def test_report_folder_that_is_a_file_is_refused_in_one_line(tmp_path):
     bench = Bench(tmp_path / "run")
     (bench.folder / "report").write_text("a file")
     with pytest.raises(OutputError, match="report: cannot be made") as refused:
@@ -344,7 +344,7 @@ def test_a_report_where_a_file_is_in_the_way_is_refused_in_one_line(tmp_path):
     assert "\n" not in str(refused.value)
 
 
-def test_a_run_that_fails_leaves_no_page(tmp_path):
+def test_failed_run_leaves_no_report(tmp_path):
     bench = Bench(tmp_path / "run")
     with pytest.raises(RuntimeError), bench.report() as report:
         bench.enter(report)
@@ -352,7 +352,7 @@ def test_a_run_that_fails_leaves_no_page(tmp_path):
     assert list((bench.folder / "report").iterdir()) == []
 
 
-def test_the_plan_says_which_effects_and_why(tmp_path):
+def test_report_lists_the_planned_effects_with_reasons(tmp_path):
     bench = Bench(tmp_path / "run")
     reason = "because the <scene> calls for it"
     decisions = (Decision(effect="defocus", wanted=True, reason=reason),)
@@ -362,13 +362,13 @@ def test_the_plan_says_which_effects_and_why(tmp_path):
     assert reason in read(text).text
 
 
-def test_equal_runs_give_equal_pages(tmp_path):
+def test_identical_runs_give_identical_reports(tmp_path):
     first, second = (measured_run(Bench(tmp_path / name), frames=2) for name in ("a", "b"))
     assert first == second
 
 
 @pytest.mark.needs_gl
-def test_a_real_run_leaves_a_page_with_before_and_after(tmp_path):
+def test_report_of_a_real_run_shows_before_and_after(tmp_path):
     video = write_video(tmp_path / "plate.mp4", 4, audio=False)
     glb = cube_glb(tmp_path / "cube.glb", end=(0.5, 0.0, -2.5), seconds=0.2)
     settings = Settings(
@@ -389,14 +389,14 @@ def test_a_real_run_leaves_a_page_with_before_and_after(tmp_path):
     assert "blur to" in page.text
 
 
-def test_frame_timings_without_nodes_are_drawn(tmp_path):
+def test_chart_of_timings_accepts_frames_without_nodes(tmp_path):
     bench = Bench(tmp_path / "run")
     with bench.report() as report:
         report.frame(bench.enter(report), FrameTiming(index=0, pts=0, nodes={}))
         assert read(bench.finish(report))
 
 
-def test_a_note_keeps_its_kind_when_it_is_copied_or_travels_between_processes():
+def test_note_keeps_its_kind_when_copied_or_pickled():
     note = Note("stream 3 is not carried over", NoteKind.STREAM_LEFT_OUT)
     for same in (copy.deepcopy(note), pickle.loads(pickle.dumps(note))):
         assert same == note

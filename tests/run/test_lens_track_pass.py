@@ -40,14 +40,14 @@ def shot(rgb, grain=1.0, seed=0):
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.2, 1.5])
-def test_watch_sees_a_focus_that_moves(factor):
+def test_signature_changes_with_focus(factor):
     before = signature(shot(shots.plate()))
     after = signature(shot(shots.plate(intercept=factor * shots.INTERCEPT), seed=1))
     assert changed(before, after) > CHANGED
     assert not is_cut(before, after)
 
 
-def test_watch_is_quiet_under_noise_light_and_a_person_walking_by():
+def test_signature_ignores_noise_light_and_a_passing_person():
     rgb = shots.plate()
     before = signature(shot(rgb))
     person = rgb.copy()
@@ -59,17 +59,17 @@ def test_watch_is_quiet_under_noise_light_and_a_person_walking_by():
         assert not is_cut(before, now)
 
 
-def test_watch_sees_a_cut():
+def test_signature_detects_a_cut():
     other = np.uint8(0.4 * shots.plate(7))
     assert is_cut(signature(shot(shots.plate())), signature(shot(other)))
 
 
-def test_plate_without_any_detail_never_changes():
+def test_signature_of_a_plate_without_detail_never_changes():
     assert changed(signature(shot(shots.grey(), 0.0)), signature(shot(shots.grey(), 0.0))) == 0.0
 
 
 @given(st.lists(st.floats(-30, 30), min_size=2, max_size=9), st.integers(2, 12))
-def test_track_never_jumps_and_stays_between_its_fits(intercepts, spacing):
+def test_fit_track_is_smooth_and_stays_between_its_keyframes(intercepts, spacing):
     keys = tuple(Keyframe(at * spacing, 0, fit(value)) for at, value in enumerate(intercepts))
     track = FitTrack(hold_segments(keys, spacing, 200), 5.0)
     values = np.array([track.at(index).intercept for index in range(keys[-1].index + 1)])
@@ -79,14 +79,14 @@ def test_track_never_jumps_and_stays_between_its_fits(intercepts, spacing):
     assert values.max() <= max(intercepts) + 0.5 * span + 1e-6
 
 
-def test_track_of_a_steady_pull_has_no_lag():
+def test_fit_track_of_a_linear_focus_pull_has_no_lag():
     keys = tuple(Keyframe(at, 0, fit(-10.0 - 0.1 * at)) for at in range(0, 60, 6))
     track = FitTrack(keys, 5.0)
     for index in range(54):
         assert track.at(index).intercept == pytest.approx(-10.0 - 0.1 * index, abs=1e-6)
 
 
-def test_track_keeps_a_cut():
+def test_fit_track_jumps_at_a_cut():
     keys = (
         Keyframe(0, 0, fit(-10.0)),
         Keyframe(20, 1, fit(-20.0, 20)),
@@ -116,7 +116,7 @@ def words(folder, *more):
     ]  # fmt: skip
 
 
-def test_focus_pull_is_followed(pulled):
+def test_focus_pull_is_tracked(pulled):
     track = lens_track_pass(settings(parse(words(pulled))))
     assert track is not None
     there = 0.55  # a disparity of the ground in view
@@ -127,7 +127,7 @@ def test_focus_pull_is_followed(pulled):
     assert np.abs(np.diff(values, 2)).max() < 0.15
 
 
-def test_lens_that_stays_is_not_followed(pulled, tmp_path):
+def test_constant_focus_is_not_tracked(pulled, tmp_path):
     for index in range(12):
         shots.write_png(tmp_path / f"in_{index:04d}.png", shot(shots.plate(), seed=index).array)
     shots.cube_glb(tmp_path / "anim.glb")
@@ -138,7 +138,7 @@ def test_lens_that_stays_is_not_followed(pulled, tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_command_follows_and_says_so(pulled, capsys):
+def test_command_tracks_focus_and_reports_it(pulled, capsys):
     assert main(words(pulled, "--json", "--preset", "realtime")) == 0
     outcome = json.loads(capsys.readouterr().out)
     assert any("the lens changes" in note for note in outcome["notes"])
@@ -148,7 +148,7 @@ def test_command_follows_and_says_so(pulled, capsys):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_fit_keeps_a_pull_and_a_run_with_it_is_the_run_that_follows(pulled, tmp_path):
+def test_saved_focus_track_reproduces_the_tracking_run(pulled, tmp_path):
     plate, glb, _ = words(pulled)[:3]
     kept = tmp_path / "fit.json"
     rate = ("--input-rate", "25", "-q")
@@ -166,7 +166,7 @@ def test_fit_keeps_a_pull_and_a_run_with_it_is_the_run_that_follows(pulled, tmp_
         assert len({picture.read_bytes() for picture in pictures}) == 1
 
 
-def test_fit_whose_track_is_broken_is_refused_in_one_line(tmp_path):
+def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
     kept = shots.fit_json(tmp_path / "fit.json")
     assert FitTrack.load(kept) is None
     for track in ({}, {"keys": []}, {"keys": [{"index": 0}], "stretch": 1, "cuts": []}):
@@ -175,7 +175,7 @@ def test_fit_whose_track_is_broken_is_refused_in_one_line(tmp_path):
             FitTrack.load(kept)
 
 
-def test_live_lens_moves_softly_and_jumps_at_a_cut_only():
+def test_live_focus_tracking_is_gradual_except_at_cuts():
     live = LiveLens(1 / 25)
     assert live.step() is None
     live.found(fit(-10.0))
@@ -195,7 +195,7 @@ def test_live_lens_moves_softly_and_jumps_at_a_cut_only():
 
 
 @pytest.mark.needs_gl
-def test_compositor_follows_a_focus_pull(tmp_path):
+def test_compositor_tracks_a_focus_pull(tmp_path):
     glb = shots.cube_glb(tmp_path / "cube.glb")
     truth = shots.SLOPE * 0.55 + 1.5 * shots.INTERCEPT
     ends = {}

@@ -60,14 +60,14 @@ def run(files, out, *words):
     return json.loads(said)["timing"], [round(moment) for moment in times]
 
 
-def test_every_frame_of_a_paced_source_comes_out_with_its_time_and_latency_is_told(files, tmp_path):
+def test_every_frame_of_a_paced_source_is_written_and_latency_is_reported(files, tmp_path):
     timing, times = run(files, tmp_path / "out.mkv", "--preset", "draft")
     assert times == list(range(FRAMES)) and timing["dropped"] == 0
     assert timing["node_median_ms"]["decode"] < 0.5 * 1000 / RATE  # waiting is no cost of a frame
     assert 0 < timing["latency_median_ms"] <= timing["latency_p95_ms"] * 1.02
 
 
-def test_late_frames_are_left_out_counted_and_the_others_keep_their_times(files, tmp_path):
+def test_late_frames_are_dropped_and_counted_and_others_keep_their_times(files, tmp_path):
     words = ("--preset", "reference", "--late", "drop")
     timing, times = run(files, tmp_path / "out.mkv", *words)
     assert timing["dropped"] > 0
@@ -75,7 +75,7 @@ def test_late_frames_are_left_out_counted_and_the_others_keep_their_times(files,
     assert times == sorted(set(times)) and set(times) <= set(range(FRAMES))
 
 
-def test_late_frames_are_not_taken_for_a_source_that_was_cut_short(files, tmp_path):
+def test_dropped_late_frames_are_not_reported_as_a_truncated_source(files, tmp_path):
     given = shots.write_video(tmp_path / "in.mkv", FRAMES, rate=RATE)  # its header tells how many
     words = command(files, tmp_path / "out.mkv", "--preset", "reference", "--late", "drop")
     with given.open("rb") as pipe:  # read as fast as it can be, and so late at once
@@ -84,13 +84,13 @@ def test_late_frames_are_not_taken_for_a_source_that_was_cut_short(files, tmp_pa
     assert not [note for note in told["notes"] if "cut short" in note]
 
 
-def test_file_is_not_late(files, tmp_path, capsys):
+def test_frames_of_a_file_are_never_late(files, tmp_path, capsys):
     words = (files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--late", "drop")
     assert main([*map(str, words)]) == 2
     assert "leave it out" in capsys.readouterr().err
 
 
-def test_latency_is_not_told_of_a_file(files, tmp_path, capsys):
+def test_latency_of_a_file_is_not_reported(files, tmp_path, capsys):
     words = (files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--preset", "draft",
              "--fit", files / "fit.json", "--json")  # fmt: skip
     assert main([*map(str, words)]) == 0

@@ -59,7 +59,9 @@ def light_centre(picture):
 
 
 @pytest.mark.parametrize("effects", ["none", "defocus"])
-def test_the_object_is_locked_to_the_ground_within_a_fifth_of_a_pixel(tmp_path, effects):
+def test_object_stays_on_the_ground_within_a_fifth_of_a_pixel_under_a_moving_camera(
+    tmp_path, effects
+):
     fit = LensFit(slope=30.0, intercept=-8.0, width=WIDTH, height=HEIGHT)
     black = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     travelled = []

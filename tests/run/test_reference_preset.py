@@ -40,7 +40,7 @@ def composite(files, out, *words):
 
 
 @pytest.mark.needs_gl
-def test_lens_is_sampled_and_the_plate_out_of_reach_is_untouched(files, tmp_path):
+def test_reference_preset_samples_the_lens_and_keeps_the_plate_out_of_reach(files, tmp_path):
     words = ("--effects", "defocus", "--timings", tmp_path / "t.json")
     summary = composite(files, tmp_path / "out.png", *words)
     frames = json.loads((tmp_path / "t.json").read_text())["frames"]
@@ -65,7 +65,7 @@ def changed(files, out):
 
 
 @pytest.mark.needs_gl
-def test_it_comes_close_to_the_scatter_where_an_object_hides_little_of_itself(files, tmp_path):
+def test_reference_preset_agrees_with_scatter_for_a_simple_object(files, tmp_path):
     composite(files, tmp_path / "reference.png", "--effects", "defocus")
     composite(files, tmp_path / "realtime.png", "--effects", "defocus", "--preset", "realtime")
     pictures = [
@@ -77,7 +77,7 @@ def test_it_comes_close_to_the_scatter_where_an_object_hides_little_of_itself(fi
     assert np.abs(pictures[0] - pictures[1]).mean() < 0.1
 
 
-def test_pre_rendered_layers_fall_back_to_the_blur_of_one_view_and_say_so(files, tmp_path):
+def test_prerendered_layers_fall_back_to_single_view_blur_with_a_note(files, tmp_path):
     rgba = np.zeros((shots.HEIGHT, shots.WIDTH, 4), np.float32)
     rgba[100:160, 200:260] = (0.3, 0.2, 0.1, 1.0)
     depth = np.where(rgba[..., 3] > 0, np.float32(1.2), np.float32(np.inf))
@@ -97,7 +97,7 @@ def test_pre_rendered_layers_fall_back_to_the_blur_of_one_view_and_say_so(files,
     assert "node reblur" in plan and "note: pre-rendered layers" in plan
 
 
-def test_plan_names_the_points_and_what_is_not_needed(files, tmp_path):
+def test_plan_states_the_number_of_aperture_samples(files, tmp_path):
     plan = succeed(
         files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
         "--plan",

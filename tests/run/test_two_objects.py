@@ -120,7 +120,7 @@ def error_db(got, true, plate):
 
 @pytest.mark.parametrize(("preset", "least_db"), [("standard", 42.0), ("reference", 53.0)])
 @pytest.mark.parametrize("time_s", [0.0, SWAP_S])
-def test_each_object_has_its_own_blur_and_the_near_one_hides_the_far_one(
+def test_each_of_two_objects_has_its_own_blur_and_the_near_one_occludes(
     files, truth, tmp_path, preset, least_db, time_s
 ):
     words = ("--fit", files / "fit.json", "--animation-offset", time_s, "--preset", preset)
@@ -132,7 +132,7 @@ def test_each_object_has_its_own_blur_and_the_near_one_hides_the_far_one(
 
 
 @pytest.mark.parametrize("standing", ["car", "truck"])
-def test_the_lens_found_under_either_object_serves_both(files, tmp_path, standing):
+def test_fit_found_under_either_of_two_objects_is_the_same(files, tmp_path, standing):
     words = ("--footprint", standing, "--effects", "defocus", "--preset", "realtime")
     _, summary = composite_run(files, tmp_path / "o.png", *words)
     fit = summary["fit"]

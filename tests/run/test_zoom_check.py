@@ -27,7 +27,7 @@ def picture(rgb, seed=0, noise=1.5):
 
 
 @pytest.mark.parametrize("total", [0.7, 0.9, 1.0, 1.15, 1.6])
-def test_zoom_is_measured_over_many_looks_and_a_pan_is_none(total):
+def test_zoom_is_measured_over_many_frames_and_a_pan_is_not_a_zoom(total):
     rgb = shots.plate()
     watch = ZoomTracker()
     for at in range(21):
@@ -37,7 +37,7 @@ def test_zoom_is_measured_over_many_looks_and_a_pan_is_none(total):
     assert np.exp(zoom.log_scale) == pytest.approx(total, rel=0.015)
 
 
-def test_a_cut_begins_again_and_a_plate_without_detail_says_nothing():
+def test_zoom_tracking_restarts_at_a_cut_and_ignores_plates_without_detail():
     watch = ZoomTracker()
     assert watch(picture(shots.plate())).shot == 0
     other = watch(picture(np.rot90(shots.plate(9), 2), 1))
@@ -79,13 +79,13 @@ def notes(folder, plate, glb, capsys):
 
 
 @pytest.mark.needs_gl
-def test_run_tells_a_zoom_that_the_camera_does_not_have(files, capsys):
+def test_zoom_that_the_scenes_camera_lacks_is_reported(files, capsys):
     (line,) = notes(files, "zoom", "still", capsys)
     assert "grown by 1" in line or "grown by 2" in line
     assert "kept its size" in line and "field of view" in line
 
 
 @pytest.mark.needs_gl
-def test_run_says_nothing_where_both_stay_or_the_camera_moves(files, capsys):
+def test_no_zoom_is_reported_if_both_are_static_or_the_camera_moves(files, capsys):
     assert notes(files, "still", "still", capsys) == []
     assert notes(files, "zoom", "moving", capsys) == []
