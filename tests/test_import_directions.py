@@ -16,7 +16,7 @@ kernels  kernels/scatter  kernels/reblur
 video  video/pixels  video/input  video/output  video/chunks
 scene/animation  scene/gltf  scene
 render/base  render/software  render/opengl  render
-stages  stages/reblur
+stages
 networks
 options
 effects  effects/shadow  effects/camera

@@ -21,13 +21,13 @@ from models.paper.data import PARTS
 from models.paper.network import ARNet, IUNet
 from models.reblur.data import Reservoir, split_maps
 from models.training import Schedule, TrainingRun, arguments, train
-from nlens_video.stages.reblur.l_paper import GAMMA, NEURAL_RADIUS_PX
+from nlens_video.stages.l_paper import GAMMA, NEURAL_RADIUS_PX
 
 RIM_PX = 16  # not counted: discs from beyond the crop arrive there
 
 
 class PaperNets(nn.Module):
-    """Both networks, wired as `nlens_video.stages.reblur.l_paper` wires them."""
+    """Both networks, wired as `nlens_video.stages.l_paper` wires them."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -23,8 +23,7 @@ from models.reblur.lens import CROP, GRID, Float32, Shape, pinhole, through_lens
 from models.reblur.shapes import CATEGORIES, draw_held_out, draw_object
 from nlens_video.kernels.reblur.coc_discontinuities import find_discontinuities
 from nlens_video.kernels.scatter.scatter import scatter
-from nlens_video.stages.reblur.depth_order import CHANNELS, candidates
-from nlens_video.stages.reblur.depth_order_repair import fade
+from nlens_video.stages.l_depth_order import CHANNELS, candidates, fade
 
 VIEWS, HELD_OUT_VIEWS = 96, 256
 LEAST_TOUCHED = 0.03  # share of the crop within reach of a step; other objects are drawn anew

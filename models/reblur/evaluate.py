@@ -18,7 +18,7 @@ from models.reblur.lens import Float32
 from models.reblur.shapes import CATEGORIES
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxRepairNetwork
-from nlens_video.stages.reblur.depth_order import Candidates
+from nlens_video.stages.l_depth_order import Candidates
 
 PLATE = 0.18
 RIM_PX = 12  # of the crop, where the network sees less than it would

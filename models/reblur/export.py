@@ -14,8 +14,7 @@ from torch import Tensor, nn
 
 from models.exporting import arguments, load_into, update_manifest, write_onnx, write_weights
 from models.reblur.network import RepairNet
-from nlens_video.stages.reblur.depth_order import CHANNELS
-from nlens_video.stages.reblur.depth_order_repair import CELL
+from nlens_video.stages.l_depth_order import CELL, CHANNELS
 
 HERE = Path(__file__).parent
 

@@ -12,8 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from models.blocks import Residual
-from nlens_video.stages.reblur.depth_order import CHANNELS
-from nlens_video.stages.reblur.depth_order_repair import CELL
+from nlens_video.stages.l_depth_order import CELL, CHANNELS
 
 WIDTH = 40
 BLOCKS = 2  # of two convolutions; with stem and answer they look 6 cells = HALO_PX around
@@ -25,7 +24,7 @@ class RepairNet(nn.Module):
     """Geometry (N, CHANNELS, H, W), H and W multiples of CELL, to judgement (N, ANSWERS, H, W).
 
     Channel 0: share of the ordered layers, in [0, 1]. Channel 1: relative change of the near
-    layer's coverage, in [-0.5, 0.5]. See `nlens_video.stages.reblur.depth_order_repair.Candidates`.
+    layer's coverage, in [-0.5, 0.5]. See `nlens_video.stages.l_depth_order.Candidates`.
     """
 
     def __init__(self, width: int = WIDTH, blocks: int = BLOCKS) -> None:

@@ -224,6 +224,11 @@ class BlurredLayer:
     def __post_init__(self) -> None:
         _check_shapes(self.box.shape, rgba=self.rgba)
 
+    @classmethod
+    def nothing(cls) -> BlurredLayer:
+        """The empty layer."""
+        return cls(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matte:

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.core.layers import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
+from nlens_video.render.base.box_renderer import BoxRenderer
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
 from nlens_video.stages.composite import ForegroundMatte, composite_behind
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.protocols import ViewRenderer
 
 _BEHIND = 1e-3  # share of its distance by which a virtual point may seem to lie above the ground
 
@@ -61,7 +61,7 @@ class RenderReflection:
         margin_limit_px: how far beyond the frame it is drawn at most [px].
     """
 
-    renderer: ViewRenderer
+    renderer: BoxRenderer
     reflectance: float
     margin_limit_px: int = 256
 

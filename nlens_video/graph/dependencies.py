@@ -13,19 +13,18 @@ from nlens_video.core.layers import (
     Picture,
 )
 from nlens_video.core.settings import ObjectSettings, RealSettings
-from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ShadowScene
+from nlens_video.graph.base.context import CocEstimator, DepthOrder, OcclusionSource, ShadowScene
 from nlens_video.networks.device import DeviceChoice
 from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
-from nlens_video.stages.protocols import ReblurNetwork
 
 if TYPE_CHECKING:
     from nlens_video.networks.onnx_networks import OnnxRepairNetwork
     from nlens_video.stages.f_coc import EstimateCoc
-    from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
+    from nlens_video.stages.l_depth_order import RepairDepthOrder
 
 
-def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> ReblurNetwork:
+def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> DepthOrder:
     """Depth ordering at CoC discontinuities, set up by the first frame that has one.
 
     Args:
@@ -43,7 +42,7 @@ def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> ReblurNetwork
     @cache
     def ordering() -> RepairDepthOrder:
         from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-        from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
+        from nlens_video.stages.l_depth_order import RepairDepthOrder
 
         return RepairDepthOrder(
             network=lambda geometry: network()(geometry),  # never called where all is known

@@ -15,8 +15,7 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.values import FrameValues, ShotValues, StreamFrame
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.scheduler import Worker
-from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.stages.r_live_lens import LiveLens
+from nlens_video.stages.r_lens_track import FitTrack, LiveLens
 
 _SHOT_PORTS = tuple(one.name for one in fields(ShotValues))
 

@@ -16,8 +16,7 @@ import numpy as np
 from nlens_video.core.layers import CocMap, CocPrior, Float32
 from nlens_video.networks.device import CPU, DeviceChoice
 from nlens_video.networks.onnx_session import Session
-from nlens_video.stages.reblur.depth_order import CHANNELS
-from nlens_video.stages.reblur.depth_order_repair import CELL
+from nlens_video.stages.l_depth_order import CELL, CHANNELS
 
 PRIOR = "log_coc_prior"
 """Key of the CoC network's metadata: mean and deviation of log(1 + CoC) in training, a blank

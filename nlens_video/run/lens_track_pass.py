@@ -1,6 +1,6 @@
 """Focus and zoom tracking: a first pass over a file detects lens changes and fits each of them.
 
-The change detector (`stages.r_change_detector`) measures every third frame; the CoC network runs
+The change detector (`stages.r_lens_track`) measures every third frame; the CoC network runs
 only on the frames where it reports a change. A file whose lens does not change costs the detection
 pass alone, and its lens is fitted in the run itself.
 """
@@ -19,8 +19,16 @@ from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import requested_effects
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.open_run import frame_s, open_run, opened
-from nlens_video.stages.r_change_detector import CHANGED, Signature, changed, is_cut, signature
-from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
+from nlens_video.stages.r_lens_track import (
+    CHANGED,
+    FitTrack,
+    Keyframe,
+    Signature,
+    changed,
+    hold_segments,
+    is_cut,
+    signature,
+)
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import Source

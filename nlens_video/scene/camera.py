@@ -6,11 +6,11 @@ The only place where glTF's axes (Y up, camera looks along -Z) meet the picture'
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Box, Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,6 +62,12 @@ class Camera:
             cy=0.5 * height,
             width=width,
             height=height,
+        )
+
+    def cropped(self, box: Box) -> Camera:
+        """The same camera on a box of its frame."""
+        return replace(
+            self, cx=self.cx - box.x0, cy=self.cy - box.y0, width=box.width, height=box.height
         )
 
     @property

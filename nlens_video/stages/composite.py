@@ -1,12 +1,26 @@
-"""Compositing: the blurred object over the plate, behind foreground mattes."""
+"""Compositing: the blurred object over the plate, behind foreground mattes.
+
+Plain alpha compositing assumes that every aperture sample sees the same background. Past a blurred
+edge the object hides part of the aperture, and the rest sees the background from one side:
+displaced by the background's own CoC. On the ground plane, as far as the plate shows it, the fit
+gives that CoC.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
+from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
+from nlens_video.scene.camera import Camera
+
+LARGEST_PARALLAX_PX = 48
+"""Limit of the plate's displacement [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,34 +43,52 @@ class Foreground:
     """Foreground mattes of one frame; None: nothing in front.
 
     Attributes:
-        before_object: what stands nearer than the object.
-        before_ground: what stands nearer than the ground that the plate would show.
+        before_object: of things nearer than the object.
+        before_ground: of things nearer than the ground that the plate would show.
     """
 
     before_object: ForegroundMatte | None
     before_ground: ForegroundMatte | None
 
 
-def composite_behind(
-    picture: Picture, box: Box, rgba: Float32, cover: ForegroundMatte | None
-) -> None:
-    """Composite a layer on the plate, behind what covers it.
+def composite(
+    picture: Picture, blurred: BlurredLayer, foreground: Foreground | None = None
+) -> Picture:
+    """Composite the object over the plate in place, in scene-linear light; returns the picture.
 
-    Where nothing covers it this is `Picture.over`; what is covered wholly keeps its samples.
+    Samples that the object does not reach keep their exact values.
+
+    Args:
+        picture: the plate; changed.
+        blurred: the object as the lens sees it.
+        foreground: what stands in front of it.
+    """
+    if not blurred.box.empty:
+        matte = None if foreground is None else foreground.before_object
+        composite_behind(picture, blurred.box, blurred.rgba, matte)
+    return picture
+
+
+def composite_behind(
+    picture: Picture, box: Box, rgba: Float32, matte: ForegroundMatte | None
+) -> None:
+    """Composite a layer over the plate, behind a foreground.
+
+    Without foreground this is `Picture.over`; samples behind full coverage keep their values.
 
     Args:
         picture: the plate; changed.
         box: where the layer lies; inside the frame.
         rgba: premultiplied scene-linear layer (h, w, 4).
-        cover: what stands before it.
+        matte: of the foreground.
     """
-    if cover is not None:
-        common = box.intersection(cover.box)
+    if matte is not None:
+        common = box.intersection(matte.box)
         if not common.empty:
             rgba = rgba.copy()
-            inside, at = common.slices_in(box), common.slices_in(cover.box)
+            inside, at = common.slices_in(box), common.slices_in(matte.box)
             rgba[inside] = behind(
-                rgba[inside], picture.linear(common), cover.coverage[at], cover.light[at]
+                rgba[inside], picture.linear(common), matte.coverage[at], matte.light[at]
             )
     picture.over(box, rgba)
 
@@ -66,7 +98,7 @@ def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> 
 
     Args:
         rgba: premultiplied layer (h, w, 4).
-        plate: scene-linear light (h, w, 3), with all that was laid behind the same cover before.
+        plate: scene-linear light (h, w, 3), with all layers behind the same foreground so far.
         coverage: of the foreground (h, w) [1].
         light: of the foreground, premultiplied (h, w, 3).
 
@@ -83,19 +115,56 @@ def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> 
     return np.asarray(hidden, dtype=np.float32)
 
 
-def composite(
-    picture: Picture, blurred: BlurredLayer, foreground: Foreground | None = None
-) -> Picture:
-    """Lay the object over the plate in place, in scene-linear light; the picture itself comes back.
-
-    Samples that the object does not reach keep their exact values.
+def edge_parallax(
+    blurred: BlurredLayer,
+    picture: Picture,
+    defocused: DefocusedLayer,
+    fit: LensFit,
+    camera: Camera,
+    ground_y: float,
+) -> BlurredLayer:
+    """The object's layer, with the plate past its edges as the free part of the aperture sees it.
 
     Args:
-        picture: the plate; changed.
-        blurred: the object as the lens sees it.
-        foreground: what really stands before it.
+        blurred: the object as the lens sees it, inside the frame.
+        picture: the plate; unchanged.
+        defocused: the sharp object and its CoC.
+        fit: the lens, and how much of the ground the plate shows.
+        camera: of the frame.
+        ground_y: height of the ground plane in the world [scene unit].
     """
-    if not blurred.box.empty:
-        cover = None if foreground is None else foreground.before_object
-        composite_behind(picture, blurred.box, blurred.rgba, cover)
-    return picture
+    box = blurred.box
+    if box.empty or defocused.layer.box.empty or not fit.ground_seen:
+        return blurred
+    disparity = np.maximum(camera.cropped(box).plane_disparity(ground_y), 0.0).astype(np.float32)
+    share = fit.ground_share(disparity)
+    if not share.any():
+        return blurred
+    object_coc = _nearest_coc(defocused, box)
+    plate_coc = np.minimum(fit.coc_px(disparity), object_coc)  # it is behind the object
+    aspect = camera.fy / camera.fx
+    farthest = 0.5 * float(np.abs(plate_coc[share > 0.0]).max()) * max(1.0, aspect)
+    margin = math.ceil(min(farthest, LARGEST_PARALLAX_PX)) + 1
+    wide = box.expanded(margin)
+    inside = wide.intersection(Box(0, 0, picture.width, picture.height))
+    beyond = (
+        (inside.y0 - wide.y0, wide.y1 - inside.y1),
+        (inside.x0 - wide.x0, wide.x1 - inside.x1),
+        (0, 0),
+    )
+    plate = np.pad(picture.linear(inside), beyond, mode="edge")
+    rgba = edge_parallax_layer(
+        blurred.rgba, plate, object_coc, plate_coc, share, margin=margin, pixel_aspect=aspect
+    )
+    return BlurredLayer(box=box, rgba=rgba)
+
+
+def _nearest_coc(defocused: DefocusedLayer, box: Box) -> Float32:
+    """The CoC of the object's nearest covered pixel (h, w), on a box."""
+    held = defocused.layer.box
+    whole = held.union(box)
+    coc = np.zeros((whole.height, whole.width), np.float32)
+    covered = np.zeros(coc.shape, np.bool_)
+    coc[held.slices_in(whole)] = defocused.coc_px
+    covered[held.slices_in(whole)] = defocused.layer.rgba[..., 3] > 0.0
+    return np.ascontiguousarray(extend_nearest(coc, covered)[box.slices_in(whole)])

@@ -4,25 +4,56 @@ The network knows CoC from 0 to 64 px on pictures about 960 px wide. A larger fr
 average) until its longer side is `WORKING_SIDE_PX`, a smaller one enlarged up to twice (Lanczos),
 and the diameters are scaled back. The network cannot tell a CoC below about 1.5 px of what it sees
 from the softness of lens and sensor; on a frame of half the size that is 0.8 px of its own.
+
+Noise hides a small or smooth blur. While the camera stands still, the network reads the mean of
+several frames; pixels that move keep the first frame's samples, since a mean over motion looks like
+defocus.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import CocMap, Float32, Picture
-from nlens_video.stages.f_temporal_mean import temporal_mean
-from nlens_video.stages.protocols import CocNetwork
+from nlens_video.core.layers import Bool, CocMap, Float32, Picture
 
 WORKING_SIDE_PX = 960
-LARGEST_COC_PX = 64.0  # what the network was trained to see [px of the working size]
-LARGEST_ENLARGEMENT = 2.0  # beyond it the interpolation's own softness is what is read
+LARGEST_COC_PX = 64.0  # of the network's training [px of the working size]
+LARGEST_ENLARGEMENT = 2.0  # beyond it the network reads the softness of the interpolation
 FLAT = 0.6 / 255  # contrast below which a picture holds nothing but its own rounding [sRGB code]
+STILL_PX = 0.25  # a mean over a larger shift softens the picture measurably
+QUIET = 1.2 / 255  # noise below which averaging gains nothing [sRGB code]
+LUMA = np.array([0.3, 0.6, 0.1], np.float32)
+"""Weights of red, green and blue in the brightness of display codes."""
 _FLAT_WINDOW_PX = 33
+_MOTION_WINDOW_PX = 7  # noise averages out over it, motion does not
+_NOISES = 5.0  # a change of the window's mean beyond so many deviations is motion
+_LEAST_CHANGE = 1.5 / 255  # smallest change that counts as motion [sRGB code]
+
+
+class CocNetwork(Protocol):
+    """A network that estimates the CoC of a picture."""
+
+    @property
+    def stride(self) -> int:
+        """Height and width of its input must be multiples of this [px]."""
+        ...
+
+    def __call__(self, rgb: Float32) -> CocMap:
+        """Estimate one picture.
+
+        Args:
+            rgb: display-coded sRGB in [0, 1] (H, W, 3), H and W multiples of `stride`.
+
+        Returns:
+            Maps (h, w) that cover the same picture, perhaps coarser; diameters in px of the input.
+        """
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +61,7 @@ class EstimateCoc:
     """F as a stage. Keeps nothing between pictures.
 
     Attributes:
-        network: reads the blur off a picture.
+        network: estimates the CoC.
         pixel_aspect: width of a pixel by its height [1].
     """
 
@@ -42,8 +73,8 @@ class EstimateCoc:
 
         Args:
             picture: the plate.
-            following: later frames of the same size; those that a still camera saw are averaged
-                with it against noise (`f_temporal_mean`).
+            following: later frames of the same size, averaged with it as far as the camera stands
+                still.
         """
         working, used = to_working_size(picture.srgb(), self.pixel_aspect), 1
         if following:
@@ -57,7 +88,7 @@ def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -
     """Unsigned CoC and its expected error of a picture of any size.
 
     Args:
-        network: reads the blur off a picture.
+        network: estimates the CoC.
         rgb: display-coded sRGB in [0, 1] (H, W, 3).
         pixel_aspect: width of a pixel by its height; the network sees square pixels [1].
 
@@ -71,33 +102,6 @@ def estimate_coc(network: CocNetwork, rgb: Float32, pixel_aspect: float = 1.0) -
         raise ValueError(f"{rgb.shape = } must be (H, W, 3) with at least one pixel")
     working = to_working_size(np.asarray(rgb, dtype=np.float32), pixel_aspect)
     return _read(network, working, (rgb.shape[1], rgb.shape[0]))
-
-
-def _read(network: CocNetwork, working: Float32, size: tuple[int, int]) -> CocMap:
-    """The maps of a picture of working size, at (W, H) `size` and in its columns."""
-    width, height = size
-    below, right = (-n % network.stride for n in working.shape[:2])
-    # a mirrored border continues the texture at its own sharpness; a repeated one would smear it
-    padded = np.pad(working, ((0, below), (0, right), (0, 0)), mode="symmetric")
-    coarse = network(padded)
-    scale = width / working.shape[1]
-    coc, sigma = (
-        np.float32(scale) * _enlarged(values, padded, working, (width, height))
-        for values in (coarse.coc_px, coarse.sigma_px)
-    )
-    flat = cv2.resize(_flat(working), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
-    sigma[flat] = np.maximum(sigma[flat], np.float32(scale * LARGEST_COC_PX))
-    prior = None if coarse.prior is None else replace(coarse.prior, scale=scale)
-    return CocMap(coc_px=coc, sigma_px=sigma, prior=prior)
-
-
-def _flat(rgb: Float32) -> Float32:
-    """1 where a picture has no contrast to read a blur from, such as a clipped sky; else 0."""
-    luma = rgb @ np.array([0.3, 0.6, 0.1], np.float32)
-    window = (_FLAT_WINDOW_PX, _FLAT_WINDOW_PX)
-    mean = cv2.boxFilter(luma, -1, window, borderType=cv2.BORDER_REFLECT)
-    spread = cv2.boxFilter((luma - mean) ** 2, -1, window, borderType=cv2.BORDER_REFLECT)
-    return np.asarray(spread < FLAT**2, dtype=np.float32)
 
 
 def to_working_size(rgb: Float32, pixel_aspect: float) -> Float32:
@@ -115,10 +119,95 @@ def to_working_size(rgb: Float32, pixel_aspect: float) -> Float32:
     return np.asarray(np.clip(enlarged, 0, 1), dtype=np.float32)
 
 
+def _read(network: CocNetwork, working: Float32, size: tuple[int, int]) -> CocMap:
+    """The maps of a picture of working size, at (W, H) `size` and in its columns."""
+    below, right = (-n % network.stride for n in working.shape[:2])
+    # a mirrored border continues the texture at its own sharpness; a repeated one would smear it
+    padded = np.pad(working, ((0, below), (0, right), (0, 0)), mode="symmetric")
+    coarse = network(padded)
+    scale = size[0] / working.shape[1]
+    coc, sigma = (
+        np.float32(scale) * _enlarged(values, padded, working, size)
+        for values in (coarse.coc_px, coarse.sigma_px)
+    )
+    flat = cv2.resize(_flat(working), size, interpolation=cv2.INTER_LINEAR) > 0.5
+    sigma[flat] = np.maximum(sigma[flat], np.float32(scale * LARGEST_COC_PX))
+    prior = None if coarse.prior is None else replace(coarse.prior, scale=scale)
+    return CocMap(coc_px=coc, sigma_px=sigma, prior=prior)
+
+
+def _flat(rgb: Float32) -> Float32:
+    """1 where a picture has no contrast to read a blur from, such as a clipped sky; else 0."""
+    luma = rgb @ LUMA
+    window = (_FLAT_WINDOW_PX, _FLAT_WINDOW_PX)
+    mean = cv2.boxFilter(luma, -1, window, borderType=cv2.BORDER_REFLECT)
+    spread = cv2.boxFilter((luma - mean) ** 2, -1, window, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(spread < FLAT**2, dtype=np.float32)
+
+
 def _enlarged(values: Float32, padded: Float32, working: Float32, size: tuple[int, int]) -> Float32:
-    """A map over the padded picture, brought to its size, without the padding, at (W, H) `size`."""
+    """A map over the padded picture, at (W, H) `size`, without the padding."""
     full = cv2.resize(values, padded.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     kept = full[: working.shape[0], : working.shape[1]]
     if kept.shape != size[::-1]:
         kept = cv2.resize(kept, size, interpolation=cv2.INTER_LINEAR)
     return np.ascontiguousarray(kept, dtype=np.float32).reshape(size[::-1])
+
+
+def temporal_mean(first: Float32, following: Iterable[Float32]) -> tuple[Float32, int]:
+    """The mean of a picture and the later ones that show the same.
+
+    Args:
+        first: display-coded sRGB in [0, 1] (H, W, 3).
+        following: later pictures of the same size, in order; none is read after the camera moved,
+            nor after the first where that shows hardly any noise.
+
+    Returns:
+        The mean (H, W, 3), and the number of pictures in it.
+    """
+    luma = np.asarray(first @ LUMA, dtype=np.float32)
+    window = border_window(luma)
+    total, count = first.astype(np.float32), np.ones(luma.shape, np.float32)
+    used = 1
+    for picture in following:
+        other = np.asarray(picture @ LUMA, dtype=np.float32)
+        if (used == 1 and _noise(luma, other) < QUIET) or not is_still(luma, other, window):
+            break
+        same = (~moving(luma, other)).astype(np.uint8)
+        cv2.accumulate(picture, total, mask=same)
+        count += same
+        used += 1
+    return total / count[..., None], used
+
+
+def _noise(luma: Float32, other: Float32) -> float:
+    """Deviation of the noise in each of two pictures of the same scene [sRGB code]."""
+    return 1.4826 * float(np.median(np.abs(other - luma)[::2, ::2])) / math.sqrt(2.0)
+
+
+def border_window(luma: Float32) -> Float32:
+    """Weights (H, W) that fade out towards the borders; 1 for a single row or column."""
+    if min(luma.shape) < 2:
+        return np.ones_like(luma)
+    return np.asarray(cv2.createHanningWindow(luma.shape[::-1], cv2.CV_32F), np.float32)
+
+
+def is_still(luma: Float32, other: Float32, window: Float32) -> bool:
+    """Whether the camera stands still between two pictures (H, W), by phase correlation."""
+    if min(luma.shape) < 2 * _MOTION_WINDOW_PX:
+        return False
+    # with a window of its own phaseCorrelate writes into both pictures
+    (across, down), _ = cv2.phaseCorrelate(luma * window, other * window)
+    return math.hypot(across, down) <= STILL_PX
+
+
+def moving(luma: Float32, other: Float32) -> Bool:
+    """Pixels (H, W) where something moves between two pictures, their surroundings included."""
+    side = _MOTION_WINDOW_PX
+    change = cv2.blur(other - luma, (side, side), borderType=cv2.BORDER_REFLECT)
+    some = change[::3, ::3]
+    whole = np.median(some)  # a change of the light as a whole is no motion
+    noise = 1.4826 * float(np.median(np.abs(some - whole)))
+    moved = np.abs(change - whole) > max(_NOISES * noise, _LEAST_CHANGE)
+    around = np.ones((2 * side + 1, 2 * side + 1), np.uint8)
+    return np.asarray(cv2.dilate(moved.astype(np.uint8), around) > 0)

@@ -2,26 +2,40 @@
 
 The paper lets a network blur the naive composite. Here the clean plate is known, so the object's
 premultiplied layer is scattered on its own and laid over the plate: exact wherever the object does
-not hide parts of itself.
+not hide parts of itself. Those come from depth peeling (Everitt 2001).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
-import cv2
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    Float32,
+    HiddenLayer,
+    ObjectLayer,
+)
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.reblur.coc_discontinuities import STEP_PX, extend_nearest
+
+if TYPE_CHECKING:
+    from nlens_video.render.base.box_renderer import BoxRenderer
 
 NEGLIGIBLE_COC_PX = 0.5  # a disc this wide stays within its pixel
 _LEAST_DEPTH = np.finfo(np.float32).tiny  # what is nearer has no disparity that a float can hold
 
+ScatterKernel = Callable[..., Float32]
+Reach = Callable[[Float32, Float32, float], int]
+
 
 class CocLaw(Protocol):
-    """What gives a disparity its CoC: a `LensFit`, or a rival's model."""
+    """CoC as a function of disparity: a `LensFit`, or a rival's model."""
 
     def coc_px(self, disparity: Float32) -> Float32:
         """Signed CoC diameter [px] of any shape from disparity [1 / scene unit]."""
@@ -42,29 +56,41 @@ def object_coc(layer: ObjectLayer, fit: CocLaw) -> DefocusedLayer:
     known = covered & np.isfinite(layer.depth) & (layer.depth >= _LEAST_DEPTH)
     disparity = np.zeros_like(layer.depth)
     np.divide(1.0, layer.depth, out=disparity, where=known)
-    if known.any() and (covered & ~known).any():
-        rows, columns = _nearest(known)
-        disparity = disparity[rows, columns]
+    if (covered & ~known).any():
+        disparity = extend_nearest(disparity, known)
     coc = fit.coc_px(disparity)
     coc[~covered] = 0.0
     return DefocusedLayer(layer=layer, coc_px=coc)
 
 
-def _nearest(
-    known: np.ndarray[tuple[int, ...], np.dtype[np.bool_]],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of the nearest known pixel, for every pixel (H, W) each."""
-    _, labels = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+def depth_peel(
+    defocused: DefocusedLayer, fit: LensFit, farthest: float, renderer: BoxRenderer
+) -> DefocusedLayer:
+    """The layer with the second surface behind it, where their CoCs differ by a visible step.
+
+    Args:
+        defocused: the object, from a layer of that renderer.
+        fit: the lens, in the pixels of the frame, with a slope > 0.
+        farthest: greatest depth of the object [scene unit].
+        renderer: draws the second surface.
+    """
+    layer = defocused.layer
+    # only what has a CoC of a step above the least can hide anything
+    least = fit.coc_px(np.array([1.0 / farthest], np.float32))[0] + np.float32(STEP_PX)
+    near = (layer.rgba[..., 3] > 0) & (defocused.coc_px >= least)
+    region = Box.of(near).moved(layer.box.x0, layer.box.y0)
+    seen = None
+    if not region.empty:
+        seen = renderer.render_behind(layer, region, STEP_PX / fit.slope)
+    if seen is None:
+        return replace(defocused, behind=HiddenLayer.nothing())
+    behind = HiddenLayer(
+        box=region,
+        rgba=seen.hidden.rgba,
+        coc_px=object_coc(seen.hidden, fit).coc_px,
+        front_rgba=seen.front_rgba,
     )
-    seeds = np.flatnonzero(known.ravel())
-    of_label = np.zeros(int(labels.max()) + 1, np.int64)
-    of_label[labels.ravel()[seeds]] = seeds
-    flat = of_label[labels]
-    return flat // known.shape[1], flat % known.shape[1]
-
-
-ScatterKernel = Callable[..., Float32]
+    return replace(defocused, behind=behind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +105,7 @@ class ReblurLayer:
     """
 
     scatter: ScatterKernel
-    reach: Callable[[Float32, Float32, float], int]
+    reach: Reach
     pixel_aspect: float = 1.0
 
     def __call__(self, defocused: DefocusedLayer, frame: Box) -> BlurredLayer:
@@ -96,17 +122,17 @@ class ReblurLayer:
         wide = layer.box.expanded(margin)
         rgba = np.pad(layer.rgba, ((margin, margin), (margin, margin), (0, 0)))
         coc = np.pad(defocused.coc_px, margin)
-        seen = Box(frame.x0 - wide.x0, frame.y0 - wide.y0, frame.x1 - wide.x0, frame.y1 - wide.y0)
+        seen = frame.moved(-wide.x0, -wide.y0)
         blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect, frame=seen)
         box = wide.intersection(frame)
         if box.empty:
-            return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+            return BlurredLayer.nothing()
         return BlurredLayer(box=box, rgba=blurred[box.slices_in(wide)])
 
 
 def crop_to_frame(layer: ObjectLayer, frame: Box) -> BlurredLayer:
-    """The sharp layer as it is, cut to the frame: what a lens in focus makes of it."""
+    """The sharp layer cut to the frame: what a lens in focus makes of it."""
     box = layer.box.intersection(frame)
     if box.empty:
-        return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+        return BlurredLayer.nothing()
     return BlurredLayer(box=box, rgba=layer.rgba[box.slices_in(layer.box)])

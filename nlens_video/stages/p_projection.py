@@ -1,8 +1,8 @@
 """P: the projection mask, where the virtual and the real scene coincide (paper, section 4.2).
 
-The object's triangles are cast straight down (-Y) on the ground plane and seen from the camera.
-The plate does not contain the object, so none of that footprint is hidden, and the disparity that
-belongs to each of its pixels is the plane's, not the object's.
+The object's triangles are projected straight down (-Y) on the ground plane and seen from the
+camera. The plate does not contain the object, so none of that footprint is hidden, and the
+disparity of each of its pixels is the plane's, not the object's.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ import numpy.typing as npt
 from nlens_video.core.layers import Bool, Float64
 from nlens_video.scene.camera import Camera
 
+VISIBILITY_FLOOR_PX = 1.0  # least expected error where the CoC tells ground from other things
+_BINS = 8  # parts of the plane, by disparity, each of as many samples
+_NO_GROUND, _ALL_GROUND = 0.25, 0.75  # shares of agreeing samples that make 0 and 1
 _SUBPIXEL_BITS = 4  # cv2 draws with 1/16 px
 
 
@@ -36,7 +39,7 @@ class GroundProjection:
 
 
 def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> GroundProjection:
-    """Cast triangles down on the plane y = ground_y and rasterise them from the camera.
+    """Project triangles down on the plane y = ground_y and rasterise them from the camera.
 
     Args:
         triangles: world-space corners (T, 3, 3) [scene unit].
@@ -64,6 +67,36 @@ def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> Gr
     return GroundProjection(
         mask=(mask > 0) & (disparity > 0), disparity=disparity, ground_y=ground_y
     )
+
+
+def ground_visibility(
+    disparity: Float64, coc_px: Float64, sigma_px: Float64, expected_px: Float64
+) -> tuple[tuple[float, float], ...]:
+    """Share of the plate that shows the ground plane, by disparity: where the CoCs agree.
+
+    Things that stand on the plane hide what is farther off. From there on the CoCs disagree, or
+    they agree and it does no harm.
+
+    Args:
+        disparity: of the plane (N,), > 0 [1 / scene unit].
+        coc_px: unsigned diameter on the plate (N,) [px].
+        sigma_px: its expected error (N,) [px].
+        expected_px: unsigned diameter of the plane by the fit (N,) [px].
+
+    Returns:
+        Pairs of a disparity, increasing, and the share of ground there, 0 to 1.
+    """
+    off = np.abs(expected_px - coc_px) / np.maximum(sigma_px, VISIBILITY_FLOOR_PX)
+    alike = np.clip(3.0 - off, 0.0, 1.0)
+    pairs: list[tuple[float, float]] = []
+    for part in np.array_split(np.argsort(disparity, kind="stable"), _BINS):
+        if not part.size:
+            continue
+        at, agreeing = float(disparity[part].mean()), alike[part].mean()
+        share = float(np.clip((agreeing - _NO_GROUND) / (_ALL_GROUND - _NO_GROUND), 0.0, 1.0))
+        if not pairs or at > pairs[-1][0]:
+            pairs.append((at, share))
+    return tuple(pairs)
 
 
 def _view_planes(camera: Camera, farthest: float) -> Float64:

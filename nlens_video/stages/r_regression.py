@@ -3,47 +3,52 @@
 The paper turns the estimated, unsigned CoC into a signed one by a rule and fits a least-squares
 line on the footprint. Here the V itself is fitted, both sign branches competing (`r_robust_v`). The
 whole ground plane takes part under a robust loss that rejects what stands on it; the footprint,
-where virtual and real ground are known to coincide, is the anchor.
+where virtual and real ground coincide for certain, is the anchor.
+
+The network gives the posterior median of the CoC, which shrinks towards the training mean where a
+picture holds little evidence. That is right for one pixel, but a line through thousands of shrunken
+values is too flat, so the training prior is divided out of the samples first.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.layers import Bool, CocMap, Float64
+from nlens_video.core.layers import Bool, CocMap, CocPrior, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
-from nlens_video.stages.p_projection import GroundProjection
-from nlens_video.stages.r_debias import remove_prior
-from nlens_video.stages.r_ground_visibility import ground_visibility
+from nlens_video.stages.p_projection import GroundProjection, ground_visibility
 from nlens_video.stages.r_robust_v import VCandidate, VFit
 
 GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
 MIN_SAMPLES = 48
-FLOOR_PX = 0.3  # an estimate is never trusted further than this
+FLOOR_PX = 0.3  # least expected error of an estimate
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
-UNSURE_PX = 8.0  # an estimate that expects to be off by more, and by more than itself, says nothing
+UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
 _FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
 _LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
 _INDEPENDENT = 3.0  # samples that a plate is worth: 68 % of rendered plates lie within one error
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
+_MOST_SHRUNK = 0.8  # a posterior this wide, as a share of the prior's width, holds no evidence
+_LAPLACE = math.sqrt(2.0)  # deviation of a Laplace distribution by its mean absolute error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitSamples:
-    """What entered the fit, for plots and checks; all arrays (N,).
+    """Samples of the fit, for plots and checks; all arrays (N,).
 
     Attributes:
         disparity: of the ground plane [1 / scene unit].
-        coc_px: unsigned diameter that the estimate is evidence of (`r_debias`) [px].
+        coc_px: unsigned diameter, without the training prior [px].
         sigma_px: its expected error [px].
         anchor: whether the sample lies in the footprint.
-        weight: what the robust loss left of it, 0 to 1 [1].
+        weight: of the robust loss, 0 to 1 [1].
         cluster: number of the patch of the frame that it belongs to.
     """
 
@@ -55,14 +60,11 @@ class FitSamples:
     cluster: npt.NDArray[np.int64]
 
     def problem(self, anchor_weight: float, width: int) -> VFit:
-        """The robust fit of these samples, the footprint as a whole weighted against the rest.
+        """The robust fit of these samples on a frame of some width [px].
 
-        Args:
-            anchor_weight: of the footprint as a whole against the rest of the plane [1].
-            width: of the frame [px].
-
-        Ground farther off than the footprint counts less, with the square of the distance: the
-        farther, the likelier it is no longer the plane on which the object stands.
+        `anchor_weight` is that of the footprint as a whole against the rest of the plane [1].
+        Ground beyond the footprint counts less with the square of the distance: the farther, the
+        likelier it is no longer the plane on which the object stands.
         """
         there = self.disparity[self.anchor] if self.anchor.any() else self.disparity
         share = np.minimum(self.disparity / np.median(there), 1.0) ** 2
@@ -76,7 +78,7 @@ class FitSamples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Regression:
-    """The fit and what it was made from."""
+    """The fit and its samples."""
 
     fit: LensFit
     samples: FitSamples
@@ -103,7 +105,7 @@ class FitLens:
             frame: index of that frame, kept in the fit.
 
         Raises:
-            LensFitError: the plane is not in view, or nothing on it tells the blur.
+            LensFitError: the plane is not in view, or shows no blur.
         """
         samples = _sample(coc, ground, whole_plane=self.whole_plane)
         problem, lens = self._solved(samples, coc.coc_px.shape[1])
@@ -129,7 +131,8 @@ class FitLens:
             frame=frame,
             sign=sign,
             sign_margin=margin,
-            method=f"robust V-fit over {self._where(samples)}{_of_frames(coc)}",
+            method=f"robust V-fit over {self._where(samples)}"
+            + (f", mean of {coc.frames} frames" if coc.frames > 1 else ""),
             ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),
@@ -138,7 +141,7 @@ class FitLens:
         return Regression(fit=fit, samples=replace(samples, weight=weight))
 
     def _solved(self, samples: FitSamples, width: int) -> tuple[VFit, VCandidate | None]:
-        """The lens; most of the plane may be something else, but not the footprint."""
+        """The problem and its solution; the footprint, unlike the plane, cannot be outvoted."""
         problem = samples.problem(self.anchor_weight, width)
         lens = problem.solve()
         if lens is None or _agreeing(problem, lens, samples) >= _AGREEING:
@@ -158,23 +161,16 @@ class FitLens:
 
 
 def _agreeing(problem: VFit, lens: VCandidate, samples: FitSamples) -> float:
-    """What the loss leaves of the footprint, 0 to 1; 1 where there is none."""
-    return (
-        float(problem.inlier_weight(lens)[samples.anchor].mean()) if samples.anchor.any() else 1.0
-    )
-
-
-def _of_frames(coc: CocMap) -> str:
-    return f", mean of {coc.frames} frames" if coc.frames > 1 else ""
+    """Mean weight of the footprint's samples under the loss, 0 to 1; 1 where there are none."""
+    anchor = samples.anchor
+    return float(problem.inlier_weight(lens)[anchor].mean()) if anchor.any() else 1.0
 
 
 def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensFit:
-    """The fallback: one CoC for every depth, the plate's confident median, behind the focus.
+    """The fallback: one CoC for every depth, behind the focus: the plate's confident median.
 
-    Args:
-        coc: the plate's CoC (H, W).
-        ground: where to look first; the whole plate when its footprint is empty.
-        frame: index of that frame, kept in the fit.
+    It is that of the footprint of `ground`, or of the whole plate where the footprint is empty;
+    `frame` is the index of the frame, kept in the fit.
     """
     known = np.isfinite(coc.coc_px) & np.isfinite(coc.sigma_px)
     use = known & ground.mask if (known & ground.mask).any() else known
@@ -232,7 +228,7 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
 
 
 def _sign(problem: VFit, lens: VCandidate) -> tuple[Sign, float]:
-    """Whether the data tell on which side of the focus the ground under the object lies."""
+    """Whether the data resolve the side of the focus on which the object's ground lies."""
     if abs(problem.coc_at_median(lens)) < 1.0:
         return "resolved", 1.0  # in focus there: either sign makes the same picture
     margin = problem.sign_margin(lens)
@@ -240,7 +236,7 @@ def _sign(problem: VFit, lens: VCandidate) -> tuple[Sign, float]:
 
 
 def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
-    """Refuse a fit that says nothing about the blur where the object stands."""
+    """Refuse a fit that does not determine the blur where the object stands."""
     use = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
     jacobian = np.array([float(np.median(samples.disparity[use])), 1.0])
     error = float(np.sqrt(jacobian @ covariance @ jacobian))
@@ -254,3 +250,27 @@ def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
             f"error {expected:.1f} px); give --fit FILE.json, another --ground-y, or "
             "--fallback constant"
         )
+
+
+def remove_prior(coc_px: Float64, sigma_px: Float64, prior: CocPrior) -> tuple[Float64, Float64]:
+    """Divide the training prior out of posterior estimates.
+
+    Prior and posterior are about normal in log(1 + CoC), so precisions subtract, as do means
+    weighted by them.
+
+    Args:
+        coc_px: estimated unsigned CoC diameter (N,) [px of the frame].
+        sigma_px: its expected absolute error (N,) [px of the frame].
+        prior: distribution of CoC in training.
+
+    Returns:
+        Diameter and expected absolute error (N,) of the likelihood alone [px of the frame].
+    """
+    coc, sigma = coc_px / prior.scale, sigma_px / prior.scale
+    wide = _LAPLACE * sigma / (1 + coc)
+    share = np.minimum(wide / prior.deviation, _MOST_SHRUNK) ** 2
+    log_coc = np.log1p(coc)
+    log_coc = log_coc + (log_coc - prior.mean) * share / (1 - share)
+    debiased = np.expm1(np.maximum(log_coc, 0.0))
+    error = sigma * (1 + debiased) / (1 + coc) / np.sqrt(1 - share)
+    return debiased * prior.scale, error * prior.scale

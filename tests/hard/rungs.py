@@ -23,11 +23,10 @@ from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxRepairNetwork
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
-from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
-from nlens_video.stages.reblur.depth_peel import depth_peel
-from nlens_video.stages.reblur.lens_sampling import BlurCell, LensSetup, SampleLens
-from nlens_video.stages.reblur.view_blend import SampleSmallDiscs
+from nlens_video.stages.l_depth_order import RepairDepthOrder
+from nlens_video.stages.l_lens_sampling import BlurCell, LensSetup, SampleLens
+from nlens_video.stages.l_reblur import ReblurLayer, depth_peel, object_coc
+from nlens_video.stages.l_view_blend import SampleSmallDiscs
 
 WIDTH, HEIGHT, FOCAL = 112, 88, 100.0
 FRAME = Box(0, 0, WIDTH, HEIGHT)

@@ -16,14 +16,16 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run.lens_track_pass import lens_track_pass
-from nlens_video.stages.r_change_detector import (
+from nlens_video.stages.r_lens_track import (
     CHANGED,
+    FitTrack,
+    Keyframe,
+    LiveLens,
     changed,
+    hold_segments,
     is_cut,
     signature,
 )
-from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
-from nlens_video.stages.r_live_lens import LiveLens
 from nlens_video.video.pixels.picture import ArrayPicture
 
 

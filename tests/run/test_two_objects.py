@@ -17,8 +17,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.composite import composite
-from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
+from nlens_video.stages.l_aperture_samples import bare_points
+from nlens_video.stages.l_lens_sampling import LensSetup, lens_views
 from nlens_video.video.pixels.picture import ArrayPicture
 
 pytestmark = pytest.mark.needs_gl

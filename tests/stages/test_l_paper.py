@@ -10,7 +10,7 @@ from nlens_video.kernels.reblur.paper_scatter import paper_scatter
 from nlens_video.networks import onnx_networks
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxPaperNetworks
-from nlens_video.stages.reblur.l_paper import (
+from nlens_video.stages.l_paper import (
     GAMMA,
     PaperReblur,
     level_sizes,

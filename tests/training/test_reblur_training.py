@@ -96,7 +96,7 @@ def test_the_exported_repair_network_answers_as_the_trained_one_at_any_size(tmp_
     from models.reblur.export import export
     from models.reblur.network import RepairNet
     from nlens_video.networks.onnx_networks import OnnxRepairNetwork
-    from nlens_video.stages.reblur.depth_order import CHANNELS
+    from nlens_video.stages.l_depth_order import CHANNELS
 
     torch.manual_seed(0)
     network = RepairNet().eval()
@@ -116,7 +116,7 @@ def test_torch_runs_the_shipped_weights_as_onnx_does():
     from models.reblur.export import HERE, load_network
     from nlens_video.networks.model_store import find_model
     from nlens_video.networks.onnx_networks import OnnxRepairNetwork
-    from nlens_video.stages.reblur.depth_order import CHANNELS
+    from nlens_video.stages.l_depth_order import CHANNELS
 
     maps = np.random.default_rng(1).random((48, 64, CHANNELS), dtype=np.float32)
     with torch.inference_mode():
@@ -132,7 +132,7 @@ def test_the_loss_mends_as_the_program_does(reservoir):
     from models.reblur.data import split_maps
     from models.reblur.network import resolve
     from models.reblur.train import to_tensors
-    from nlens_video.stages.reblur.depth_order import Candidates
+    from nlens_video.stages.l_depth_order import Candidates
 
     maps = split_maps(reservoir.maps[:1])
     judgement = np.random.default_rng(2).random((*maps["where"].shape[1:3], 2), dtype=np.float32)

@@ -130,7 +130,7 @@ def distort(layer: BlurredLayer, bend: DistortionMap) -> BlurredLayer:
     """
     box = bend.reached(layer.box).intersection(bend.frame)
     if box.empty:
-        return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+        return BlurredLayer.nothing()
     rgba = np.maximum(_moved(layer.rgba, bend.taken_from(box, layer.box), cv2.INTER_CUBIC), 0.0)
     np.minimum(rgba[..., 3], 1.0, out=rgba[..., 3])
     return BlurredLayer(box=box, rgba=rgba)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Float32, Picture
-from nlens_video.stages.f_temporal_mean import LUMA
+from nlens_video.stages.f_coc import LUMA
 
 _LEAST_MOVE_PX = 8.0
 _LEAST_RESPONSE = 0.05  # of the phase correlation: less is no common motion

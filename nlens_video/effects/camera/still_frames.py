@@ -8,7 +8,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32, Picture
 from nlens_video.effects.camera.grain_kernels import to_code
-from nlens_video.stages.f_temporal_mean import LUMA, border_window, is_still, moving
+from nlens_video.stages.f_coc import LUMA, border_window, is_still, moving
 
 _MOST_COLUMNS, _MOST_ROWS = 1280, 720
 

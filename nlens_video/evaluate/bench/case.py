@@ -17,9 +17,9 @@ from nlens_video.evaluate.metrics import WINDOW, psnr, ssim
 from nlens_video.evaluate.plates import Plate, load_plate
 from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
-from nlens_video.stages.r_ground_visibility import FLOOR_PX, ground_visibility
-from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
+from nlens_video.stages.l_aperture_samples import bare_points
+from nlens_video.stages.l_lens_sampling import LensSetup, lens_views
+from nlens_video.stages.p_projection import VISIBILITY_FLOOR_PX, ground_visibility
 from nlens_video.video.pixels.picture import ArrayPicture
 
 _LINEAR_PX = 0.25  # how far a plate's CoC may be from slope * disparity + intercept
@@ -156,7 +156,7 @@ def _true_ground(known: Plate, fit: LensFit) -> tuple[tuple[float, float], ...]:
     seen = plane > 0.0
     disparity, coc = plane[seen], known.true_coc_px[seen].astype(np.float64)
     expected = np.abs(fit.coc_px(disparity.astype(np.float32))).astype(np.float64)
-    return ground_visibility(disparity, coc, np.full_like(coc, FLOOR_PX), expected)
+    return ground_visibility(disparity, coc, np.full_like(coc, VISIBILITY_FLOOR_PX), expected)
 
 
 def codes_of(path: Path, size: tuple[int, ...]) -> UInt8:

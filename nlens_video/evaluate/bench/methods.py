@@ -19,7 +19,7 @@ from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline, shipped_pipelines
 from nlens_video.graph.session import open_session
-from nlens_video.stages.reblur.lens_sampling import view_count
+from nlens_video.stages.l_lens_sampling import view_count
 
 LENS_VIEWS = (8, 32)
 """Views of the lens that are measured beside those of the preset `reference`."""

@@ -86,7 +86,7 @@ def _painted_on(sigma_px: Float32, alpha: Float32, most_px: float) -> Float32:
 def _cropped(rgba: Float32, held: Box, frame: Box) -> BlurredLayer:
     box = held.intersection(frame)
     if box.empty:
-        return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+        return BlurredLayer.nothing()
     return BlurredLayer(box=box, rgba=np.ascontiguousarray(rgba[box.slices_in(held)]))
 
 

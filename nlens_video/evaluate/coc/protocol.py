@@ -22,9 +22,8 @@ from nlens_video.evaluate.metrics import coc_figures, rms_within
 from nlens_video.evaluate.plates import Plate
 from nlens_video.evaluate.tables import Column, Entry, Table
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.f_coc import estimate_coc
+from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
-from nlens_video.stages.protocols import CocNetwork
 from nlens_video.stages.r_regression import FitLens
 
 OURS = "ours (network)"

@@ -15,8 +15,7 @@ from nlens_video.evaluate.console import Progress, check_matplotlib, make_folder
 from nlens_video.evaluate.metrics import coc_figures
 from nlens_video.evaluate.plates import Plate, find_plates
 from nlens_video.evaluate.tables import Entry
-from nlens_video.stages.f_coc import estimate_coc
-from nlens_video.stages.protocols import CocNetwork
+from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 
 
 def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:

@@ -33,9 +33,9 @@ from nlens_video.evaluate.study.stimuli import Stimulus, write_stimuli
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
+from nlens_video.stages.l_aperture_samples import bare_points
+from nlens_video.stages.l_lens_sampling import LensSetup, lens_views
 from nlens_video.stages.l_reblur import object_coc
-from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE, VIEWS = (640, 352), 256

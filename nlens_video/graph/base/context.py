@@ -7,20 +7,22 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from nlens_video.core.layers import CocMap, OcclusionCue, Picture
+from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, OcclusionCue, Picture
 from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.effects.measurement import Measurement
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
 from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
-from nlens_video.stages.protocols import ReblurNetwork
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
 
 CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 """F: the CoC map of a picture, from it and the ones that follow."""
+
+DepthOrder = Callable[[DefocusedLayer, BlurredLayer], BlurredLayer]
+"""L: the blurred layer of a sharp one, with depth order between the object's parts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +90,7 @@ class NodeContext:
     aperture: Aperture = ROUND
     spread: Spread | None = None
     renderer: BoxRenderer | None = None
-    repair: ReblurNetwork | None = None
+    repair: DepthOrder | None = None
     shadow_scene: ShadowScene | None = None
     shutter: Shutter = Shutter()
     measured: Mapping[str, Measurement] = field(default_factory=dict)

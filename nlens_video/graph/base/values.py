@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
+    from nlens_video.stages.l_view_blend import ViewBlend
     from nlens_video.stages.p_projection import GroundProjection
     from nlens_video.stages.r_regression import Regression
-    from nlens_video.stages.reblur.view_blend import ViewBlend
 from typing import Protocol
 
 from nlens_video.core.layers import Picture

@@ -113,7 +113,7 @@ class RenderMotion(Node):
         self, mean: ObjectLayer | None, frame_box: Box, fit: LensFit | None
     ) -> BlurredLayer:
         if mean is None:
-            return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+            return BlurredLayer.nothing()
         if fit is not None:
             defocused = object_coc(mean, fit)
             if defocused.largest_coc_px >= NEGLIGIBLE_COC_PX:

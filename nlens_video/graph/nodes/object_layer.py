@@ -89,6 +89,6 @@ class DepthPeel(Node):
     def __call__(
         self, defocused: DefocusedLayer, fit: LensFit, bounds: ScreenBounds
     ) -> DefocusedLayer:
-        from nlens_video.stages.reblur.depth_peel import depth_peel
+        from nlens_video.stages.l_reblur import depth_peel
 
         return depth_peel(defocused, fit, bounds.farthest, self._renderer)

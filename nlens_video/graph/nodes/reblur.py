@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
-    from nlens_video.stages.reblur.lens_sampling import Reblur
-    from nlens_video.stages.reblur.view_blend import ViewBlend
+    from nlens_video.stages.l_lens_sampling import Reblur
+    from nlens_video.stages.l_view_blend import ViewBlend
 
 
 def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
@@ -56,7 +56,7 @@ class ApertureViews(Node):
     effect, when, skip_if = DEFOCUS, OUT_OF_FOCUS, "moments"
 
     def __init__(self, context: NodeContext) -> None:
-        from nlens_video.stages.reblur.view_blend import VIEWS, SampleSmallDiscs
+        from nlens_video.stages.l_view_blend import VIEWS, SampleSmallDiscs
 
         if context.renderer is None:
             raise Unavailable(
@@ -70,7 +70,7 @@ class ApertureViews(Node):
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> ViewBlend | None:
-        from nlens_video.stages.reblur.lens_sampling import LensSetup
+        from nlens_video.stages.l_lens_sampling import LensSetup
 
         setup = LensSetup(
             time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
@@ -91,7 +91,7 @@ class LensSampling(Node):
 
     def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
         from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-        from nlens_video.stages.reblur.lens_sampling import BlurCell, SampleLens, view_count
+        from nlens_video.stages.l_lens_sampling import BlurCell, SampleLens, view_count
 
         if context.renderer is None:
             raise Unavailable(
@@ -112,7 +112,7 @@ class LensSampling(Node):
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> BlurredLayer:
-        from nlens_video.stages.reblur.lens_sampling import LensSetup
+        from nlens_video.stages.l_lens_sampling import LensSetup
 
         setup = LensSetup(
             time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
@@ -156,7 +156,7 @@ class PaperReblur(Node):
         from nlens_video.kernels.reblur.paper_scatter import paper_scatter
         from nlens_video.networks.model_store import find_model
         from nlens_video.networks.onnx_networks import OnnxPaperNetworks
-        from nlens_video.stages.reblur.l_paper import PaperReblur as Reblur
+        from nlens_video.stages.l_paper import PaperReblur as Reblur
 
         arnet, iunet = find_model("paper-arnet").path, find_model("paper-iunet").path
         self._reblur = Reblur(scatter=paper_scatter, networks=OnnxPaperNetworks(arnet, iunet))
@@ -230,7 +230,7 @@ class EdgeParallax(Node):
         self, blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
         bounds: ScreenBounds,
     ) -> BlurredLayer:  # fmt: skip
-        from nlens_video.stages.reblur.edge_parallax import edge_parallax
+        from nlens_video.stages.composite import edge_parallax
 
         height = self._context.ground_height
         return edge_parallax(blurred, picture, defocused, fit, bounds.camera, height)

@@ -15,7 +15,7 @@ from nlens_video.networks import onnx_session
 from nlens_video.networks.device import DeviceChoice
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxCocNetwork, OnnxRepairNetwork
-from nlens_video.stages.reblur.depth_order import CHANNELS
+from nlens_video.stages.l_depth_order import CHANNELS
 
 PICTURE = np.random.default_rng(0).random((512, 960, 3), np.float32)
 Real = onnxruntime.InferenceSession

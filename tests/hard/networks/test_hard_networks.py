@@ -11,7 +11,7 @@ from hard.objects import folder
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxCocNetwork, OnnxPaperNetworks, OnnxRepairNetwork
 from nlens_video.stages.f_coc import LARGEST_COC_PX
-from nlens_video.stages.reblur.depth_order import CHANNELS
+from nlens_video.stages.l_depth_order import CHANNELS
 
 SHAPE = (64, 96)
 

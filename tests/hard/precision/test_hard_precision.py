@@ -51,7 +51,7 @@ from nlens_video.scene import Camera, Scene, screen_projection
 from nlens_video.scene.animation import kernels as animation_kernels
 from nlens_video.scene.animation import kernels_ref
 from nlens_video.scene.gltf.images import Image
-from nlens_video.stages.reblur.aperture_samples import even_points
+from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.video.pixels import blend, blend_ref
 from nlens_video.video.pixels.sample_views import array_samples
 

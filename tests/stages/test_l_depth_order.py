@@ -12,9 +12,8 @@ from nlens_video.core.layers import (
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxRepairNetwork
+from nlens_video.stages.l_depth_order import CELL, CHANNELS, RepairDepthOrder
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.stages.reblur.depth_order import CHANNELS
-from nlens_video.stages.reblur.depth_order_repair import CELL, RepairDepthOrder
 
 FRAME = Box(0, 0, 400, 320)
 BOX = Box(100, 60, 240, 200)

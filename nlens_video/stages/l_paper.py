@@ -145,7 +145,7 @@ class PaperReblur:
         reach = int(np.ceil(0.5 * defocused.largest_coc_px)) + SPARE_PX
         box = layer.box.expanded(reach).intersection(frame)
         if box.empty:
-            return BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
+            return BlurredLayer.nothing()
         plate = picture.linear(frame)
         common = layer.box.intersection(frame)
         light, coc = plate.copy(), np.zeros(plate.shape[:2], np.float32)

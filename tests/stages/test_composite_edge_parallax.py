@@ -20,9 +20,9 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.r_ground_visibility import ground_visibility
-from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.edge_parallax import edge_parallax
+from nlens_video.stages.composite import edge_parallax
+from nlens_video.stages.l_aperture_samples import bare_points
+from nlens_video.stages.p_projection import ground_visibility
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE = 120, 90

@@ -1,4 +1,4 @@
-"""Points that stand for an aperture: each the centre of a cell of equal light."""
+"""Sample points of an aperture: each the centre of a cell of equal light."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.shape import contains, outer_radius, read_picture
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-_DENSE = 8192  # points that the aperture is made of before they are gathered into cells
+_DENSE = 8192  # points of the aperture that Lloyd's iteration groups into cells
 _ROUNDS = 60
 
 
@@ -45,44 +45,38 @@ def spiral(count: int) -> Float64:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
+def bare_points(count: int) -> LensPoints:
+    """Points of equal weight on a round aperture, for views that are not blurred further."""
+    return LensPoints(spiral(count), np.full(count, 1.0 / count))
+
+
 @lru_cache(maxsize=32)
 def lens_points(count: int, aperture: Aperture = ROUND) -> LensPoints:
-    """Gather an aperture into cells by Lloyd's iteration: compact, each its points' mean.
-
-    The same arguments always give the same points.
+    """Compact cells of an aperture by Lloyd's iteration; deterministic.
 
     Args:
-        count: how many, 1 to 256; a picture with fewer lit pixels gives as many as those.
-        aperture: its shape; a cat's eye is left to whoever knows the place in the frame.
+        count: number of cells, 1 to 256; a picture with fewer lit pixels gives as many as those.
+        aperture: its shape, without the cat's eye.
 
     Raises:
         InputError: the aperture's picture cannot be read.
     """
     places, light = _dense(aperture)
-    centres = _seeds(places, light, count)
-    mass = np.zeros(count, np.float64)
+    before = np.cumsum(light)  # seeds: each after an equal share of the light
+    seeds = np.searchsorted(before, (np.arange(count) + 0.5) / count * before[-1])
+    centres = np.array(places[seeds])
     for _ in range(_ROUNDS):
         cell = cKDTree(centres).query(places)[1]
         mass = np.bincount(cell, light, count).astype(np.float64)
         sums = [np.bincount(cell, light * places[:, axis], count) for axis in (0, 1)]
         lit = mass > 0.0
         centres[lit] = np.stack(sums, axis=1)[lit] / mass[lit, None]
-    lit = mass > 0.0
     return LensPoints(centres[lit], mass[lit] / mass.sum())
-
-
-def bare_points(count: int) -> LensPoints:
-    """A round aperture as many points of equal weight, for views that are not blurred any more."""
-    return LensPoints(spiral(count), np.full(count, 1.0 / count))
 
 
 @lru_cache(maxsize=4)
 def even_points(count: int) -> Float32:
-    """Points (N, 2) of equal weight that have the round aperture's mean and second moments.
-
-    Args:
-        count: how many, 1 to 256.
-    """
+    """Points (N, 2) of equal weight with the round aperture's mean and second moments; N <= 256."""
     places = lens_points(count).places
     centred = places - places.mean(axis=0)
     spread = np.mean(np.sum(centred * centred, axis=1))
@@ -92,13 +86,13 @@ def even_points(count: int) -> Float32:
 def points_around(count: int, aperture: Aperture = ROUND) -> LensPoints:
     """The aperture's centre and a ring about it, each for a round cell of equal light.
 
-    With the ring at sqrt(1/2) the cells spread light as far as the whole disc does, by its second
-    moment. It is turned so that no two of four points stand in one column or row.
+    With the ring at sqrt(1/2) the cells have the second moment of the whole disc. It is turned so
+    that no two of four points share a column or row.
 
     Args:
-        count: how many the ring holds, at least 3.
-        aperture: its shape; blades count as the disc of their area, and where a picture gives the
-            shape, which may be dark in the middle, the points are its `lens_points`.
+        count: points on the ring, at least 3.
+        aperture: its shape; blades count as the disc of their area. A picture, which may be dark in
+            the middle, gives its `lens_points`.
     """
     if aperture.image is not None:
         return lens_points(count + 1, aperture)
@@ -120,10 +114,3 @@ def _dense(aperture: Aperture) -> tuple[Float64, Float64]:
     places = np.stack([columns, rows], axis=1) + 0.5 - middle
     light = picture[rows, columns]
     return -places / math.sqrt(light.sum() / math.pi), light
-
-
-def _seeds(places: Float64, light: Float64, count: int) -> Float64:
-    """Points (N, 2) that start the iteration, each after an equal share of the light."""
-    before = np.cumsum(light)
-    chosen = np.searchsorted(before, (np.arange(count) + 0.5) / count * before[-1])
-    return np.array(places[chosen])

@@ -12,14 +12,14 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.reblur.subaperture_gather import LARGEST_RADIUS_PX
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_reblur import object_coc
-from nlens_video.stages.reblur.aperture_samples import bare_points, lens_points
-from nlens_video.stages.reblur.lens_sampling import (
+from nlens_video.stages.l_aperture_samples import bare_points, lens_points
+from nlens_video.stages.l_lens_sampling import (
     BlurCell,
     LensSetup,
     SampleLens,
     lens_views,
 )
+from nlens_video.stages.l_reblur import object_coc
 
 VIEWS = 8
 pytestmark = pytest.mark.needs_gl

@@ -1,16 +1,17 @@
-"""A few points of the lens where discs are small: what one antialiased picture does not hold.
+"""L, where discs are small: the mean of a few aperture views in place of the scatter.
 
-A pixel of the sharp picture is a mean already, over its own square and four samples of it. Where
-the disc is hardly larger, that says too little of what the disc mixes, and no kernel brings it
-back: the best is 39 to 47 dB. Pictures from other points of the lens are such means elsewhere, half
-a pixel on, with the right parallax. So there the mean of five views, each blurred over its cell of
-the aperture, stands for the scatter; where discs are large, five would show as five.
+A pixel of the sharp picture is a mean over its own square, of four samples. Where the disc is
+hardly larger, no kernel recovers what the disc mixes: the best is 39 to 47 dB. Views from other
+points of the aperture are such means half a pixel on, with the right parallax. So the mean of five
+views, each blurred over its cell of the aperture, replaces the scatter there; where discs are
+large, five views would show as five.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,39 +22,40 @@ from nlens_video.kernels.reblur.coc_discontinuities import chamfer
 from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture, subaperture_reach
 from nlens_video.kernels.scatter.extend import Band, bands
 from nlens_video.kernels.thread_pool import parallel_for
-from nlens_video.scene.camera import Camera
+from nlens_video.stages.l_aperture_samples import points_around
+from nlens_video.stages.l_lens_sampling import LensSetup, lens_camera
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, object_coc
-from nlens_video.stages.protocols import ViewRenderer
-from nlens_video.stages.reblur.aperture_samples import points_around
-from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_camera
+
+if TYPE_CHECKING:
+    from nlens_video.render.base.box_renderer import BoxRenderer
 
 SMALL_COC_PX = 3.0
-"""CoC up to which the views stand alone [px]."""
+"""CoC up to which the views replace the scatter [px]."""
 
 LARGE_COC_PX = 6.0
-"""CoC from which they do not count [px]."""
+"""CoC from which they have no weight [px]."""
 
 SPARE_PX = 2.0
-"""How much farther than a large disc reaches the views do not count whole [px]."""
+"""Margin around the reach of large discs in which the views have no weight [px]."""
 
 FADE_PX = 6.0
-"""Over how many pixels inwards from there they fade out [px]."""
+"""Width over which their weight grows to 1 from there [px]."""
+
+VIEWS = 4
+"""Views beside that of the lens' centre, which is rendered already [1]."""
 
 BAND_ROWS = 32
 """Rows that a thread takes at a time."""
 
-VIEWS = 4
-"""Views beside that of the lens' centre, which is drawn already [1]."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ViewBlend:
-    """What a few points of the lens see.
+    """The mean of a few aperture views, with its weight.
 
     Attributes:
-        box: where, a part of the frame.
-        rgba: premultiplied scene-linear mean of them (h, w, 4).
-        share: of the result that is theirs (h, w), 0 to 1 [1].
+        box: where the arrays lie, a part of the frame.
+        rgba: premultiplied scene-linear mean of the views (h, w, 4).
+        share: its weight in the result (h, w), 0 to 1 [1].
     """
 
     box: Box
@@ -61,7 +63,7 @@ class ViewBlend:
     share: Float32
 
     def blend_into(self, blurred: BlurredLayer) -> BlurredLayer:
-        """The layer (h, w, 4) with its share of the views; what lies beside `blurred` is lost."""
+        """The layer with its share of the views, on the box of `blurred`."""
         common = self.box.intersection(blurred.box)
         if common.empty:
             return blurred
@@ -73,7 +75,7 @@ class ViewBlend:
 
 @dataclass(slots=True, kw_only=True)
 class SampleSmallDiscs:
-    """L's few views as a stage; an object at rest is not drawn again.
+    """Aperture views as a stage; an object at rest is not rendered again.
 
     Attributes:
         renderer: draws the object from a point of the lens.
@@ -81,33 +83,30 @@ class SampleSmallDiscs:
         aperture: its shape; a cat's eye is not seen in discs as small as these.
     """
 
-    renderer: ViewRenderer
+    renderer: BoxRenderer
     pixel_aspect: float = 1.0
     aperture: Aperture = ROUND
     _last: tuple[ObjectLayer, LensFit, Box, ViewBlend | None] | None = field(
         default=None, init=False
     )
 
-    def __call__(self, defocused: DefocusedLayer, shot: LensSetup) -> ViewBlend | None:
-        """Look from a few points of the lens.
+    def __call__(self, defocused: DefocusedLayer, setup: LensSetup) -> ViewBlend | None:
+        """Sample the lens; None where no disc is small enough.
 
         Args:
             defocused: the object as the lens' centre sees it.
-            shot: the same moment.
-
-        Returns:
-            What they see; None where no disc is small enough.
+            setup: lens and moment.
         """
         last, layer = self._last, defocused.layer  # at rest the renderer gives the same layer
-        if last is not None and last[0] is layer and last[1:3] == (shot.fit, shot.frame):
+        if last is not None and last[0] is layer and last[1:3] == (setup.fit, setup.frame):
             return last[3]
-        seen = self._sampled(defocused, shot)
-        self._last = (layer, shot.fit, shot.frame, seen)
+        seen = self._sampled(defocused, setup)
+        self._last = (layer, setup.fit, setup.frame, seen)
         return seen
 
-    def _sampled(self, defocused: DefocusedLayer, shot: LensSetup) -> ViewBlend | None:
+    def _sampled(self, defocused: DefocusedLayer, setup: LensSetup) -> ViewBlend | None:
         whole = min((defocused.largest_coc_px - NEGLIGIBLE_COC_PX) / NEGLIGIBLE_COC_PX, 1.0)
-        box, part = share_of_views(defocused, shot.frame)
+        box, part = share_of_views(defocused, setup.frame)
         if whole <= 0.0 or box.empty:
             return None
         points = points_around(VIEWS, self.aperture)
@@ -123,12 +122,13 @@ class SampleSmallDiscs:
         def blur(at: int, layer: ObjectLayer | None) -> None:
             if layer is not None:
                 moved = replace(layer, box=layer.box.moved(region.x0, region.y0))
-                view = object_coc(moved, shot.fit)
+                view = object_coc(moved, setup.fit)
                 parts[away[at]] = self._blurred(view, radii[away[at]], box)
 
-        cameras = [_on(shot, region, *places[n]) for n in away]
+        camera = setup.camera.cropped(region)
+        cameras = [lens_camera(camera, setup.fit, *places[n]) for n in away]
         self.renderer.render_views(
-            shot.time_s, cameras, 0, blur, nearest=True, plate_light=shot.plate_light
+            setup.time_s, cameras, 0, blur, nearest=True, plate_light=setup.plate_light
         )
         mean = np.zeros((box.height, box.width, 4), np.float32)
         for n in sorted(parts):
@@ -137,7 +137,7 @@ class SampleSmallDiscs:
         return ViewBlend(box=box, rgba=mean, share=part * np.float32(whole))
 
     def _blurred(self, view: DefocusedLayer, radius: float, box: Box) -> Float32:
-        """A view over the disc of its cell (h, w, 4), larger discs than count cut short."""
+        """A view over the disc of its cell (h, w, 4), discs limited to `LARGE_COC_PX`."""
         at = view.layer.box
         coc = np.clip(view.coc_px, -LARGE_COC_PX, LARGE_COC_PX) * np.float32(radius)
         covered = view.layer.rgba[..., 3] > 0.0
@@ -154,24 +154,11 @@ class SampleSmallDiscs:
         return out
 
 
-def _on(shot: LensSetup, region: Box, u: float, v: float) -> Camera:
-    """The camera at a point of the lens, on a region of the frame."""
-    camera = replace(
-        shot.camera,
-        cx=shot.camera.cx - region.x0,
-        cy=shot.camera.cy - region.y0,
-        width=region.width,
-        height=region.height,
-    )
-    return lens_camera(camera, shot.fit, u, v)
-
-
 def share_of_views(defocused: DefocusedLayer, frame: Box) -> tuple[Box, Float32]:
-    """Where discs are small: the least box, and how much there the views count (h, w) [1].
+    """Where discs are small: the least box, and the weight of the views on it (h, w) [1].
 
-    Light of a large disc can be wherever it reaches, over or under that of small ones, so all of
-    that is left to who orders large discs. The share falls steadily with the CoC and with the
-    distance: nothing pops.
+    Light of a large disc may lie over or under that of small ones wherever it reaches, so the
+    scatter keeps all of that. The weight is continuous in CoC and distance: nothing pops.
 
     Args:
         defocused: the object as the lens' centre sees it.

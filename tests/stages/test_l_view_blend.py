@@ -22,10 +22,10 @@ from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
+from nlens_video.stages.l_aperture_samples import bare_points, points_around
+from nlens_video.stages.l_lens_sampling import LensSetup, lens_views
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.reblur.aperture_samples import bare_points, points_around
-from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
-from nlens_video.stages.reblur.view_blend import (
+from nlens_video.stages.l_view_blend import (
     FADE_PX,
     LARGE_COC_PX,
     SMALL_COC_PX,

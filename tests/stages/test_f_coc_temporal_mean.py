@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nlens_video.run.frame_range import LOOKAHEAD_FRAMES, LookAhead
-from nlens_video.stages.f_temporal_mean import temporal_mean
+from nlens_video.stages.f_coc import temporal_mean
 
 HEIGHT, WIDTH = 120, 160
 

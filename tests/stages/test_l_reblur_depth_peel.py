@@ -20,11 +20,10 @@ from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.stages.reblur.aperture_samples import bare_points
-from nlens_video.stages.reblur.depth_order_repair import RepairDepthOrder
-from nlens_video.stages.reblur.depth_peel import depth_peel
-from nlens_video.stages.reblur.lens_sampling import LensSetup, lens_views
+from nlens_video.stages.l_aperture_samples import bare_points
+from nlens_video.stages.l_depth_order import RepairDepthOrder
+from nlens_video.stages.l_lens_sampling import LensSetup, lens_views
+from nlens_video.stages.l_reblur import ReblurLayer, depth_peel, object_coc
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 

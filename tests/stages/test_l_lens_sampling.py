@@ -19,9 +19,8 @@ from nlens_video.kernels.scatter.shape import contains
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_reblur import object_coc
-from nlens_video.stages.reblur.aperture_samples import bare_points, lens_points
-from nlens_video.stages.reblur.lens_sampling import (
+from nlens_video.stages.l_aperture_samples import bare_points, lens_points
+from nlens_video.stages.l_lens_sampling import (
     BlurCell,
     LensSetup,
     SampleLens,
@@ -30,6 +29,7 @@ from nlens_video.stages.reblur.lens_sampling import (
     parallax_px,
     view_count,
 )
+from nlens_video.stages.l_reblur import object_coc
 
 FIT = LensFit(slope=60.0, intercept=-20.0, width=WIDTH, height=HEIGHT)  # in focus at 3
 

@@ -1,8 +1,8 @@
-"""L by the lens itself: the object is drawn from many points of the aperture.
+"""L by sampling the lens: the mean of the object rendered from many points of the aperture.
 
 Each point stands for a cell of the aperture, so its picture is blurred over that cell's own small
-disc of confusion before the mean is taken. What one view cannot know, what the object hides of
-itself, goes wrong by no more than the parallax within one cell.
+disc of confusion before the mean is taken. Surfaces that one view does not show are misplaced by no
+more than the parallax within one cell.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,21 +26,22 @@ from nlens_video.kernels.reblur.subaperture_gather import (
 from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
+from nlens_video.stages.l_aperture_samples import LensPoints, lens_points
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
-from nlens_video.stages.protocols import ViewRenderer
-from nlens_video.stages.reblur.aperture_samples import LensPoints, lens_points
+
+if TYPE_CHECKING:
+    from nlens_video.render.base.box_renderer import BoxRenderer
 
 NEGLIGIBLE_PARALLAX_PX = 1.0
 FEWEST_VIEWS, MOST_VIEWS = 8, 256
 _DB_OF_ONE_VIEW = 35.5  # measured, see `view_count`
 _LARGEST_MARGIN_PX = 256
-_NOTHING = BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
 
 Reblur = Callable[[DefocusedLayer, Box], BlurredLayer]
 
 
 def view_count(accuracy_db: float) -> int:
-    """How many views bring the result as close to a thousand bare ones as is wanted.
+    """Number of views for a PSNR against a thousand views without cells.
 
     Both the cells' discs and the parallax within them shrink with the root of the count, so the
     mean square error falls at least in proportion to it, and hardly depends on the CoC. Measured
@@ -55,18 +57,15 @@ def view_count(accuracy_db: float) -> int:
 
 
 def parallax_px(defocused: DefocusedLayer) -> float:
-    """How far parts of the object move against each other across the aperture [px].
-
-    The difference of its largest and smallest signed CoC; 0 for an empty layer.
-    """
+    """Largest less smallest signed CoC: parallax within the object across the aperture [px]."""
     coc = defocused.coc_px[defocused.layer.rgba[..., 3] > 0]
     return float(coc.max() - coc.min()) if coc.size else 0.0
 
 
 def lens_camera(camera: Camera, fit: LensFit, u: float, v: float) -> Camera:
-    """The camera moved to a point of the aperture, the focal plane staying where it is.
+    """The camera moved to a point of the aperture, with the same focal plane.
 
-    What has the disparity d appears `fit.coc_px(d) / 2 * (u, v)` from where the centre sees it
+    A point of disparity d appears `fit.coc_px(d) / 2 * (u, v)` from where the centre sees it
     (rows times the pixel aspect: the disc is round on the sensor). A fit of slope 0 moves nothing
     but the principal point.
 
@@ -89,10 +88,10 @@ def lens_camera(camera: Camera, fit: LensFit, u: float, v: float) -> Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensSetup:
-    """One moment, seen by one lens.
+    """A lens at one moment.
 
     Attributes:
-        time_s: moment of the animation [s].
+        time_s: time of the animation [s].
         camera: at the centre of the lens.
         fit: the lens, in the pixels of the frame.
         frame: the frame's own box.
@@ -107,8 +106,8 @@ class LensSetup:
 
 
 def lens_views(
-    renderer: ViewRenderer,
-    shot: LensSetup,
+    renderer: BoxRenderer,
+    setup: LensSetup,
     points: LensPoints,
     *,
     cell: Reblur | None = None,
@@ -119,31 +118,33 @@ def lens_views(
 
     Args:
         renderer: draws the object; called on this thread.
-        shot: what is seen.
-        points: where from, and how much each counts.
+        setup: lens and moment.
+        points: points of the aperture and their weights.
         cell: blurs a picture over its cell's disc; None takes the pictures as they are, the
-            plain truth, for which a thousand points are enough.
+            ground truth, for which a thousand points are enough.
         margin: how far beyond the frame the pictures are drawn, for what `cell` spreads [px].
         aperture: for its cat's eye; the rest of its shape is in the points.
 
     Returns:
         Premultiplied scene-linear, on the pixels that any of the pictures reach.
     """
-    frame = shot.frame
+    frame = setup.frame
     vignette = _Vignette(frame, points, aperture) if aperture.cat_eye > 0.0 else None
     mean = _Mean(frame, points, vignette)
 
     def add(at: int, layer: ObjectLayer | None) -> None:
-        part = _NOTHING
+        part = BlurredLayer.nothing()
         if layer is not None and cell is None:
             part = crop_to_frame(layer, frame)
         elif layer is not None and cell is not None:
-            part = cell(object_coc(layer, _scaled(shot.fit, float(points.radii[at]))), frame)
+            radius, fit = float(points.radii[at]), setup.fit
+            of_cell = replace(fit, slope=fit.slope * radius, intercept=fit.intercept * radius)
+            part = cell(object_coc(layer, of_cell), frame)
         mean.add(at, part)
 
-    cameras = [lens_camera(shot.camera, shot.fit, u, v) for u, v in points.places.tolist()]
+    cameras = [lens_camera(setup.camera, setup.fit, u, v) for u, v in points.places.tolist()]
     renderer.render_views(
-        shot.time_s, cameras, margin, add, nearest=cell is not None, plate_light=shot.plate_light
+        setup.time_s, cameras, margin, add, nearest=cell is not None, plate_light=setup.plate_light
     )
     return mean.layer
 
@@ -154,13 +155,13 @@ class _Mean:
     def __init__(self, frame: Box, points: LensPoints, vignette: _Vignette | None) -> None:
         self._frame, self._points, self._vignette = frame, points, vignette
         self._total = np.zeros((frame.height, frame.width, 4), np.float32)
-        self._box: list[Box] = []
+        self._box = Box(0, 0, 0, 0)
         self._ready: dict[int, BlurredLayer] = {}
         self._next = 0
         self._lock = threading.Lock()
 
     def add(self, at: int, part: BlurredLayer) -> None:
-        """Take a view; it is kept until those before it have come."""
+        """Add a view; it is kept until those before it are added."""
         with self._lock:
             self._ready[at] = part
             while self._next in self._ready:
@@ -173,13 +174,39 @@ class _Mean:
         weight = np.float32(self._points.weights[at])
         shaded = weight if self._vignette is None else self._vignette.weight(at, part.box)
         self._total[part.box.slices_in(self._frame)] += shaded * part.rgba
-        self._box.append(part.box)
+        self._box = self._box.union(part.box)
 
     @property
     def layer(self) -> BlurredLayer:
         """The mean, on the pixels that any view reaches."""
-        box = _around(self._box)
-        return BlurredLayer(box=box, rgba=self._total[box.slices_in(self._frame)])
+        return BlurredLayer(box=self._box, rgba=self._total[self._box.slices_in(self._frame)])
+
+
+class _Vignette:
+    """Weights of the views where the barrel hides part of the aperture."""
+
+    def __init__(self, frame: Box, points: LensPoints, aperture: Aperture) -> None:
+        self._frame, self._points, self._aperture = frame, points, aperture
+        self._rim = outer_radius(aperture)
+        self._total = np.zeros((frame.height, frame.width, 1), np.float32)
+        for at in range(len(points.weights)):
+            self._total += self._seen(at, frame)
+
+    def weight(self, at: int, box: Box) -> Float32:
+        """Weight (h, w, 1) of a view on a box of the frame; over all views they sum to 1."""
+        return np.asarray(self._seen(at, box) / self._total[box.slices_in(self._frame)])
+
+    def _seen(self, at: int, box: Box) -> Float32:
+        # points are places before the focus, the barrel lies as a highlight behind it shows it
+        u, v = -self._points.places[at]
+        columns = np.arange(box.x0, box.x1, dtype=np.float64) + 0.5
+        rows = np.arange(box.y0, box.y1, dtype=np.float64) + 0.5
+        size = (self._frame.width, self._frame.height)
+        x, y = barrel_centre(self._aperture, columns, rows, size)
+        off = np.hypot(u - x[None, :], v - y[:, None])
+        share = np.clip((self._rim - off) / (2.0 * self._points.radii[at]) + 0.5, 0.0, 1.0)
+        seen = self._points.weights[at] * np.maximum(share, 1e-6)
+        return np.asarray(seen[..., None], dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,12 +222,7 @@ class BlurCell:
     pixel_aspect: float = 1.0
 
     def __call__(self, defocused: DefocusedLayer, frame: Box) -> BlurredLayer:
-        """Blur one view.
-
-        Args:
-            defocused: the view and the CoC that its cell makes.
-            frame: the frame's own box, which bounds the result.
-        """
+        """Blur one view, with the CoC of its cell; the frame's own box bounds the result."""
         layer, largest = defocused.layer, defocused.largest_coc_px
         if largest < NEGLIGIBLE_COC_PX:
             return crop_to_frame(layer, frame)
@@ -222,79 +244,31 @@ class SampleLens:
 
     Attributes:
         renderer: draws the object from a point of the lens.
-        whole: blurs a layer by the whole aperture at once: right where nothing hides anything.
+        whole: blurs a layer by the whole aperture at once, where there is no parallax.
         cell: blurs a view by a round disc.
         count: views [1].
         aperture: its shape.
     """
 
-    renderer: ViewRenderer
+    renderer: BoxRenderer
     whole: Reblur
     cell: Reblur
     count: int
     aperture: Aperture = ROUND
 
-    def __call__(self, defocused: DefocusedLayer, shot: LensSetup) -> BlurredLayer:
+    def __call__(self, defocused: DefocusedLayer, setup: LensSetup) -> BlurredLayer:
         """Blur one frame's object.
 
         Args:
             defocused: the object as the lens' centre sees it.
-            shot: the same moment.
+            setup: lens and moment.
         """
         if parallax_px(defocused) < NEGLIGIBLE_PARALLAX_PX:
-            return self.whole(defocused, shot.frame)
+            return self.whole(defocused, setup.frame)
         points = lens_points(self.count, self.aperture)
-        tall = max(1.0, shot.camera.fy / shot.camera.fx)
+        tall = max(1.0, setup.camera.fy / setup.camera.fx)
         reach = 0.5 * defocused.largest_coc_px * float(points.radii.max()) * tall
-        margin = math.ceil(min(reach, _LARGEST_MARGIN_PX)) + 1 + max(0, -shot.frame.x0)
+        margin = math.ceil(min(reach, _LARGEST_MARGIN_PX)) + 1 + max(0, -setup.frame.x0)
         return lens_views(
-            self.renderer,
-            shot,
-            points,
-            cell=self.cell,
-            margin=margin,
-            aperture=self.aperture,
+            self.renderer, setup, points, cell=self.cell, margin=margin, aperture=self.aperture
         )
-
-
-class _Vignette:
-    """How much each view counts where the barrel hides part of the aperture."""
-
-    def __init__(self, frame: Box, points: LensPoints, aperture: Aperture) -> None:
-        self._frame, self._points, self._aperture = frame, points, aperture
-        self._rim = outer_radius(aperture)
-        self._total = np.zeros((frame.height, frame.width, 1), np.float32)
-        for at in range(len(points.weights)):
-            self._total += self._seen(at, frame)
-
-    def weight(self, at: int, box: Box) -> Float32:
-        """Weight (h, w, 1) of a view on a box of the frame; over all views they sum to 1."""
-        return np.asarray(self._seen(at, box) / self._total[box.slices_in(self._frame)])
-
-    def _seen(self, at: int, box: Box) -> Float32:
-        # Points are places before the focus, the barrel lies as a highlight behind it shows it.
-        u, v = -self._points.places[at]
-        columns = np.arange(box.x0, box.x1, dtype=np.float64) + 0.5
-        rows = np.arange(box.y0, box.y1, dtype=np.float64) + 0.5
-        size = (self._frame.width, self._frame.height)
-        x, y = barrel_centre(self._aperture, columns, rows, size)
-        off = np.hypot(u - x[None, :], v - y[:, None])
-        share = np.clip((self._rim - off) / (2.0 * self._points.radii[at]) + 0.5, 0.0, 1.0)
-        seen = self._points.weights[at] * np.maximum(share, 1e-6)
-        return np.asarray(seen[..., None], dtype=np.float32)
-
-
-def _scaled(fit: LensFit, radius: float) -> LensFit:
-    return replace(fit, slope=fit.slope * radius, intercept=fit.intercept * radius)
-
-
-def _around(boxes: list[Box]) -> Box:
-    """The smallest box that holds all; empty for none."""
-    if not boxes:
-        return Box(0, 0, 0, 0)
-    return Box(
-        min(box.x0 for box in boxes),
-        min(box.y0 for box in boxes),
-        max(box.x1 for box in boxes),
-        max(box.y1 for box in boxes),
-    )

@@ -1,1 +1,0 @@
-"""L, the parts of the reblur: lens sampling, depth order, edges, the paper's own networks."""
