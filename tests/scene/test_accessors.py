@@ -30,7 +30,7 @@ def reader(builder, tmp_path=None):
     st.booleans(),
     st.randoms(use_true_random=False),
 )
-def test_strided_and_normalised_integers_match_a_plain_reading(
+def test_strided_and_normalised_accessors_agree_with_a_plain_reading(
     code, count, width, pad, offset, normalized, random
 ):
     rng = np.random.default_rng(random.randrange(2**32))
@@ -51,7 +51,7 @@ def test_strided_and_normalised_integers_match_a_plain_reading(
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 12), st.data(), st.booleans())
-def test_sparse_values_replace_those_below_or_zeros(count, data, based):
+def test_sparse_accessor_replaces_base_values_or_zeros(count, data, based):
     chosen = sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1)))
     base = np.arange(3 * count, dtype=np.float32).reshape(count, 3)
     new = -1.0 - np.arange(3 * len(chosen), dtype=np.float32).reshape(-1, 3)
@@ -71,7 +71,7 @@ def test_sparse_values_replace_those_below_or_zeros(count, data, based):
     np.testing.assert_array_equal(reader(builder).floats(index, 3), expected)
 
 
-def test_an_accessor_beyond_its_buffer_view_is_refused():
+def test_accessor_beyond_its_buffer_view_is_refused():
     builder = GlbBuilder()
     index = builder.accessor(np.zeros((3, 3), np.float32))
     builder.document["accessors"][index]["count"] = 4
@@ -80,7 +80,7 @@ def test_an_accessor_beyond_its_buffer_view_is_refused():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_values_that_are_not_finite_are_refused(value):
+def test_accessor_values_that_are_not_finite_are_refused(value):
     builder = GlbBuilder()
     index = builder.accessor(np.array([[0, value, 0]], np.float32))
     with pytest.raises(SceneError, match="NaN or infinite"):
@@ -88,7 +88,7 @@ def test_values_that_are_not_finite_are_refused(value):
 
 
 @pytest.mark.parametrize("count", [10**9, 10**15, 10**30])
-def test_a_few_bytes_cannot_claim_gigabytes_of_zeros(count):
+def test_accessor_of_zeros_larger_than_the_limit_is_refused(count):
     builder = GlbBuilder()
     index = builder.accessor(np.zeros((1, 4), np.float32))
     item = builder.document["accessors"][index]
@@ -98,7 +98,7 @@ def test_a_few_bytes_cannot_claim_gigabytes_of_zeros(count):
         reader(builder).floats(index, 4)
 
 
-def test_the_same_bytes_cannot_be_decoded_without_end(monkeypatch):
+def test_repeated_decoding_of_the_same_bytes_is_limited(monkeypatch):
     monkeypatch.setattr(document, "_FREE_BYTES", 1 << 20)
     builder = GlbBuilder()
     view = builder.view(bytes(1 << 18))
@@ -124,7 +124,7 @@ def test_the_same_bytes_cannot_be_decoded_without_end(monkeypatch):
         ({"byteOffset": 1e400}, "integer"),
     ],
 )
-def test_wrong_declarations_name_the_accessor(change, message):
+def test_invalid_accessor_declarations_are_refused_by_name(change, message):
     builder = GlbBuilder()
     index = builder.accessor(np.zeros((3, 3), np.float32))
     builder.document["accessors"][index].update(change)

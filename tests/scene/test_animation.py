@@ -34,13 +34,13 @@ def test_linear_translation_is_halfway_between_keys(tmp_path):
 @pytest.mark.parametrize(
     ("time_s", "x"), [(-5.0, 1.0), (0.0, 1.0), (1.0, 1.0), (2.0, 5.0), (99, 5)]
 )
-def test_the_first_and_last_key_hold_outside_the_key_range(tmp_path, interpolation, time_s, x):
+def test_first_and_last_key_hold_outside_the_key_range(tmp_path, interpolation, time_s, x):
     values = [[2, 0, 0], [6, 0, 0]]
     scene = moved(GlbBuilder(), tmp_path, "translation", [1, 2], values, interpolation)
     np.testing.assert_allclose(first(scene, time_s), [x, -1, 0], atol=1e-6)
 
 
-def test_step_keeps_the_earlier_key_until_the_next(tmp_path):
+def test_step_interpolation_keeps_the_earlier_key(tmp_path):
     values = [[0, 0, 0], [4, 0, 0], [8, 0, 0]]
     scene = moved(GlbBuilder(), tmp_path, "translation", [0, 1, 2], values, "STEP")
     assert [first(scene, t)[0] for t in (0.999, 1.0, 1.999, 2.0)] == [-1, 3, 3, 7]
@@ -68,7 +68,7 @@ def about_z(degrees):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_rotation_takes_the_shorter_way_whatever_the_sign_of_the_quaternion(tmp_path, sign):
+def test_rotation_is_interpolated_along_the_shorter_arc(tmp_path, sign):
     target = [sign * v for v in about_z(90)]
     scene = moved(GlbBuilder(), tmp_path, "rotation", [0, 3], [about_z(0), target], "LINEAR")
     # A third of 90 degrees: the corner (-1, -1) turned by 30 degrees.
@@ -76,14 +76,14 @@ def test_rotation_takes_the_shorter_way_whatever_the_sign_of_the_quaternion(tmp_
     np.testing.assert_allclose(first(scene, 1.0), [-c + s, -s - c, 0], atol=1e-6)
 
 
-def test_a_cubic_rotation_is_normalised(tmp_path):
+def test_cubic_rotation_is_normalised(tmp_path):
     zero = [0, 0, 0, 0]
     values = [[zero, about_z(0), zero], [zero, about_z(180), zero]]
     scene = moved(GlbBuilder(), tmp_path, "rotation", [0, 1], values, "CUBICSPLINE")
     np.testing.assert_allclose(first(scene, 0.5), [1, -1, 0], atol=1e-6)
 
 
-def test_children_follow_their_parents_and_scales_multiply(tmp_path):
+def test_child_transforms_are_composed_with_their_parents(tmp_path):
     builder = GlbBuilder()
     leaf = builder.node(root=False, mesh=builder.mesh(), translation=[1, 0, 0], scale=[2, 2, 2])
     arm = builder.node(root=False, children=[leaf], rotation=about_z(90))
@@ -92,14 +92,14 @@ def test_children_follow_their_parents_and_scales_multiply(tmp_path):
     np.testing.assert_allclose(first(load(builder, tmp_path), 0.0), [6, -3, 5], atol=1e-5)
 
 
-def test_a_node_matrix_is_read_by_columns(tmp_path):
+def test_node_matrix_is_column_major(tmp_path):
     builder = GlbBuilder()
     columns = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 8, 9, 1]
     builder.node(mesh=builder.mesh(), matrix=columns)
     np.testing.assert_allclose(first(load(builder, tmp_path), 0.0), [8, 7, 9], atol=1e-6)
 
 
-def test_clips_of_different_nodes_play_together_and_an_alternative_is_left_out(tmp_path):
+def test_animations_of_different_nodes_play_together_and_alternatives_do_not(tmp_path):
     builder = GlbBuilder()
     a, b = builder.node(mesh=builder.mesh()), builder.node(mesh=builder.mesh())
     for node, x, name in ((a, 2, "one"), (b, 4, "two"), (a, 8, "other")):

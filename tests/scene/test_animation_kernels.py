@@ -21,9 +21,7 @@ def unit(rng, count):
     seed=st.integers(0, 10_000), kind=st.sampled_from([STEP, LINEAR, CUBIC]), count=KEYS,
     turns=st.booleans(), at=st.floats(-0.5, 1.5), on_key=st.booleans(), nearly=st.booleans(),
 )  # fmt: skip
-def test_a_track_says_at_any_time_what_its_definition_says(
-    seed, kind, count, turns, at, on_key, nearly
-):
+def test_sampled_track_agrees_with_the_reference(seed, kind, count, turns, at, on_key, nearly):
     rng = np.random.default_rng(seed)
     times = np.cumsum(0.1 + rng.random(count))
     values = rng.normal(size=(count, 3, 4 if turns else 3))
@@ -47,7 +45,7 @@ def test_a_track_says_at_any_time_what_its_definition_says(
     np.testing.assert_array_equal(out, before)
 
 
-def test_a_rotation_without_length_is_none():
+def test_zero_quaternion_is_the_identity_rotation():
     out = np.zeros((1, 10))
     tracks = np.array([[0, 3, 4, LINEAR, 1, 0, 0, 1]])
     kernels.sample(0.0, tracks, np.zeros(1), np.zeros((1, 3, 4)), out)
@@ -82,7 +80,7 @@ def test_world_matrices_are_products_from_the_root_down(seed, count):
 
 
 @pytest.mark.parametrize("factor", [1e200, np.inf, np.nan])
-def test_numbers_beyond_all_bounds_come_through(factor):
+def test_infinite_and_nan_transforms_propagate(factor):
     local = np.zeros((2, 10))
     local[:, 6] = 1.0
     local[:, 7:] = factor

@@ -24,7 +24,7 @@ def random_matrix(rng):
 
 
 @pytest.mark.parametrize("sets", [1, 2])
-def test_a_skin_blends_joint_matrices_and_ignores_the_nodes_own_transform(tmp_path, sets):
+def test_skin_blends_joint_matrices_and_ignores_the_nodes_transform(tmp_path, sets):
     rng = np.random.default_rng(3)
     builder = GlbBuilder()
     joints = rng.integers(0, 5, (4, 4 * sets)).astype(np.uint8)
@@ -48,7 +48,7 @@ def test_a_skin_blends_joint_matrices_and_ignores_the_nodes_own_transform(tmp_pa
     np.testing.assert_allclose(np.linalg.norm(posed.normals, axis=1), 1.0, atol=1e-6)
 
 
-def test_a_joint_beyond_the_skin_is_refused(tmp_path):
+def test_joint_index_beyond_the_skin_is_refused(tmp_path):
     builder = GlbBuilder()
     joints = np.full((4, 4), 3, np.uint8)
     weights = np.full((4, 4), 0.25, np.float32)
@@ -59,7 +59,7 @@ def test_a_joint_beyond_the_skin_is_refused(tmp_path):
         load(builder, tmp_path)
 
 
-def test_morph_targets_add_displacements_of_positions_and_normals(tmp_path):
+def test_morph_targets_displace_positions_and_normals(tmp_path):
     rng = np.random.default_rng(5)
     up, side = rng.normal(size=(2, 4, 3))
     tilt = np.tile([[1.0, 0.0, 0.0]], (4, 1))
@@ -77,7 +77,7 @@ def test_morph_targets_add_displacements_of_positions_and_normals(tmp_path):
     np.testing.assert_allclose(posed.normals, np.tile(normal, (4, 1)), atol=1e-6)
 
 
-def test_rest_weights_hold_without_animation_and_a_nodes_own_come_first(tmp_path):
+def test_morph_weights_without_animation_come_from_the_node_then_the_mesh(tmp_path):
     builder = GlbBuilder()
     mesh = builder.mesh(targets=[{"POSITION": np.ones((4, 3))}], weights=[0.25])
     builder.node(mesh=mesh)
@@ -86,7 +86,7 @@ def test_rest_weights_hold_without_animation_and_a_nodes_own_come_first(tmp_path
     assert [mesh.positions[0][2] for mesh in posed.meshes] == [0.25, 2.0]
 
 
-def test_a_mesh_without_normals_gets_those_of_its_faces_at_every_time(tmp_path):
+def test_mesh_without_normals_gets_face_normals_at_every_time(tmp_path):
     builder = GlbBuilder()
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
     lifted = {"POSITION": [[0, 0, 0], [0, 0, 0], [0, 0, 1]]}
@@ -111,7 +111,7 @@ def test_normals_stay_perpendicular_under_uneven_scale_and_out_of_a_mirrored_mes
     assert (stretched.mirrored, mirrored.mirrored) == (False, True)
 
 
-def test_what_does_not_move_is_the_same_object_at_all_times(tmp_path):
+def test_static_mesh_returns_the_same_pose_at_all_times(tmp_path):
     builder = GlbBuilder()
     still, moving = builder.node(mesh=builder.mesh()), builder.node(mesh=builder.mesh())
     values = [[0, 0, 0], [1, 0, 0]]
@@ -133,7 +133,7 @@ def test_tiny_and_huge_scales_keep_shape_and_normals(tmp_path):
         np.testing.assert_allclose(posed.meshes[0].normals, NORMALS, atol=1e-6)
 
 
-def test_a_scene_without_skins_does_not_wait_for_scipy_to_load(tmp_path):
+def test_scene_without_skins_does_not_import_scipy(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())
     path = builder.write(tmp_path / "scene.glb")

@@ -55,7 +55,7 @@ def load(builder, tmp_path):
     return Scene.load(builder.write(tmp_path / "scene.glb"))
 
 
-def test_draco_meshes_are_the_triangles_that_went_in(tmp_path):
+def test_draco_compressed_mesh_decodes_to_its_triangles(tmp_path):
     triangles = load(compressed(), tmp_path).triangles(0.0)
     expected = np.concatenate([POSITIONS[FACES], POSITIONS[FACES] + 1])
     np.testing.assert_allclose(triangles, expected, atol=3e-4)
@@ -70,17 +70,17 @@ def test_draco_meshes_are_the_triangles_that_went_in(tmp_path):
         lambda data: data[:11] + b"\xff" * 8 + data[19:],
     ],
 )
-def test_broken_draco_data_is_one_line(tmp_path, damage):
+def test_damaged_draco_data_is_refused_in_one_line(tmp_path, damage):
     with pytest.raises(SceneError, match=r"Draco meshes are broken|accessors|indices|holds no"):
         load(compressed(damage=damage), tmp_path)
 
 
-def test_without_the_decoder_the_line_says_how_to_get_it(tmp_path, monkeypatch):
+def test_missing_draco_decoder_error_states_how_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setattr(draco.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(SceneError, match=r"pip install nlens-video\[draco\]; or decode it first"):
         load(compressed(), tmp_path)
 
 
-def test_a_draco_strip_is_refused(tmp_path):
+def test_draco_triangle_strip_is_refused(tmp_path):
     with pytest.raises(SceneError, match=r"mode is 5, expected triangles"):
         load(compressed(mode=5), tmp_path)

@@ -34,7 +34,7 @@ def irradiance_of(sky, normal):
     return (sky * cosine[..., None]).sum((0, 1))
 
 
-def test_one_bright_texel_is_one_light_from_there():
+def test_bright_texel_becomes_a_light_from_its_direction():
     light = reduce_environment(with_sun())
     (lamp,) = light.lamps
     expected = np.array([-1.0, -1.0, 0.0]) / math.sqrt(2.0)
@@ -45,13 +45,13 @@ def test_one_bright_texel_is_one_light_from_there():
     )
 
 
-def test_rotation_turns_it_counter_clockwise_seen_from_above():
+def test_environment_rotation_is_counter_clockwise_from_above():
     (lamp,) = reduce_environment(with_sun(), rotation_deg=90.0).lamps
     expected = np.array([0.0, -1.0, 1.0]) / math.sqrt(2.0)  # it stands over -Z now
     assert lamp.posed.direction == pytest.approx(expected, abs=0.04)
 
 
-def test_exposure_counts_in_stops():
+def test_environment_exposure_is_in_stops():
     one, eight = (reduce_environment(with_sun(), exposure_ev=ev) for ev in (0.0, 3.0))
     assert eight.ambient == pytest.approx(8.0 * one.ambient)
     assert eight.lamps[0].posed.light.intensity == pytest.approx(
@@ -59,14 +59,14 @@ def test_exposure_counts_in_stops():
     )
 
 
-def test_even_surroundings_have_no_light_and_their_own_irradiance():
+def test_uniform_environment_has_ambient_light_only():
     light = reduce_environment(even(0.5))
     assert light.lamps == ()
     for normal in np.vstack([np.eye(3), -np.eye(3)]):
         assert light.irradiance_around(normal) == pytest.approx(np.full(3, 0.5 * math.pi), rel=1e-3)
 
 
-def test_lights_and_light_around_are_together_the_whole_map():
+def test_lights_and_ambient_light_add_up_to_the_environment():
     rng = np.random.default_rng(3)
     sky = cv2.GaussianBlur(rng.random((64, 128, 3)).astype(np.float32) ** 4, (0, 0), 4)
     sky[10:16, 20:30] += 8.0
@@ -81,7 +81,7 @@ def test_lights_and_light_around_are_together_the_whole_map():
         assert total == pytest.approx(irradiance_of(sky, normal), rel=0.06)
 
 
-def test_black_surroundings_give_no_light():
+def test_black_environment_gives_no_light():
     light = reduce_environment(even(0.0))
     assert light.lamps == () and not light.ambient.any()
 
@@ -105,14 +105,14 @@ def test_hdr_file_is_read_as_it_was_written(tmp_path):
         ("wide.hdr", lambda path: cv2.imwrite(str(path), even()[:10]), "twice as wide"),
     ],
 )
-def test_what_is_no_map_gives_one_clear_line(tmp_path, name, write, words):
+def test_invalid_environment_map_is_refused_in_one_line(tmp_path, name, write, words):
     write(tmp_path / name)
     with pytest.raises(InputError, match=words) as caught:
         load_environment(tmp_path / name, 0.0, 0.0)
     assert "\n" not in str(caught.value)
 
 
-def test_plate_gives_level_tint_and_a_sky_brighter_than_the_ground():
+def test_light_estimated_from_the_plate_has_its_level_and_tint():
     plate = np.zeros((90, 160, 3), np.float32)
     plate[:45], plate[45:] = (0.3, 0.35, 0.5), (0.12, 0.1, 0.08)
     light, double = Illumination.of_plate(plate), Illumination.of_plate(plate * 1.5)
@@ -122,7 +122,7 @@ def test_plate_gives_level_tint_and_a_sky_brighter_than_the_ground():
     assert light.lamps[0].posed.direction[1] < 0.0
 
 
-def test_light_is_estimated_from_the_plate_only_where_no_file_tells_it():
+def test_light_is_estimated_from_the_plate_only_without_lights_in_the_files():
     plate_light = Illumination.of_plate(np.full((9, 16, 3), 0.4, np.float32))
     told = Illumination((), np.ones((9, 3)))
     guess, environment = SceneLight(0), SceneLight(0, told)
@@ -142,12 +142,12 @@ def test_light_is_estimated_from_the_plate_only_where_no_file_tells_it():
         (ShotFacts(lamps=1, strength=0.0), False, "--shadow-strength 0"),
     ],
 )
-def test_auto_casts_a_shadow_only_by_a_light_that_is_known(scene, wanted, words):
+def test_automatic_shadow_needs_a_known_light(scene, wanted, words):
     (decision,) = (one for one in decide("auto", scene) if one.effect == SHADOW)
     assert decision.wanted is wanted and words in decision.reason
 
 
-def test_a_shadow_can_be_asked_for_and_left_out():
+def test_shadow_can_be_requested_and_disabled():
     layers = ShotFacts(lamps=1, pre_rendered=True)
     for asked, wanted in (("defocus,shadow", True), ("defocus", False), ("none", False)):
         assert [d.wanted for d in decide(asked, layers) if d.effect == SHADOW] == [wanted]

@@ -31,7 +31,7 @@ def as_gltf(builder, folder, uri):
     return path
 
 
-def test_the_camera_has_the_files_pose_and_vertical_field_of_view(tmp_path):
+def test_camera_has_the_files_pose_and_vertical_field_of_view(tmp_path):
     builder = minimal()
     builder.node(camera=builder.camera(math.pi / 2), translation=[1, 2, 3], scale=[5, 5, 5])
     camera = load(builder, tmp_path).camera(0.0, 200, 100)
@@ -41,7 +41,7 @@ def test_the_camera_has_the_files_pose_and_vertical_field_of_view(tmp_path):
     np.testing.assert_allclose(camera.world_from_camera, expected, atol=1e-9)
 
 
-def test_cameras_are_chosen_by_name_and_an_unknown_name_lists_them(tmp_path):
+def test_unknown_camera_name_error_lists_the_cameras(tmp_path):
     builder = minimal()
     builder.node(camera=builder.camera(0.5, name="wide"))
     builder.node(camera=builder.camera(0.5), name="close", translation=[0, 0, 9])
@@ -53,7 +53,7 @@ def test_cameras_are_chosen_by_name_and_an_unknown_name_lists_them(tmp_path):
         scene.camera(0.0, 10, 10, "x")
 
 
-def test_a_camera_moves_with_its_node(tmp_path):
+def test_camera_follows_its_animated_node(tmp_path):
     builder = minimal()
     node = builder.node(camera=builder.camera())
     builder.animation((node, "translation", [0, 2], [[0, 0, 0], [4, 0, 0]], "LINEAR"))
@@ -61,7 +61,7 @@ def test_a_camera_moves_with_its_node(tmp_path):
 
 
 @pytest.mark.parametrize(("aspect", "warned"), [(2.0, False), (1.99, False), (1.9, True)])
-def test_a_camera_made_for_another_aspect_ratio_is_reported_once(tmp_path, aspect, warned):
+def test_camera_of_another_aspect_ratio_is_reported_once(tmp_path, aspect, warned):
     builder = minimal()
     builder.node(camera=builder.camera(aspect=aspect))
     scene = load(builder, tmp_path)
@@ -70,7 +70,7 @@ def test_a_camera_made_for_another_aspect_ratio_is_reported_once(tmp_path, aspec
     assert sum("aspect ratio" in line for line in scene.warnings) == int(warned)
 
 
-def test_a_scene_without_a_camera_says_what_to_do(tmp_path):
+def test_scene_without_a_camera_error_states_what_to_do(tmp_path):
     scene = load(minimal(), tmp_path)
     assert scene.camera_names == ()
     with pytest.raises(SceneError, match="add one in the modelling program and export it"):
@@ -115,7 +115,7 @@ def sorted_cycle(face):
     return face[start:] + face[:start]
 
 
-def test_points_are_left_out_with_a_word(tmp_path):
+def test_point_primitives_are_skipped_with_a_warning(tmp_path):
     builder = minimal()
     builder.node(mesh=builder.mesh(mode=0))
     scene = load(builder, tmp_path)
@@ -123,7 +123,7 @@ def test_points_are_left_out_with_a_word(tmp_path):
     assert any("points are not drawn" in line for line in scene.warnings)
 
 
-def test_instances_share_their_geometry_and_triangles_index_all_of_them(tmp_path):
+def test_instances_share_their_geometry(tmp_path):
     builder = GlbBuilder()
     mesh = builder.mesh(NORMAL=np.tile(np.array([[0, 0, 1]], np.float32), (4, 1)))
     builder.node(mesh=mesh)
@@ -172,7 +172,7 @@ def test_material_extensions_are_read(tmp_path):
     assert read.base_color_texture.uv_set == 1
 
 
-def test_a_gltf_reads_data_uris_and_files_in_its_folder(tmp_path):
+def test_gltf_reads_data_uris_and_files_in_its_folder(tmp_path):
     builder = minimal()
     encoded = base64.b64encode(builder.binary).decode()
     inline = as_gltf(builder, tmp_path, f"data:application/octet-stream;base64,{encoded}")
@@ -182,7 +182,7 @@ def test_a_gltf_reads_data_uris_and_files_in_its_folder(tmp_path):
 
 
 @pytest.mark.parametrize("uri", ["../x.bin", "sub/../../x.bin", "/etc/hostname", "file:///x.bin"])
-def test_a_gltf_cannot_reach_beyond_its_folder(tmp_path, uri):
+def test_gltf_cannot_read_files_outside_its_folder(tmp_path, uri):
     folder = tmp_path / "folder"
     (folder / "sub").mkdir(parents=True)
     (tmp_path / "x.bin").write_bytes(bytes(1000))
@@ -210,9 +210,7 @@ def test_a_gltf_cannot_reach_beyond_its_folder(tmp_path, uri):
         ({"scene": 3}, "index below 1"),
     ],
 )
-def test_a_scene_that_cannot_be_used_is_one_line_that_names_file_and_fault(
-    tmp_path, change, message
-):
+def test_unusable_scene_is_refused_in_one_line_with_file_and_reason(tmp_path, change, message):
     builder = minimal()
     builder.document.update(change)
     with pytest.raises(SceneError, match=message) as raised:
@@ -221,14 +219,14 @@ def test_a_scene_that_cannot_be_used_is_one_line_that_names_file_and_fault(
     assert "\n" not in str(raised.value)
 
 
-def test_an_index_beyond_the_vertices_is_refused(tmp_path):
+def test_vertex_index_out_of_range_is_refused(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh(faces=[0, 1, 4]))
     with pytest.raises(SceneError, match="vertex 4 of 4"):
         load(builder, tmp_path)
 
 
-def test_a_mesh_placed_thousands_of_times_is_refused_before_it_is_posed(tmp_path):
+def test_mesh_with_too_many_instances_is_refused_before_posing(tmp_path):
     builder = GlbBuilder()
     mesh = builder.mesh(np.zeros((20_000, 3), np.float32))
     for _ in range(1001):
@@ -238,14 +236,14 @@ def test_a_mesh_placed_thousands_of_times_is_refused_before_it_is_posed(tmp_path
         load(builder, tmp_path)
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_missing_scene_file_is_named(tmp_path):
     with pytest.raises(SceneError, match=r"none\.glb: cannot be read"):
         Scene.load(tmp_path / "none.glb")
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.data())
-def test_no_damage_to_a_file_does_more_than_raise_a_scene_error(tmp_path_factory, data):
+def test_damaged_file_raises_nothing_but_a_scene_error(tmp_path_factory, data):
     builder = GlbBuilder()
     texture = builder.texture(np.full((2, 2, 3), 200, np.uint8))
     material = builder.add("materials", {"normalTexture": {"index": texture}})
@@ -266,7 +264,7 @@ def test_no_damage_to_a_file_does_more_than_raise_a_scene_error(tmp_path_factory
 
 
 @pytest.mark.needs_truth
-def test_every_published_broken_file_loads_or_gives_one_line(shared):
+def test_published_invalid_files_load_or_are_refused_in_one_line(shared):
     paths = [p for p in (shared / "data/assets").rglob("*") if p.suffix in (".glb", ".gltf")]
     assert len(paths) > 400
     loaded = 0

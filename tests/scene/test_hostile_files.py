@@ -62,17 +62,17 @@ def refused(data, folder, line):
     assert "\n" not in str(raised.value)
 
 
-def test_the_rich_file_loads(tmp_path):
+def test_undamaged_test_file_loads(tmp_path):
     assert use(rich().bytes(), tmp_path)
 
 
-def test_a_file_cut_anywhere_is_refused(tmp_path):
+def test_truncated_file_is_refused(tmp_path):
     data = rich().bytes()
     for end in range(0, len(data) - 1, 41):
         assert not use(data[:end], tmp_path), end
 
 
-def test_a_file_with_any_byte_changed_loads_or_is_refused(tmp_path):
+def test_file_with_a_changed_byte_loads_or_is_refused(tmp_path):
     data = rich().bytes()
     for at in range(0, len(data), 127):
         for value in (0x00, 0xFF, data[at] ^ 0x01):
@@ -100,7 +100,7 @@ PLACES = list(places(RICH.document))
 
 @settings(max_examples=120, deadline=None)
 @given(changes=st.lists(st.tuples(st.sampled_from(PLACES), NASTY), min_size=1, max_size=4))
-def test_no_value_in_any_place_does_more_than_raise_a_scene_error(tmp_path_factory, changes):
+def test_any_json_value_anywhere_raises_nothing_but_a_scene_error(tmp_path_factory, changes):
     changed = GlbBuilder()
     changed.binary = RICH.binary
     changed.document = copy.deepcopy(RICH.document)
@@ -118,7 +118,7 @@ def test_no_value_in_any_place_does_more_than_raise_a_scene_error(tmp_path_facto
 
 
 @pytest.mark.parametrize("count", [10**6, 10**9, 10**15, 2**62])
-def test_an_accessor_of_zeros_cannot_grow_without_bound(tmp_path, tight, count):
+def test_size_of_accessors_without_data_is_limited(tmp_path, tight, count):
     builder = rich()
     builder.document["accessors"].append({"componentType": 5126, "count": count, "type": "VEC3"})
     builder.document["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = (
@@ -127,7 +127,7 @@ def test_an_accessor_of_zeros_cannot_grow_without_bound(tmp_path, tight, count):
     refused(builder.bytes(), tmp_path, "in memory .*not loaded")
 
 
-def test_primitives_targets_and_channels_that_share_accessors_are_counted_each(tmp_path, tight):
+def test_shared_accessors_count_for_each_use_in_the_limit(tmp_path, tight):
     many = GlbBuilder()
     many.node(mesh=many.mesh(np.zeros((2000, 3), np.float32), np.zeros((4000, 3))))
     primitive = many.document["meshes"][0]["primitives"][0]
@@ -149,7 +149,7 @@ def test_primitives_targets_and_channels_that_share_accessors_are_counted_each(t
     refused(moving.bytes(), tmp_path, r"samplers\[0\] would grow")
 
 
-def test_a_mesh_cannot_be_placed_without_bound(tmp_path, monkeypatch):
+def test_number_of_mesh_instances_is_limited(tmp_path, monkeypatch):
     from nlens_video.scene import scene as gltf
 
     monkeypatch.setattr(gltf, "MAX_VERTICES", 4000)
@@ -160,13 +160,13 @@ def test_a_mesh_cannot_be_placed_without_bound(tmp_path, monkeypatch):
     refused(builder.bytes(), tmp_path, "more than 4000 vertices after instancing")
 
 
-def test_pictures_are_bounded_by_their_size_before_they_are_decoded(tmp_path, tight):
+def test_picture_size_is_checked_before_decoding(tmp_path, tight):
     builder = rich()
     builder.document["images"][0]["bufferView"] = builder.view(png(600, 600))
     refused(builder.bytes(), tmp_path, r"images\[0\] \(600x600\) brings the pictures to 1 MiB")
 
 
-def test_a_picture_of_unreasonable_size_is_refused(tmp_path):
+def test_picture_of_excessive_size_is_refused(tmp_path):
     builder = rich()
     header = bytearray(png(8, 8))
     header[16:24] = (100_000).to_bytes(4, "big") * 2
@@ -181,14 +181,14 @@ def png(width, height):
     return file.getvalue()
 
 
-def test_pictures_of_other_formats_are_not_tried(tmp_path):
+def test_pictures_of_unsupported_formats_are_not_decoded(tmp_path):
     builder = rich()
     eps = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n"
     builder.document["images"][0]["bufferView"] = builder.view(eps)
     refused(builder.bytes(), tmp_path, r"images\[0\] cannot be decoded")
 
 
-def test_nodes_cannot_be_nested_without_bound(tmp_path):
+def test_depth_of_the_node_tree_is_limited(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh(), children=[1])
     for index in range(1, 2_100):
@@ -196,7 +196,7 @@ def test_nodes_cannot_be_nested_without_bound(tmp_path):
     refused(builder.bytes(), tmp_path, "nested more than 2000 deep")
 
 
-def test_json_is_bounded_in_depth_and_in_parts(tmp_path, tight):
+def test_json_depth_and_number_of_elements_are_limited(tmp_path, tight):
     path = tmp_path / "deep.gltf"
     path.write_text("[" * 40_000)
     with pytest.raises(SceneError, match="JSON is broken"):
@@ -206,13 +206,13 @@ def test_json_is_bounded_in_depth_and_in_parts(tmp_path, tight):
         Scene.load(path)
 
 
-def test_a_file_or_device_is_not_read_beyond_its_bound(tmp_path, tight):
+def test_file_or_device_is_not_read_beyond_the_size_limit(tmp_path, tight):
     (tmp_path / "scene.glb").symlink_to("/dev/zero")
     with pytest.raises(SceneError, match="more than 1 MiB"):
         Scene.load(tmp_path / "scene.glb")
 
 
-def test_files_beside_the_scene_are_read_once_and_bounded_together(tmp_path, tight):
+def test_external_files_are_read_once_and_share_a_size_limit(tmp_path, tight):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())
     parts = [builder.binary[:]] + [bytes(400_000)] * 3
@@ -241,7 +241,7 @@ def test_files_beside_the_scene_are_read_once_and_bounded_together(tmp_path, tig
     assert len(Scene.load(path).pose(0.0).meshes) == 1
 
 
-def test_a_link_in_the_folder_cannot_lead_out_of_it(tmp_path):
+def test_symbolic_link_out_of_the_folder_is_refused(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())
     folder = tmp_path / "folder"
@@ -257,7 +257,7 @@ def test_a_link_in_the_folder_cannot_lead_out_of_it(tmp_path):
             Scene.load(path)
 
 
-def test_a_name_cannot_break_the_line_that_it_stands_in(tmp_path):
+def test_control_characters_of_names_are_escaped_in_messages(tmp_path):
     builder = rich()
     builder.document["animations"][0]["name"] = "a\nb\x1b[31m"
     (tmp_path / "scene.glb").write_bytes(builder.bytes())

@@ -55,7 +55,7 @@ def body(seed, *, skinned, morphed):
 @pytest.mark.parametrize(("skinned", "morphed"), [(0, 0), (1, 0), (0, 1), (1, 1)])
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), moments=st.lists(st.floats(0, 1), min_size=2, max_size=3))
-def test_every_vertex_lies_in_the_hull(tmp_path_factory, skinned, morphed, seed, moments):
+def test_every_vertex_lies_in_the_predicted_hull(tmp_path_factory, skinned, morphed, seed, moments):
     path = tmp_path_factory.mktemp("hull") / "body.glb"
     scene = Scene.load(body(seed, skinned=skinned, morphed=morphed).write(path))
     for moment in moments:
@@ -65,7 +65,7 @@ def test_every_vertex_lies_in_the_hull(tmp_path_factory, skinned, morphed, seed,
         assert inside.all()
 
 
-def test_morphed_body_is_held_at_each_moment(tmp_path):
+def test_hull_of_a_morphed_mesh_encloses_it_at_each_time(tmp_path):
     """Its boxes are not those of the moment that was asked for before."""
     builder = GlbBuilder()
     corners = np.random.default_rng(0).random((3 * TRIANGLES, 3)).astype(np.float32)
@@ -78,7 +78,7 @@ def test_morphed_body_is_held_at_each_moment(tmp_path):
 
 
 @pytest.mark.parametrize("place", [(1e30, 0, 0), (0, 0, 1e30), (0, 0, -1e30)])
-def test_skin_out_of_all_proportion_is_an_error_wherever_it_throws_the_object(tmp_path, place):
+def test_skin_that_moves_the_object_out_of_range_is_refused(tmp_path, place):
     builder = GlbBuilder()
     count = 3 * TRIANGLES
     mesh = builder.mesh(
@@ -97,7 +97,7 @@ def test_skin_out_of_all_proportion_is_an_error_wherever_it_throws_the_object(tm
 
 
 @pytest.mark.parametrize("offset", [(0, 0, 5.0), (40.0, 0, 0), (-40.0, 0, 0), (0, 40.0, 0)])
-def test_object_far_out_of_view_is_let_go_without_moving_a_vertex(tmp_path, offset, monkeypatch):
+def test_object_far_out_of_view_is_culled_before_deforming_vertices(tmp_path, offset, monkeypatch):
     builder = GlbBuilder()
     mesh = builder.mesh(np.random.default_rng(0).random((3 * TRIANGLES, 3), np.float32), FACES)
     x, y, z = offset
@@ -113,9 +113,7 @@ def test_object_far_out_of_view_is_let_go_without_moving_a_vertex(tmp_path, offs
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10_000), moment=st.floats(0, 1), length=st.floats(0, 0.1))
-def test_no_vertex_travels_farther_on_the_screen_than_the_bound(
-    tmp_path_factory, seed, moment, length
-):
+def test_screen_motion_of_vertices_stays_within_the_bound(tmp_path_factory, seed, moment, length):
     builder = body(seed, skinned=seed % 2, morphed=0)
     rng = np.random.default_rng(seed)
     camera = builder.node(camera=builder.camera(0.7), translation=[0, 0, 25.0])
@@ -132,7 +130,7 @@ def test_no_vertex_travels_farther_on_the_screen_than_the_bound(
         assert sum(ways).max() <= bound * (1 + 1e-4) + 1e-3
 
 
-def test_what_does_not_move_needs_no_moment_more_and_what_morphs_tells_nothing(tmp_path):
+def test_screen_motion_bound_is_zero_at_rest_and_infinite_for_morph_targets(tmp_path):
     builder = body(1, skinned=1, morphed=1)
     builder.node(camera=builder.camera(0.7), translation=[0, 0, 25.0])
     morphing = Scene.load(builder.write(tmp_path / "a.glb"))

@@ -42,7 +42,7 @@ def load(builder, tmp_path):
     return Scene.load(builder.write(tmp_path / "scene.glb"))
 
 
-def test_an_objects_triangles_are_its_nodes_and_those_that_it_carries(tmp_path):
+def test_triangles_of_an_object_include_its_child_nodes(tmp_path):
     scene = load(two_cards(near_first=True), tmp_path)
     assert scene.triangles(0.0).shape == (4, 3, 3)
     for name in ("car", "rider"):
@@ -52,7 +52,7 @@ def test_an_objects_triangles_are_its_nodes_and_those_that_it_carries(tmp_path):
         scene.triangles(0.0, "bus")
 
 
-def test_the_footprint_is_that_of_the_named_object_else_of_all(tmp_path):
+def test_footprint_is_that_of_the_named_object_or_of_all(tmp_path):
     scene = load(two_cards(near_first=True), tmp_path)
     view = View(width=64, height=48)
     renderer = PyrenderObjectRenderer(scene)
@@ -65,7 +65,7 @@ def test_the_footprint_is_that_of_the_named_object_else_of_all(tmp_path):
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("near_first", [True, False])
-def test_the_near_object_hides_the_far_one_and_each_keeps_its_depth(tmp_path, near_first):
+def test_near_object_occludes_the_far_one_and_each_keeps_its_depth(tmp_path, near_first):
     scene = load(two_cards(near_first), tmp_path)
     camera = scene.camera(0.0, 96, 72)
     with PyrenderObjectRenderer(scene) as renderer:

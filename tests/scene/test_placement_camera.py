@@ -33,7 +33,7 @@ def seen(camera, points):
     focal=st.floats(14.0, 200.0),
     aspect=st.sampled_from([1.0, 0.5, 4 / 3]),
 )
-def test_the_object_stands_where_it_was_told_as_high_as_told(
+def test_placed_object_has_the_given_position_and_height(
     x, below, size, yaw, horizon, focal, aspect
 ):
     at = (x, horizon + below)
@@ -56,7 +56,7 @@ def test_the_object_stands_where_it_was_told_as_high_as_told(
 
 
 @pytest.mark.parametrize("horizon", [-0.3, 0.0, 0.5, 0.7])
-def test_the_ground_ends_at_the_horizon(horizon):
+def test_ground_ends_at_the_given_horizon(horizon):
     camera = place((0.3, 0.9), horizon=horizon)
     far = camera.world_from_camera[:3, 3] * [1, 0, 1] + [0, 3, 0]
     ahead = camera.world_from_camera[:3, :3] @ [0, 0, -1] * [1, 0, 1]
@@ -64,7 +64,7 @@ def test_the_ground_ends_at_the_horizon(horizon):
     np.testing.assert_allclose(camera.world_from_camera[1, 0], 0, atol=1e-12)  # not rolled
 
 
-def test_the_front_faces_the_viewer_and_yaw_turns_it_counter_clockwise_seen_from_above():
+def test_yaw_rotates_the_front_counter_clockwise_from_above():
     eye = place().world_from_camera[:3, 3] - FOOT
     assert abs(eye[0]) < 1e-9
     assert eye[2] > 0
@@ -74,13 +74,13 @@ def test_the_front_faces_the_viewer_and_yaw_turns_it_counter_clockwise_seen_from
     assert front[0] > back[0]
 
 
-def test_a_full_frame_diagonal_at_the_focal_length_is_the_field_of_view():
+def test_focal_length_refers_to_the_full_frame_diagonal():
     camera = place(focal=50.0, aspect=2.0)
     assert camera.fy == pytest.approx(50 / math.hypot(36, 24) * math.hypot(192, 54))
     assert camera.fx == pytest.approx(camera.fy / 2)
 
 
-def test_legs_stand_round_the_contact_point():
+def test_contact_point_is_the_centre_between_the_legs():
     legs = [[0, 0, 0], [2, 0.005, 0], [2, 0, 4], [0, 0, 4], [9, 1, 9]]
     np.testing.assert_allclose(contact_point(np.array(legs, np.float32)), [1, 0, 2])
     np.testing.assert_allclose(contact_point(np.array(legs, np.float32), -1.0), [1, -1, 2])
@@ -95,12 +95,12 @@ def test_legs_stand_round_the_contact_point():
         ({"at": (math.nan, 0.9), "size": 0.1}, "must be numbers"),
     ],
 )
-def test_a_place_that_makes_no_sense_is_a_usage_error(wrong, line):
+def test_invalid_placement_is_a_usage_error(wrong, line):
     with pytest.raises(UsageError, match=line):
         Placement(**wrong)
 
 
-def test_an_object_that_would_reach_behind_the_camera_is_refused():
+def test_placement_that_reaches_behind_the_camera_is_refused():
     with pytest.raises(SceneError, match="give a smaller --size or a higher horizon"):
         place(size=1.0, vertices=BOX * [1, 1, 50])
     with pytest.raises(SceneError, match="reach behind the camera"):
@@ -116,5 +116,5 @@ def test_an_object_that_would_reach_behind_the_camera_is_refused():
         ({"FocalLengthIn35mmFilm": "wide", "title": "26"}, None),
     ],
 )
-def test_the_focal_length_is_read_from_the_recordings_metadata(metadata, focal):
+def test_focal_length_is_read_from_the_recordings_metadata(metadata, focal):
     assert focal_35mm(metadata) == focal

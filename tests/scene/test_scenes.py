@@ -33,14 +33,14 @@ def depth_of(scene):
     ("default", "asked", "depth"),
     [(None, None, 0.0), (1, None, -10.0), (None, "night", -10.0), (1, "0", 0.0), (1, "day", 0.0)],
 )
-def test_a_scene_is_shown_by_default_or_by_name_or_by_number(tmp_path, default, asked, depth):
+def test_scene_is_selected_by_default_name_or_index(tmp_path, default, asked, depth):
     path = two_scenes(tmp_path / "a.glb", default=default)
     scene = Scene.load(path, scene=asked)
     assert depth_of(scene) == depth
     assert len(scene.camera_names) == 1 and scene.camera_names[0] == f"camera of {int(depth < 0)}"
 
 
-def test_other_scenes_are_named_unless_one_is_asked_for(tmp_path):
+def test_other_scenes_of_the_file_are_listed_unless_one_is_selected(tmp_path):
     path = two_scenes(tmp_path / "a.glb")
     told = "of 2 scenes day is shown; --scene NAME shows another: night"
     assert told in Scene.load(path).warnings
@@ -49,7 +49,7 @@ def test_other_scenes_are_named_unless_one_is_asked_for(tmp_path):
     assert "of 2 scenes 0 is shown; --scene NAME shows another: 1" in unnamed.warnings
 
 
-def test_a_scene_that_is_not_there_is_one_line_with_those_that_are(tmp_path):
+def test_unknown_scene_error_lists_the_scenes(tmp_path):
     path = two_scenes(tmp_path / "a.glb")
     with pytest.raises(SceneError, match="no scene is named 'dusk'; expected one of day, night"):
         Scene.load(path, scene="dusk")
@@ -63,7 +63,7 @@ def test_a_scene_that_is_not_there_is_one_line_with_those_that_are(tmp_path):
         Scene.load(bare, scene="day")
 
 
-def test_the_camera_that_is_named_is_the_one_whose_motion_is_followed(tmp_path):
+def test_motion_of_the_selected_camera_is_used(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())
     builder.node(camera=builder.camera(0.6, name="still"), translation=[0, 0, 3])

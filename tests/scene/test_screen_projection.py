@@ -33,7 +33,7 @@ def inside_hull(rng, points, count=200):
 
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 100_000), count=st.integers(1, 20), spread=st.sampled_from([0.02, 3.0]))
-def test_nothing_of_a_hull_that_misses_the_box_projects_into_it(seed, count, spread):
+def test_points_of_a_culled_hull_project_outside_the_box(seed, count, spread):
     rng = np.random.default_rng(seed)
     camera = random_camera(rng)
     points = points_near(rng, camera, count, spread)
@@ -45,7 +45,7 @@ def test_nothing_of_a_hull_that_misses_the_box_projects_into_it(seed, count, spr
         assert not hits.any()
 
 
-def test_hull_beside_or_behind_the_frame_misses_it_and_one_in_the_middle_does_not():
+def test_hull_beside_or_behind_the_frame_is_culled_and_one_inside_is_not():
     camera = Camera.from_yfov(np.eye(4), 1.0, 320, 200)
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     assert not misses(cube + [0, 0, -9], camera, BOX)
@@ -55,7 +55,7 @@ def test_hull_beside_or_behind_the_frame_misses_it_and_one_in_the_middle_does_no
     assert not misses(np.empty((0, 3)), camera, BOX)
 
 
-def test_points_that_are_no_numbers_may_project_anywhere():
+def test_hull_with_nan_or_infinite_points_is_never_culled():
     camera = Camera.from_yfov(np.eye(4), 1.0, 320, 200)
     for wrong in (np.nan, np.inf, -np.inf):
         points = np.full((2, 3), wrong)
@@ -69,7 +69,7 @@ def test_points_that_are_no_numbers_may_project_anywhere():
     seed=st.integers(0, 100_000), moments=st.integers(1, 4), count=st.integers(1, 9),
     step=st.sampled_from([0.0, 1e-3, 0.3]),
 )  # fmt: skip
-def test_no_point_of_a_hull_travels_farther_than_the_bound(seed, moments, count, step):
+def test_screen_motion_of_a_hull_stays_within_the_bound(seed, moments, count, step):
     rng = np.random.default_rng(seed)
     camera = random_camera(rng)
     points = points_near(rng, camera, count, 0.3)

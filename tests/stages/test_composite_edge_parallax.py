@@ -67,7 +67,7 @@ def laid(rgba, plate):
 @pytest.mark.parametrize(
     ("object_coc", "plate_coc"), [(12.0, 6.0), (12.0, -6.0), (-8.0, -12.0), (16.0, 14.0)]
 )
-def test_the_plate_past_an_edge_is_what_the_free_part_of_the_lens_sees(object_coc, plate_coc):
+def test_plate_beside_an_edge_is_seen_by_the_unoccluded_part_of_the_lens(object_coc, plate_coc):
     plate, rgba, truth = seen(object_coc, plate_coc)
     wide = np.pad(plate, ((16, 16), (16, 16), (0, 0)), mode="edge")
     found = edge_parallax_layer(rgba, wide, even(object_coc), even(plate_coc), even(1.0), margin=16)
@@ -80,7 +80,7 @@ def test_the_plate_past_an_edge_is_what_the_free_part_of_the_lens_sees(object_co
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 9999), st.floats(0.6, 1.6))
-def test_fast_and_reference_agree(seed, aspect):
+def test_edge_parallax_kernel_agrees_with_the_reference(seed, aspect):
     rng = np.random.default_rng(seed)
     rgba = rng.random((17, 23, 4), dtype=np.float32)
     rgba[..., 3] = np.clip(1.4 * rgba[..., 3] - 0.2, 0.0, 1.0)
@@ -119,7 +119,7 @@ def looked_at(disparity, wall_beyond=0.0):
     return ground_visibility(disparity, said, np.full_like(said, 1.0), expected)
 
 
-def test_ground_is_seen_as_far_as_the_plate_is_as_blurred_as_it():
+def test_ground_is_visible_as_far_as_the_plate_has_its_coc():
     disparity = np.random.default_rng(2).uniform(0.05, 0.9, 4000)
     assert [share for _, share in looked_at(disparity)] == [1.0] * 8
     fit = replace(FIT, ground_seen=looked_at(disparity, wall_beyond=0.4))
@@ -128,11 +128,11 @@ def test_ground_is_seen_as_far_as_the_plate_is_as_blurred_as_it():
     assert not replace(FIT, ground_seen=()).ground_share(np.float32([0.1, 0.5])).any()
 
 
-def test_ground_of_one_distance_gives_one_pair():
+def test_ground_at_one_distance_gives_a_single_visibility_sample():
     assert len(looked_at(np.full(100, 0.5))) == 1
 
 
-def test_what_was_seen_of_the_ground_is_kept_with_the_fit():
+def test_ground_visibility_is_saved_with_the_fit():
     fit = replace(FIT, ground_seen=looked_at(np.linspace(0.05, 0.9, 400), wall_beyond=0.3))
     again = LensFit.from_json(fit.to_json())
     assert again == fit
@@ -142,7 +142,7 @@ def test_what_was_seen_of_the_ground_is_kept_with_the_fit():
 @pytest.mark.parametrize(
     "pairs", ["[[0.1]]", '"far"', "[[0.2, 1.0], [0.1, 1.0]]", "[[0.1, 1.5]]", "[[0.1, NaN]]", "{}"]
 )
-def test_a_saved_fit_that_says_nonsense_of_the_ground_is_refused(pairs):
+def test_saved_fit_with_invalid_ground_visibility_is_refused(pairs):
     text = f'{{"slope": 1, "intercept": 0, "width": 9, "height": 9, "ground_seen": {pairs}}}'
     with pytest.raises(LensFitError, match="ground_seen"):
         LensFit.from_json(text)
@@ -156,7 +156,7 @@ def layer(coc=10.0):
     return defocused, BlurredLayer(box=FRAME, rgba=scatter(rgba, even(coc)))
 
 
-def test_only_half_covered_pixels_over_seen_ground_change():
+def test_edge_parallax_changes_only_half_covered_pixels_over_visible_ground():
     camera = looking_down()
     defocused, blurred = layer()
     rng = np.random.default_rng(1)
@@ -170,7 +170,7 @@ def test_only_half_covered_pixels_over_seen_ground_change():
         assert edge_parallax(blurred, picture, defocused, fit, camera, 0.0) is blurred
 
 
-def test_above_the_horizon_nothing_changes():
+def test_edge_parallax_changes_nothing_above_the_horizon():
     camera = looking_down(pitch=-1.0)
     assert camera.plane_disparity(0.0).max() < 0.0
     defocused, blurred = layer()
@@ -178,7 +178,7 @@ def test_above_the_horizon_nothing_changes():
     assert edge_parallax(blurred, picture, defocused, FIT, camera, 0.0) is blurred
 
 
-def test_the_border_of_the_frame_is_no_obstacle():
+def test_frame_border_does_not_occlude_the_lens():
     camera = looking_down()
     defocused, blurred = layer()
     picture = ArrayPicture(np.full((SIZE[1], SIZE[0], 3), 90, np.uint8), "rgb")
@@ -187,7 +187,7 @@ def test_the_border_of_the_frame_is_no_obstacle():
     np.testing.assert_allclose(found.rgba, low.rgba, atol=1e-6)  # an even plate stays even
 
 
-def test_nothing_pops_while_the_object_slides():
+def test_edge_parallax_does_not_flicker_while_the_object_slides():
     plate, _, _ = seen(12.0, 6.0, points=40)
     wide = np.pad(plate, ((16, 16), (16, 16), (0, 0)), mode="edge")
     columns, rows = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)

@@ -79,20 +79,20 @@ def noise_picture(diameter, seed=3, size=256):
     return np.float32(np.round(255 * code) / 255)
 
 
-def test_a_noise_texture_blurred_by_a_known_disc_reads_as_that_disc(network):
+def test_texture_blurred_by_a_known_disc_is_estimated_as_that_coc(network):
     for diameter in (4.0, 8.0, 16.0):
         coc = estimate_coc(network, noise_picture(diameter)).coc_px
         assert np.median(coc) == pytest.approx(diameter, rel=0.25), diameter
 
 
-def test_flat_grey_is_unsure_and_texture_is_sure(network):
+def test_flat_grey_has_a_large_expected_error_and_texture_a_small_one(network):
     flat = estimate_coc(network, np.full((256, 256, 3), 0.5, np.float32))
     textured = estimate_coc(network, noise_picture(8.0))
     relative = np.median(flat.sigma_px / (1 + flat.coc_px))
     assert relative > 3 * np.median(textured.sigma_px / (1 + textured.coc_px))
 
 
-def test_the_same_picture_gives_the_same_bits(network):
+def test_coc_estimate_is_deterministic(network):
     picture = noise_picture(6.0)
     first, second = estimate_coc(network, picture), estimate_coc(network, picture)
     np.testing.assert_array_equal(first.coc_px, second.coc_px)
@@ -100,7 +100,7 @@ def test_the_same_picture_gives_the_same_bits(network):
 
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
-def test_what_is_clipped_or_flat_is_unsure_not_sharp(network, value):
+def test_clipped_or_flat_areas_are_uncertain_and_not_sharp(network, value):
     picture = noise_picture(8.0, size=384)
     picture[120:264, 120:264] = value
     sigma = estimate_coc(network, picture).sigma_px
@@ -108,7 +108,7 @@ def test_what_is_clipped_or_flat_is_unsure_not_sharp(network, value):
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (17, 31), (31, 1000), (33, 64), (270, 480)])
-def test_every_size_gives_maps_of_that_size(network, shape):
+def test_coc_map_has_the_size_of_the_picture(network, shape):
     rgb = np.random.default_rng(0).random((*shape, 3), dtype=np.float32)
     result = EstimateCoc(network)(Still(rgb))
     assert result.coc_px.shape == result.sigma_px.shape == shape
@@ -116,7 +116,7 @@ def test_every_size_gives_maps_of_that_size(network, shape):
     assert np.isfinite(result.coc_px).all() and np.isfinite(result.sigma_px).all()
 
 
-def test_the_map_lies_on_the_pixels_it_was_read_from():
+def test_coc_map_is_aligned_with_the_picture():
     for shape, scale in (((50, 70, 3), 2), ((40, 960, 3), 1), ((40, 1920, 3), 0.5)):
         result = estimate_coc(ColumnNetwork(), np.zeros(shape, np.float32))
         # a "diameter" that is the column seen by the network comes back as the frame's own column
@@ -126,7 +126,7 @@ def test_the_map_lies_on_the_pixels_it_was_read_from():
         np.testing.assert_allclose(seen, expected[edge:-edge], atol=0.02 + 1e-4 * shape[1])
 
 
-def test_a_small_frame_is_read_enlarged_up_to_twice():
+def test_small_frame_is_enlarged_up_to_twice_for_the_network():
     seen = []
 
     class Looking(TenPixels):
@@ -141,7 +141,7 @@ def test_a_small_frame_is_read_enlarged_up_to_twice():
         np.testing.assert_allclose(result.coc_px, 10 / factor, rtol=1e-6)
 
 
-def test_diameters_of_a_4k_frame_count_its_own_pixels():
+def test_coc_of_a_4k_frame_is_in_its_own_pixels():
     texture = np.random.default_rng(0).random((540, 960, 3), dtype=np.float32)
     result = estimate_coc(TenPixels(), texture.repeat(4, axis=0).repeat(4, axis=1))
     assert result.coc_px.shape == (2160, 3840)
@@ -149,13 +149,13 @@ def test_diameters_of_a_4k_frame_count_its_own_pixels():
     np.testing.assert_allclose(result.sigma_px, 4.0, rtol=1e-6)
 
 
-def test_what_is_no_picture_is_refused():
+def test_invalid_picture_is_refused():
     for shape in [(8, 8), (8, 8, 4), (0, 8, 3)]:
         with pytest.raises(ValueError, match="must be"):
             estimate_coc(TenPixels(), np.zeros(shape, np.float32))
 
 
-def test_a_closed_network_says_so():
+def test_closed_network_refuses_to_run():
     network = OnnxCocNetwork(find_model("coc").path)
     network.close()
     network.close()
@@ -163,7 +163,7 @@ def test_a_closed_network_says_so():
         network(np.zeros((32, 32, 3), np.float32))
 
 
-def test_a_file_that_is_no_network_gives_one_clear_line(tmp_path):
+def test_invalid_network_file_is_refused_in_one_line(tmp_path):
     path = tmp_path / "broken.onnx"
     path.write_bytes(b"not a network")
     with pytest.raises(NlensError, match=r"broken\.onnx.*cannot load") as caught:
@@ -171,7 +171,7 @@ def test_a_file_that_is_no_network_gives_one_clear_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_importing_the_stage_loads_no_heavy_library():
+def test_importing_the_coc_stage_loads_no_heavy_library():
     code = (
         "import sys, nlens_video.stages.f_coc, nlens_video.networks.model_store;"
         "print([m for m in ('onnxruntime', 'torch', 'av') if m in sys.modules])"

@@ -25,14 +25,14 @@ def noisy(rng, picture, deviation=0.02):
     return (picture + grain).astype(np.float32)
 
 
-def test_mean_of_eight_still_frames_has_a_third_of_the_noise(rng, scene):
+def test_mean_of_eight_static_frames_has_a_third_of_the_noise(rng, scene):
     frames = [noisy(rng, scene) for _ in range(8)]
     mean, used = temporal_mean(frames[0], frames[1:])
     assert used == 8
     assert np.std(mean - scene) < 0.4 * np.std(frames[0] - scene)
 
 
-def test_frames_after_the_camera_moved_are_not_even_read(rng, scene):
+def test_frames_after_a_camera_movement_are_not_read(rng, scene):
     moved = np.roll(scene, 2, axis=1)
 
     def following():
@@ -46,7 +46,7 @@ def test_frames_after_the_camera_moved_are_not_even_read(rng, scene):
     assert np.std(mean - scene) < np.std(first - scene)
 
 
-def test_what_moves_keeps_the_samples_of_the_first_frame(rng, scene):
+def test_moving_areas_keep_the_samples_of_the_first_frame(rng, scene):
     first = noisy(rng, scene, 0.012)
     later = []
     for shift in range(1, 6):
@@ -59,7 +59,7 @@ def test_what_moves_keeps_the_samples_of_the_first_frame(rng, scene):
     assert np.abs(mean - scene).max() < 0.07
 
 
-def test_plate_without_noise_is_read_from_one_frame(rng, scene):
+def test_plate_without_noise_uses_one_frame(rng, scene):
     def following():
         yield noisy(rng, scene, 0.001)
         pytest.fail("read on though there is no noise to be averaged")
@@ -70,14 +70,14 @@ def test_plate_without_noise_is_read_from_one_frame(rng, scene):
     assert np.array_equal(mean, first)
 
 
-def test_change_of_light_as_a_whole_is_not_taken_for_motion(rng, scene):
+def test_global_change_of_light_is_not_motion(rng, scene):
     frames = [noisy(rng, scene + 0.01 * step, 0.01) for step in range(4)]
     mean, used = temporal_mean(frames[0], frames[1:])
     assert used == 4
     assert np.std(mean - mean.mean() - (scene - scene.mean())) < 0.7 * 0.01
 
 
-def test_plate_of_nothing_is_pooled_or_left_without_harm():
+def test_flat_or_tiny_plate_is_accepted():
     flat = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     mean, _ = temporal_mean(flat, [flat.copy()] * 3)
     assert np.array_equal(mean, flat)
@@ -98,7 +98,7 @@ def frame(index):
     )  # fmt: skip
 
 
-def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
+def test_lookahead_keeps_order_and_stops_when_no_longer_needed():
     read = []
 
     def items():
@@ -122,7 +122,7 @@ def test_foresight_keeps_order_and_ends_when_it_is_no_longer_wanted():
     assert ahead[12] == 0
 
 
-def test_foresight_at_the_end_of_a_clip_shows_what_is_left():
+def test_lookahead_at_the_end_of_a_clip_holds_the_remaining_frames():
     frames = LookAhead(frame(i) for i in range(3))
     lengths = [len(following) for _, following in frames.iterate(lambda: True)]
     assert lengths == [2, 1, 0]

@@ -77,7 +77,7 @@ LEAST_GAIN_DB = {  # strong texture goes on behind every edge, and nobody can kn
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
-def test_it_comes_nearer_to_a_sampled_lens_than_the_scatter(repair, scene):
+def test_repair_network_is_closer_to_a_sampled_lens_than_scatter(repair, scene):
     sharp = defocused(SCENES[scene])
     before = scattered(sharp)
     after = repair(sharp, before)
@@ -89,13 +89,13 @@ def test_it_comes_nearer_to_a_sampled_lens_than_the_scatter(repair, scene):
     assert gain > LEAST_GAIN_DB[scene]
 
 
-def test_an_object_without_a_step_keeps_the_very_layer_of_the_scatter(repair):
+def test_object_without_a_depth_discontinuity_is_returned_unchanged(repair):
     sharp = defocused([FAR])
     before = scattered(sharp)
     assert repair(sharp, before) is before
 
 
-def test_pixels_out_of_reach_of_a_step_keep_the_scatters_bits(repair):
+def test_pixels_out_of_reach_of_a_discontinuity_keep_the_scatters_bits(repair):
     sharp = defocused([FAR, NEAR])
     before = scattered(sharp)
     after = repair(sharp, before)
@@ -106,7 +106,7 @@ def test_pixels_out_of_reach_of_a_step_keep_the_scatters_bits(repair):
     assert not np.array_equal(before.rgba[reach], after.rgba[reach])
 
 
-def test_light_counts_in_proportion_and_nothing_clips_at_white(repair):
+def test_repair_is_linear_in_light_and_does_not_clip(repair):
     one, ten = (defocused([FAR, NEAR], light=light) for light in (1.0, 10.0))
     dim, bright = (repair(sharp, scattered(sharp)) for sharp in (one, ten))
     assert bright.rgba[..., :3].max() > 3.0
@@ -114,7 +114,7 @@ def test_light_counts_in_proportion_and_nothing_clips_at_white(repair):
     assert bright.rgba[..., 3] == pytest.approx(dim.rgba[..., 3], abs=1e-5)
 
 
-def test_alpha_stays_in_range_and_light_is_not_negative(repair):
+def test_repaired_alpha_stays_in_range_and_light_is_not_negative(repair):
     for slabs in SCENES.values():
         sharp = defocused(slabs)
         after = repair(sharp, scattered(sharp)).rgba
@@ -134,7 +134,7 @@ def test_a_smaller_frame_shows_the_same_where_it_still_sees_the_object(repair):
     assert seen == pytest.approx(whole.rgba[common.slices_in(whole.box)], abs=2e-3)
 
 
-def test_an_object_that_moves_by_64_px_takes_its_picture_along(repair):
+def test_repair_of_an_object_shifted_by_64_px_is_shifted(repair):
     pictures = []
     for shift in (0, 64):
         box = Box(BOX.x0 + shift, BOX.y0 + shift, BOX.x1 + shift, BOX.y1 + shift)
@@ -161,7 +161,7 @@ def test_a_slide_by_tenths_of_a_pixel_does_not_pop(repair):
 
 
 @pytest.mark.slow
-def test_a_step_that_appears_slowly_does_not_pop(repair):
+def test_repair_does_not_flicker_while_a_discontinuity_appears(repair):
     frames = []
     for near in np.linspace(1.2, 6.0, 49):
         slabs = [
@@ -174,24 +174,24 @@ def test_a_step_that_appears_slowly_does_not_pop(repair):
     assert np.abs(np.diff(frames, n=2, axis=0)).max() < 0.05
 
 
-def test_a_region_gets_the_same_judgement_however_it_is_cut(network):
+def test_repair_network_does_not_depend_on_the_crop(network):
     rng = np.random.default_rng(0)
     maps = rng.random((96, 112, CHANNELS), dtype=np.float32)
     whole, part = network(maps), network(np.ascontiguousarray(maps[8:80, 12:104]))
     assert part[24:-24, 24:-24] == pytest.approx(whole[32:56, 36:80], abs=1e-5)
 
 
-def test_regions_that_are_not_whole_cells_are_refused(network):
+def test_regions_that_are_not_multiples_of_the_cell_are_refused(network):
     with pytest.raises(ValueError, match="multiples of 4"):
         network(np.zeros((CELL + 1, CELL, CHANNELS), np.float32))
 
 
-def test_a_layer_that_left_the_frame_stays_empty(repair):
+def test_repair_of_a_layer_out_of_the_frame_is_empty(repair):
     sharp = defocused([FAR, NEAR])
     nothing = BlurredLayer(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
     assert repair(sharp, nothing) is nothing
 
 
-def test_weights_that_are_something_else_are_refused():
+def test_weights_of_another_network_are_refused():
     with pytest.raises(NlensError, match="expected"):
         OnnxRepairNetwork(find_model("coc").path)

@@ -94,7 +94,7 @@ def near_over_far_truth(near_over_far):
     st.floats(0.1, 5.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.0, 90.0),
     st.floats(-40.0, 40.0), st.floats(0.5, 2.0),
 )  # fmt: skip
-def test_a_point_moves_by_half_its_coc_along_the_aperture(
+def test_surface_point_moves_by_half_its_coc_across_the_aperture(
     disparity, u, v, slope, intercept, aspect
 ):
     fit = LensFit(slope=slope, intercept=intercept, width=WIDTH, height=HEIGHT)
@@ -115,7 +115,7 @@ def test_a_point_moves_by_half_its_coc_along_the_aperture(
 
 @pytest.mark.parametrize("count", [8, 16, 64])
 @pytest.mark.parametrize("aperture", [Aperture(), Aperture(blades=6, rotation_deg=10.0)])
-def test_cells_have_the_apertures_area_centre_and_spread(count, aperture):
+def test_aperture_cells_have_the_apertures_area_centre_and_variance(count, aperture):
     points = lens_points(count, aperture)
     assert points.weights.sum() == pytest.approx(1.0)
     assert np.abs(points.weights @ points.places).max() < 2e-3
@@ -127,13 +127,13 @@ def test_cells_have_the_apertures_area_centre_and_spread(count, aperture):
         assert contains(aperture, *-points.places.T).all()
 
 
-def test_an_odd_aperture_is_turned_as_a_highlight_before_the_focus_is():
+def test_asymmetric_aperture_is_rotated_as_a_near_highlight():
     triangle = Aperture(blades=3)  # behind the focus a corner points right
     assert lens_points(32, triangle).places[:, 0].min() < -1.0
     assert lens_points(32, triangle).places[:, 0].max() < 0.8
 
 
-def test_a_picture_of_an_aperture_gives_more_weight_where_more_light_passes(tmp_path):
+def test_aperture_picture_weights_samples_by_transmitted_light(tmp_path):
     picture = np.zeros((40, 40), np.uint8)
     picture[:, :20], picture[:, 20:] = 255, 85
     assert cv2.imwrite(str(tmp_path / "half.png"), picture)
@@ -142,20 +142,20 @@ def test_a_picture_of_an_aperture_gives_more_weight_where_more_light_passes(tmp_
     assert points.weights[left_behind].sum() == pytest.approx(0.75, abs=0.05)
 
 
-def test_points_are_the_same_each_time_they_are_made():
+def test_aperture_samples_are_deterministic():
     first = lens_points(16)
     lens_points.cache_clear()
     assert np.array_equal(first.places, lens_points(16).places)
 
 
-def test_count_follows_the_wanted_accuracy_within_its_bounds():
+def test_number_of_aperture_samples_follows_the_requested_accuracy():
     # 35.5 dB + 10 log10 of the count: 50.5 dB take 10^1.5 views
     counts = [view_count(accuracy) for accuracy in (30.0, 45.5, 50.5, 99.0)]
     assert counts == [8, 10, 32, 256]
 
 
 @pytest.mark.needs_gl
-def test_a_card_across_the_axis_is_blurred_by_the_exact_disc(renderer):
+def test_card_facing_the_camera_is_blurred_by_the_exact_disc(renderer):
     drawn = renderer((2.0, {}))  # coc_px = 60 / 2 - 20 = 10
     views = whole(lens_views(drawn, shot(), bare_points(256)))
     layer = drawn.render(0.0, camera())
@@ -167,7 +167,7 @@ def test_a_card_across_the_axis_is_blurred_by_the_exact_disc(renderer):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_a_leaning_card_through_the_focus_agrees_with_its_truth(renderer):
+def test_slanted_card_through_focus_agrees_with_the_ground_truth(renderer):
     drawn = renderer((3.0, {"half": (0.35, 0.25), "lean": 1.2}))
     defocused = centre(drawn)
     coc = defocused.coc_px[defocused.layer.rgba[..., 3] > 0]
@@ -177,7 +177,7 @@ def test_a_leaning_card_through_the_focus_agrees_with_its_truth(renderer):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_self_occlusion_is_right_where_scatter_is_wrong(near_over_far, near_over_far_truth):
+def test_self_occlusion_is_correct_where_scatter_is_wrong(near_over_far, near_over_far_truth):
     blurred = whole(BLUR(centre(near_over_far), FRAME))
     scattered = psnr_over_plate(blurred, near_over_far_truth)
     assert psnr_over_plate(sampled(near_over_far), near_over_far_truth) > max(
@@ -187,7 +187,9 @@ def test_self_occlusion_is_right_where_scatter_is_wrong(near_over_far, near_over
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_error_falls_with_the_count_as_the_law_says(near_over_far, near_over_far_truth):
+def test_error_decreases_with_the_number_of_samples_as_predicted(
+    near_over_far, near_over_far_truth
+):
     reached = []
     for wanted in (44.6, 47.6, 50.6):
         reached.append(psnr_over_plate(sampled(near_over_far, wanted), near_over_far_truth))
@@ -197,7 +199,7 @@ def test_error_falls_with_the_count_as_the_law_says(near_over_far, near_over_far
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_law_holds_for_a_narrow_sharp_card_before_a_blurred_one(renderer):
+def test_predicted_error_holds_for_a_narrow_sharp_card_before_a_blurred_one(renderer):
     # in focus at 1.4, so the wide card behind is blurred by 26 px
     fit = LensFit(slope=56.0, intercept=-40.0, width=WIDTH, height=HEIGHT)
     drawn = renderer(*NEAR_OVER_FAR)
@@ -216,7 +218,7 @@ def test_discs_too_large_to_gather_are_scattered(near_over_far):
 
 
 @pytest.mark.needs_gl
-def test_alpha_stays_one_inside_and_zero_out_of_reach(near_over_far):
+def test_sampled_alpha_is_one_inside_and_zero_out_of_reach(near_over_far):
     alpha = sampled(near_over_far)[..., 3]
     np.testing.assert_allclose(alpha[50:70, 70:90], 1.0, atol=1e-5)
     # The far card ends 45 px from the middle and reaches 2.5 px more, and a pixel of its edge.
@@ -224,7 +226,7 @@ def test_alpha_stays_one_inside_and_zero_out_of_reach(near_over_far):
 
 
 @pytest.mark.needs_gl
-def test_the_same_frame_gives_the_same_bits(near_over_far):
+def test_lens_sampling_is_deterministic(near_over_far):
     assert np.array_equal(sampled(near_over_far), sampled(near_over_far))
 
 
@@ -235,13 +237,13 @@ def cards_scene(folder, *cards):
     return Scene.load(builder.write(folder / "cards.glb"))
 
 
-def test_any_number_of_threads_gives_the_same_bits(tmp_path):
+def test_lens_sampling_is_bit_identical_on_any_number_of_threads(tmp_path):
     scene = cards_scene(tmp_path, *NEAR_OVER_FAR)
     with SoftwareObjectRenderer(scene, threads=1) as one, SoftwareObjectRenderer(scene) as many:
         assert np.array_equal(sampled(one), sampled(many))
 
 
-def test_views_that_are_drawn_side_by_side_are_those_drawn_one_by_one(tmp_path):
+def test_views_rendered_in_parallel_equal_those_rendered_in_sequence(tmp_path):
     scene, seen = cards_scene(tmp_path, *NEAR_OVER_FAR), {}
     cameras = [lens_camera(camera(), FIT, u, v) for u, v in lens_points(8).places.tolist()]
     behind = dataclasses.replace(camera(), world_from_camera=np.diag([1.0, 1.0, -1.0, 1.0]))
@@ -255,7 +257,7 @@ def test_views_that_are_drawn_side_by_side_are_those_drawn_one_by_one(tmp_path):
             assert np.array_equal(layer.depth, alone.depth)
 
 
-def test_views_are_summed_up_in_their_order_whichever_is_ready_first(tmp_path):
+def test_views_are_summed_in_order_whichever_finishes_first(tmp_path):
     class Backwards(SoftwareObjectRenderer):
         def render_views(self, time_s, cameras, margin, use, **how):
             views = {}
@@ -270,7 +272,7 @@ def test_views_are_summed_up_in_their_order_whichever_is_ready_first(tmp_path):
 
 @pytest.mark.parametrize("kind", [SoftwareObjectRenderer, PyrenderObjectRenderer])
 @pytest.mark.needs_gl
-def test_what_fails_in_a_view_is_not_swallowed(tmp_path, kind):
+def test_error_in_a_view_is_raised(tmp_path, kind):
     def fail(at, _):
         if at == 2:
             raise ZeroDivisionError
@@ -280,7 +282,7 @@ def test_what_fails_in_a_view_is_not_swallowed(tmp_path, kind):
 
 
 @pytest.mark.needs_gl
-def test_an_object_without_parallax_is_drawn_once_and_blurred_whole(near_over_far):
+def test_object_without_parallax_is_rendered_once_and_gathered(near_over_far):
     constant = LensFit(slope=0.0, intercept=-9.0, width=WIDTH, height=HEIGHT)
     defocused = centre(near_over_far, constant)
     assert parallax_px(defocused) == 0.0
@@ -290,7 +292,7 @@ def test_an_object_without_parallax_is_drawn_once_and_blurred_whole(near_over_fa
 
 
 @pytest.mark.needs_gl
-def test_an_object_that_reaches_behind_the_camera_stays_finite(renderer):
+def test_object_reaching_behind_the_camera_gives_finite_values(renderer):
     drawn = renderer((1.0, {"half": (0.8, 0.2), "lean": -2.0}))
     rgba = sampled(drawn)
     assert np.isfinite(rgba).all() and rgba[..., 3].max() <= 1.0 + 1e-5
@@ -298,7 +300,7 @@ def test_an_object_that_reaches_behind_the_camera_stays_finite(renderer):
 
 
 @pytest.mark.needs_gl
-def test_a_cats_eye_narrows_the_blur_at_the_side_and_dims_nothing(renderer):
+def test_cat_eye_narrows_the_blur_at_the_side_and_keeps_light(renderer):
     drawn = renderer(
         (2.0, {"half": (0.013, 0.013), "at": (-0.45, 0.0)}), (2.1, {"half": (0.1, 0.1)})
     )

@@ -63,7 +63,7 @@ def largest_bend(frames):
     return float(np.abs(np.diff(np.stack(frames), 2, axis=0)).mean(axis=(1, 2, 3)).max())
 
 
-def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(drawn):
+def test_sampled_lens_does_not_flicker_while_the_object_slides(drawn):
     # Antialiased edges bend by themselves as they cross pixels: as many bare views say how much.
     fit, slides = lens(9.0, -3.0), np.arange(0.0, 1.2, 0.1)
     frames = [seen(drawn, fit, slide=slide) for slide in slides]
@@ -74,14 +74,14 @@ def test_an_object_that_slides_by_tenths_of_a_pixel_never_pops(drawn):
 
 
 @pytest.mark.slow
-def test_an_object_that_goes_through_focus_never_pops(drawn):
+def test_sampled_lens_does_not_flicker_while_passing_through_focus(drawn):
     fits = [lens(coc, coc - 10.0) for coc in np.arange(-3.0, 13.0, 0.5)]
     frames = [seen(drawn, fit) for fit in fits]
     bare = [seen(drawn, fit, views=VIEWS) for fit in fits]
     assert largest_bend(frames) < 1.2 * largest_bend(bare)
 
 
-def test_discs_that_grow_too_large_to_gather_never_pop(drawn):
+def test_sampled_lens_does_not_flicker_where_gather_changes_to_scatter(drawn):
     limit = 2.0 * LARGEST_RADIUS_PX / float(lens_points(VIEWS).radii.max())
     frames = [seen(drawn, lens(limit + step, -4.0)) for step in np.arange(-1.0, 1.0, 0.2)]
     bends = np.abs(np.diff(np.stack(frames), 2, axis=0)).mean(axis=(1, 2, 3))

@@ -40,21 +40,21 @@ def test_classical_renderer_is_the_papers_formula(seed, height, width):
     assert dilated == pytest.approx(true_dilated)
 
 
-def test_threads_do_not_change_a_bit():
+def test_paper_scatter_is_bit_identical_on_any_number_of_threads():
     rng = np.random.default_rng(1)
     light, radius = rng.random((70, 40, 3), dtype=np.float32), np.full((70, 40), 5.5, np.float32)
     one, three = (paper_scatter(light, radius, threads=n) for n in (1, 3))
     assert np.array_equal(one[0], three[0]) and np.array_equal(one[1], three[1])
 
 
-def test_radii_that_make_no_sense_are_refused():
+def test_invalid_radii_are_refused():
     light = np.zeros((4, 4, 3), np.float32)
     for bad in (-1.0, np.nan):
         with pytest.raises(ValueError, match="finite and not negative"):
             paper_scatter(light, np.full((4, 4), bad, np.float32))
 
 
-def test_networks_work_where_radii_are_ten_pixels_and_double_up_to_the_full_size():
+def test_network_resolution_starts_at_radius_ten_and_doubles_to_full_size():
     assert level_sizes((90, 160), 0.0) == [(90, 160)]
     assert level_sizes((90, 160), 10.0) == [(90, 160)]
     assert level_sizes((90, 160), 10.1) == [(45, 80), (90, 160)]
@@ -83,7 +83,7 @@ def composite(coc=12.0):
 
 
 @pytest.mark.parametrize("coc", [-18.0, 6.0, 50.0])
-def test_the_error_map_decides_between_the_classical_and_the_neural_picture(coc):
+def test_error_map_blends_the_classical_and_the_neural_picture(coc):
     light, coc_px = composite(coc)
     classical, _ = paper_scatter(light, np.abs(0.5 * coc_px))
     trusted = paper_reblur(light, coc_px, paper_scatter, Plain(0.0))
@@ -96,7 +96,7 @@ def test_the_error_map_decides_between_the_classical_and_the_neural_picture(coc)
     assert half == pytest.approx(between, abs=1e-4)
 
 
-def test_light_above_white_survives(networks):
+def test_light_above_white_is_kept(networks):
     light, coc_px = composite()
     bright = light.copy()
     bright[50, 60] = 40.0
@@ -115,7 +115,7 @@ def sharp(coc=10.0):
     return DefocusedLayer(layer=ObjectLayer(box=BOX, rgba=rgba, depth=depth), coc_px=coc_px)
 
 
-def test_the_plate_stays_as_it_was_out_of_the_objects_reach(networks):
+def test_plate_is_unchanged_out_of_the_objects_reach(networks):
     plate = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)
     picture = ArrayPicture(plate.copy(), "rgb")
     stage = PaperReblur(scatter=paper_scatter, networks=networks)
@@ -129,7 +129,7 @@ def test_the_plate_stays_as_it_was_out_of_the_objects_reach(networks):
     assert (picture.array[reach] != plate[reach]).any(axis=-1).mean() > 0.5
 
 
-def test_an_object_out_of_the_frame_leaves_nothing(networks):
+def test_object_out_of_the_frame_gives_an_empty_layer(networks):
     stage = PaperReblur(scatter=paper_scatter, networks=networks)
     far = DefocusedLayer(
         layer=ObjectLayer(
@@ -141,7 +141,7 @@ def test_an_object_out_of_the_frame_leaves_nothing(networks):
     assert stage(picture, far, FRAME).box.empty
 
 
-def test_strips_leave_no_seam_and_odd_sizes_pass(networks, monkeypatch):
+def test_processing_in_strips_leaves_no_seam_at_any_size(networks, monkeypatch):
     rng = np.random.default_rng(4)
     code = rng.random((95, 61, 3), dtype=np.float32)
     defocus = rng.uniform(-1, 1, (95, 61)).astype(np.float32)

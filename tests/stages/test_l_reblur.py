@@ -28,28 +28,28 @@ def reblur():
     return ReblurLayer(scatter=scatter, reach=blur_reach)
 
 
-def test_object_coc_is_the_line_at_the_pixels_disparity():
+def test_object_coc_is_the_fit_at_each_pixels_disparity():
     fit = LensFit(slope=30.0, intercept=-10.0, width=96, height=64)
     got = object_coc(layer(depth=1.5), fit)
     assert got.coc_px[10, 10] == pytest.approx(30 / 1.5 - 10)
     assert got.coc_px[0, 0] == 0.0
 
 
-def test_edge_pixels_without_depth_take_their_neighbours_coc():
+def test_edge_pixels_without_depth_take_the_coc_of_neighbours():
     sharp = layer()
     sharp.rgba[3, 4:-4] = (0.1, 0.05, 0.02, 0.25)
     got = object_coc(sharp, lens(6.0))
     assert got.coc_px[3, 10] == pytest.approx(6.0)
 
 
-def test_in_focus_object_comes_back_bit_for_bit():
+def test_object_in_focus_is_returned_bit_for_bit():
     sharp = layer()
     blurred = reblur()(object_coc(sharp, lens(0.2)), FRAME)
     assert blurred.box == sharp.box
     assert np.array_equal(blurred.rgba, sharp.rgba)
 
 
-def test_blurred_object_reaches_past_its_silhouette_and_keeps_its_light():
+def test_blurred_object_extends_past_its_silhouette_and_keeps_energy():
     sharp = layer()
     blurred = reblur()(object_coc(sharp, lens(9.0)), FRAME)
     assert blurred.box.width > sharp.box.width
@@ -57,24 +57,24 @@ def test_blurred_object_reaches_past_its_silhouette_and_keeps_its_light():
     assert 0 <= blurred.rgba[..., 3].min() and blurred.rgba[..., 3].max() <= 1
 
 
-def test_result_is_cut_to_the_frame():
+def test_reblurred_layer_is_cropped_to_the_frame():
     sharp = layer(box=Box(-30, 40, 10, 72))
     blurred = reblur()(object_coc(sharp, lens(12.0)), FRAME)
     assert blurred.box.intersection(FRAME) == blurred.box
     assert blurred.rgba[..., 3].max() > 0.9
 
 
-def test_object_beside_the_frame_blurs_into_it():
+def test_blur_of_an_object_beside_the_frame_reaches_into_it():
     sharp = layer(box=Box(94, 16, 134, 48))  # its first covered column is 98: two px outside
     blurred = reblur()(object_coc(sharp, lens(16.0)), FRAME)
     assert blurred.rgba[..., 3].max() > 0.1
 
 
-def test_object_out_of_reach_gives_an_empty_box():
+def test_object_out_of_reach_gives_an_empty_layer():
     assert crop_to_frame(layer(box=Box(200, 0, 240, 32)), FRAME).box.empty
 
 
-def test_object_without_any_depth_is_taken_to_lie_at_infinity():
+def test_object_without_depth_is_at_infinity():
     sharp = layer(depth=np.inf)
     got = object_coc(sharp, LensFit(slope=5.0, intercept=-4.0, width=96, height=64))
     assert isinstance(got, DefocusedLayer)

@@ -104,7 +104,7 @@ def see(tmp_path, request):
 
 
 @pytest.mark.slow
-def test_a_hidden_red_card_shows_through_the_blur_of_a_near_rod_as_through_the_lens(see):
+def test_hidden_card_shows_through_the_blur_of_a_near_rod_as_by_a_sampled_lens(see):
     seen = see(ROD, HIDDEN)
     truth = seen.truth()
     scattered, repaired = seen.blurred()
@@ -116,7 +116,7 @@ def test_a_hidden_red_card_shows_through_the_blur_of_a_near_rod_as_through_the_l
     assert np.sqrt((error**2).mean()) < 0.35 * np.sqrt((before**2).mean())
 
 
-def test_what_is_hidden_does_not_depend_on_what_was_rendered_in_between(see):
+def test_hidden_layer_does_not_depend_on_pictures_rendered_in_between(see):
     seen, other = see(ROD, HIDDEN), see(WIDE)
     front = seen.renderer.render(0.0, seen.camera, 20)
     alone = seen.renderer.render_behind(front, front.box, 0.05)
@@ -128,7 +128,7 @@ def test_what_is_hidden_does_not_depend_on_what_was_rendered_in_between(see):
     assert np.array_equal(alone.hidden.depth, after.hidden.depth)
 
 
-def test_behind_a_rod_before_nothing_stays_nothing(see):
+def test_hidden_layer_behind_a_rod_before_nothing_is_empty(see):
     seen = see(ROD)
     sharp = seen.peeled()
     assert sharp.behind.box.empty
@@ -137,7 +137,7 @@ def test_behind_a_rod_before_nothing_stays_nothing(see):
     assert not DEPTH_STEPS.test(sharp)
 
 
-def test_a_surface_that_hides_nothing_keeps_the_scatters_very_layer(see):
+def test_surface_that_hides_nothing_keeps_the_scattered_layer(see):
     corners = rectangle(Place(380, 0, 28.0), Place(580, 0, -28.0), (60, 420))
     sharp = see(flat(corners, RED)).peeled()
     assert sharp.behind.box.empty
@@ -145,7 +145,7 @@ def test_a_surface_that_hides_nothing_keeps_the_scatters_very_layer(see):
     assert REPAIR(sharp, scattered) is scattered
 
 
-def test_the_hidden_part_of_a_card_is_its_own_colour_at_its_own_blur(see):
+def test_hidden_layer_has_its_own_colour_and_coc(see):
     seen = see(WIDE, ROD)
     behind = seen.peeled().behind
     inside = Box(156, 40, 164, 120).slices_in(behind.box)
@@ -156,7 +156,7 @@ def test_the_hidden_part_of_a_card_is_its_own_colour_at_its_own_blur(see):
     assert (behind.rgba[inside][..., 0] > 10 * behind.rgba[inside][..., 2]).all()
 
 
-def test_an_antialiased_pixel_of_the_front_holds_its_own_share_only(see):
+def test_antialiased_front_pixel_holds_only_its_own_coverage(see):
     tilted = [
         Place(455, 420, 26.0),
         Place(495, 420, 26.0),
@@ -175,7 +175,7 @@ def test_an_antialiased_pixel_of_the_front_holds_its_own_share_only(see):
     assert again[partly] == pytest.approx(picture[partly], abs=2e-3)
 
 
-def test_nobody_looks_into_a_closed_body_though_its_material_is_double_sided(see):
+def test_interior_of_a_closed_double_sided_mesh_is_not_a_hidden_layer(see):
     path = np.array([OPTICS.point(Place(480, y, 20.0)) for y in (100, 240, 380)])
     radius = OPTICS.size(Place(480, 240, 20.0), 60)
     assert see(tube(path, [radius] * 3, 3)).peeled().behind.box.empty
@@ -199,18 +199,18 @@ def ball(place, radius_px, *, rings=12):
     )
 
 
-def test_triangles_without_area_do_not_open_a_body(see):
+def test_triangles_without_area_do_not_open_a_closed_mesh(see):
     assert see(ball(Place(480, 240, 20.0), 60)).peeled().behind.box.empty
 
 
-def test_the_inner_side_of_an_open_shell_is_seen(see):
+def test_inner_side_of_an_open_shell_is_a_hidden_layer(see):
     path = np.array([OPTICS.point(Place(480, y, 20.0)) for y in (100, 240, 380)])
     whole = tube(path, [OPTICS.size(Place(480, 240, 20.0), 60)] * 3, 3)
     behind = see(replace(whole, faces=whole.faces[:-32])).peeled().behind
     assert (behind.rgba[..., 3] > 0.0).any()
 
 
-def test_an_earlier_picture_can_be_looked_behind_as_well_as_the_last(see):
+def test_hidden_layer_can_be_rendered_for_an_earlier_picture(see):
     seen = see(ROD, WIDE)
     first = seen.renderer.render(0.0, seen.camera, 1)
     at_once = seen.renderer.render_behind(first, first.box, 0.01)
@@ -228,7 +228,7 @@ def test_an_earlier_picture_can_be_looked_behind_as_well_as_the_last(see):
         seen.renderer.render_behind(last, last.box, 0.01)
 
 
-def test_looking_behind_changes_no_later_picture(see):
+def test_rendering_the_hidden_layer_changes_no_later_picture(see):
     seen = see(WIDE, ROD)
     before = seen.renderer.render(0.0, seen.camera)
     seen.renderer.render_behind(before, before.box, 0.01)
@@ -252,7 +252,7 @@ def test_a_slide_by_tenths_of_a_pixel_does_not_pop(see):
     assert np.quantile(repaired, 0.999) < 1.5 * np.quantile(scattered, 0.999)
 
 
-def test_a_pull_of_focus_does_not_pop(see):
+def test_blur_with_hidden_layer_does_not_flicker_during_a_focus_pull(see):
     seen = see(WIDE, ROD)
     frames = [
         seen.blurred(fit=replace(FIT, intercept=FIT.intercept + 0.25 * step))[1]
@@ -262,7 +262,7 @@ def test_a_pull_of_focus_does_not_pop(see):
 
 
 @pytest.mark.slow
-def test_what_is_hidden_fades_in_with_its_distance(see):
+def test_hidden_layer_fades_in_with_its_distance(see):
     frames = []
     for coc in np.linspace(27.0, 12.0, 31):  # from no step at all to one of 5 px
         seen = see(ROD, upright((470, 490), coc - 0.5, (120, 360), RED))

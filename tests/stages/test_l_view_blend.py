@@ -111,7 +111,7 @@ def see(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["software", pytest.param("opengl", marks=pytest.mark.needs_gl)])
-def test_small_discs_come_closer_to_the_lens_than_any_scatter(see, kind):
+def test_blended_views_of_small_discs_are_closer_to_the_lens_than_scatter(see, kind):
     path = np.array(
         [OPTICS.point(Place(480 + 40 * math.sin(k), 80 + 40 * k, 5.0)) for k in range(9)]
     )
@@ -122,19 +122,19 @@ def test_small_discs_come_closer_to_the_lens_than_any_scatter(see, kind):
     assert rms(laid, truth) < 0.6 * rms(scattered, truth)
 
 
-def test_what_has_large_discs_only_is_not_drawn_again(see):
+def test_object_with_large_discs_only_renders_no_views(see):
     seen = see(flat(20.0, 28.0))
     assert seen.stage(seen.sharp(), seen.shot) is None
     assert seen.counted.count == 0
 
 
-def test_an_object_in_focus_is_not_drawn_again(see):
+def test_object_in_focus_renders_no_views(see):
     seen = see(flat(1.0, -1.0))
     assert seen.sharp().largest_coc_px < 0.5
     assert seen.stage(seen.sharp(), seen.shot) is None
 
 
-def test_an_object_at_rest_is_drawn_once(see):
+def test_static_object_renders_its_views_once(see):
     seen = see(flat(9.0, -9.0))
     first = seen.stage(seen.sharp(), seen.shot)
     drawn = seen.counted.count
@@ -145,7 +145,7 @@ def test_an_object_at_rest_is_drawn_once(see):
     assert seen.stage(object_coc(seen.sharp().layer, other.fit), other) is not first
 
 
-def test_nothing_pops_while_the_focus_passes_through(see):
+def test_view_blend_does_not_flicker_while_focus_passes_through(see):
     seen = see(flat(9.0, -9.0))
     sharp = seen.sharp().layer
     results = []
@@ -160,7 +160,7 @@ def test_nothing_pops_while_the_focus_passes_through(see):
     assert np.sqrt((second**2).mean(axis=(1, 2, 3))).max() < 3e-3
 
 
-def test_the_views_do_not_depend_on_the_frame_around_the_object(see):
+def test_views_do_not_depend_on_the_frame_around_the_object(see):
     seen = see(flat(9.0, -9.0))
     sharp = seen.sharp()
     views = seen.stage(sharp, seen.shot)
@@ -187,7 +187,7 @@ def layer_of(coc):
 @pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10_000))
-def test_the_share_is_what_no_large_disc_reaches(seed):
+def test_blend_weight_is_zero_within_reach_of_large_discs(seed):
     rng = np.random.default_rng(seed)
     coc = np.full((18, 22), np.nan, np.float32)
     for _ in range(3):
@@ -210,7 +210,7 @@ def test_the_share_is_what_no_large_disc_reaches(seed):
 
 
 @pytest.mark.parametrize("count", [3, 4, 6])
-def test_points_around_the_centre_stand_for_the_disc(count):
+def test_few_aperture_samples_have_the_mean_and_variance_of_the_disc(count):
     points = points_around(count)
     assert points.weights.sum() == pytest.approx(1.0)
     assert points.weights @ points.places == pytest.approx([0.0, 0.0], abs=1e-12)
@@ -219,7 +219,7 @@ def test_points_around_the_centre_stand_for_the_disc(count):
     assert len(np.unique(np.round(points.places[:, 0], 6))) == count + 1
 
 
-def test_points_of_a_picture_lie_where_it_is_lit(tmp_path):
+def test_samples_of_an_aperture_picture_lie_where_light_passes(tmp_path):
     import cv2
 
     ring = np.zeros((64, 64), np.uint8)
@@ -229,7 +229,7 @@ def test_points_of_a_picture_lie_where_it_is_lit(tmp_path):
     assert np.hypot(*points.places.T).min() > 0.5
 
 
-def test_views_beside_the_blurred_layer_leave_it_as_it_is():
+def test_views_outside_the_blurred_layer_change_nothing():
     sharp = layer_of(np.zeros((4, 4), np.float32))
     blurred = SCATTER(sharp, Box(0, 0, 20, 20))
     views = ViewBlend(

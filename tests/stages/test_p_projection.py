@@ -24,7 +24,7 @@ def square_at(centre, half, y):
     return np.array([[a, b, c], [a, c, d]], float)
 
 
-def test_plane_disparity_is_one_over_depth_of_the_point_the_pixel_sees():
+def test_plane_disparity_is_one_over_depth_of_the_visible_point():
     camera = looking_down()
     disparity = camera.plane_disparity(0.0)
     row, column = 40, 20
@@ -43,7 +43,7 @@ def test_plane_disparity_is_not_positive_above_the_horizon():
     assert (disparity[camera.height // 2 :] > 0).all()
 
 
-def test_footprint_of_a_floating_square_is_its_shadow_straight_below():
+def test_footprint_of_a_floating_square_is_its_vertical_projection():
     camera = looking_down()
     floating = project_to_ground(square_at((0.0, -3.0), 0.5, y=1.0), camera, 0.0)
     lying = project_to_ground(square_at((0.0, -3.0), 0.5, y=0.0), camera, 0.0)
@@ -51,7 +51,7 @@ def test_footprint_of_a_floating_square_is_its_shadow_straight_below():
     assert np.array_equal(floating.mask, lying.mask)
 
 
-def test_footprint_is_every_pixel_whose_ground_point_lies_in_the_square_and_at_most_its_outline():
+def test_footprint_is_conservative_by_at_most_its_outline():
     camera = looking_down(width=320, rows=240)
     ground = project_to_ground(square_at((0.2, -3.0), 0.6, y=0.3), camera, 0.0)
     columns = (np.arange(320) + 0.5 - camera.cx) / camera.fx
@@ -66,7 +66,7 @@ def test_footprint_is_every_pixel_whose_ground_point_lies_in_the_square_and_at_m
     assert not (ground.mask & ~touched).any()
 
 
-def test_footprint_that_reaches_behind_the_camera_keeps_its_visible_part():
+def test_footprint_reaching_behind_the_camera_keeps_its_visible_part():
     ground = project_to_ground(square_at((0.0, -1.0), 3.0, y=0.0), looking_down(), 0.0)
     assert ground.mask[-1].all()  # the ground at the lower border lies inside the square
 
@@ -76,7 +76,7 @@ def test_footprint_out_of_view_is_empty(centre):
     assert not project_to_ground(square_at(centre, 0.5, y=0.0), looking_down(), 0.0).mask.any()
 
 
-def test_footprint_that_runs_far_past_the_frame_keeps_its_straight_edges():
+def test_footprint_far_beyond_the_frame_keeps_straight_edges():
     camera = looking_down(width=320, rows=240)
     strip = np.array([[-60.0, 0, 0.5], [1.0, 0, 0.5], [1.0, 0, -8.0], [-60.0, 0, -8.0]])
     ground = project_to_ground(strip[[[0, 1, 2], [0, 2, 3]]], camera, 0.0)
@@ -91,7 +91,7 @@ def test_footprint_that_runs_far_past_the_frame_keeps_its_straight_edges():
     assert (inside ^ ground.mask).sum() < 0.01 * inside.sum()
 
 
-def test_no_triangles_and_a_camera_in_the_plane_give_an_empty_mask():
+def test_footprint_is_empty_without_triangles_or_with_the_camera_in_the_plane():
     assert not project_to_ground(np.zeros((0, 3, 3)), looking_down(), 0.0).mask.any()
     edge_on = project_to_ground(square_at((0, -3), 0.5, 2.0), looking_down(height=2.0), 2.0)
     assert not edge_on.mask.any()
@@ -99,7 +99,7 @@ def test_no_triangles_and_a_camera_in_the_plane_give_an_empty_mask():
 
 @settings(max_examples=40, deadline=None)
 @given(scale=st.floats(1e-6, 1e6))
-def test_scene_units_do_not_change_the_mask(scale):
+def test_footprint_does_not_depend_on_the_scenes_unit(scale):
     triangles = square_at((0.1, -3.0), 0.5, y=0.7)
     camera = looking_down()
     pose = camera.world_from_camera.copy()

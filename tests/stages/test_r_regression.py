@@ -19,7 +19,7 @@ def plate(plane, slope, focus, sigma=0.5):
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(slope=st.floats(6.0, 80.0), focus=st.floats(0.02, 1.5))
-def test_noise_free_lens_is_found_again(slope, focus):
+def test_noise_free_lens_is_recovered(slope, focus):
     plane = ground()
     fit = FitLens()(plate(plane, slope, focus), plane).fit
     assert fit.slope == pytest.approx(slope, rel=2e-2)
@@ -28,7 +28,7 @@ def test_noise_free_lens_is_found_again(slope, focus):
 
 
 @pytest.mark.parametrize(("focus", "sign"), [(0.1, 1), (1.2, -1)])
-def test_sign_is_resolved_from_the_trend_of_the_blur(focus, sign):
+def test_sign_of_the_coc_is_resolved_from_the_trend_of_blur(focus, sign):
     plane = ground()
     fit = FitLens()(plate(plane, 30.0, focus), plane).fit
     middle = float(np.median(plane.disparity[plane.mask]))
@@ -36,7 +36,7 @@ def test_sign_is_resolved_from_the_trend_of_the_blur(focus, sign):
     assert fit.sign == "resolved" and fit.sign_margin > 0.5
 
 
-def test_sign_is_called_ambiguous_when_the_blur_shows_no_trend():
+def test_sign_of_the_coc_is_ambiguous_without_a_trend_of_blur():
     plane = ground(near=1.0, far=0.995)
     plane = GroundProjection(
         mask=plane.mask, disparity=np.maximum(plane.disparity, 0.99), ground_y=0
@@ -48,7 +48,7 @@ def test_sign_is_called_ambiguous_when_the_blur_shows_no_trend():
     assert abs(fit.slope + fit.intercept) == pytest.approx(8.0, abs=0.5)
 
 
-def test_things_that_stand_on_the_plane_do_not_bend_the_fit():
+def test_upright_objects_on_the_ground_do_not_bias_the_fit():
     plane = ground()
     true = plate(plane, 40.0, 0.5)
     coc = true.coc_px.copy()
@@ -59,7 +59,7 @@ def test_things_that_stand_on_the_plane_do_not_bend_the_fit():
     assert np.abs(fit.coc_px(there) - 40.0 * (there - 0.5)).max() < 0.6
 
 
-def test_anchor_decides_between_two_levels():
+def test_footprint_decides_between_two_ground_levels():
     plane = ground(footprint=(slice(85, 120), slice(60, 180)))
     upper, lower = plate(plane, 40.0, 0.5), plate(plane, 24.0, 0.9)
     coc = lower.coc_px.copy()
@@ -69,7 +69,7 @@ def test_anchor_decides_between_two_levels():
     assert np.abs(fit.coc_px(there) - 40.0 * (there - 0.5)).max() < 1.0
 
 
-def test_unsure_samples_carry_little_weight():
+def test_uncertain_samples_have_little_weight():
     plane = ground()
     true = plate(plane, 30.0, 0.4)
     coc, sigma = true.coc_px.copy(), true.sigma_px.copy()
@@ -80,7 +80,7 @@ def test_unsure_samples_carry_little_weight():
 
 
 @pytest.mark.slow
-def test_standard_errors_cover_the_truth_of_errors_that_many_samples_share():
+def test_standard_errors_account_for_errors_shared_by_samples():
     inside, trials, places, copies = 0, 200, 12, 50
     for seed in range(trials):
         rng = np.random.default_rng(seed)
@@ -100,7 +100,7 @@ def test_standard_errors_cover_the_truth_of_errors_that_many_samples_share():
     assert 0.58 * trials <= inside <= 0.78 * trials
 
 
-def test_standard_errors_of_a_fit_allow_for_what_a_whole_plate_is_misread_by():
+def test_standard_errors_include_the_bias_common_to_a_plate():
     plane = ground()
     true = plate(plane, 30.0, 1.3)
     exact = FitLens()(true, plane).fit
@@ -109,7 +109,7 @@ def test_standard_errors_of_a_fit_allow_for_what_a_whole_plate_is_misread_by():
     assert 0.5 < exact.slope_stderr < 3.0
 
 
-def test_footprint_alone_is_the_papers_way():
+def test_papers_fit_uses_the_footprint_alone():
     plane = ground()
     fit = FitLens(whole_plane=False)(plate(plane, 30.0, 0.9), plane).fit
     assert fit.method.endswith("the footprint")
@@ -117,12 +117,12 @@ def test_footprint_alone_is_the_papers_way():
     assert np.abs(fit.coc_px(there) - 30.0 * (there - 0.9)).max() < 0.2
 
 
-def test_fit_on_a_plane_without_footprint_says_so():
+def test_fit_without_a_footprint_is_noted():
     plane = ground(footprint=None)
     assert "without a footprint" in FitLens()(plate(plane, 30.0, 0.5), plane).fit.method
 
 
-def test_plane_out_of_view_is_an_error_that_says_what_to_do():
+def test_error_for_a_ground_out_of_view_states_what_to_do():
     plane = ground()
     gone = GroundProjection(
         mask=np.zeros_like(plane.mask), disparity=-np.ones_like(plane.disparity), ground_y=0.0
@@ -131,7 +131,7 @@ def test_plane_out_of_view_is_an_error_that_says_what_to_do():
         FitLens()(plate(plane, 30.0, 0.5), gone)
 
 
-def test_estimate_that_knows_nothing_is_an_error():
+def test_estimate_without_information_is_an_error():
     plane = ground()
     rng = np.random.default_rng(0)
     coc = np.abs(rng.normal(0, 30, (HEIGHT, WIDTH))).astype(np.float32)
@@ -139,7 +139,7 @@ def test_estimate_that_knows_nothing_is_an_error():
         FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.3)), plane)
 
 
-def test_nan_estimates_are_left_out():
+def test_nan_estimates_are_ignored():
     plane = ground()
     true = plate(plane, 30.0, 0.4)
     coc = true.coc_px.copy()
@@ -148,7 +148,7 @@ def test_nan_estimates_are_left_out():
     assert fit.slope == pytest.approx(30.0, rel=0.02)
 
 
-def test_constant_fit_takes_the_confident_median_of_the_footprint():
+def test_constant_fit_is_the_confident_median_of_the_footprint():
     plane = ground()
     coc = np.full((HEIGHT, WIDTH), 30.0, np.float32)
     coc[plane.mask] = 7.0
@@ -156,7 +156,7 @@ def test_constant_fit_takes_the_confident_median_of_the_footprint():
     assert (fit.slope, fit.intercept, fit.sign) == (0.0, -7.0, "assumed")
 
 
-def test_short_span_of_disparity_cannot_fling_the_line():
+def test_short_span_of_disparity_does_not_give_an_extreme_slope():
     plane = ground(near=1.0, far=0.97)  # a ground seen from above
     plane = GroundProjection(
         mask=plane.mask, disparity=np.maximum(plane.disparity, 0.97), ground_y=0

@@ -21,20 +21,20 @@ def believed(said, wide, prior=PRIOR):
 
 
 @given(said=st.floats(0.3, 60.0), wide=st.floats(0.02, 1.0))
-def test_the_pull_of_the_training_pictures_is_taken_back(said, wide):
+def test_removing_the_prior_recovers_the_likelihood(said, wide):
     coc, sigma = believed(np.array([said]), wide)
     found, error = remove_prior(coc, sigma, PRIOR)
     assert found[0] == pytest.approx(said, rel=1e-6, abs=1e-6)
     assert error[0] == pytest.approx(wide / np.sqrt(2) * (1 + said), rel=1e-6)
 
 
-def test_a_sure_estimate_stays_as_it_is():
+def test_confident_estimate_is_unchanged_by_removing_the_prior():
     coc, sigma = np.array([0.5, 8.0, 40.0]), np.array([0.01, 0.05, 0.2])
     found, _ = remove_prior(coc, sigma, PRIOR)
     np.testing.assert_allclose(found, coc, rtol=2e-3, atol=2e-3)
 
 
-def test_frames_of_another_size_are_judged_in_the_pixels_that_the_network_saw():
+def test_prior_is_removed_in_the_networks_pixel_scale():
     coc, sigma = np.array([2.0, 20.0]), np.array([0.8, 4.0])
     found, error = remove_prior(coc, sigma, PRIOR)
     half = CocPrior(mean=2.3, deviation=1.0, scale=0.5)
@@ -42,13 +42,13 @@ def test_frames_of_another_size_are_judged_in_the_pixels_that_the_network_saw():
 
 
 @given(coc=st.floats(0.0, 400.0), sigma=st.floats(1e-3, 1e4))
-def test_evidence_is_finite_whatever_the_estimate(coc, sigma):
+def test_debiased_estimate_is_finite_for_any_input(coc, sigma):
     found, error = remove_prior(np.array([coc]), np.array([sigma]), PRIOR)
     assert np.isfinite(found).all() and (found >= 0).all()
     assert np.isfinite(error).all() and (error > 0).all()
 
 
-def test_slope_of_the_fit_is_not_flattened_by_unsure_estimates():
+def test_uncertain_estimates_do_not_flatten_the_slope():
     plane = ground()
     said = np.abs(40.0 * (plane.disparity - 0.45))
     coc, sigma = believed(said, 0.5)
