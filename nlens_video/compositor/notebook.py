@@ -7,8 +7,7 @@ from html import escape
 
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.report.markup import jpeg_image
-from nlens_video.report.pictures import jpeg, shown
+from nlens_video.report.html import embedded_jpeg, jpeg, to_8_bit
 
 _WIDEST_PX = 640
 
@@ -33,7 +32,7 @@ class Shown:
         """HTML for Jupyter, self-contained."""
         parts = ["<p>no frame yet</p>"]
         if self.picture is not None:
-            parts = [jpeg_image(self.picture, self.size, "The last composite")]
+            parts = [embedded_jpeg(self.picture, self.size, "The last composite")]
         if self.fit is not None:
             parts.append(
                 f"<p>coc_px = {self.fit.slope:.4g} &middot; disparity {self.fit.intercept:+.4g}, "
@@ -47,5 +46,5 @@ def show(picture: Picture | None, fit: LensFit | None, plan: tuple[str, ...]) ->
     """Shrink the last composite; `picture` is None before the first frame."""
     if picture is None:
         return Shown(None, (0, 0), fit, plan)
-    image = shown(picture.srgb(), _WIDEST_PX)
+    image = to_8_bit(picture.srgb(), _WIDEST_PX)
     return Shown(jpeg(image), (image.shape[1], image.shape[0]), fit, plan)

@@ -1,21 +1,27 @@
-"""Gathers what the report shows while a run goes by, and writes the page at its end."""
+"""Observer that collects the data of the report during a run and writes the page at its end."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+import cv2
+import numpy as np
+
 from nlens_video.core.errors import OutputError
-from nlens_video.core.layers import DefocusedLayer
+from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.report.downsampling import EvenPick, TimingBins
-from nlens_video.report.findings import Findings, Shown, StripFrame
-from nlens_video.report.pictures import Image, copied, shown, thumbnail
+from nlens_video.report.findings import EvenPick, Findings, MainFrame, StripFrame, TimingBins
+from nlens_video.report.html import Image, jpeg, to_8_bit
 from nlens_video.video.atomic_files import remove_stale, replacing
+from nlens_video.video.pixels import blend
+from nlens_video.video.pixels.picture import AvPicture
+from nlens_video.video.pixels.sample_tables import Axis, Samples
+from nlens_video.video.pixels.sample_views import frame_samples
 
 if TYPE_CHECKING:
     from nlens_video.graph.session import Session
@@ -23,23 +29,24 @@ if TYPE_CHECKING:
 
 PAGE = "index.html"
 STRIP_FRAMES = 12
+_THUMBNAIL_PX, _THUMBNAIL_QUALITY = 320, 82
 
 
 class Report:
     """`--report`: an `Observer` that leaves `folder/index.html` when the run has finished.
 
-    Memory does not grow with the clip. Plates are copied only until the frame that is shown at
-    length has come by, and each copy goes when its frame is written. `entering` may be called on
+    Memory does not grow with the clip. Plates are copied only until the main frame has been
+    written, and each copy is dropped when its frame is written. `on_frame_start` may be called on
     another thread than the rest.
 
     Args:
-        folder: of the page; made where it is missing.
+        folder: of the page; created if missing.
         info: the source.
-        session: what the run is made of.
+        session: graph and fit of the run.
         output: what the run writes, as the user gave it.
 
     Raises:
-        OutputError: the folder cannot be made.
+        OutputError: the folder cannot be created.
     """
 
     def __init__(self, folder: Path, info: SourceInfo, session: Session, output: str) -> None:
@@ -59,50 +66,53 @@ class Report:
         self._awaits_fit = finds_lens and session.executor.fit is None
         self._lock = threading.Lock()
         self._plates: dict[int, Callable[[], Image]] = {}
-        self._shown: Shown | None = None
+        self._main: MainFrame | None = None
         self._strip: EvenPick[StripFrame] = EvenPick(room=2 * STRIP_FRAMES)
-        self._bins = TimingBins()
+        self._timings = TimingBins()
         self._warm_up: FrameTiming | None = None
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._plates.clear()
 
     def on_frame_start(self, state: FrameState) -> None:
-        """Copy the plate, as long as it may be the one that is shown."""
-        if self._shown is not None or (self._awaits_fit and self._session.executor.fit is not None):
+        """Copy the plate, as long as its frame may become the main one."""
+        if self._main is not None or (self._awaits_fit and self._session.executor.fit is not None):
             return
         plate = copied(state.frame.picture)
         with self._lock:
             self._plates[state.frame.index] = plate
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
-        """Keep what the page needs of a frame that is done."""
+        """Keep what the page shows of a finished frame."""
+        frame, composited, layer = state.frame, state.composited, state.values.defocused
         with self._lock:
-            plate = self._plates.pop(state.frame.index, None)
-        composited, layer = state.composited, state.values.defocused
+            plate = self._plates.pop(frame.index, None)
         due = state.carried_fit if self._awaits_fit else composited
-        if due and plate is not None and self._shown is None:
-            self._shown = Shown(
-                index=state.frame.index,
-                time_s=state.frame.time_s,
+        if due and plate is not None and self._main is None:
+            self._main = MainFrame(
+                index=frame.index,
+                time_s=frame.time_s,
                 before=plate(),
-                after=shown(state.frame.picture.srgb()) if composited else None,
+                after=to_8_bit(frame.picture.srgb()) if composited else None,
                 defocused=layer,
             )
         if composited and self._strip.next_is_wanted():
-            self._strip.keep(_strip_frame(state, layer))
+            self._strip.keep(
+                StripFrame(
+                    index=frame.index,
+                    time_s=frame.time_s,
+                    jpeg=thumbnail(frame.picture),
+                    size=(frame.picture.width, frame.picture.height),
+                    largest_coc_px=None if layer is None else layer.largest_coc_px,
+                )
+            )
         if state.carried_fit:
             self._warm_up = timing
         else:
-            self._bins.add(timing)
+            self._timings.add(timing)
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Write the page.
@@ -116,10 +126,9 @@ class Report:
             info=self._info,
             output=self._output,
             session=self._session,
-            shown=self._shown,
-            strip=tuple(self._strip.picked(STRIP_FRAMES)),
-            bins=tuple(self._bins.bins),
-            bin_width=self._bins.width,
+            main=self._main,
+            strip=self._strip.picked(STRIP_FRAMES),
+            timings=self._timings,
             warm_up=self._warm_up,
             summary=summary,
             notes=notes,
@@ -135,12 +144,51 @@ class Report:
                 ) from error
 
 
-def _strip_frame(state: FrameState, layer: DefocusedLayer | None) -> StripFrame:
-    picture = state.frame.picture
-    return StripFrame(
-        index=state.frame.index,
-        time_s=state.frame.time_s,
-        jpeg=thumbnail(picture),
-        size=(picture.width, picture.height),
-        largest_coc_px=None if layer is None else layer.largest_coc_px,
+def copied(picture: Picture) -> Callable[[], Image]:
+    """A copy of the picture as it is now, converted to sRGB only when it is called for.
+
+    Copying samples costs a five-hundredth of converting them, and most plates are never shown.
+    """
+    samples = _samples(picture)
+    if samples is None:
+        image = to_8_bit(picture.srgb())
+        return lambda: image
+    y, u, v = (plane.copy() for plane in samples.planes)
+    still = replace(samples, planes=(y, u, v))
+    return lambda: to_8_bit(_srgb(still))
+
+
+def thumbnail(picture: Picture) -> bytes:
+    """A small JPEG of the picture; converts no more pixels than it needs."""
+    samples = _samples(picture)
+    rgb = picture.srgb() if samples is None else _srgb(_reduced(samples))
+    return jpeg(to_8_bit(rgb, _THUMBNAIL_PX), _THUMBNAIL_QUALITY)
+
+
+def _samples(picture: Picture) -> Samples | None:
+    """Views of a decoded frame's samples, None for pictures of other kinds."""
+    if not isinstance(picture, AvPicture):
+        return None
+    return frame_samples(picture.frame, picture.tags, round(picture.rotation / 90))
+
+
+def _srgb(samples: Samples) -> Float32:
+    height, width = samples.planes[0].shape
+    return blend.srgb(samples, Box(0, 0, width, height))
+
+
+def _reduced(samples: Samples) -> Samples:
+    """The samples averaged down to the width of a thumbnail, each component to the same size.
+
+    Averaged codes are not averaged light, but converting a few pixels instead of all keeps the
+    report cheap, and a thumbnail is not measured.
+    """
+    height, width = samples.planes[0].shape
+    if width <= _THUMBNAIL_PX:
+        return samples
+    size = (_THUMBNAIL_PX, max(1, round(height * _THUMBNAIL_PX / width)))
+    y, u, v = (
+        cv2.resize(np.ascontiguousarray(plane), size, interpolation=cv2.INTER_AREA)
+        for plane in samples.planes
     )
+    return replace(samples, planes=(y, u, v), alpha=None, across=Axis(), down=Axis())

@@ -1,17 +1,19 @@
-"""CoC and confidence as colours over the picture, the footprint outlined."""
+"""Section "Circle of confusion": maps of plate and object in colours, their expected error."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, DefocusedLayer, Float32
-from nlens_video.report.findings import Findings, Shown
-from nlens_video.report.pictures import Image
+from nlens_video.report.findings import NEVER_SEEN, Findings, MainFrame
+from nlens_video.report.html import Image, figure, missing, picture, section
 
 _WIDEST_PX = 960
+_QUALITY = 86
 _OPACITY = 0.72
 _CLOSE_UP_MARGIN = 0.2  # of the object, on each side
 COC_MAP, SIGMA_MAP = cv2.COLORMAP_VIRIDIS, cv2.COLORMAP_CIVIDIS  # readable with any colour vision
@@ -34,74 +36,85 @@ class Scale:
         levels = np.clip(values / self.top_px * 255.0, 0.0, 255.0).astype(np.uint8)
         return np.asarray(cv2.applyColorMap(levels, self.colormap)[..., ::-1], np.uint8)
 
-    def stops(self, count: int = 9) -> list[str]:
-        """CSS colours, evenly spread over the scale."""
-        ramp = np.linspace(0.0, self.top_px, count, dtype=np.float32)[None]
-        return [f"rgb({r} {g} {b})" for r, g, b in self.colors(ramp)[0]]
+    def legend(self) -> str:
+        """The scale as HTML."""
+        ramp = np.linspace(0.0, self.top_px, 9, dtype=np.float32)[None]
+        stops = ", ".join(f"rgb({r} {g} {b})" for r, g, b in self.colors(ramp)[0])
+        ends = "".join(f"<span>{self.top_px * part:.3g}</span>" for part in (0.0, 0.25, 0.5, 0.75))
+        return (
+            '<div class="legend" role="img" '
+            f'aria-label="Colour scale from 0 to {self.top_px:g} pixels">'
+            f'<div class="ramp" style="background: linear-gradient(to right, {stops})"></div>'
+            f'<div class="ends">{ends}<span>{self.top_px:.3g} px</span></div></div>'
+        )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Map:
-    """A picture with colours over it, and what they mean."""
-
-    image: Image
-    scale: Scale
-
-
-def coc_scale(findings: Findings) -> Scale:
-    """One scale for plate and object, so that equal colours are equal blur."""
-    values = []
-    if findings.shot.plate_coc is not None:
-        values.append(float(np.quantile(findings.shot.plate_coc.coc_px, 0.98)))
-    if findings.shown is not None and findings.shown.defocused is not None:
-        values.append(findings.shown.defocused.largest_coc_px)
-    return Scale(top_px=_round_up(max(values, default=1.0)), colormap=COC_MAP)
+def maps_section(findings: Findings) -> str:
+    """CoC of plate and object, expected error of the plate's, and the composite close up."""
+    figures = "" if findings.main is None else "".join(_figures(findings, findings.main))
+    reason = findings.no_fit_reason
+    body = missing(reason) if reason else ""
+    if figures:
+        body += f'<div class="pair">{figures}</div>'
+    return section("maps", "Circle of confusion", body or missing(NEVER_SEEN))
 
 
-def plate_coc_map(findings: Findings, shown: Shown) -> Map | None:
-    """The plate's CoC with the footprint outlined; None where it was not estimated."""
-    if findings.shot.plate_coc is None:
-        return None
-    scale = coc_scale(findings)
-    image = _overlay(shown.before, findings.shot.plate_coc.coc_px, scale)
-    return Map(image=_outlined(image, findings), scale=scale)
-
-
-def sigma_map(findings: Findings, shown: Shown) -> Map | None:
-    """Expected error of the plate's CoC; None where it was not estimated."""
-    if findings.shot.plate_coc is None:
-        return None
-    sigma = findings.shot.plate_coc.sigma_px
-    scale = Scale(top_px=_round_up(float(np.quantile(sigma, 0.98))), colormap=SIGMA_MAP)
-    return Map(image=_outlined(_overlay(shown.before, sigma, scale), findings), scale=scale)
-
-
-def object_coc_map(findings: Findings, shown: Shown) -> Map | None:
-    """The object's CoC, before it is blurred; None where it was left sharp."""
-    if shown.defocused is None:
-        return None
+def _figures(findings: Findings, main: MainFrame) -> Iterator[str]:
     frame = Box(0, 0, findings.info.width, findings.info.height)
-    coc, alpha = _on_frame(shown.defocused, frame)
-    scale = coc_scale(findings)
-    image = _overlay(shown.before, coc, scale, alpha)
-    return Map(image=_outlined(image, findings), scale=scale)
+    plate_coc, ground = findings.shot.plate_coc, findings.shot.ground
+    footprint = None if ground is None or not ground.mask.any() else ground.mask
+    tops = [] if plate_coc is None else [float(np.quantile(plate_coc.coc_px, 0.98))]
+    if main.defocused is not None:
+        tops.append(main.defocused.largest_coc_px)
+    # one scale for plate and object, so that equal colours are equal CoC
+    scale = Scale(top_px=_round_up(max(tops, default=1.0)), colormap=COC_MAP)
+
+    def coc_map(
+        name: str, words: str, values: Float32, scale: Scale, alpha: Float32 | None = None
+    ) -> str:
+        image = _overlay(main.before, values, scale, alpha)
+        if footprint is not None:
+            image = _outlined(image, footprint)
+        shown = picture(image, f"{name}, in colours over the picture", _QUALITY)
+        return figure(shown + scale.legend(), words, name)
+
+    if plate_coc is not None:
+        words = "Diameter of the circle of confusion (CoC), estimated from the picture."
+        if footprint is not None:
+            words += " The white outline is the object's footprint on the ground."
+        yield coc_map("CoC of the plate", words, plate_coc.coc_px, scale)
+    if main.defocused is not None:
+        words = "Same scale: where the object touches the ground, both maps should agree."
+        coc, alpha = _on_frame(main.defocused, frame)
+        yield coc_map("CoC of the object", words, coc, scale, alpha)
+    if plate_coc is not None:
+        top = _round_up(float(np.quantile(plate_coc.sigma_px, 0.98)))
+        errors = Scale(top_px=top, colormap=SIGMA_MAP)
+        words = "Where it is dark, the estimate is confident."
+        yield coc_map("Expected error of the plate's CoC", words, plate_coc.sigma_px, errors)
+    if main.after is not None and main.defocused is not None:
+        seen = main.defocused.layer.box.intersection(frame)
+        near = _close_up(main.after, seen, main.after.shape[1] / frame.width)
+        shown = picture(near, "The object in the composite, close up")
+        yield figure(shown, f"Composite, frame {main.index}.", "Close-up of the result")
 
 
-def close_up(findings: Findings, shown: Shown) -> Image | None:
-    """The composite around the object, in the shape of the frame; None where there is none."""
-    if shown.after is None or shown.defocused is None:
-        return None
-    height, width = shown.after.shape[:2]
-    scale = width / findings.info.width
-    frame = Box(0, 0, findings.info.width, findings.info.height)
-    seen = shown.defocused.layer.box.intersection(frame)
+def _close_up(composite: Image, seen: Box, scale: float) -> Image:
+    """The composite around the object, in the shape of the frame.
+
+    Args:
+        composite: the frame, which may be reduced.
+        seen: the object's box on the frame [px].
+        scale: of the composite against the frame [1].
+    """
+    height, width = composite.shape[:2]
     across = max(seen.width, seen.height * width / height)
     columns = min(width, max(16, round(scale * across * (1 + 2 * _CLOSE_UP_MARGIN))))
     rows = min(height, round(columns * height / width))
     x0 = round(scale * 0.5 * (seen.x0 + seen.x1) - 0.5 * columns)
     y0 = round(scale * 0.5 * (seen.y0 + seen.y1) - 0.5 * rows)
     x0, y0 = min(max(x0, 0), width - columns), min(max(y0, 0), height - rows)
-    return shown.after[y0 : y0 + rows, x0 : x0 + columns]
+    return composite[y0 : y0 + rows, x0 : x0 + columns]
 
 
 def _overlay(picture: Image, values: Float32, scale: Scale, alpha: Float32 | None = None) -> Image:
@@ -120,23 +133,15 @@ def _overlay(picture: Image, values: Float32, scale: Scale, alpha: Float32 | Non
     return np.asarray(np.clip(mixed, 0.0, 255.0), np.uint8)
 
 
-def _outlined(image: Image, findings: Findings) -> Image:
+def _outlined(image: Image, footprint: Bool) -> Image:
     """The footprint's outline, white on black, so that it is seen on any colour."""
-    if findings.shot.ground is None or not findings.shot.ground.mask.any():
-        return image
     height, width = image.shape[:2]
-    mask = _resized_mask(findings.shot.ground.mask, (width, height))
+    mask = cv2.resize(footprint.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     drawn = np.ascontiguousarray(image)
     for color, thickness in (((0, 0, 0), 4), ((255, 255, 255), 2)):
         cv2.drawContours(drawn, outlines, -1, color, thickness, lineType=cv2.LINE_AA)
     return drawn
-
-
-def _resized_mask(mask: Bool, size: tuple[int, int]) -> Image:
-    return np.asarray(
-        cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST), np.uint8
-    )
 
 
 def _reduced(picture: Image) -> Image:

@@ -1,57 +1,59 @@
-"""The page: one HTML file with everything in it, for any screen, for eyes and ears."""
+"""The report's page: header with warnings, wipe between plate and composite, strip of frames."""
 
 from __future__ import annotations
 
 from html import escape
-from importlib.resources import files
-from pathlib import PurePath
-from string import Template
 
 import numpy as np
 
-from nlens_video.core.version import VERSION
-from nlens_video.report.findings import Findings, StripFrame
-from nlens_video.report.lens_part import fit_part, maps_part
-from nlens_video.report.markup import count, figure, image, jpeg_image, missing, prose, section
-from nlens_video.report.pictures import Image
-from nlens_video.report.prose import NEVER_SEEN, advice, lens_sentences, no_fit_reason
-from nlens_video.report.run_part import plan_part, times_part
+from nlens_video.report.findings import NEVER_SEEN, Findings
+from nlens_video.report.fit import fit_section
+from nlens_video.report.html import (
+    Image,
+    count,
+    document,
+    embedded_jpeg,
+    figure,
+    file_name,
+    missing,
+    picture,
+    prose,
+    section,
+)
+from nlens_video.report.maps import maps_section
+from nlens_video.report.prose import advice, lens_sentences
+from nlens_video.report.times import plan_section, times_section
 
 
 def page(findings: Findings) -> str:
     """The page as text; everything that came from outside is escaped."""
-    folder = files("nlens_video.report")
-    template = Template(folder.joinpath("page.html").read_text(encoding="utf-8"))
-    parts = (_compare, _strip, maps_part, fit_part, times_part, plan_part)
-    return template.substitute(
-        title=escape(_title(findings)),
-        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
-        header=_header(findings),
-        sections="\n".join(part(findings) for part in parts),
-        footer=f"Made by nlens-video {escape(VERSION)}. Lengths are in the unit of the GLB, "
-        "which glTF takes for metres (m). Blur is the diameter of the circle of confusion (CoC) "
-        "in pixels of the frame.",
+    arrow = "\N{RIGHTWARDS ARROW}"
+    sections = (_compare, _strip, maps_section, fit_section, times_section, plan_section)
+    return document(
+        "report",
+        f"{file_name(findings.info.name)} {arrow} {file_name(findings.output)}",
+        lens_sentences(findings),
+        "\n".join(part(findings) for part in sections),
+        header=_facts(findings) + _advice(findings),
+        footer="Lengths are in the unit of the GLB, which glTF takes for metres (m). CoC is the "
+        "diameter of the circle of confusion in pixels of the frame.",
     )
 
 
-def _title(findings: Findings) -> str:
-    return f"{_name(findings.info.name)} \N{RIGHTWARDS ARROW} {_name(findings.output)}"
-
-
-def _name(spec: str) -> str:
-    """Last part of a path; addresses and `-` as they are."""
-    return spec if "://" in spec or spec == "-" else PurePath(spec).name or spec
-
-
-def _header(findings: Findings) -> str:
+def _facts(findings: Findings) -> str:
     info, summary = findings.info, findings.summary
     rate = f"{float(info.average_rate):.4g} fps" if info.average_rate else "unknown rate"
     if info.kind == "still":
         rate = "still"
+    only_lens = findings.main is not None and findings.main.after is None
     facts = [
-        ("Plate", _name(info.name), f"{info.codec}, {info.pixel_format}"),
+        ("Plate", file_name(info.name), f"{info.codec}, {info.pixel_format}"),
         ("Object", findings.session.context.objects.scene.path.name, ""),
-        ("Written", _name(findings.output), _written(findings)),
+        (
+            "Written",
+            file_name(findings.output),
+            "the lens" if only_lens else count(summary.frames, "frame"),
+        ),
         ("Frame", f"{info.width} \N{MULTIPLICATION SIGN} {info.height} px", rate),
         ("Pipeline", findings.session.graph.pipeline, findings.session.graph.summary),
     ]
@@ -63,58 +65,45 @@ def _header(findings: Findings) -> str:
         f"{f'<small>{escape(more)}</small>' if more else ''}</dd></div>"
         for name, value, more in facts
     )
+    return f'<dl class="facts">{rows}</dl>'
+
+
+def _advice(findings: Findings) -> str:
     items = "".join(
         f'<li class="{one.kind}"><strong>{one.kind.capitalize()}</strong>{prose(one.text)}'
         f"{f'<span>What to do: {prose(one.remedy)}</span>' if one.remedy else ''}</li>"
         for one in advice(findings)
     )
-    return (
-        '<p class="eyebrow">nlens-video report</p>'
-        f"<h1>{escape(_title(findings))}</h1>"
-        f'<p class="lead">{prose(lens_sentences(findings))}</p>'
-        f'<dl class="facts">{rows}</dl>'
-        + (f'<ul class="advice" aria-label="What to know">{items}</ul>' if items else "")
-    )
-
-
-def _written(findings: Findings) -> str:
-    """How much was written; a run that only finds the lens writes no frames."""
-    only_lens = findings.shown is not None and findings.shown.after is None
-    return "the lens" if only_lens else count(findings.summary.frames, "frame")
+    return f'<ul class="advice" aria-label="Warnings and notes">{items}</ul>' if items else ""
 
 
 def _compare(findings: Findings) -> str:
-    shown = findings.shown
-    if shown is None:
-        return section(
-            "compare", "Before and after", missing(no_fit_reason(findings) or NEVER_SEEN)
-        )
-    place = f"frame {shown.index}, {shown.time_s:.2f} s"
-    if shown.after is None:
-        return section(
-            "compare",
-            "The plate",
-            figure(image(shown.before, f"The plate, {place}"), f"{place.capitalize()}. No frame "
-                    "was composited in this run."),
-        )  # fmt: skip
-    first = f"Measured and shown on {place}" if _carried(findings) else f"Shown: {place}"
+    main, title = findings.main, "Before and after"
+    if main is None:
+        return section("compare", title, missing(findings.no_fit_reason or NEVER_SEEN))
+    place = f"frame {main.index}, {main.time_s:.2f} s"
+    plate = picture(main.before, f"The plate, {place}")
+    if main.after is None:
+        words = f"{place.capitalize()}. No frame was composited in this run."
+        return section("compare", "The plate", figure(plate, words))
+    first = "Shown" if findings.shot.plate_coc is None else "Lens measured and result shown"
     return section(
         "compare",
-        "Before and after",
-        f'<p class="quiet">{first}, the first with the object in view.</p>'
+        title,
+        f'<p class="quiet">{first} on {place}, the first with the object in view.</p>'
         '<div class="compare"><div class="stack">'
-        f"{image(shown.after, f'The composite, {place}')}"
-        f'<div class="before">{image(shown.before, f"The plate, {place}")}</div>'
+        f"{picture(main.after, f'The composite, {place}')}"
+        f'<div class="before">{plate}</div>'
         '<span class="edge"></span><span class="tag left">plate</span>'
         '<span class="tag right">composite</span></div>'
-        '<label for="split">Share of the plate that is shown (arrow keys move the edge)</label>'
+        '<label for="split">Wipe between plate and composite (arrow keys move the edge)</label>'
         '<input id="split" type="range" min="0" max="100" '
-        f'value="{_split(shown.before, shown.after)}"></div>',
+        f'value="{_wipe_percent(main.before, main.after)}"></div>',
     )
 
 
-def _split(before: Image, after: Image) -> int:
-    """Where the edge stands at first: across the object, so that both sides show some of it [%]."""
+def _wipe_percent(before: Image, after: Image) -> int:
+    """First position of the wipe, across the object, so that each side shows some of it [%]."""
     changed = np.abs(after.astype(np.int16) - before).sum(axis=(0, 2)).astype(np.float64)
     if not changed.any():
         return 50
@@ -122,24 +111,18 @@ def _split(before: Image, after: Image) -> int:
     return round(100 * min(max(middle, 0.05), 0.95))
 
 
-def _carried(findings: Findings) -> bool:
-    return findings.shot.plate_coc is not None
-
-
 def _strip(findings: Findings) -> str:
     if len(findings.strip) < 2:
         return ""
-    figures = "".join(_strip_figure(frame) for frame in findings.strip)
-    words = "Composited frames, spread evenly over the clip."
+    figures = ""
+    for frame in findings.strip:
+        coc = "sharp" if frame.largest_coc_px is None else f"CoC to {frame.largest_coc_px:.1f} px"
+        thumbnail = embedded_jpeg(frame.jpeg, frame.size, f"Composite, frame {frame.index}")
+        figures += (
+            f"<figure>{thumbnail}<figcaption><b>{frame.index}</b> at {frame.time_s:.2f} s<br>{coc}"
+            "</figcaption></figure>"
+        )
+    words = "Composited frames, evenly spaced over the clip."
     return section(
         "strip", "Over the clip", f'<p class="quiet">{words}</p><div class="strip">{figures}</div>'
-    )
-
-
-def _strip_figure(frame: StripFrame) -> str:
-    blur = "sharp" if frame.largest_coc_px is None else f"blur to {frame.largest_coc_px:.1f} px"
-    picture = jpeg_image(frame.jpeg, frame.size, f"Composite, frame {frame.index}")
-    return (
-        f"<figure>{picture}<figcaption><b>{frame.index}</b> at {frame.time_s:.2f} s<br>{blur}"
-        "</figcaption></figure>"
     )

@@ -1,7 +1,7 @@
 """Axes and marks of inline SVG charts; all colours come from the page's style sheet.
 
-Inline SVG follows the reader's light or dark colours, stays sharp at any size and is read aloud,
-none of which a picture of a chart does.
+Inline SVG follows the reader's light or dark theme, stays sharp at any size and is accessible to
+screen readers; a picture of a chart is none of that.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
-
-import numpy as np
+from typing import TypeVar
 
 from nlens_video.core.layers import Float64
 
+Values = TypeVar("Values", float, Float64)
 _CLEAR_PX = 46.0  # between neighbouring labels
 
 
@@ -56,15 +56,15 @@ class Axes:
         """Bottom edge [SVG unit]."""
         return self.height - self.margins[3]
 
-    def place_x(self, values: Float64) -> Float64:
-        """Where values lie across [SVG unit]."""
+    def place_x(self, values: Values) -> Values:
+        """Horizontal position of values [SVG unit]."""
         low, high = self.x
-        return np.asarray(self.left + (values - low) / (high - low) * (self.right - self.left))
+        return self.left + (values - low) / (high - low) * (self.right - self.left)
 
-    def place_y(self, values: Float64) -> Float64:
-        """Where values lie down [SVG unit]."""
+    def place_y(self, values: Values) -> Values:
+        """Vertical position of values [SVG unit]."""
         low, high = self.y
-        return np.asarray(self.bottom - (values - low) / (high - low) * (self.bottom - self.top))
+        return self.bottom - (values - low) / (high - low) * (self.bottom - self.top)
 
     def points(self, x: Float64, y: Float64) -> list[tuple[float, float]]:
         """Positions in the drawing."""
@@ -74,11 +74,11 @@ class Axes:
         """Grid lines, tick labels and axis titles."""
         parts = []
         for value in ticks(*self.x):
-            x = float(self.place_x(np.array(value)))
+            x = self.place_x(value)
             parts.append(line((x, self.top), (x, self.bottom), "grid"))
             parts.append(text((x, self.bottom + 18), _number(value), "tick", "middle"))
         for value in ticks(*self.y):
-            y = float(self.place_y(np.array(value)))
+            y = self.place_y(value)
             parts.append(line((self.left, y), (self.right, y), "grid"))
             parts.append(text((self.left - 8, y + 4), _number(value), "tick", "end"))
         middle = 0.5 * (self.left + self.right)
@@ -91,10 +91,10 @@ class Axes:
         return "".join(parts)
 
     def top_labels(self, places: Sequence[tuple[float, str]], title: str) -> str:
-        """A second axis above: labels at x values, those that would collide left out."""
+        """A second axis above: labels at x values, without those that would collide."""
         parts, last = [], -math.inf
         for value, label in places:
-            x = float(self.place_x(np.array(value)))
+            x = self.place_x(value)
             if self.left <= x <= self.right and abs(x - last) >= _CLEAR_PX:
                 parts.append(line((x, self.top - 4), (x, self.top), "mark"))
                 parts.append(text((x, self.top - 8), label, "tick", "middle"))
@@ -104,7 +104,7 @@ class Axes:
         return "".join(parts)
 
     def drawing(self, title: str, description: str, body: str) -> str:
-        """The SVG element, named for those who do not see it."""
+        """The SVG element, with title and description for screen readers."""
         return (
             f'<svg class="chart" role="img" viewBox="0 0 {self.width:g} {self.height:g}" '
             f'aria-label="{escape(f"{title}. {description}")}">'

@@ -1,6 +1,7 @@
 """Pictures, maps and plots of the report against values worked out by hand."""
 
 import base64
+import re
 
 import av
 import cv2
@@ -9,9 +10,10 @@ import pytest
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.report.fit_plot import FitCurve
+from nlens_video.report.collect import copied, thumbnail
+from nlens_video.report.fit import FitCurve
+from nlens_video.report.html import embedded_jpeg, jpeg, to_8_bit
 from nlens_video.report.maps import COC_MAP, Scale
-from nlens_video.report.pictures import copied, data_uri, jpeg, shown, thumbnail
 from nlens_video.report.svg import Axes, nice_step, ticks
 from nlens_video.stages.r_regression import FitSamples
 from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
@@ -32,11 +34,11 @@ def picture(pixel_format="yuv420p", rotation=0, rgb=RAMP):
 
 def test_copied_picture_keeps_the_plate_after_compositing():
     plate = picture()
-    expected = shown(plate.srgb())
+    expected = to_8_bit(plate.srgb())
     before = copied(plate)
     plate.over(Box(0, 0, 64, 64), np.ones((64, 64, 4), np.float32))
     np.testing.assert_array_equal(before(), expected)
-    assert np.abs(shown(plate.srgb()).astype(int) - expected).max() > 50
+    assert np.abs(to_8_bit(plate.srgb()).astype(int) - expected).max() > 50
 
 
 def test_copied_array_picture_keeps_the_plate_after_compositing():
@@ -50,7 +52,7 @@ def test_copied_array_picture_keeps_the_plate_after_compositing():
 @pytest.mark.parametrize("rotation", [0, 90])
 def test_thumbnail_equals_the_downscaled_picture(pixel_format, rotation):
     whole = picture(pixel_format, rotation)
-    expected = shown(whole.srgb(), 320)
+    expected = to_8_bit(whole.srgb(), 320)
     small = decoded(thumbnail(whole))
     assert small.shape[1] == 320
     reference = cv2.resize(expected, small.shape[1::-1], interpolation=cv2.INTER_AREA)
@@ -64,9 +66,8 @@ def test_a_small_picture_is_not_enlarged():
 
 def test_data_uri_holds_the_images_bytes():
     data = jpeg(np.full((4, 4, 3), 128, np.uint8))
-    head, text = data_uri(data).split(",")
-    assert head == "data:image/jpeg;base64"
-    assert base64.b64decode(text) == data
+    source = re.search('src="data:image/jpeg;base64,(.*?)"', embedded_jpeg(data, (4, 4), "grey"))
+    assert base64.b64decode(source[1]) == data
 
 
 def test_colour_scale_starts_at_zero_and_saturates_at_its_top():

@@ -186,7 +186,7 @@ def test_report_describes_the_lens_in_plain_words(measured):
     focus = float(re.search(r"in focus at ([\d.]+) m", text).group(1))
     assert focus == pytest.approx(2.0, rel=0.02)
     assert "in front of the focal plane, 1.5 to 1.8 m away" in text
-    least, most = map(float, re.search(r"blur is ([\d.]+) to ([\d.]+) px", text).groups())
+    least, most = map(float, re.search(r"\(CoC\) is ([\d.]+) to ([\d.]+) px", text).groups())
     assert least == pytest.approx(SLOPE / 1.8 + INTERCEPT, abs=0.3)
     assert most == pytest.approx(SLOPE / 1.5 + INTERCEPT, abs=0.3)
 
@@ -217,8 +217,8 @@ def test_report_of_a_given_fit_has_no_maps_and_samples(tmp_path):
         page = read(bench.finish(report))
     assert "The lens was given with --fit" in page.text
     assert "in focus at 2 m" in page.text
-    assert "Blur given to the object" in page.text
-    assert "Blur of the plate" not in page.text
+    assert "CoC of the object" in page.text
+    assert "CoC of the plate" not in page.text
     assert page.all("input")
 
 
@@ -255,7 +255,7 @@ def test_report_of_a_fit_run_shows_plate_and_fit(tmp_path):
     assert "No frame was composited in this run" in page.text
     assert "lens.json the lens" in page.text
     assert "depths of the object" not in page.text
-    assert "Blur of the plate" in page.text
+    assert "CoC of the plate" in page.text
     assert len([a for a in page.all("svg") if a.get("role") == "img"]) == 2
     assert page.all("input") == []
 
@@ -386,7 +386,7 @@ def test_report_of_a_real_run_shows_before_and_after(tmp_path):
         "The plate, frame 0, 0.00 s",
     ]
     assert len([a for a in page.all("img") if a["alt"].startswith("Composite, frame")]) == 4
-    assert "blur to" in page.text
+    assert "CoC to" in page.text
 
 
 def test_chart_of_timings_accepts_frames_without_nodes(tmp_path):

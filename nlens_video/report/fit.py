@@ -1,4 +1,4 @@
-"""The paper's fitted relationship (its section 4.2): CoC against disparity, samples and line."""
+"""Section "Lens fit": the paper's fitted relationship (section 4.2), CoC against disparity."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 
 from nlens_video.core.layers import Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.report.findings import Shown
+from nlens_video.report.findings import Findings, MainFrame
+from nlens_video.report.html import figure, key, missing, section, table
 from nlens_video.report.svg import Axes, dots, line, nice_step, path, text
 from nlens_video.stages.r_regression import FitSamples
 
@@ -20,7 +21,7 @@ _MARGINS = (58.0, 46.0, 14.0, 52.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitCurve:
-    """The line and how sure it is.
+    """The fitted line with its standard error.
 
     Attributes:
         fit: the lens.
@@ -51,11 +52,11 @@ class FitCurve:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def object_disparity(shown: Shown | None) -> tuple[float, float] | None:
-    """Least and greatest disparity of the object on the frame shown [1 / scene unit]."""
-    if shown is None or shown.defocused is None:
+def object_disparity(main: MainFrame | None) -> tuple[float, float] | None:
+    """Least and greatest disparity of the object on the main frame [1 / scene unit]."""
+    if main is None or main.defocused is None:
         return None
-    layer = shown.defocused.layer
+    layer = main.defocused.layer
     depth = layer.depth[(layer.rgba[..., 3] > 0.5) & np.isfinite(layer.depth) & (layer.depth > 0)]
     if not depth.size:
         return None
@@ -63,10 +64,60 @@ def object_disparity(shown: Shown | None) -> tuple[float, float] | None:
     return 1.0 / float(farthest), 1.0 / float(nearest)
 
 
+def fit_section(findings: Findings) -> str:
+    """The fit as two charts and in numbers."""
+    regression, fit = findings.regression, findings.fit
+    if fit is None:
+        return ""  # the section before says why
+    if regression is None:
+        body = missing(findings.no_fit_reason or findings.doubt)
+    else:
+        around = object_disparity(findings.main)
+        charts = "".join(
+            figure(fit_plot(fit, regression.samples, around, signed=signed), "", name)
+            for name, signed in (("Unsigned, as estimated", False), ("Signed", True))
+        )
+        words = (
+            "Each dot is a sample of the ground: its disparity (1 / depth) in the scene and its "
+            "CoC in the plate. The lens relates both by a line, which is zero in the focal plane. "
+            "The fainter a dot, the less weight it has in the robust fit."
+        )
+        marks = [
+            ("plane w3", "ground"),
+            ("anchor w3", "footprint"),
+            ("fit", "fitted line"),
+            ("band", "one standard error"),
+        ]
+        if around is not None:
+            marks.append(("object", "depths of the object"))
+        body = f'<p class="quiet">{words}</p>{key(marks)}<div class="pair">{charts}</div>'
+    plus_minus = "\N{PLUS-MINUS SIGN}"
+    rows = [
+        ("Slope", f"{fit.slope:.5g} {plus_minus} {fit.slope_stderr:.2g} px m"),
+        ("CoC at infinity", f"{fit.intercept:.4g} {plus_minus} {fit.intercept_stderr:.2g} px"),
+        ("Residual (RMS)", f"{fit.rmse_px:.2f} px"),
+        ("Samples", f"{fit.n}, {fit.inlier_fraction:.0%} inliers"),
+        ("Sign", f"{fit.sign}, {margin_words(fit)}"),
+        ("Method", fit.method),
+    ]
+    if findings.shot.plate_coc is None:  # a fit that was given
+        del rows[2:-1]
+    return section("fit", "Lens fit", body + table("The fit in numbers", (), rows))
+
+
+def margin_words(fit: LensFit) -> str:
+    """How well the opposite sign fits."""
+    if not np.isfinite(fit.sign_margin):
+        return "the opposite sign does not fit at all"
+    if fit.sign_margin >= 1:
+        return f"the opposite sign fits {1 + fit.sign_margin:.2g} times as badly"
+    return f"the opposite sign fits {fit.sign_margin:.0%} worse"
+
+
 def fit_plot(
     fit: LensFit, samples: FitSamples, around: tuple[float, float] | None, *, signed: bool
 ) -> str:
-    """SVG of the unsigned V, or of the signed line that it stands for.
+    """SVG of the unsigned V, or of the signed line.
 
     Args:
         fit: the lens.
@@ -77,18 +128,24 @@ def fit_plot(
     curve = FitCurve.of(fit, samples)
     axes = _axes(curve, samples, around, signed=signed)
     subject = "Signed" if signed else "Unsigned"
+    depths = [
+        (1 / depth, f"{depth:g}")
+        for power in range(6, -5, -1)
+        for depth in (step * 10.0**power for step in (7, 5, 3, 2, 1.5, 1))
+        if axes.x[0] < 1 / depth <= axes.x[1]
+    ]
     body = [
         _object_range(axes, around),
         axes.frame(
             "disparity (1 / m)", "signed CoC diameter (px)" if signed else "CoC diameter (px)"
         ),
-        axes.top_labels(_depth_places(axes.x), "depth (m)"),
+        axes.top_labels([(0.0, "\N{INFINITY}"), *depths], "depth (m)"),
         _samples(axes, fit, samples, signed=signed),
         _line(axes, curve, signed=signed),
         _focus(axes, fit),
     ]
     return axes.drawing(
-        f"{subject} blur against disparity",
+        f"{subject} CoC against disparity",
         f"{fit.n} samples of the ground and the fitted line, {fit.slope:.3g} px m times disparity "
         f"{fit.intercept:+.3g} px; shaded: one standard error.",
         "".join(body),
@@ -123,22 +180,15 @@ def _samples(axes: Axes, fit: LensFit, samples: FitSamples, *, signed: bool) -> 
     inside = (coc <= axes.y[1]) & (coc >= axes.y[0]) & (samples.disparity <= axes.x[1])
     parts = []
     for anchor, kind in ((False, "plane"), (True, "anchor")):
-        chosen = _thinned(np.flatnonzero(inside & (samples.anchor == anchor)))
+        chosen = np.flatnonzero(inside & (samples.anchor == anchor))
+        if len(chosen) > _DRAWN_SAMPLES:  # the same ones on every run
+            random = np.random.default_rng(0)
+            chosen = np.sort(random.choice(chosen, _DRAWN_SAMPLES, replace=False))
         shade = np.minimum((samples.weight[chosen] * _WEIGHT_STEPS).astype(int), _WEIGHT_STEPS - 1)
         for step in range(_WEIGHT_STEPS):
             at = chosen[shade == step]
             parts.append(dots(axes.points(samples.disparity[at], coc[at]), f"{kind} w{step}"))
     return "".join(parts)
-
-
-def _thinned(
-    places: np.ndarray[tuple[int], np.dtype[np.intp]],
-) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """At most `_DRAWN_SAMPLES`, the same ones on every run."""
-    if len(places) <= _DRAWN_SAMPLES:
-        return places
-    chosen = np.random.default_rng(0).choice(len(places), _DRAWN_SAMPLES, replace=False)
-    return places[np.sort(chosen)]
 
 
 def _line(axes: Axes, curve: FitCurve, *, signed: bool) -> str:
@@ -160,7 +210,7 @@ def _focus(axes: Axes, fit: LensFit) -> str:
     focus = fit.focus_disparity
     if not axes.x[0] < focus < axes.x[1]:
         return ""
-    x = float(axes.place_x(np.array(focus)))
+    x = axes.place_x(focus)
     near_right = x > axes.right - 110
     place = (x - 6 if near_right else x + 6, axes.top + 14)
     words = f"focus, {1 / focus:.3g} m"
@@ -178,13 +228,3 @@ def _object_range(axes: Axes, around: tuple[float, float] | None) -> str:
         f'width="{max(right - left, 2):.1f}" height="{axes.bottom - axes.top:.1f}"/>'
         + text((0.5 * (left + right), axes.bottom - 8), "object", "label", "middle")
     )
-
-
-def _depth_places(x: tuple[float, float]) -> list[tuple[float, str]]:
-    """Round depths over the range of disparities, from far to near."""
-    depths = sorted(
-        (step * 10.0**power for power in range(-4, 7) for step in (1, 1.5, 2, 3, 5, 7)),
-        reverse=True,
-    )
-    places = [(1 / depth, f"{depth:g}") for depth in depths if x[0] < 1 / depth <= x[1]]
-    return [(0.0, "\N{INFINITY}"), *places]

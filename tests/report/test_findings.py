@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlens_video.graph.base.profiler import FrameTiming
-from nlens_video.report.downsampling import EvenPick, TimingBins
+from nlens_video.report.findings import EvenPick, TimingBins
 
 
 def picked(frames, room=24, count=12):
