@@ -71,14 +71,14 @@ def without(pipeline, node):
 
 
 @pytest.mark.needs_gl
-def test_the_pages_node_changes_the_object(folder):
+def test_contributing_guides_example_node_changes_the_object(folder):
     assert "warmth" in nodes_of_the_run(folder, NODES, "warm")
     assert "warmth" not in nodes_of_the_run(folder, without(NODES, "warmth"), "plain")
     assert (folder / "warm.png").read_bytes() != (folder / "plain.png").read_bytes()
 
 
 @pytest.mark.needs_gl
-def test_the_pages_effect_is_measured_decided_and_applied(folder):
+def test_contributing_guides_example_effect_is_measured_planned_and_applied(folder):
     pipeline = NODES.replace('{ node = "warmth", gain = 1.3 }', '"veiling-glare"')
     assert pipeline != NODES
     assert "veiling-glare" in nodes_of_the_run(folder, pipeline, "veiled")
@@ -92,7 +92,7 @@ def test_the_pages_effect_is_measured_decided_and_applied(folder):
     assert plan.returncode == 0 and "veiling-glare" in plan.stdout + plan.stderr
 
 
-def test_the_pages_option_reaches_the_settings(tmp_path):
+def test_contributing_guides_example_option_reaches_the_settings(tmp_path):
     field, row = re.findall(r"^```text\n(    .*?)^```", PAGE, re.M | re.S)
     changes = {
         "core/settings.py": ("    pix_fmt: str | None = None\n", field),
@@ -113,7 +113,7 @@ def test_the_pages_option_reaches_the_settings(tmp_path):
 
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("words", [["check"], ["format", "--check"]], ids=["check", "format"])
-def test_the_pages_files_pass_the_linter(name, words):
+def test_contributing_guides_examples_pass_the_linter(name, words):
     run = subprocess.run(
         [sys.executable, "-m", "ruff", *words, "--stdin-filename", name, "--config", OURS, "-"],
         cwd=ROOT, input=FILES[name], capture_output=True, text=True, check=False,
@@ -121,7 +121,7 @@ def test_the_pages_files_pass_the_linter(name, words):
     assert run.returncode == 0, run.stdout
 
 
-def test_workflow_runs_what_ci_runs_and_builds_the_wheel():
+def test_github_workflow_runs_the_ci_script_and_builds_the_wheel():
     workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
     commands = re.findall(r"^ +- run: (.*)$", workflow, re.M)
     assert ".ci/run" in commands and "python -m build" in commands

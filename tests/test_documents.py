@@ -19,7 +19,7 @@ PAGES = [
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_page_holds_no_placeholder_and_no_dead_link(page):
+def test_document_has_no_placeholder_and_no_dead_link(page):
     text = page.read_text()
     assert not re.search(r"@@?[A-Z]+@|\bTODO\b|\bTBD\b|^POINTS$", text, re.MULTILINE)
     for target in re.findall(r"\]\(([^)#]+)\)", text):
@@ -27,7 +27,7 @@ def test_page_holds_no_placeholder_and_no_dead_link(page):
             assert (page.parent / target).exists(), f"{page}: {target} is not there"
 
 
-def test_options_that_the_readme_names_exist():
+def test_options_named_in_the_readme_exist():
     known = {name for one in ("render", "check") for name in parser_of(one)._option_string_actions}
     named = set(re.findall(r"--[a-z][a-z-]+", (ROOT / "README.md").read_text()))
     assert named <= known, named - known
@@ -37,7 +37,7 @@ def test_options_that_the_readme_names_exist():
         assert command in COMMANDS or command == "in"
 
 
-def test_gallery_is_small_and_shows_every_picture_that_its_script_makes():
+def test_gallery_shows_every_picture_of_its_script_and_is_small():
     folder = ROOT / "docs" / "gallery"
     pictures = {path.name for path in folder.glob("*.jpg")}
     script = (ROOT / "docs" / "make_gallery.py").read_text()
@@ -47,13 +47,13 @@ def test_gallery_is_small_and_shows_every_picture_that_its_script_makes():
     assert sum((folder / name).stat().st_size for name in pictures) < 2e6
 
 
-def test_architecture_shows_the_frame_graph_of_today():
+def test_architecture_page_shows_the_current_frame_graph():
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     diagram = mermaid(load_pipeline("standard"))
     assert f"```mermaid\n{diagram}```" in page, "write it anew: python docs/make_graph.py"
 
 
-def test_pipeline_file_of_the_page_loads(tmp_path):
+def test_pipeline_file_in_the_documentation_loads(tmp_path):
     page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)
     path = tmp_path / "mine.toml"
@@ -61,7 +61,7 @@ def test_pipeline_file_of_the_page_loads(tmp_path):
     assert load_pipeline(str(path)).notes == ()
 
 
-def test_page_lists_the_options_and_the_former_names_of_nodes():
+def test_pipelines_page_lists_node_options_and_former_names():
     page = (ROOT / "docs" / "pipelines.md").read_text(encoding="utf-8")
     for former, today in FORMER_NAMES.items():
         assert f"| `{former}` | `{today}` |" in page
@@ -72,7 +72,7 @@ def test_page_lists_the_options_and_the_former_names_of_nodes():
                 assert re.search(rf"^\| `{name}` \|.*`{option.name} = {default}`", page, re.M)
 
 
-def test_architecture_lists_the_packages_folders_in_import_order():
+def test_architecture_page_lists_the_folders_in_import_order():
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"^\| folder \| holds \|\n.*?\n\n", page, re.M | re.S)
     listed = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", table, re.M)))

@@ -57,7 +57,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("command", HERE)
-def test_command_runs_as_it_stands(command, folder, monkeypatch):
+def test_documented_command_runs_as_written(command, folder, monkeypatch):
     monkeypatch.chdir(folder)
     program, *words = shlex.split(command)
     assert program == "nlens-video", f"{command}: run it here, or say in ELSEWHERE why not"
@@ -67,12 +67,12 @@ def test_command_runs_as_it_stands(command, folder, monkeypatch):
     assert code == 0, told.getvalue()
 
 
-def test_each_reason_not_to_run_a_command_is_still_needed():
+def test_every_exception_from_running_commands_is_needed():
     shown = "\n".join(commands())
     assert [part for part in ELSEWHERE if part not in shown] == []
 
 
-def test_make_targets_extras_and_scripts_that_pages_name_exist():
+def test_make_targets_extras_and_scripts_named_in_documents_exist():
     makefile = (ROOT / "Makefile").read_text()
     project = (ROOT / "pyproject.toml").read_text()
     text = "\n".join(page.read_text() for page in PAGES)
@@ -86,7 +86,7 @@ def test_make_targets_extras_and_scripts_that_pages_name_exist():
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
-def test_python_of_the_page_runs_on_an_opencv_capture(page, folder, monkeypatch):
+def test_documented_python_example_runs_on_an_opencv_capture(page, folder, monkeypatch):
     monkeypatch.chdir(folder)
     blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
     assert blocks
@@ -98,7 +98,7 @@ def test_python_of_the_page_runs_on_an_opencv_capture(page, folder, monkeypatch)
         assert len(seen) == 14 and all(frame.shape == seen[0].shape for frame in seen)
 
 
-def test_the_site_is_built_without_a_warning(tmp_path):
+def test_documentation_site_builds_without_warnings(tmp_path):
     run = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"],
         cwd=ROOT, capture_output=True, text=True, check=False,

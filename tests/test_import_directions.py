@@ -61,7 +61,7 @@ def imported_folders(path: Path) -> set[str]:
     return found
 
 
-def test_every_folder_is_listed():
+def test_every_folder_of_the_package_is_listed():
     assert {folder_of(path) for path in MODULES} == set(FOLDERS)
 
 
@@ -72,17 +72,17 @@ def test_folder_imports_nothing_from_a_folder_below_it_in_the_list(folder):
         assert imported_folders(path) <= allowed, path.relative_to(PACKAGE)
 
 
-def test_the_packages_root_holds_nothing_but_its_front_door():
+def test_package_root_holds_only_its_entry_points():
     assert {path.name for path in PACKAGE.iterdir() if path.is_file()} == FRONT_DOOR
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_folder_holds_few_modules(folder):
+def test_folders_hold_at_most_fifteen_modules(folder):
     modules = [path for path in MODULES if folder_of(path) == folder]
     assert len([path for path in modules if path.name != "__init__.py"]) <= MOST_MODULES
 
 
-def test_modules_are_short():
+def test_modules_have_at_most_300_lines():
     lengths = {path: len(path.read_text().splitlines()) for path in MODULES}
     assert not {str(path): length for path, length in lengths.items() if length > 300}
 
@@ -105,7 +105,7 @@ def test_heavy_library_is_imported_in_its_own_folder(library, folders):
     assert using <= folders
 
 
-def test_the_command_lines_help_loads_no_heavy_library():
+def test_help_loads_no_heavy_library():
     code = (
         "import sys; sys.argv = ['nlens-video', '--help']\n"
         "from nlens_video.cli.main import main\n"

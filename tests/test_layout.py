@@ -16,14 +16,14 @@ def imported(path):
             yield from (alias.name for alias in node.names)
 
 
-def test_no_module_imports_a_test_module():
+def test_no_test_module_is_imported():
     tests = {module.stem for module in MODULES}
     for path in TESTS.rglob("*.py"):
         names = {part for module in imported(path) for part in module.split(".")}
         assert not names & tests, path.relative_to(TESTS)
 
 
-def test_every_folder_of_tests_is_a_folder_of_the_package_or_a_suite():
+def test_every_test_folder_mirrors_a_package_folder_or_is_a_suite():
     folders = {path.relative_to(TESTS).parts[0] for path in MODULES if path.parent != TESTS}
     package = {path.name for path in (ROOT / "nlens_video").iterdir() if path.is_dir()}
     assert folders <= package | SUITES

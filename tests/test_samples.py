@@ -92,7 +92,7 @@ def first_luma(clip):
 
 
 @clips
-def test_clip_is_six_seconds_of_h264_with_full_colour_tags(clip):
+def test_sample_clip_is_six_seconds_of_h264_with_full_colour_tags(clip):
     with av.open(str(SAMPLES / clip)) as source:
         video = source.streams.video[0]
         context = video.codec_context
@@ -116,7 +116,7 @@ def test_clip_is_six_seconds_of_h264_with_full_colour_tags(clip):
 
 
 @clips
-def test_clip_has_audible_stereo_sound_of_the_same_length(clip):
+def test_sample_clip_has_audible_stereo_sound_of_the_same_length(clip):
     with av.open(str(SAMPLES / clip)) as source:
         audio = source.streams.audio[0]
         assert (audio.codec_context.name, audio.rate, audio.channels) == ("aac", 48000, 2)
@@ -127,14 +127,14 @@ def test_clip_has_audible_stereo_sound_of_the_same_length(clip):
 
 
 @clips
-def test_plate_is_well_exposed(clip):
+def test_sample_plate_is_well_exposed(clip):
     luma = first_luma(clip)
     assert 60 < luma.mean() < 160
     assert (luma > 250).mean() < 0.02
 
 
 @clips
-def test_ground_is_sharpest_where_the_lens_file_puts_the_focal_plane(clip):
+def test_sample_plate_is_sharpest_at_the_focal_plane_of_its_lens_file(clip):
     text = (SAMPLES / clip).with_suffix(".json").read_text()
     camera, detail = json.loads(text)["camera"], abs(np.diff(first_luma(clip), axis=1))
     down = np.radians(camera["pitch_deg"])
@@ -148,7 +148,7 @@ def test_ground_is_sharpest_where_the_lens_file_puts_the_focal_plane(clip):
 
 
 @clips
-def test_lens_file_is_a_usable_fit_that_follows_from_its_lens(clip):
+def test_sample_lens_file_is_a_fit_consistent_with_its_lens(clip):
     text = (SAMPLES / clip).with_suffix(".json").read_text()
     fit, lens = LensFit.from_json(text), json.loads(text)["lens"]
     f, zf = lens["focal_length_mm"] * 1e-3, lens["focus_distance_m"]
@@ -158,7 +158,7 @@ def test_lens_file_is_a_usable_fit_that_follows_from_its_lens(clip):
 
 
 @objects
-def test_object_brings_the_plates_camera_and_lights(clip, glb, scene):
+def test_sample_object_has_the_plates_camera_and_lights(clip, glb, scene):
     plate = json.loads((SAMPLES / clip).with_suffix(".json").read_text())
     gltf = pygltflib.GLTF2().load(str(SAMPLES / glb))
     assert gltf.cameras[0].perspective.yfov == pytest.approx(plate["camera"]["yfov_rad"])
@@ -171,7 +171,7 @@ def test_object_brings_the_plates_camera_and_lights(clip, glb, scene):
 
 
 @objects
-def test_object_stands_on_the_ground_in_view_on_the_first_frame(clip, glb, scene):
+def test_sample_object_stands_on_the_ground_in_view_on_the_first_frame(clip, glb, scene):
     gltf = pygltflib.GLTF2().load(str(SAMPLES / glb))
     points = first_pose(gltf)
     assert points[:, 1].min() == pytest.approx(0.0, abs=1e-5)
@@ -183,7 +183,7 @@ def test_object_stands_on_the_ground_in_view_on_the_first_frame(clip, glb, scene
 
 
 @objects
-def test_object_crosses_the_focal_plane_within_six_seconds(clip, glb, scene):
+def test_sample_object_crosses_the_focal_plane_within_six_seconds(clip, glb, scene):
     fit = LensFit.from_json((SAMPLES / clip).with_suffix(".json").read_text())
     gltf = pygltflib.GLTF2().load(str(SAMPLES / glb))
     moves = next(c for c in gltf.animations[0].channels if c.target.path == "translation")
@@ -197,7 +197,7 @@ def test_object_crosses_the_focal_plane_within_six_seconds(clip, glb, scene):
     assert coc_px.min() < -7.0
 
 
-def test_first_object_is_skinned_and_second_one_morphs():
+def test_first_sample_object_is_skinned_and_the_second_has_morph_targets():
     first, second = (pygltflib.GLTF2().load(str(SAMPLES / pair[1])) for pair in PAIRS)
     assert len(first.skins[0].joints) > 8
     weights = read(first, first.meshes[0].primitives[0].attributes.WEIGHTS_0)
@@ -209,7 +209,7 @@ def test_first_object_is_skinned_and_second_one_morphs():
 
 
 @objects
-def test_every_part_of_the_object_faces_outwards(clip, glb, scene):
+def test_every_part_of_the_sample_object_faces_outwards(clip, glb, scene):
     gltf = pygltflib.GLTF2().load(str(SAMPLES / glb))
     for primitive in (part for mesh in gltf.meshes for part in mesh.primitives):
         points = read(gltf, primitive.attributes.POSITION)
@@ -228,7 +228,7 @@ def test_every_part_of_the_object_faces_outwards(clip, glb, scene):
 
 
 @objects
-def test_object_wears_an_embedded_picture_of_at_most_512_pixels(clip, glb, scene):
+def test_sample_object_embeds_a_texture_of_at_most_512_pixels(clip, glb, scene):
     gltf = pygltflib.GLTF2().load(str(SAMPLES / glb))
     view = gltf.bufferViews[gltf.images[0].bufferView]
     png = gltf.binary_blob()[view.byteOffset : view.byteOffset + view.byteLength]
@@ -237,7 +237,7 @@ def test_object_wears_an_embedded_picture_of_at_most_512_pixels(clip, glb, scene
 
 
 @objects
-def test_scripts_write_the_committed_object_again(clip, glb, scene, tmp_path):
+def test_scripts_reproduce_the_committed_sample_object(clip, glb, scene, tmp_path):
     again = tmp_path / glb
     command = [sys.executable, str(SAMPLES / "make_object.py"), scene, str(again)]
     subprocess.run([*command, "--plate", str((SAMPLES / clip).with_suffix(".json"))], check=True)
@@ -248,7 +248,7 @@ def test_scripts_write_the_committed_object_again(clip, glb, scene, tmp_path):
         assert read(made, index) == pytest.approx(read(committed, index), abs=1e-5)
 
 
-def test_samples_stay_small_and_hold_no_project_files_of_other_programs():
+def test_samples_are_small_and_hold_no_project_files():
     files = [
         path for path in SAMPLES.iterdir() if path.is_file() and not path.name.startswith("out")
     ]
@@ -257,7 +257,7 @@ def test_samples_stay_small_and_hold_no_project_files_of_other_programs():
 
 
 @pytest.mark.parametrize("script", ["make_samples.py", "make_object.py"])
-def test_script_explains_itself_without_blender(script):
+def test_sample_script_prints_help_without_blender(script):
     shown = subprocess.run(
         [sys.executable, str(SAMPLES / script), "--help"],
         capture_output=True,

@@ -28,7 +28,7 @@ def test_wheel_carries_pipelines_models_shaders_and_types(wheel):
 
 
 @pytest.mark.slow
-def test_wheel_runs_from_elsewhere_in_an_environment_of_its_own(wheel, tmp_path):
+def test_installed_wheel_runs_outside_the_repository(wheel, tmp_path):
     home = tmp_path / "venv"
     python = install(wheel, home, Path(sys.executable))
     (own,) = home.glob("lib/python*/site-packages")

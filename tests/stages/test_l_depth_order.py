@@ -121,7 +121,7 @@ def test_repaired_alpha_stays_in_range_and_light_is_not_negative(repair):
         assert after.min() >= 0.0 and after[..., 3].max() <= 1.0
 
 
-def test_a_smaller_frame_shows_the_same_where_it_still_sees_the_object(repair):
+def test_repair_in_a_smaller_frame_agrees_where_both_see_the_object(repair):
     sharp = defocused([FAR, NEAR])
     whole = repair(sharp, scattered(sharp))
     frame = Box(0, 0, 170, 140)  # its corner cuts the object, and the region around the step
@@ -144,7 +144,7 @@ def test_repair_of_an_object_shifted_by_64_px_is_shifted(repair):
 
 
 @pytest.mark.slow
-def test_a_slide_by_tenths_of_a_pixel_does_not_pop(repair):
+def test_repair_does_not_flicker_while_the_object_slides(repair):
     pictures, before = [], []
     for step in range(24):
         sharp = defocused([FAR, moved(NEAR, 0.1 * step)])

@@ -89,7 +89,7 @@ def test_sampled_lens_does_not_flicker_where_gather_changes_to_scatter(drawn):
     assert bends[across].max() < 2e-3  # half a code value, over both cards
 
 
-def test_a_smaller_frame_shows_the_same_where_it_still_sees_the_object(drawn):
+def test_sampled_lens_in_a_smaller_frame_agrees_where_both_see_the_object(drawn):
     fit = lens(9.0, -3.0)
     small = Box(0, 0, 97, 71)
     part, whole = seen(drawn, fit, frame=small), seen(drawn, fit)

@@ -242,7 +242,7 @@ def rough(frames):
     return np.abs(np.diff(frames, n=2, axis=0))
 
 
-def test_a_slide_by_tenths_of_a_pixel_does_not_pop(see):
+def test_blur_with_hidden_layer_does_not_flicker_while_the_object_slides(see):
     seen = see(WIDE, ROD)
     pairs = [
         seen.blurred(replace(seen.camera, cx=seen.camera.cx + 0.1 * step)) for step in range(15)

@@ -4,7 +4,7 @@ import pytest
 from models.coc.evaluate import figures
 
 
-def test_figures_of_a_map_worked_out_by_hand():
+def test_coc_training_metrics_agree_with_a_hand_calculation():
     truth = np.float32([4, 4, 10, 10])
     coc = np.float32([5, 3, 10, 14])  # errors +1, -1, 0, +4; the last is the least confident
     sigma = np.float32([1, 1, 2, 6])

@@ -5,7 +5,7 @@ from nlens_video.networks.model_store import find_model
 
 
 @pytest.mark.needs_truth
-def test_rendered_plates_read_within_the_figures_of_the_model_card(shared):
+def test_network_error_on_rendered_plates_is_within_the_model_card(shared):
     rows = evaluate_plates(onnx_estimate(find_model("coc").path), shared / "data/cycles/dev")
     mean = rows[-1]
     assert len(rows) == 10  # nine stills and their mean

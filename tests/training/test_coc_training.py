@@ -32,7 +32,7 @@ def reservoir(photos, tmp_path_factory):
 
 
 @pytest.mark.parametrize("diameter", [1.0, 2.5, 6.0, 13.0, 30.0])
-def test_a_scattered_point_has_the_energy_and_the_spread_of_its_disc(diameter):
+def test_scattered_point_has_the_energy_and_variance_of_its_disc(diameter):
     from models.coc.optics import polygon_aperture, round_aperture, scatter
 
     point = np.zeros((51, 51, 1), np.float32)
@@ -46,7 +46,7 @@ def test_a_scattered_point_has_the_energy_and_the_spread_of_its_disc(diameter):
             assert (profile * axis**2).sum() == pytest.approx(diameter**2 / 16, rel=0.09, abs=0.012)
 
 
-def test_a_scattered_picture_matches_a_supersampled_disc():
+def test_scattered_picture_agrees_with_a_supersampled_disc():
     from models.coc.optics import round_aperture, scatter
 
     diameter, fine = 9.0, 16
@@ -60,7 +60,7 @@ def test_a_scattered_picture_matches_a_supersampled_disc():
     assert np.sqrt(np.mean((found - truth) ** 2)) < 0.05 * truth.std()
 
 
-def test_a_seed_names_a_scene(photos):
+def test_seed_determines_the_training_scene(photos):
     from models.coc.scene import SIZE, draw_scene
 
     for seed in (1, 2):
@@ -73,7 +73,7 @@ def test_a_seed_names_a_scene(photos):
         assert coc.shape == (SIZE, SIZE) and coc.min() >= 0 and coc.max() <= 64
 
 
-def test_blurred_photographs_do_not_count_as_sharp(photos):
+def test_blurred_photographs_are_rejected_as_training_pictures(photos):
     from models.coc.textures import sharp_tiles
 
     picture = photos.pictures[0]
@@ -81,7 +81,7 @@ def test_blurred_photographs_do_not_count_as_sharp(photos):
     assert (sharp_tiles(cv2.GaussianBlur(picture, (0, 0), 1.5)) == 1).mean() < 0.1
 
 
-def test_the_reservoir_is_a_ring(reservoir):
+def test_sample_reservoir_replaces_its_oldest_entries(reservoir):
     from models.coc.scene import SIZE
 
     assert reservoir.drawn == 4
@@ -89,7 +89,7 @@ def test_the_reservoir_is_a_ring(reservoir):
     assert (np.asarray(reservoir.pictures).std((1, 2, 3)) > 0).all()
 
 
-def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
+def test_training_resumes_from_a_checkpoint(reservoir, tmp_path):
     import torch
 
     from models.coc.train import Recipe, Run, Source, validate
@@ -111,7 +111,7 @@ def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
     assert likelihood == validate(run.average, reservoir)[0]
 
 
-def test_rendered_pictures_join_the_batches_once_there_are_some(reservoir, tmp_path):
+def test_rendered_pictures_are_mixed_into_batches_once_available(reservoir, tmp_path):
     from models.coc.data import Reservoir
     from models.coc.scene import SIZE
     from models.coc.train import Source, draw_batch
@@ -127,7 +127,7 @@ def test_rendered_pictures_join_the_batches_once_there_are_some(reservoir, tmp_p
     assert ((coc == 7.0).all((1, 2))).any()
 
 
-def test_a_deeper_network_begins_as_the_shallow_one_it_is_grown_from(tmp_path):
+def test_deepened_network_starts_with_the_output_of_the_shallow_one(tmp_path):
     import torch
 
     from models.coc.network import CocNet
@@ -147,7 +147,7 @@ def test_a_deeper_network_begins_as_the_shallow_one_it_is_grown_from(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning")
-def test_the_exported_network_answers_as_the_trained_one_at_any_size(tmp_path):
+def test_exported_coc_network_agrees_with_the_trained_one_at_any_size(tmp_path):
     import torch
 
     from models.coc.export import export
@@ -170,7 +170,7 @@ def test_the_exported_network_answers_as_the_trained_one_at_any_size(tmp_path):
         np.testing.assert_allclose(found.sigma_px, sigma, atol=0.02)
 
 
-def test_a_network_with_other_outputs_is_refused(tmp_path):
+def test_network_with_other_outputs_is_refused(tmp_path):
     import onnx
     from onnx import TensorProto, helper
 

@@ -32,7 +32,7 @@ def reservoir(photos, tmp_path_factory):
     return store
 
 
-def test_the_lens_truth_of_a_flat_card_is_a_disc_wide_edge():
+def test_ground_truth_blur_of_a_flat_card_has_an_edge_as_wide_as_the_disc():
     from models.reblur.lens import CROP, FINE, GRID, Shape, pinhole, through_lens
 
     mask = np.zeros((FINE * GRID, FINE * GRID), np.uint8)
@@ -49,7 +49,7 @@ def test_the_lens_truth_of_a_flat_card_is_a_disc_wide_edge():
     assert alpha == pytest.approx(expected, abs=0.02)
 
 
-def test_what_is_near_hides_what_is_far_from_every_point_of_the_aperture():
+def test_near_surface_occludes_the_far_one_from_every_aperture_sample():
     from models.reblur.lens import CROP, FINE, GRID, Shape, through_lens
 
     everywhere = np.full((FINE * GRID, FINE * GRID), 255, np.uint8)
@@ -61,7 +61,7 @@ def test_what_is_near_hides_what_is_far_from_every_point_of_the_aperture():
         assert seen.shape == (CROP, CROP, 4) and np.all(seen == np.float32([1, 0, 0, 1]))
 
 
-def test_a_seed_names_an_object_of_every_category(photos):
+def test_seed_determines_an_object_of_every_category(photos):
     from models.reblur.data import draw_maps
     from models.reblur.shapes import CATEGORIES
 
@@ -73,7 +73,7 @@ def test_a_seed_names_an_object_of_every_category(photos):
         assert first["where"].mean() > 0.01
 
 
-def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
+def test_reblur_training_resumes_from_a_checkpoint(reservoir, tmp_path):
     import torch
 
     from models.reblur.train import Recipe, Run, validate
@@ -90,7 +90,7 @@ def test_two_steps_train_and_a_checkpoint_restores_them(reservoir, tmp_path):
     assert validate(again.average, reservoir) == validate(run.average, reservoir)
 
 
-def test_the_exported_repair_network_answers_as_the_trained_one_at_any_size(tmp_path):
+def test_exported_repair_network_agrees_with_the_trained_one_at_any_size(tmp_path):
     import torch
 
     from models.reblur.export import export
@@ -110,7 +110,7 @@ def test_the_exported_repair_network_answers_as_the_trained_one_at_any_size(tmp_
         np.testing.assert_allclose(exported(maps), answer.permute(1, 2, 0).numpy(), atol=2e-3)
 
 
-def test_torch_runs_the_shipped_weights_as_onnx_does():
+def test_torch_and_onnx_agree_on_the_shipped_repair_weights():
     import torch
 
     from models.reblur.export import HERE, load_network
@@ -126,7 +126,7 @@ def test_torch_runs_the_shipped_weights_as_onnx_does():
     np.testing.assert_allclose(shipped, answer[0].permute(1, 2, 0).numpy(), atol=1e-3)
 
 
-def test_the_loss_mends_as_the_program_does(reservoir):
+def test_training_loss_applies_the_repair_as_the_program_does(reservoir):
     import torch
 
     from models.reblur.data import split_maps
@@ -145,7 +145,7 @@ def test_the_loss_mends_as_the_program_does(reservoir):
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_the_papers_networks_have_its_sizes_and_train(photos, tmp_path):
+def test_papers_networks_have_the_published_sizes_and_can_be_trained(photos, tmp_path):
     from models.paper.data import PARTS, draw_maps
     from models.paper.train import Recipe, Run, validate
     from models.reblur.data import Reservoir
@@ -164,7 +164,7 @@ def test_the_papers_networks_have_its_sizes_and_train(photos, tmp_path):
     assert validate(again.network, store) == validate(run.network, store)
 
 
-def test_torch_runs_the_papers_shipped_weights_as_onnx_does():
+def test_torch_and_onnx_agree_on_the_papers_shipped_weights():
     import torch
 
     from models.paper.export import HERE, load_networks

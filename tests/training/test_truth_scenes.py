@@ -25,7 +25,7 @@ def plates(tmp_path):
     return tmp_path / "plates"
 
 
-def test_the_coc_law_gives_the_numbers_worked_out_by_hand():
+def test_thin_lens_coc_agrees_with_a_hand_calculation():
     from truth.plan import Lens
 
     # A = 50 / 2 = 25 mm; 25 * 50 / (2000 - 50) = 0.641 mm on the sensor; * 960 / 36 = 17.09 px
@@ -38,7 +38,7 @@ def test_the_coc_law_gives_the_numbers_worked_out_by_hand():
     assert lens.blender_f_number == pytest.approx(1.95)
 
 
-def test_the_sky_has_the_coc_of_infinity_and_a_smaller_picture_smaller_discs():
+def test_sky_has_the_coc_of_infinity_scaled_with_the_picture():
     from truth.develop import NO_OBJECT_M, coc_map
     from truth.plan import Lens
 
@@ -49,7 +49,7 @@ def test_the_sky_has_the_coc_of_infinity_and_a_smaller_picture_smaller_discs():
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_lens_of_any_seed_blurs_the_ground_beyond_the_limit(seed):
+def test_random_lenses_keep_the_grounds_coc_within_the_limit(seed):
     from truth import subject
     from truth.plan import FOCUSES, MAX_COC_PX, draw_lens, draw_view
 
@@ -62,7 +62,7 @@ def test_no_lens_of_any_seed_blurs_the_ground_beyond_the_limit(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_matrices_project_a_point_to_the_same_pixel_as_the_view(seed):
+def test_camera_matrices_and_view_project_to_the_same_pixel(seed):
     from truth.plan import HEIGHT, WIDTH, draw_view, matrices
 
     view = draw_view(seed)
@@ -77,7 +77,7 @@ def test_the_matrices_project_a_point_to_the_same_pixel_as_the_view(seed):
     np.testing.assert_allclose([column, row, clip[3]], expected)
 
 
-def test_a_point_of_the_ground_lies_in_the_column_and_at_the_depth_it_was_asked_for():
+def test_ground_point_has_the_requested_column_and_depth():
     from truth.plan import draw_view
 
     view = draw_view(3)
@@ -87,7 +87,7 @@ def test_a_point_of_the_ground_lies_in_the_column_and_at_the_depth_it_was_asked_
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_an_object_faces_outwards_and_stands_on_the_ground_inside_the_frame(seed):
+def test_random_object_faces_outwards_and_stands_on_the_ground_in_view(seed):
     from truth import subject
     from truth.plan import WIDTH, draw_view
 
@@ -101,7 +101,7 @@ def test_an_object_faces_outwards_and_stands_on_the_ground_inside_the_frame(seed
     np.testing.assert_array_equal(subject.paint(view), subject.paint(view))
 
 
-def test_the_written_object_is_read_by_the_tool_with_its_camera(tmp_path):
+def test_written_object_is_loaded_with_its_camera(tmp_path):
     from truth import subject
     from truth.develop import write_glb
     from truth.plan import HEIGHT, WIDTH, draw_view
@@ -122,7 +122,7 @@ def test_the_written_object_is_read_by_the_tool_with_its_camera(tmp_path):
 
 
 @pytest.mark.parametrize("diameter", [6.0, 17.0])
-def test_the_spread_of_a_disc_gives_its_diameter(diameter):
+def test_disc_diameter_is_computed_from_its_variance(diameter):
     from truth.develop import variance_px2
 
     axis = np.arange(-200, 201) / 8.0
@@ -130,7 +130,7 @@ def test_the_spread_of_a_disc_gives_its_diameter(diameter):
     assert 4.0 * np.sqrt(variance_px2(disc)) / 8.0 == pytest.approx(diameter, rel=0.01)
 
 
-def test_a_reservoir_of_rendered_plates_holds_their_unsigned_coc_and_every_plate(plates, tmp_path):
+def test_reservoir_of_rendered_plates_holds_the_unsigned_coc_of_every_plate(plates, tmp_path):
     from models.coc.data import Reservoir
     from models.coc.rendered import fill, plate_folders
 
@@ -141,7 +141,7 @@ def test_a_reservoir_of_rendered_plates_holds_their_unsigned_coc_and_every_plate
     assert (np.asarray(store.pictures).std((1, 2, 3)) > 0).all()
 
 
-def test_a_second_run_replaces_the_oldest_with_other_crops(plates, tmp_path):
+def test_second_run_replaces_the_oldest_crops(plates, tmp_path):
     from models.coc.data import Reservoir
     from models.coc.rendered import fill, plate_folders
 
@@ -153,7 +153,7 @@ def test_a_second_run_replaces_the_oldest_with_other_crops(plates, tmp_path):
     assert (before != store.pictures).mean() > 0.1
 
 
-def test_unfinished_plates_are_left_out_and_small_ones_refused(plates):
+def test_unfinished_plates_are_skipped_and_small_ones_refused(plates):
     from models.coc.rendered import Plate, plate_folders
 
     (plates / "2_back").rename(plates / "2_back.new")

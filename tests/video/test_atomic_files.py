@@ -6,7 +6,7 @@ from nlens_video.core.errors import OutputError
 from nlens_video.video.atomic_files import partial_name, replacing
 
 
-def test_a_full_disk_while_writing_text_is_one_clear_line(tmp_path):
+def test_full_disk_while_writing_text_is_a_one_line_error(tmp_path):
     path = tmp_path / "fit.json"
     partial_name(tmp_path / "fit.json").symlink_to("/dev/full")
     with (
@@ -18,7 +18,7 @@ def test_a_full_disk_while_writing_text_is_one_clear_line(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_missing_file_that_has_nothing_to_do_with_the_result_stays_its_own_error(tmp_path):
+def test_unrelated_missing_file_error_is_not_replaced(tmp_path):
     with pytest.raises(FileNotFoundError, match="other"), replacing(tmp_path / "fit.json"):
         (tmp_path / "other").read_text()
     assert not list(tmp_path.iterdir())

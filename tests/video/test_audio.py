@@ -44,7 +44,7 @@ def loudness(path):
 
 @pytest.mark.parametrize("start", [0, 300])
 @pytest.mark.parametrize("name", ["out.mp4", "out.webm"])
-def test_sound_of_matroska_is_encoded_anew_without_a_jump(tmp_path, name, start):
+def test_audio_of_matroska_is_reencoded_without_a_discontinuity(tmp_path, name, start):
     clip = write_sound(tmp_path / "in.mkv", range(start, start + 1000, 20))
     notes = copy(clip, tmp_path / name, codec="libx264" if name.endswith("4") else "libvpx-vp9")
     assert any("(audio) becomes" in note for note in notes)
@@ -54,7 +54,7 @@ def test_sound_of_matroska_is_encoded_anew_without_a_jump(tmp_path, name, start)
     assert len(rms) == pytest.approx(50, abs=2)
 
 
-def test_a_gap_in_the_sound_becomes_silence(tmp_path):
+def test_gap_in_the_audio_becomes_silence(tmp_path):
     heard = [*range(0, 400, 20), *range(1000, 1400, 20)]
     clip = write_sound(tmp_path / "in.mkv", heard)
     copy(clip, tmp_path / "out.webm", codec="libvpx-vp9")
@@ -66,14 +66,14 @@ def test_a_gap_in_the_sound_becomes_silence(tmp_path):
     assert (rms[53:67] > 0.1).all()
 
 
-def test_sound_that_overlaps_itself_does_not_push_the_rest_late(tmp_path):
+def test_overlapping_audio_packets_do_not_delay_the_rest(tmp_path):
     twice = [*range(0, 400, 20), *range(400, 500, 5), *range(500, 1000, 20)]
     clip = write_sound(tmp_path / "in.mkv", twice)
     copy(clip, tmp_path / "out.webm", codec="libvpx-vp9")
     assert len(loudness(tmp_path / "out.webm")[1]) == pytest.approx(50, abs=2)
 
 
-def test_sound_whose_channels_have_no_names_is_encoded_anew_for_mp4(tmp_path):
+def test_audio_without_a_channel_layout_is_reencoded_for_mp4(tmp_path):
     clip = write_sound(tmp_path / "in.mkv", range(0, 1000, 20))
     with av.open(str(clip)) as source:
         assert source.streams.audio[0].codec_context.layout.name == "2 channels"
@@ -82,14 +82,14 @@ def test_sound_whose_channels_have_no_names_is_encoded_anew_for_mp4(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["out.mp4", "out.m4v", "out.mov"])
-def test_ac3_travels_to_the_byte(tmp_path, name):
+def test_ac3_audio_is_copied_byte_for_byte(tmp_path, name):
     clip = write_clip(tmp_path / "in.mkv", [noise_frame(32, 24, "yuv420p")], audio="ac3")
     assert len(read_packets(clip)) > 5
     copy(clip, tmp_path / name, codec="libx264")
     assert read_packets(tmp_path / name) == read_packets(clip)
 
 
-def test_sound_beside_pictures_of_its_own_length_stays_in_step(tmp_path):
+def test_audio_stays_in_sync(tmp_path):
     made = [noise_frame(32, 24, "yuv420p", seed) for seed in range(10)]
     clip = write_clip(tmp_path / "in.mkv", made, audio=True, time_base=Fraction(1, 1000),
                       pts=range(0, 400, 40))  # fmt: skip

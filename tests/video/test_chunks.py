@@ -108,7 +108,7 @@ def same(first, second):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_merged_chunks_are_the_single_run_bit_for_bit(shot, whole, pieces):
+def test_merged_chunks_equal_the_single_run_bit_for_bit(shot, whole, pieces):
     out = shot / "merged.mkv"
     assert merged(shot, out, pieces[::-1], "--codec", "ffv1") == 0
     same(whole, out)
@@ -121,7 +121,7 @@ def test_merged_chunks_are_the_single_run_bit_for_bit(shot, whole, pieces):
 
 
 @pytest.mark.needs_gl
-def test_exposure_followed_in_a_range_is_that_of_the_whole(shot, whole):
+def test_exposure_tracking_in_a_range_equals_that_of_the_whole_run(shot, whole):
     """Brighter light on the object, counted from the plate's first frame and not the range's."""
     part, plain = shot / "part.mkv", shot / "plain.mkv"
     assert main(words(shot, part, "--codec", "ffv1", "--range", "11:")) == 0
@@ -137,7 +137,7 @@ def test_exposure_followed_in_a_range_is_that_of_the_whole(shot, whole):
 @pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("sun", [True, False])
-def test_every_effect_in_a_range_is_that_of_the_whole(shot, tmp_path, sun):
+def test_every_effect_in_a_range_equals_that_of_the_whole_run(shot, tmp_path, sun):
     """With no sun the light is guessed from the plate's first frame."""
     for name in ("in.mp4", "fit.json"):
         (tmp_path / name).write_bytes((shot / name).read_bytes())
@@ -158,7 +158,7 @@ def test_every_effect_in_a_range_is_that_of_the_whole(shot, tmp_path, sun):
 
 
 @pytest.mark.needs_gl
-def test_chunk_that_is_there_is_not_rendered_again(shot, pieces, capsys):
+def test_existing_chunk_is_not_rendered_again(shot, pieces, capsys):
     before = pieces[0].stat()
     again = words(shot, shot / "pieces", "--as-chunk", "--range", "0:5", "--json")
     assert main(again) == 0
@@ -167,7 +167,7 @@ def test_chunk_that_is_there_is_not_rendered_again(shot, pieces, capsys):
 
 
 @pytest.mark.needs_gl
-def test_chunks_name_tells_content_and_not_place(shot, pieces, tmp_path):
+def test_chunk_name_depends_on_content_and_not_on_paths(shot, pieces, tmp_path):
     for name in ("in.mp4", "anim.glb", "fit.json"):
         (tmp_path / name).write_bytes((shot / name).read_bytes())
     chunked(tmp_path, tmp_path / "chunks", "5:6")
@@ -193,9 +193,7 @@ def test_merge_refuses_a_missing_chunk(shot, pieces, capsys, left_out, says):
 
 
 @pytest.mark.needs_gl
-def test_merge_refuses_overlap_other_settings_other_plate_and_damage(
-    shot, pieces, tmp_path, capsys
-):
+def test_merge_refuses_overlapping_mismatched_or_damaged_chunks(shot, pieces, tmp_path, capsys):
     out = shot / "never.mkv"
     chunked(shot, tmp_path / "more", "4:6")
     (more,) = (tmp_path / "more").iterdir()
@@ -235,7 +233,7 @@ def one_line(capsys):
 
 
 @pytest.mark.needs_gl
-def test_chunk_without_a_fit_encoded_or_of_a_stream_is_refused(shot, tmp_path, capsys):
+def test_invalid_chunk_options_are_refused(shot, tmp_path, capsys):
     given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(tmp_path / "c"), "--as-chunk"]
     assert main(given) == 2
     assert "give --fit" in one_line(capsys)
@@ -248,7 +246,7 @@ def test_chunk_without_a_fit_encoded_or_of_a_stream_is_refused(shot, tmp_path, c
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_loop_that_the_document_shows_gives_the_single_runs_bits(shot, tmp_path):
+def test_documented_chunk_loop_equals_the_single_run(shot, tmp_path):
     page = (ROOT / "docs" / "farm.md").read_text()
     script = re.search(r"```bash\n(.*?)```", page, re.DOTALL)[1]
     script = script.replace("frames=1500", f"frames={FRAMES}").replace("length=250", "length=7")
@@ -271,7 +269,7 @@ NOT_CARRIED = {
 
 @pytest.mark.parametrize("size", [(40, 24), (41, 25), (1, 1), (67, 129), (66, 130)])
 @pytest.mark.parametrize("name", CARRIED)
-def test_chunk_keeps_every_sample_of_every_format_and_size_and_its_time(name, size, tmp_path):
+def test_chunk_is_lossless_for_every_format_size_and_time(name, size, tmp_path):
     width, height = size
     if name in NOT_CARRIED:
         with pytest.raises(UsageError, match="no lossless chunks"):
@@ -336,7 +334,7 @@ def components(frame):
     "base",
     [Fraction(1, 25), Fraction(1001, 30000), Fraction(1, 1000), Fraction(1, 12800), Fraction(2, 3)],
 )
-def test_long_chunk_is_read_to_its_end_at_its_times_and_not_beyond(tmp_path, base):
+def test_long_chunk_is_read_exactly_to_its_end(tmp_path, base):
     picture = AvPicture(av.VideoFrame(64, 48, "gray"))
     info = SourceInfo(
         name="plate", kind="video", width=64, height=48, time_base=base, codec="x",
@@ -357,7 +355,7 @@ def test_long_chunk_is_read_to_its_end_at_its_times_and_not_beyond(tmp_path, bas
     assert moments == [at * base for at in range(700)]
 
 
-def test_chunk_that_cannot_be_read_is_refused(tmp_path):
+def test_unreadable_chunk_is_refused(tmp_path):
     (tmp_path / "a.nut").write_text("not a chunk")
     with pytest.raises(InputError, match="is no chunk"):
         ChunkFile(Path(tmp_path / "a.nut"))

@@ -20,7 +20,7 @@ def channels(height=6, width=8):
 
 
 @pytest.mark.parametrize("box", [None, Box(2, 1, 10, 7), Box(-3, -2, 5, 4)])
-def test_a_layer_lies_where_its_data_window_is(tmp_path, box):
+def test_exr_layer_is_placed_by_its_data_window(tmp_path, box):
     made = channels()
     write_layers(tmp_path / "a.exr", made, box, (32, 24))
     layer = read_layer(tmp_path / "a.exr", (32, 24))
@@ -30,7 +30,7 @@ def test_a_layer_lies_where_its_data_window_is(tmp_path, box):
 
 
 @pytest.mark.parametrize("nothing", [0.0, np.inf, np.nan, 1e10])
-def test_depth_where_nothing_is_becomes_infinite(tmp_path, nothing):
+def test_exr_depth_of_empty_pixels_is_infinite(tmp_path, nothing):
     made = channels()
     made["Z"][2, 3] = nothing
     write_layers(tmp_path / "a.exr", made)
@@ -39,7 +39,7 @@ def test_depth_where_nothing_is_becomes_infinite(tmp_path, nothing):
     assert np.isfinite(depth).sum() == depth.size - 1
 
 
-def test_a_missing_channel_is_named(tmp_path):
+def test_missing_exr_channel_is_named(tmp_path):
     made = channels()
     del made["Z"]
     write_layers(tmp_path / "a.exr", made)
@@ -47,13 +47,13 @@ def test_a_missing_channel_is_named(tmp_path):
         read_layer(tmp_path / "a.exr")
 
 
-def test_a_layer_of_another_size_is_refused(tmp_path):
+def test_exr_layer_of_another_size_is_refused(tmp_path):
     write_layers(tmp_path / "a.exr", channels())
     with pytest.raises(InputError, match="8x6 pixels, the plate has 9x6"):
         read_layer(tmp_path / "a.exr", (9, 6))
 
 
-def test_a_sequence_counts_from_its_first_number_and_ends_clearly(tmp_path):
+def test_exr_sequence_starts_at_its_first_number_and_reports_its_end(tmp_path):
     for number in (5, 6):
         made = channels()
         made["R"][:] = number
@@ -64,13 +64,13 @@ def test_a_sequence_counts_from_its_first_number_and_ends_clearly(tmp_path):
         reader.read(2)
 
 
-def test_one_file_serves_every_frame(tmp_path):
+def test_single_exr_file_serves_every_frame(tmp_path):
     write_layers(tmp_path / "l.exr", channels())
     reader = LayerReader(str(tmp_path / "l.exr"), (8, 6))
     np.testing.assert_array_equal(reader.read(0).rgba, reader.read(99).rgba)
 
 
-def test_light_far_above_white_goes_through_an_exr_plate_unchanged(tmp_path):
+def test_exr_plate_keeps_light_far_above_white(tmp_path):
     made = {name: part * 500.0 for name, part in channels().items() if name in "RGB"}
     write_layers(tmp_path / "in.exr", made)
     with open_source(str(tmp_path / "in.exr")) as source:
@@ -85,7 +85,7 @@ def test_light_far_above_white_goes_through_an_exr_plate_unchanged(tmp_path):
         np.testing.assert_allclose(out[name][:2, :2], 1.0, rtol=1e-5)
 
 
-def test_aovs_are_not_written_where_nothing_can_be(tmp_path):
+def test_aovs_into_a_missing_folder_are_refused(tmp_path):
     with pytest.raises(OutputError, match="does not exist"):
         write_layers(tmp_path / "no" / "a.exr", channels())
 
@@ -113,14 +113,16 @@ def test_openexr_colours_are_premultiplied_by_their_alpha(tmp_path):
 @pytest.mark.parametrize(
     ("pixel_format", "light"), [("rgba64be", 0.325 / 0.75), ("rgb48be", 0.325)]
 )
-def test_premultiplied_colours_become_straight_where_alpha_is_kept(tmp_path, pixel_format, light):
+def test_premultiplied_colours_become_straight_in_formats_with_straight_alpha(
+    tmp_path, pixel_format, light
+):
     with open_source(str(composited(tmp_path, "out.png", pix_fmt=pixel_format))) as source:
         (frame,) = source
         assert source.info.pixel_format == pixel_format
         np.testing.assert_allclose(frame.picture.linear(Box(0, 0, 16, 16)), light, rtol=2e-3)
 
 
-def test_straight_colours_are_written_premultiplied(tmp_path):
+def test_exr_output_of_straight_colours_is_premultiplied(tmp_path):
     array = np.full((4, 4, 4), (0.1, 0.2, 0.4, 0.5), np.float32)
     out = picture_channels(ArrayPicture(array, "bgr", LINEAR))
     assert [float(out[name][0, 0]) for name in "RGBA"] == pytest.approx([0.2, 0.1, 0.05, 0.5])

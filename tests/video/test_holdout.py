@@ -24,7 +24,7 @@ def png(path, pixels):
 
 
 @pytest.mark.parametrize("kind", ["grey", "rgb", "16 bit", "opaque alpha"])
-def test_white_of_a_picture_is_in_front_and_codes_are_shares(tmp_path, kind):
+def test_holdout_coverage_is_the_pictures_luminance(tmp_path, kind):
     grey = steps()
     pixels = {
         "grey": grey,
@@ -40,7 +40,7 @@ def test_white_of_a_picture_is_in_front_and_codes_are_shares(tmp_path, kind):
     assert matte.read(7) is matte.read(0)  # a still serves all frames
 
 
-def test_alpha_counts_where_there_is_any(tmp_path):
+def test_holdout_coverage_is_the_alpha_channel_if_present(tmp_path):
     pixels = np.full((48, 64, 4), 255, np.uint8)
     pixels[..., 3] = steps()
     matte = open_holdout(png(tmp_path / "m.png", pixels), SIZE)
@@ -60,7 +60,7 @@ def write_video(path, values, codec="libx264", pix_fmt="yuv420p"):
     return str(path)
 
 
-def test_a_video_is_read_frame_by_frame_and_its_black_and_white_are_exact(tmp_path):
+def test_holdout_video_is_read_by_frame_with_exact_black_and_white(tmp_path):
     matte = open_holdout(write_video(tmp_path / "m.mp4", (0, 255, 128, 0, 255)), SIZE)
     assert matte.read(0).coverage.max() == 0.0
     assert matte.read(1).coverage.min() == 1.0
@@ -72,7 +72,7 @@ def test_a_video_is_read_frame_by_frame_and_its_black_and_white_are_exact(tmp_pa
     matte.close()
 
 
-def test_a_numbered_sequence_begins_with_its_smallest_number(tmp_path):
+def test_holdout_sequence_starts_at_its_smallest_number(tmp_path):
     for number in range(3):
         png(tmp_path / f"m_{number + 11:04d}.png", np.full((48, 64), 100 * number, np.uint8))
     matte = open_holdout(str(tmp_path / "m_%04d.png"), SIZE)
@@ -81,7 +81,7 @@ def test_a_numbered_sequence_begins_with_its_smallest_number(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["m.png", "m.exr"])
-def test_another_size_is_refused_in_one_line(tmp_path, name):
+def test_holdout_of_another_size_is_refused_in_one_line(tmp_path, name):
     if name.endswith("png"):
         png(tmp_path / name, steps())
     else:
@@ -90,7 +90,7 @@ def test_another_size_is_refused_in_one_line(tmp_path, name):
         open_holdout(str(tmp_path / name), (64, 50))
 
 
-def test_depth_of_an_exr_is_taken_as_it_is_and_far_is_nowhere(tmp_path):
+def test_exr_depth_holdout_treats_invalid_and_far_depth_as_infinite(tmp_path):
     depth = np.full((48, 64), 2.5, np.float32)
     depth[:, 32:], depth[0], depth[1] = 1e10, -1.0, np.nan
     write_layers(tmp_path / "z.exr", {"Z": depth, "A": np.ones_like(depth)})
@@ -103,7 +103,7 @@ def test_depth_of_an_exr_is_taken_as_it_is_and_far_is_nowhere(tmp_path):
 
 
 @pytest.mark.parametrize("channels", ["A", "Y", "RGB", "RGBA"])
-def test_a_matte_may_be_an_exr(tmp_path, channels):
+def test_holdout_matte_is_read_from_exr(tmp_path, channels):
     share = steps().astype(np.float32) / 255
     values = dict.fromkeys(channels, share)
     if channels == "RGBA":
@@ -117,7 +117,7 @@ def test_a_matte_may_be_an_exr(tmp_path, channels):
         matte.read(2)
 
 
-def test_what_is_no_matte_is_refused_in_one_line(tmp_path):
+def test_invalid_holdout_is_refused_in_one_line(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         open_holdout(str(tmp_path / "none.png"), SIZE)
     write_layers(tmp_path / "m.exr", {"U": np.ones((48, 64), np.float32)})

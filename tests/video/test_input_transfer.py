@@ -46,7 +46,7 @@ def composited(files, out, name, *more):
     return [planes[0] for _, planes in shots.read_planes(out)]
 
 
-def test_light_is_as_the_user_says_and_the_tag_stays(files, tmp_path):
+def test_input_transfer_option_overrides_the_tag_and_keeps_it_in_the_output(files, tmp_path):
     right = composited(files, tmp_path / "right.mkv", "right")
     said = composited(files, tmp_path / "said.mkv", "wrong", "--input-transfer", "srgb")
     tag = composited(files, tmp_path / "tag.mkv", "wrong")
@@ -62,7 +62,7 @@ def test_light_is_as_the_user_says_and_the_tag_stays(files, tmp_path):
         ("plate.exr", "srgb", "--input-transfer iec61966-2-1: "),
     ],
 )
-def test_what_cannot_be_meant_is_refused(files, tmp_path, capsys, plate, name, says):
+def test_invalid_input_transfer_is_refused(files, tmp_path, capsys, plate, name, says):
     words = (files / plate, files / "anim.glb", tmp_path / "out.mkv", "--input-transfer", name)
     assert main([str(word) for word in words]) == 2
     err = capsys.readouterr().err

@@ -32,7 +32,9 @@ def grey(path):
         ("p_1001.png", "../{folder}/p_1001.png"),
     ],
 )
-def test_the_plates_are_not_overwritten_under_another_spelling(tmp_path, monkeypatch, plate, name):
+def test_sequence_is_not_overwritten_through_another_spelling_of_its_pattern(
+    tmp_path, monkeypatch, plate, name
+):
     write_plates(tmp_path, 1001, 1002)
     (tmp_path / "link").symlink_to(tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -45,14 +47,14 @@ def test_the_plates_are_not_overwritten_under_another_spelling(tmp_path, monkeyp
     assert "\n" not in str(caught.value)
 
 
-def test_a_sequence_of_the_same_name_in_another_folder_is_no_overwriting(tmp_path):
+def test_sequence_of_the_same_name_in_another_folder_is_allowed(tmp_path):
     write_plates(tmp_path, 1001, 1002)
     (tmp_path / "out").mkdir()
     copy(tmp_path / "p_%04d.png", tmp_path / "out" / "p_%04d.png")
     assert len(list((tmp_path / "out").iterdir())) == 2
 
 
-def test_frames_of_a_part_keep_their_own_numbers(tmp_path):
+def test_frames_of_a_range_keep_their_numbers(tmp_path):
     plates = write_plates(tmp_path, *range(1001, 1007))
     with (
         open_source(str(plates)) as source,
@@ -70,13 +72,13 @@ def test_frames_of_a_part_keep_their_own_numbers(tmp_path):
         )
 
 
-def test_a_gap_is_named_before_the_run(tmp_path):
+def test_gap_in_a_sequence_is_reported_before_the_run(tmp_path):
     plates = write_plates(tmp_path, 1001, 1002, 1003, 1005, 1006)
     with pytest.raises(InputError, match=r"p_1004\.png: is missing.* with p_1005\.png"):
         open_source(str(plates))
 
 
-def test_a_gap_between_openexr_plates_is_named_before_the_run(tmp_path):
+def test_gap_in_an_openexr_sequence_is_reported_before_the_run(tmp_path):
     for number in (9, 10, 12):
         pixels = np.zeros((4, 4), np.float32)
         write_layers(tmp_path / f"p_{number}.exr", dict.fromkeys("RGB", pixels))
@@ -84,7 +86,7 @@ def test_a_gap_between_openexr_plates_is_named_before_the_run(tmp_path):
         open_source(str(tmp_path / "p_%d.exr"))
 
 
-def test_frames_before_a_read_error_are_all_given(tmp_path):
+def test_frames_before_a_read_error_are_delivered(tmp_path):
     for number in range(24):  # more than what is read ahead on opening
         noise_frame(512, 384, "rgb24").save(str(tmp_path / f"p_{number}.png"))
     with open_source(str(tmp_path / "p_%d.png")) as source:

@@ -25,7 +25,7 @@ NTSC = Fraction(30000, 1001)
         ("no timecode", 5, Fraction(25), "no timecode"),
     ],
 )
-def test_timecode_goes_on(timecode, frames, rate, later):
+def test_timecode_of_a_range_starts_at_its_first_frame(timecode, frames, rate, later):
     assert advanced_timecode(timecode, frames, rate) == later
 
 
@@ -35,7 +35,7 @@ def chapter(start, end, title):
     return {"id": 1, "start": start, "end": end, "time_base": unit, "metadata": {"title": title}}
 
 
-def test_range_takes_over_its_chapters_and_the_timecode_of_its_first_frame(tmp_path):
+def test_range_keeps_its_chapters_and_timecode(tmp_path):
     clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p") for _ in range(3)])
     chapters = (chapter(0, 400, "a"), chapter(400, 1600, "b"), chapter(1600, 9000, "c"))
     with open_source(str(clip)) as source:

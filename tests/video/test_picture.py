@@ -43,7 +43,7 @@ def layer(height, width, seed=1):
     [(name, 0) for name in FORMATS]
     + [(name, turns) for name in ("yuv420p", "yuv422p10le", "yuv411p") for turns in (1, 2, 3)],
 )
-def test_the_fast_blend_is_within_a_code_of_the_reference(pixel_format, turns):
+def test_fast_blend_is_within_a_code_value_of_the_reference(pixel_format, turns):
     frame = noise_frame(37, 27, pixel_format)
     samples = frame_samples(frame, frame_tags(frame), turns)
     slow = copy.deepcopy(samples)
@@ -66,7 +66,7 @@ def test_the_fast_blend_is_within_a_code_of_the_reference(pixel_format, turns):
 @pytest.mark.parametrize(
     ("pixel_format", "turns"), [("yuv420p", 0), ("yuv411p", 1), ("yuv422p10le", 2), ("gray", 0)]
 )
-def test_the_fast_reduction_is_that_of_the_reference(width, height, pixel_format, turns):
+def test_fast_downsampling_agrees_with_the_reference(width, height, pixel_format, turns):
     frame = noise_frame(width, height, pixel_format)
     samples = frame_samples(frame, frame_tags(frame), turns)
     found, expected = (way.reduced(samples, 16, 10) for way in (blend, blend_ref))
@@ -75,14 +75,14 @@ def test_the_fast_reduction_is_that_of_the_reference(width, height, pixel_format
 
 
 @pytest.mark.parametrize("rotation", [0, 90, 180, -90])
-def test_a_picture_is_as_wide_as_it_is_displayed(rotation):
+def test_picture_has_its_display_width(rotation):
     picture = AvPicture(noise_frame(36, 20, "yuv420p"), rotation=rotation)
     assert picture.srgb().shape == (picture.height, picture.width, 3)
     assert (picture.width > picture.height) == (rotation in {0, 180})
 
 
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "rgb24", "rgba"])
-def test_colours_of_a_layer_can_be_shares_of_the_plates_light(pixel_format):
+def test_layer_colours_relative_to_the_plate_agree_with_the_reference(pixel_format):
     frame = noise_frame(32, 24, pixel_format)
     frame.color_primaries = 9  # its own primaries are not those of the layer
     frame.make_writable()
@@ -96,7 +96,7 @@ def test_colours_of_a_layer_can_be_shares_of_the_plates_light(pixel_format):
         assert np.abs(fast.astype(int) - reference.astype(int)).max() <= 1
 
 
-def test_share_of_the_plates_light_by_hand():
+def test_layer_colours_relative_to_the_plate_agree_with_a_hand_calculation():
     plate = np.full((2, 2, 3), 0.4, np.float32)
     picture = ArrayPicture(plate, "rgb", LINEAR)
     layer_ = np.zeros((2, 2, 4), np.float32)
@@ -107,7 +107,7 @@ def test_share_of_the_plates_light_by_hand():
 
 
 @pytest.mark.parametrize("curve", [16, 18, 8, 13])
-def test_the_fast_blend_follows_every_kind_of_curve(curve):
+def test_fast_blend_supports_every_transfer_function(curve):
     frame = noise_frame(32, 24, "yuv420p10le")
     frame.color_trc, frame.colorspace, frame.color_primaries = curve, 9, 9
     samples = frame_samples(frame, frame_tags(frame), 0)
@@ -131,7 +131,7 @@ def test_samples_under_an_empty_layer_keep_their_bits(pixel_format, rotation):
         np.testing.assert_array_equal(old, new)
 
 
-def test_only_the_chroma_cells_that_the_layer_touches_change():
+def test_only_chroma_samples_touched_by_the_layer_change():
     frame = noise_frame(32, 24, "yuv420p")
     before = planes(frame)
     AvPicture(frame).over(Box(8, 6, 12, 10), np.full((4, 4, 4), 0.5, np.float32))
@@ -150,7 +150,9 @@ def test_only_the_chroma_cells_that_the_layer_touches_change():
         ("in.jpg", "mjpeg", True),
     ],
 )
-def test_full_range_chroma_lies_left_in_video_and_centred_in_jpeg(tmp_path, name, codec, centred):
+def test_full_range_chroma_is_sited_left_in_video_and_centred_in_jpeg(
+    tmp_path, name, codec, centred
+):
     frame = noise_frame(32, 24, "yuvj420p")
     frame.color_range = 2
     clip = tmp_path / name
@@ -174,7 +176,7 @@ def test_full_range_chroma_lies_left_in_video_and_centred_in_jpeg(tmp_path, name
 
 
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "gbrp", "rgba", "gray"])
-def test_an_opaque_grey_replaces_the_plate_completely(pixel_format):
+def test_opaque_layer_replaces_the_plate(pixel_format):
     picture = AvPicture(noise_frame(32, 24, pixel_format))
     rgba = np.full((24, 32, 4), 0.25, np.float32)
     rgba[..., 3] = 1.0
@@ -183,7 +185,7 @@ def test_an_opaque_grey_replaces_the_plate_completely(pixel_format):
     np.testing.assert_allclose(light, 0.25, atol=0.012)
 
 
-def test_a_rotated_picture_is_composited_where_it_is_seen():
+def test_rotated_picture_is_composited_in_display_orientation():
     frame = av.VideoFrame(32, 24, "gray")
     for plane in frame.planes:
         plane.update(bytes(plane.buffer_size))
@@ -194,7 +196,7 @@ def test_a_rotated_picture_is_composited_where_it_is_seen():
     assert np.argwhere(stored).tolist() == [[0, 31]]  # turned left, the right column is on top
 
 
-def test_straight_alpha_of_a_plate_is_kept():
+def test_straight_alpha_of_the_plate_is_kept():
     array = np.zeros((2, 2, 4), np.uint8)
     array[..., 3] = 128
     rgba = np.full((2, 2, 4), 0.5, np.float32)
@@ -206,7 +208,7 @@ def test_straight_alpha_of_a_plate_is_kept():
     assert np.abs(array[..., 0] / 255 - coded).max() < 0.003
 
 
-def test_associated_alpha_of_a_plate_is_kept():
+def test_associated_alpha_of_the_plate_is_kept():
     array = np.full((2, 2, 4), (0.25, 0.25, 0.25, 0.5), np.float32)
     rgba = np.full((2, 2, 4), (0.2, 0.2, 0.2, 0.5), np.float32)
     ArrayPicture(array, "rgb", LINEAR, associated=True).over(Box(0, 0, 2, 2), rgba)
@@ -215,7 +217,7 @@ def test_associated_alpha_of_a_plate_is_kept():
 
 
 @pytest.mark.parametrize("associated", [False, True])
-def test_the_fast_blend_follows_the_reference_on_floats_with_alpha(associated):
+def test_fast_blend_agrees_with_the_reference_on_floats_with_alpha(associated):
     array = layer(24, 32, seed=5)  # where it has no alpha, associated colour is a glow
     array[4:8, :, 3] = 0.0
     fast, slow = (array_samples(array.copy(), "rgb", LINEAR, associated=associated) for _ in "ab")
@@ -231,18 +233,18 @@ def test_associated_alpha_of_coded_colours_is_refused():
         ArrayPicture(np.zeros((2, 2, 4), np.uint8), associated=True)
 
 
-def test_opencv_order_is_blue_first():
+def test_opencv_channel_order_is_blue_first():
     array = np.zeros((1, 1, 3), np.uint8)
     ArrayPicture(array).over(Box(0, 0, 1, 1), np.array([[[1, 0, 0, 1]]], np.float32))
     assert array.tolist() == [[[0, 0, 255]]]
 
 
-def test_srgb_arrays_come_back_as_they_are():
+def test_srgb_arrays_are_unchanged_without_a_layer():
     array = np.arange(256, dtype=np.uint8).repeat(3).reshape(16, 16, 3)
     np.testing.assert_allclose(ArrayPicture(array, "rgb").srgb(), array / 255.0, atol=2e-5)
 
 
-def test_codes_beyond_nominal_white_survive_beside_the_object():
+def test_code_values_above_nominal_white_are_kept_beside_the_object():
     frame = av.VideoFrame(16, 16, "yuv420p")
     frame.planes[0].update(bytes([250]) * frame.planes[0].buffer_size)
     for plane in frame.planes[1:]:
@@ -267,7 +269,7 @@ def test_pixels_outside_the_frame_are_refused():
         picture.over(Box(8, 8, 20, 20), np.zeros((12, 12, 4), np.float32))
 
 
-def test_an_array_that_is_no_picture_is_refused():
+def test_array_that_is_not_a_picture_is_refused():
     with pytest.raises(InputError, match="expected"):
         ArrayPicture(np.zeros((4, 4, 2), np.uint8))
 
@@ -288,7 +290,7 @@ def bars(matrix, full, bits):
 @pytest.mark.parametrize("bits", [8, 10])
 @pytest.mark.parametrize("full", [False, True])
 @pytest.mark.parametrize("matrix", [1, 6])
-def test_colour_bars_are_read_within_a_code(matrix, full, bits):
+def test_colour_bars_are_decoded_within_a_code_value(matrix, full, bits):
     rgb, yuv = bars(matrix, full, bits)
     frame = av.VideoFrame(yuv.shape[2], yuv.shape[1], "yuv444p" if bits == 8 else "yuv444p10le")
     for plane, codes in zip(frame.planes, yuv, strict=True):
@@ -300,7 +302,7 @@ def test_colour_bars_are_read_within_a_code(matrix, full, bits):
     np.testing.assert_allclose(AvPicture(frame).srgb(), rgb, atol=1.6 / ((1 << bits) - 1))
 
 
-def test_a_bt2020_plate_gets_the_object_in_its_own_primaries():
+def test_object_is_converted_to_the_primaries_of_a_bt2020_plate():
     tags = ColorTags(matrix="bt2020nc", transfer="smpte2084", primaries="bt2020", full_range=False)
     picture = AvPicture(noise_frame(16, 16, "yuv444p10le"), tags)
     rgba = np.zeros((16, 16, 4), np.float32)

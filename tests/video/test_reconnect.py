@@ -55,7 +55,7 @@ class Server:
         assert not self._thread.is_alive()
 
 
-def test_frames_and_sound_go_on_after_a_lost_connection_with_the_time_that_was_missing(clips):
+def test_video_and_audio_resume_after_a_lost_connection_with_the_gap_in_time(clips):
     whole = (clips / "whole.mkv").read_bytes()
     packets = []
     with Server(whole, whole) as server, ExitStack() as stack:
@@ -77,14 +77,14 @@ def test_frames_and_sound_go_on_after_a_lost_connection_with_the_time_that_was_m
     assert sum(moment < times[12] - Fraction(1, 20) for moment in sound) >= len(sound) // 2
 
 
-def test_a_source_that_stays_away_ends_as_if_it_had_ended(clips):
+def test_source_that_does_not_return_ends_the_stream(clips):
     whole = (clips / "whole.mkv").read_bytes()
     with Server(whole) as server, Reconnecting(lambda: open_source(server.url), 0.6) as source:
         assert len(list(source)) == 12
         assert source.lost == 0
 
 
-def test_other_pictures_after_the_loss_are_refused_in_one_line(clips):
+def test_different_frame_size_after_reconnecting_is_refused_in_one_line(clips):
     answers = [(clips / name).read_bytes() for name in ("whole.mkv", "wide.mkv")]
     with Server(*answers) as server, Reconnecting(lambda: open_source(server.url), 1.0) as source:
         with pytest.raises(InputError, match="came back with 320x"):
@@ -92,7 +92,7 @@ def test_other_pictures_after_the_loss_are_refused_in_one_line(clips):
 
 
 @pytest.mark.parametrize("spec", ["-", "whole.mkv"])
-def test_a_source_that_does_not_come_back_is_refused(spec, clips, capsys):
+def test_source_that_cannot_be_reopened_is_refused(spec, clips, capsys):
     spec = spec if spec == "-" else str(clips / spec)
     words = [spec, str(clips / "none.glb"), str(clips / "out.mkv"), "--reconnect", "2"]
     assert main(words) == 2
@@ -100,7 +100,7 @@ def test_a_source_that_does_not_come_back_is_refused(spec, clips, capsys):
 
 
 @pytest.mark.needs_gl
-def test_a_run_goes_on_and_says_that_it_was_interrupted(clips, tmp_path, capsys):
+def test_run_resumes_and_reports_the_interruption(clips, tmp_path, capsys):
     shots.cube_glb(tmp_path / "cube.glb")
     shots.fit_json(tmp_path / "fit.json")
     whole = (clips / "whole.mkv").read_bytes()
@@ -115,7 +115,7 @@ def test_a_run_goes_on_and_says_that_it_was_interrupted(clips, tmp_path, capsys)
     assert len(shots.read_planes(tmp_path / "out.mkv")) == 24
 
 
-def test_without_the_option_a_url_ends_with_its_connection(clips):
+def test_url_without_the_reconnect_option_ends_with_its_connection(clips):
     with Server((clips / "whole.mkv").read_bytes()) as server:
         with opened(SourceSettings(spec=server.url)) as source:
             assert len(list(source)) == 12

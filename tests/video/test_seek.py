@@ -96,7 +96,7 @@ def read(source, first, end, *, skip=False):
     max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(first=st.integers(1, FRAMES - 1), length=st.integers(1, 12))
-def test_range_that_is_sought_is_the_part_of_the_whole(clip, kind, first, length):
+def test_range_read_by_seeking_equals_that_part_of_the_whole(clip, kind, first, length):
     path, (whole, _) = clip(kind)
     found, left_out = read(open_seekable(str(path)), first, first + length, skip=True)
     expected = whole[first : first + length]
@@ -111,7 +111,7 @@ def test_range_that_is_sought_is_the_part_of_the_whole(clip, kind, first, length
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if KINDS[kind][3] is not None])
-def test_frames_are_left_out_where_that_is_certain_and_nowhere_else(clip, kind):
+def test_seeking_skips_frames_only_where_the_index_is_reliable(clip, kind):
     path, _ = clip(kind)
     _, left_out = read(open_seekable(str(path)), 150, 152, skip=True)
     assert (left_out > 80) is KINDS[kind][3]
@@ -131,7 +131,7 @@ def packets(source, *, skip):
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".mov"])
-def test_sound_beside_a_range_that_is_sought_is_that_of_the_whole(suffix, tmp_path):
+def test_audio_of_a_range_read_by_seeking_equals_that_of_the_whole(suffix, tmp_path):
     path = shots.write_video(tmp_path / f"in{suffix}", 160, group=12)
     jumping = open_seekable(str(path))
     before = jumping._source
@@ -140,7 +140,7 @@ def test_sound_beside_a_range_that_is_sought_is_that_of_the_whole(suffix, tmp_pa
     assert sought == packets(open_source(str(path)), skip=False) != []
 
 
-def test_packets_without_times_are_not_sought(clip, tmp_path):
+def test_packets_without_times_disable_seeking(clip, tmp_path):
     path, (whole, _) = clip("h264, ts")
     bare = tmp_path / "bare.h264"
     with av.open(str(path)) as given, av.open(str(bare), "w") as made:
@@ -154,7 +154,7 @@ def test_packets_without_times_are_not_sought(clip, tmp_path):
     assert [one[4] for one in found] == [one[4] for one in whole[150:152]]
 
 
-def test_packets_that_a_file_says_are_damaged_are_not_sought(clip, tmp_path):
+def test_packets_flagged_as_damaged_disable_seeking(clip, tmp_path):
     """A part of a transport stream is missing, which its counters tell."""
     path, _ = clip("h264, ts")
     data = path.read_bytes()
@@ -168,7 +168,7 @@ def test_packets_that_a_file_says_are_damaged_are_not_sought(clip, tmp_path):
 
 @pytest.mark.needs_gl
 @pytest.mark.parametrize(("effects", "jumps"), [("defocus", 1), ("defocus,exposure", 0)])
-def test_range_is_sought_unless_a_stage_must_see_what_is_before_it(
+def test_range_is_read_by_seeking_unless_a_stage_needs_earlier_frames(
     effects, jumps, tmp_path, monkeypatch
 ):
     shots.write_video(tmp_path / "in.mp4", 130, group=12)

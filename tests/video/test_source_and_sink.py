@@ -40,7 +40,7 @@ def noise():
 
 @pytest.mark.parametrize("start", [0, 8003])
 @pytest.mark.parametrize("extension", ["mp4", "mov", "mkv"])
-def test_times_of_a_variable_rate_clip_survive_to_the_tick(tmp_path, noise, extension, start):
+def test_times_of_a_variable_rate_clip_are_kept_exactly(tmp_path, noise, extension, start):
     base = Fraction(1, 1000 if extension == "mkv" else 16000)
     pts = [start + moment for moment in VFR]
     clip = write_clip(
@@ -52,7 +52,7 @@ def test_times_of_a_variable_rate_clip_survive_to_the_tick(tmp_path, noise, exte
     assert read_times(tmp_path / f"out.{extension}") == times
 
 
-def test_the_last_frame_keeps_its_duration_in_mp4(tmp_path, noise):
+def test_last_frame_keeps_its_duration_in_mp4(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mp4", noise, codec="libx264")
     copy(clip, tmp_path / "out.mp4")
     with av.open(str(clip)) as first, av.open(str(tmp_path / "out.mp4")) as second:
@@ -62,14 +62,14 @@ def test_the_last_frame_keeps_its_duration_in_mp4(tmp_path, noise):
 
 
 @pytest.mark.parametrize("extension", ["mp4", "mkv"])
-def test_audio_packets_travel_to_the_byte(tmp_path, noise, extension):
+def test_audio_packets_are_copied_byte_for_byte(tmp_path, noise, extension):
     clip = write_clip(tmp_path / "in.mp4", noise, codec="libx264", audio=True)
     assert len(read_packets(clip)) > 15
     copy(clip, tmp_path / f"out.{extension}")
     assert read_packets(tmp_path / f"out.{extension}") == read_packets(clip)
 
 
-def test_audio_that_a_container_cannot_hold_is_encoded_anew_with_a_note(tmp_path, noise):
+def test_unsupported_audio_is_reencoded_with_a_note(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mp4", noise, codec="libx264", audio=True)
     notes = copy(clip, tmp_path / "out.webm")
     assert any("audio" in note and "libopus" in note for note in notes)
@@ -95,7 +95,7 @@ def test_pixels_beside_the_object_keep_their_bits_through_ffv1(tmp_path, pixel_f
             assert (old != new).any()
 
 
-def test_compositing_does_not_damage_predicted_frames(tmp_path):
+def test_compositing_does_not_modify_the_decoders_reference_frames(tmp_path):
     still = noise_frame(64, 48, "yuv420p")
     made = [still.reformat(format="yuv444p").reformat(format="yuv420p") for _ in range(12)]
     clip = write_clip(tmp_path / "in.mp4", made, codec="libx264", options={"qp": "0"})
@@ -105,7 +105,7 @@ def test_compositing_does_not_damage_predicted_frames(tmp_path):
 
 
 @pytest.mark.parametrize("rotation", [90, 180, -90])
-def test_a_rotated_clip_is_seen_upright_and_stays_rotated_as_stored(tmp_path, rotation):
+def test_rotated_clip_is_read_upright_and_written_rotated(tmp_path, rotation):
     made = [noise_frame(64, 48, "yuv420p")]
     clip = write_clip(tmp_path / "in.mp4", made, codec="libx264", rotation=rotation)
     with open_source(str(clip)) as source:
@@ -121,7 +121,7 @@ def test_a_rotated_clip_is_seen_upright_and_stays_rotated_as_stored(tmp_path, ro
         assert (other.info.width, other.info.height) == (one.info.width, one.info.height)
 
 
-def test_colour_tags_and_aspect_are_carried_over(tmp_path):
+def test_colour_tags_and_aspect_ratio_are_kept(tmp_path):
     frame = noise_frame(64, 48, "yuv420p10le")
     frame.colorspace, frame.color_range = 9, 1
     frame.color_primaries, frame.color_trc = 9, 16
@@ -136,7 +136,7 @@ def test_colour_tags_and_aspect_are_carried_over(tmp_path):
         assert out.info.pixel_format == "yuv420p10le"
 
 
-def test_packet_whose_decoding_time_is_left_to_chance_is_decoded_when_it_is_shown(tmp_path):
+def test_packet_with_an_undefined_dts_gets_its_pts(tmp_path):
     clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")])
     packet = av.Packet(8)
     packet.pts, packet.dts, packet.time_base = 40, -(2**62), Fraction(1, 1000)
@@ -156,7 +156,7 @@ MASTERED = (
 
 @pytest.mark.parametrize("name", ["out.mp4", "out_%04d.png"])
 @pytest.mark.parametrize("mastered", [False, True])
-def test_hdr_mastering_metadata_that_gets_lost_is_told(tmp_path, name, mastered):
+def test_loss_of_hdr_mastering_metadata_is_noted(tmp_path, name, mastered):
     parameters = MASTERED if mastered else "log-level=error"
     clip = write_clip(
         tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p10le", seed) for seed in range(4)],
@@ -167,7 +167,7 @@ def test_hdr_mastering_metadata_that_gets_lost_is_told(tmp_path, name, mastered)
 
 
 @pytest.mark.parametrize("deep", [False, True])
-def test_a_png_still_comes_back_bit_for_bit_in_its_own_depth(tmp_path, deep):
+def test_png_still_is_kept_bit_for_bit_in_its_bit_depth(tmp_path, deep):
     rng = np.random.default_rng(0)
     pixels = rng.integers(0, 65536 if deep else 256, (27, 37, 3))
     frame = av.VideoFrame.from_ndarray(
@@ -186,7 +186,7 @@ def test_a_png_still_comes_back_bit_for_bit_in_its_own_depth(tmp_path, deep):
         assert (out.info.kind, out.info.frame_count) == ("still", 1)
 
 
-def test_a_sequence_starts_at_its_first_number_and_keeps_it(tmp_path):
+def test_image_sequence_keeps_its_first_number(tmp_path):
     clip = write_clip(tmp_path / "in.mkv", [noise_frame(32, 24, "gbrp10le", s) for s in range(3)])
     copy(clip, tmp_path / "a_%04d.png")
     for index in (2, 1, 0):
@@ -214,7 +214,7 @@ def run_piped(arguments, data):
     ("container", "codec"),
     [("nut", "rawvideo"), ("yuv4mpegpipe", "rawvideo"), ("matroska", "ffv1")],
 )
-def test_a_stream_is_read_from_a_pipe(tmp_path, container, codec):
+def test_stream_is_read_from_a_pipe(tmp_path, container, codec):
     made = [noise_frame(64, 48, "yuv420p", seed) for seed in range(3)]
     base = Fraction(1, 25)
     clip = write_clip(
@@ -224,20 +224,20 @@ def test_a_stream_is_read_from_a_pipe(tmp_path, container, codec):
     assert done.stdout.decode().strip() == "64 48 [0.0, 0.04, 0.08]", done.stderr.decode()
 
 
-def test_raw_video_is_read_from_a_pipe_by_its_pixel_format_and_size():
+def test_raw_video_is_read_from_a_pipe_with_pixel_format_and_size():
     hints = {"input_format": "bgr24", "input_size": "16x12", "input_rate": "10"}
     done = run_piped(hints, bytes(16 * 12 * 3 * 2))
     assert done.stdout.decode().strip() == "16 12 [0.0, 0.1]", done.stderr.decode()
 
 
-def test_an_mp4_with_its_index_at_the_end_is_refused_on_a_pipe_with_advice(tmp_path):
+def test_piped_mp4_with_its_index_at_the_end_is_refused_with_advice(tmp_path):
     made = [noise_frame(512, 512, "yuv420p", seed) for seed in range(4)]
     clip = write_clip(tmp_path / "in.mp4", made, codec="libx264", options={"qp": "0"})
     done = run_piped({}, clip.read_bytes())
     assert b"-movflags +faststart" in done.stderr.splitlines()[-1]
 
 
-def test_a_result_goes_to_standard_output_as_nut(tmp_path, noise):
+def test_result_on_standard_output_is_nut(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mkv", noise)
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
@@ -252,7 +252,7 @@ def test_a_result_goes_to_standard_output_as_nut(tmp_path, noise):
         np.testing.assert_array_equal(old[0], new[0])
 
 
-def test_a_truncated_clip_gives_its_good_frames(tmp_path, noise):
+def test_truncated_clip_gives_its_intact_frames(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mkv", noise)
     data = clip.read_bytes()
     (tmp_path / "cut.mkv").write_bytes(data[: len(data) * 2 // 3])
@@ -261,7 +261,7 @@ def test_a_truncated_clip_gives_its_good_frames(tmp_path, noise):
     assert 3 <= count < len(VFR)
 
 
-def test_damaged_packets_are_counted_and_passed(tmp_path):
+def test_damaged_packets_are_counted_and_skipped(tmp_path):
     made = [noise_frame(64, 48, "rgb24", seed) for seed in range(6)]
     clip = write_clip(tmp_path / "in.mov", made, codec="png")
     data = bytearray(clip.read_bytes())
@@ -283,7 +283,7 @@ def test_damaged_packets_are_counted_and_passed(tmp_path):
         ("bad.exr", b"not an exr", "cannot be read as OpenEXR"),
     ],
 )
-def test_what_is_no_plate_is_refused_in_one_line(tmp_path, name, content, words):
+def test_invalid_plate_is_refused_in_one_line(tmp_path, name, content, words):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=words) as caught:
@@ -291,7 +291,7 @@ def test_what_is_no_plate_is_refused_in_one_line(tmp_path, name, content, words)
     assert "\n" not in str(caught.value)
 
 
-def test_sound_without_pictures_is_refused(tmp_path):
+def test_file_with_audio_only_is_refused(tmp_path):
     with av.open(str(tmp_path / "in.wav"), "w") as out:
         stream = out.add_stream("pcm_s16le", 8000, layout="mono")
         block = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), "s16", "mono")
@@ -316,7 +316,7 @@ def pictures(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["p_%04d.png", "p_0001.png", "p_0001.exr"])
-def test_pictures_have_the_rate_that_is_given_but_their_own_size(pictures, name):
+def test_input_rate_applies_to_stills_and_input_size_does_not(pictures, name):
     with open_source(str(pictures / name), input_rate="12") as source:
         assert source.info.average_rate == 12
     with pytest.raises(UsageError, match="--input-size 64x48: .* says that itself"):
@@ -325,13 +325,13 @@ def test_pictures_have_the_rate_that_is_given_but_their_own_size(pictures, name)
 
 @pytest.mark.parametrize("hint", [{"input_rate": "12"}, {"input_size": "64x48"}])
 @pytest.mark.parametrize("format_", [None, "matroska"])
-def test_a_rate_or_a_size_that_a_video_says_itself_is_refused(tmp_path, noise, format_, hint):
+def test_input_rate_or_size_for_a_video_that_states_them_is_refused(tmp_path, noise, format_, hint):
     clip = write_clip(tmp_path / "in.mkv", noise)
     with pytest.raises(UsageError, match="says that itself; leave it out"):
         open_source(str(clip), input_format=format_, **hint)
 
 
-def test_a_bare_h264_stream_has_the_rate_that_is_given(tmp_path, noise):
+def test_raw_h264_stream_uses_the_given_input_rate(tmp_path, noise):
     clip = write_clip(tmp_path / "in.h264", noise, codec="libx264")
     with open_source(str(clip), input_rate="12") as source:
         assert source.info.average_rate == 12
@@ -339,14 +339,14 @@ def test_a_bare_h264_stream_has_the_rate_that_is_given(tmp_path, noise):
 
 @pytest.mark.parametrize("option", [{"codec": "libx264"}, {"crf": 12.0}])
 @pytest.mark.parametrize("name", ["out_%04d.png", "out_%04d.exr", "out_%04d.jpg"])
-def test_an_encoder_or_a_quality_for_pictures_is_refused(tmp_path, noise, name, option):
+def test_codec_or_quality_options_for_still_output_are_refused(tmp_path, noise, name, option):
     clip = write_clip(tmp_path / "in.mkv", noise)
     with open_source(str(clip)) as source, pytest.raises(UsageError, match="has no such choice"):
         open_sink(str(tmp_path / name), source.info, **option)
     assert [path.name for path in tmp_path.iterdir()] == ["in.mkv"]
 
 
-def test_a_pixel_format_for_openexr_is_refused(tmp_path, noise):
+def test_pixel_format_for_openexr_output_is_refused(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mkv", noise)
     with open_source(str(clip)) as source, pytest.raises(UsageError, match="--pix-fmt rgb24"):
         open_sink(str(tmp_path / "out_%04d.exr"), source.info, pix_fmt="rgb24")
@@ -354,7 +354,7 @@ def test_a_pixel_format_for_openexr_is_refused(tmp_path, noise):
 
 @pytest.mark.parametrize("keep", [False, True])
 @pytest.mark.parametrize("name", ["out.mp4", "out_%04d.png"])
-def test_an_aborted_result_leaves_nothing_or_what_was_asked_for(tmp_path, noise, name, keep):
+def test_aborted_result_leaves_nothing_unless_keep_partial_is_set(tmp_path, noise, name, keep):
     clip = write_clip(tmp_path / "in.mkv", noise)
     with (
         pytest.raises(RuntimeError, match="stop"),
@@ -382,7 +382,7 @@ def test_an_aborted_result_leaves_nothing_or_what_was_asked_for(tmp_path, noise,
         (".", "is a folder"),
     ],
 )
-def test_what_cannot_be_written_is_refused_in_one_line(tmp_path, noise, name, words):
+def test_unwritable_output_is_refused_in_one_line(tmp_path, noise, name, words):
     clip = write_clip(tmp_path / "in.mkv", noise)
     with open_source(str(clip)) as source, pytest.raises(OutputError, match=words) as caught:
         open_sink(str(tmp_path / name), source.info)
@@ -390,7 +390,7 @@ def test_what_cannot_be_written_is_refused_in_one_line(tmp_path, noise, name, wo
     assert [path.name for path in tmp_path.iterdir()] == ["in.mkv"]
 
 
-def test_a_full_disk_is_one_clear_line(tmp_path, noise):
+def test_full_disk_is_a_one_line_error(tmp_path, noise):
     clip = write_clip(tmp_path / "in.mkv", noise)
     partial_name(tmp_path / "out.mkv").symlink_to("/dev/full")
     with pytest.raises(OutputError, match="No space left"):
