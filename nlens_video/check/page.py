@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +10,16 @@ from nlens_video.check.findings import KINDS, Verdict
 from nlens_video.check.regions import Track
 from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import Float64
-from nlens_video.core.version import VERSION
-from nlens_video.report.markup import count, figure, missing, section, table
+from nlens_video.report.html import (
+    count,
+    document,
+    figure,
+    file_name,
+    missing,
+    scrolled,
+    section,
+    table,
+)
 from nlens_video.report.svg import Axes, path
 from nlens_video.video.atomic_files import replacing
 
@@ -39,8 +45,7 @@ def write_page(folder: Path, verdict: Verdict, objects: list[Track]) -> Path:
 
 def page(verdict: Verdict, objects: list[Track]) -> str:
     """The page as text; everything that came from outside is escaped."""
-    style = files("nlens_video.report").joinpath("page.css").read_text(encoding="utf-8")
-    title = f"{_name(verdict.result)} against {_name(verdict.plate)}"
+    title = f"{file_name(verdict.result)} against {file_name(verdict.plate)}"
     word = "Nothing was found." if verdict.fine else f"{count(len(verdict.findings), 'finding')}."
     rows = [
         (words, "; ".join(one.text for one in verdict.of(kind)) or "fine")
@@ -48,21 +53,16 @@ def page(verdict: Verdict, objects: list[Track]) -> str:
     ]
     charts = "".join(_charts(number, track) for number, track in enumerate(objects))
     notes = "".join(missing(note) for note in verdict.notes)
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<meta name="generator" content="nlens-video">'
-        f'<meta name="color-scheme" content="light dark"><title>{escape(title)}</title>'
-        f"<style>{style}</style></head><body><header>"
-        f'<p class="eyebrow">nlens-video check</p><h1>{escape(title)}</h1>'
-        f'<p class="lead">{word} {verdict.frames[0]} frames of {verdict.frames[1]}, '
-        f'{verdict.object_frames} with an object.</p></header><main id="main">'
-        + section(
-            "found", "What was looked for", table("Findings", ("what", "found"), rows, stacked=True)
+    return document(
+        "check",
+        title,
+        f"{word} {verdict.frames[0]} frames of {verdict.frames[1]}, "
+        f"{verdict.object_frames} with an object.",
+        section(
+            "found", "Findings", table("Findings by kind", ("what", "found"), rows, stacked=True)
         )
         + (section("series", "Over the clip", charts) if charts else "")
-        + f"{notes}</main><footer><p>Made by nlens-video {escape(VERSION)}.</p></footer>"
-        "</body></html>\n"
+        + notes,
     )
 
 
@@ -91,12 +91,4 @@ def _chart(title: str, frames: Float64, values: Float64, unit: str) -> str:
     axes = Axes(width=_WIDTH, height=_HEIGHT, x=(float(frames[0]), float(frames[-1])), y=(0.0, top))
     body = axes.frame("frame", unit) + path(axes.points(frames[::every], values[::every]), "fit")
     words = f"{float(values.min()):.3g} to {float(values.max()):.3g} {unit}."
-    drawing = (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(title)}">'
-        f"{axes.drawing(title, words, body)}</div>"
-    )
-    return figure(drawing, "", title)
-
-
-def _name(spec: str) -> str:
-    return spec if "://" in spec or spec == "-" else Path(spec).name or spec
+    return figure(scrolled(axes.drawing(title, words, body), title), "", title)

@@ -32,7 +32,9 @@ _MARKS = {
 }
 
 
-def document(command: str, title: str, lead: str, html: str, *, header: str, footer: str) -> str:
+def document(
+    command: str, title: str, lead: str, html: str, *, header: str = "", footer: str = ""
+) -> str:
     """A page that loads nothing from outside itself.
 
     Args:
@@ -51,7 +53,7 @@ def document(command: str, title: str, lead: str, html: str, *, header: str, foo
         lead=prose(lead),
         header=header,
         sections=html,
-        footer=escape(f"Made by nlens-video {VERSION}. {footer}"),
+        footer=escape(f"Made by nlens-video {VERSION}. {footer}".strip()),
     )
 
 
