@@ -10,19 +10,17 @@ and lit by three lamps.
 from __future__ import annotations
 
 import argparse
-import io
-import json
 import math
-import struct
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
-import PIL.Image
 
 from nlens_video.core.layers import Float32
+from nlens_video.evaluate.bench.glb_writer import GlbWriter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
@@ -30,33 +28,6 @@ from nlens_video.scene import Camera, Scene
 WIDTH, HEIGHT = 960, 512
 JOINTS = 24
 RADII = (0.5, 1.0, 0.5)
-
-
-class _Buffer:
-    """Accessors of one binary chunk."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.views: list[dict[str, int]] = []
-        self.accessors: list[dict[str, object]] = []
-
-    def view(self, data: bytes) -> int:
-        self.data += b"\0" * (-len(self.data) % 4)
-        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
-        self.data += data
-        return len(self.views) - 1
-
-    def add(self, values: np.typing.NDArray[np.generic], kind: str) -> int:
-        codes = {"f4": 5126, "u4": 5125, "u1": 5121}
-        described = {
-            "bufferView": self.view(values.tobytes()),
-            "componentType": codes[values.dtype.str[1:]],
-            "count": values.size
-            // {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}[kind],
-            "type": kind,
-        }
-        self.accessors.append(described)
-        return len(self.accessors) - 1
 
 
 def ellipsoid(triangles: int) -> tuple[Float32, Float32, Float32, np.typing.NDArray[np.uint32]]:
@@ -82,84 +53,55 @@ def ellipsoid(triangles: int) -> tuple[Float32, Float32, Float32, np.typing.NDAr
     )  # fmt: skip
 
 
-def _texture() -> bytes:
-    rng = np.random.default_rng(0)
-    coarse = PIL.Image.fromarray(rng.integers(60, 220, (64, 64, 3), np.uint8))
-    file = io.BytesIO()
-    coarse.resize((1024, 1024), PIL.Image.Resampling.BICUBIC).save(file, "PNG")
-    return file.getvalue()
-
-
 def write_glb(path: Path, triangles: int, alpha_mode: str = "OPAQUE") -> Path:
     """The ellipsoid, carried by joints that sway, with three lamps."""
     positions, normals, uv, faces = ellipsoid(triangles)
-    buffer = _Buffer()
+    glb = GlbWriter()
     place = (positions[:, 1] / RADII[1] + 1.0) * 0.5 * (JOINTS - 1)
     first = np.clip(np.floor(place), 0, JOINTS - 2)
     part = np.clip(place - first, 0.0, 1.0)
-    joints = np.stack([first, first + 1, 0 * first, 0 * first], 1).astype(np.uint8)
-    weights = np.stack([1 - part, part, 0 * part, 0 * part], 1).astype(np.float32)
     heights = np.linspace(-RADII[1], RADII[1], JOINTS)
-    bind = np.tile(np.eye(4, dtype=np.float32), (JOINTS, 1, 1))
-    bind[:, 3, 1] = -heights  # columns first, as glTF stores them
-    attributes = {
-        "POSITION": buffer.add(positions, "VEC3"),
-        "NORMAL": buffer.add(normals, "VEC3"),
-        "TEXCOORD_0": buffer.add(uv, "VEC2"),
-        "JOINTS_0": buffer.add(joints, "VEC4"),
-        "WEIGHTS_0": buffer.add(weights, "VEC4"),
-    }
-    times = buffer.add(np.array([0, 5, 10], np.float32), "SCALAR")
-    nodes: list[dict[str, object]] = [{"mesh": 0, "skin": 0}]
-    nodes += [{"translation": [0.0, float(height), 0.0]} for height in heights]
-    samplers, channels = [], []
-    for joint in range(JOINTS):
-        keys = np.zeros((3, 3), np.float32)
-        keys[:, 0] = 0.05 * np.sin([joint, joint + 2.0, joint])
-        keys[:, 1] = heights[joint]
-        samplers.append({"input": times, "output": buffer.add(keys, "VEC3")})
-        target = {"node": 1 + joint, "path": "translation"}
-        channels.append({"sampler": joint, "target": target})
-    lights = [{"type": "directional", "intensity": 2.0 - 0.5 * i} for i in range(3)]
-    for number in range(3):
-        turn = [-0.3, 0.5 * (number - 1), 0.0, math.sqrt(1 - 0.09 - 0.25 * (number - 1) ** 2)]
-        lit = {"KHR_lights_punctual": {"light": number}}
-        nodes.append({"rotation": turn, "extensions": lit})
-    primitive = {
-        "attributes": attributes,
-        "indices": buffer.add(faces.ravel(), "SCALAR"),
-        "material": 0,
-    }
+    bind = np.tile(np.eye(4), (JOINTS, 1, 1))
+    bind[:, 1, 3] = -heights
+    coarse = np.random.default_rng(0).integers(60, 220, (64, 64, 3), np.uint8)
+    fine = cv2.resize(coarse, (1024, 1024), interpolation=cv2.INTER_CUBIC)
     paint = {
         "pbrMetallicRoughness": {
-            "baseColorTexture": {"index": 0}, "metallicFactor": 0.1, "roughnessFactor": 0.5
+            "baseColorTexture": {"index": glb.texture(fine)},
+            "metallicFactor": 0.1, "roughnessFactor": 0.5,
         },
         "alphaMode": alpha_mode,
     }  # fmt: skip
-    document = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": list(range(len(nodes)))}],
-        "nodes": nodes,
-        "meshes": [{"primitives": [primitive]}],
-        "skins": [
-            {"joints": list(range(1, 1 + JOINTS)), "inverseBindMatrices": buffer.add(bind, "MAT4")}
-        ],
-        "materials": [paint],
-        "textures": [{"source": 0}],
-        "images": [{"bufferView": buffer.view(_texture()), "mimeType": "image/png"}],
-        "animations": [{"samplers": samplers, "channels": channels}],
-        "extensions": {"KHR_lights_punctual": {"lights": lights}},
-        "accessors": buffer.accessors,
-        "bufferViews": buffer.views,
-        "buffers": [{"byteLength": len(buffer.data)}],
+    primitive = {
+        "attributes": {
+            "POSITION": glb.accessor(positions),
+            "NORMAL": glb.accessor(normals),
+            "TEXCOORD_0": glb.accessor(uv),
+            "JOINTS_0": glb.accessor(
+                np.stack([first, first + 1, 0 * first, 0 * first], 1).astype(np.uint8)
+            ),
+            "WEIGHTS_0": glb.accessor(np.stack([1 - part, part, 0 * part, 0 * part], 1)),
+        },
+        "indices": glb.accessor(faces.ravel()),
+        "material": glb.add("materials", paint),
     }
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    binary = bytes(buffer.data) + b"\0" * (-len(buffer.data) % 4)
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
-    chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
-    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-    return path
+    joints = [glb.node(translation=[0.0, float(height), 0.0]) for height in heights]
+    mesh = glb.add("meshes", {"primitives": [primitive]})
+    glb.node(mesh=mesh, skin=glb.skin(joints, bind))
+    times = glb.accessor(np.array([0, 5, 10], np.float32))
+    samplers, channels = [], []
+    for number, joint in enumerate(joints):
+        keys = np.zeros((3, 3))
+        keys[:, 0] = 0.05 * np.sin([number, number + 2.0, number])
+        keys[:, 1] = heights[number]
+        samplers.append({"input": times, "output": glb.accessor(keys)})
+        target = {"node": joint, "path": "translation"}
+        channels.append({"sampler": number, "target": target})
+    glb.add("animations", {"samplers": samplers, "channels": channels})
+    for number in range(3):
+        turn = [-0.3, 0.5 * (number - 1), 0.0, math.sqrt(1 - 0.09 - 0.25 * (number - 1) ** 2)]
+        glb.light(node={"rotation": turn}, intensity=2.0 - 0.5 * number)
+    return glb.write(path)
 
 
 def camera() -> Camera:

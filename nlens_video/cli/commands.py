@@ -30,8 +30,9 @@ def _evaluate(args: argparse.Namespace) -> int:
     elif args.what == "sequences":
         from nlens_video.evaluate.composite.sequences import evaluate_sequences as evaluate
     else:
-        from nlens_video.evaluate.coc.coc import evaluate_coc as evaluate
-    return evaluate(args.folder, args.out, as_json=args.json, quiet=args.quiet)
+        from nlens_video.evaluate.coc.protocol import evaluate_coc as evaluate
+    evaluate(args.folder, args.out, as_json=args.json, quiet=args.quiet)
+    return 0
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -47,19 +48,23 @@ def _check(args: argparse.Namespace) -> int:
 def _bench(args: argparse.Namespace) -> int:
     from nlens_video.evaluate.bench.bench import bench
 
-    return bench(args.folder, args.out, quick=args.quick, as_json=args.json, quiet=args.quiet)
+    bench(args.folder, args.out, quick=args.quick, as_json=args.json, quiet=args.quiet)
+    return 0
 
 
 def _study(args: argparse.Namespace) -> int:
-    from nlens_video.evaluate.study.command import analyse_answers, make_demo, make_study
+    from nlens_video.evaluate.study.analysis import analyse_answers
+    from nlens_video.evaluate.study.page import make_demo, make_study
 
     if args.what == "make" and args.demo == (args.folder is not None):
         raise UsageError("study make: give either a FOLDER of pictures or --demo, then OUT.html")
     if args.what == "make" and args.demo:
-        return make_demo(args.page)
-    if args.what == "make":
-        return make_study(args.folder, args.page, args.choices, args.things)
-    return analyse_answers(args.answers, args.reference, as_json=args.json, quiet=args.quiet)
+        make_demo(args.page)
+    elif args.what == "make":
+        make_study(args.folder, args.page, args.choices, args.things)
+    else:
+        analyse_answers(args.answers, args.reference, as_json=args.json, quiet=args.quiet)
+    return 0
 
 
 def _completion(args: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ from nlens_video.core.box import Float32 as Float32
 from nlens_video.core.box import Float64 as Float64
 
 Bool = npt.NDArray[np.bool_]
+UInt8 = npt.NDArray[np.uint8]
 MOST_PIXELS = 200_000_000
 """Limit of a plate, a layer or a map; larger ones are refused before memory is allocated."""
 

@@ -1,4 +1,4 @@
-"""How far a CoC estimate is from the truth."""
+"""Error measures: of CoC maps, of pictures (PSNR, SSIM), and intervals of a mean over scenes."""
 
 from __future__ import annotations
 
@@ -12,27 +12,14 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 from scipy.stats import t as student
 
-from nlens_video.core.layers import Bool, Float32, Float64
-from nlens_video.evaluate.tables import NONE
+from nlens_video.core.layers import Bool, Float32, Float64, UInt8
+from nlens_video.evaluate.report import NONE
 
 BLURRED_PX = 2.0  # relative errors are counted where the true CoC exceeds this
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CocFigures:
-    """Errors of a CoC map against the truth.
-
-    Attributes:
-        rmse_px: root mean square error over the whole plate [px of diameter].
-        confident_rmse_px: over the half with the smallest sigma, nan without a sigma [px].
-        bias_px: mean of estimate - truth over the whole plate [px].
-        relative: median of |error| / truth where the truth exceeds 2 px, nan where none does [1].
-    """
-
-    rmse_px: float
-    confident_rmse_px: float
-    bias_px: float
-    relative: float
+LEVEL = 0.95  # of the intervals
+WINDOW = 7  # of SSIM [px]
+_PEAK = 255.0
+_C1, _C2 = (0.01 * _PEAK) ** 2, (0.03 * _PEAK) ** 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,28 +41,30 @@ class BinnedErrors:
     count: npt.NDArray[np.int64]
 
 
-def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> CocFigures:
-    """Compare an unsigned CoC map with the unsigned truth.
+def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> dict[str, float]:
+    """Errors of an unsigned CoC map; nan where a figure is not defined.
 
     Args:
         coc: estimated diameter (H, W) [px].
         truth: true diameter (H, W) [px].
         sigma: expected error of the estimate (H, W) [px].
+
+    Returns:
+        rmse_px over the whole plate [px]; confident_rmse_px over the half with the smallest sigma
+        [px]; bias_px, the mean of estimate - truth [px]; relative_percent, the median of
+        |error| / truth where the truth exceeds 2 px [%].
     """
     error = np.asarray(coc, np.float64) - truth
     blurred = truth > BLURRED_PX
-    relative = np.nan
-    if blurred.any():
-        relative = float(np.median(np.abs(error[blurred]) / truth[blurred]))
-    confident = np.nan
-    if sigma is not None:
-        confident = _rms(error[sigma <= np.median(sigma)])
-    return CocFigures(
-        rmse_px=_rms(error),
-        confident_rmse_px=confident,
-        bias_px=float(error.mean()),
-        relative=relative,
-    )
+    relative = np.abs(error[blurred]) / truth[blurred]
+    return {
+        "rmse_px": _rms(error),
+        "confident_rmse_px": (
+            math.nan if sigma is None else _rms(error[sigma <= np.median(sigma)])
+        ),
+        "bias_px": float(error.mean()),
+        "relative_percent": 100 * float(np.median(relative)) if relative.size else math.nan,
+    }
 
 
 def rms_within(coc: Float32, truth: Float32, mask: Bool) -> float:
@@ -86,39 +75,34 @@ def rms_within(coc: Float32, truth: Float32, mask: Bool) -> float:
         truth: true diameter (H, W) [px].
         mask: pixels that count, such as those that the object covers wholly (H, W).
     """
-    if not mask.any():
-        return float("nan")
-    return _rms(np.asarray(coc, np.float64)[mask] - truth[mask])
+    return _rms(np.asarray(coc, np.float64)[mask] - truth[mask]) if mask.any() else math.nan
 
 
-def binned_errors(error: Float32, by: Float32, edges: Float64) -> BinnedErrors:
+def binned_errors(error: Float32, by: Float32, edges: Float64, fewest: int = 1) -> BinnedErrors:
     """Sort errors into bins.
 
     Args:
-        error: estimate - truth, any shape [px].
-        by: what the bins are of, the same shape [px].
+        error: estimate - truth (N,) [px].
+        by: what the bins are of (N,) [px].
         edges: rising edges of the bins (B + 1,); what lies outside is left out [px].
+        fewest: pixels below which a bin is left out, unless none has as many [1].
     """
-    error, by = error.ravel(), by.ravel()
     number = np.digitize(by, edges) - 1
-    rows = [number == at for at in range(len(edges) - 1)]
-    kept = [row for row in rows if row.any()]
+    bins = [number == at for at in range(len(edges) - 1)]
+    least = max(1, min(fewest, max(int(one.sum()) for one in bins)))
+    kept = [one for one in bins if one.sum() >= least]
+    quartiles = [np.quantile(error[one], (0.25, 0.5, 0.75)) for one in kept]
     return BinnedErrors(
-        at_px=np.array([by[row].mean() for row in kept], np.float64),
-        mean_abs_px=np.array([np.abs(error[row]).mean() for row in kept], np.float64),
-        quartiles_px=np.array(
-            [np.quantile(error[row], (0.25, 0.5, 0.75)) for row in kept], np.float64
-        ).reshape(-1, 3),
-        bias_px=np.array([error[row].mean() for row in kept], np.float64),
-        count=np.array([row.sum() for row in kept], np.int64),
+        at_px=np.array([by[one].mean() for one in kept], np.float64),
+        mean_abs_px=np.array([np.abs(error[one]).mean() for one in kept], np.float64),
+        quartiles_px=np.array(quartiles, np.float64).reshape(-1, 3),
+        bias_px=np.array([error[one].mean() for one in kept], np.float64),
+        count=np.array([one.sum() for one in kept], np.int64),
     )
 
 
 def _rms(error: Float64) -> float:
     return float(np.sqrt(np.mean(error**2)))
-
-
-LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,13 +146,6 @@ def over_scenes(figures: Iterable[tuple[str, float]]) -> Interval:
     return Interval(mean=float(means.mean()), half=half, scenes=count)
 
 
-UInt8 = npt.NDArray[np.uint8]
-
-WINDOW = 7
-_PEAK = 255.0
-_C1, _C2 = (0.01 * _PEAK) ** 2, (0.03 * _PEAK) ** 2
-
-
 def psnr(picture: UInt8, truth: UInt8) -> float:
     """Peak signal-to-noise ratio over all channels, infinite for equal pictures [dB].
 
@@ -176,7 +153,12 @@ def psnr(picture: UInt8, truth: UInt8) -> float:
         picture: code values (..., C).
         truth: code values (..., C).
     """
-    mean = float(np.mean((picture.astype(np.float64) - truth) ** 2))
+    return psnr_of_error(picture.astype(np.float64) - truth)
+
+
+def psnr_of_error(error: Float64) -> float:
+    """Peak signal-to-noise ratio of code values that are off by `error` (any shape) [dB]."""
+    mean = float(np.mean(error**2))
     return 10.0 * math.log10(_PEAK**2 / mean) if mean else math.inf
 
 

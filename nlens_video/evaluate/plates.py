@@ -7,6 +7,7 @@ A plate is a folder that holds `object_coc.npy`, and beside it `bg.png`, `bg_coc
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,19 +15,13 @@ import cv2
 import numpy as np
 
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import Bool, Float32, Float64
-from nlens_video.scene.camera import Camera
-from nlens_video.scene.scene import Scene
+from nlens_video.core.layers import Bool, Float32, Float64, UInt8
+from nlens_video.scene import Camera, Scene
 
 MARK = "object_coc.npy"
 _PARTS = (
-    "bg.png",
-    "bg_coc.npy",
-    "object.glb",
-    "object_depth.npz",
-    "object_rgba.png",
-    "params.json",
-)
+    "bg.png", "bg_coc.npy", "object.glb", "object_depth.npz", "object_rgba.png", "params.json",
+)  # fmt: skip
 _FARTHEST = 1e4  # object depths beyond this mean "nothing there" [scene unit]
 _SOLID = 250  # alpha codes above this belong to the object alone
 
@@ -36,28 +31,42 @@ class Plate:
     """A plate, its true CoC, and the object that is to be put into it.
 
     Attributes:
-        name: name of its folder.
+        folder: of its files.
         rgb: the plate, display-coded sRGB in [0, 1] (H, W, 3).
         coc_px: true signed CoC diameter (H, W) [px].
         sharp: the same view through a pinhole (H, W, 3), None where it was not rendered.
         camera: the virtual camera, which is the true one.
+        scene: the object.
         triangles: the object's triangles in the world (T, 3, 3) [scene unit].
         ground_y: height of the plane on which it stands [scene unit].
+        alpha: coverage of the sharp object (H, W) [code value].
         object_depth: camera-space depth of the sharp object (H, W) [scene unit].
         object_coc_px: true signed CoC diameter of it (H, W) [px].
-        solid: pixels that the sharp object covers wholly and whose depth is known (H, W).
+        there: pixels at which its depth is known (H, W).
     """
 
-    name: str
+    folder: Path
     rgb: Float32
     coc_px: Float32
     sharp: Float32 | None
     camera: Camera
+    scene: Scene
     triangles: Float64
     ground_y: float
+    alpha: UInt8
     object_depth: Float32
     object_coc_px: Float32
-    solid: Bool
+    there: Bool
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        return self.folder.name
+
+    @property
+    def solid(self) -> Bool:
+        """Pixels that the sharp object covers wholly and whose depth is known (H, W)."""
+        return self.there & (self.alpha > _SOLID)
 
     @property
     def true_coc_px(self) -> Float32:
@@ -70,14 +79,10 @@ class Plate:
 
         The signed CoC is affine in disparity, so it is the disparity in another unit.
         """
-        return self.relative(self.coc_px)
-
-    def relative(self, coc_px: Float32) -> Float32:
-        """The disparity of signed CoC [px] of any shape on the scale of `relative_disparity`."""
-        return relative_disparity(coc_px, self.coc_px)
+        return relative_disparity(self.coc_px, self.coc_px)
 
     @property
-    def scene(self) -> str:
+    def scene_name(self) -> str:
         """The scene of a plate SCENE_FOCUS; a plate with no underscore is a scene of its own."""
         return self.name.rpartition("_")[0] or self.name
 
@@ -93,30 +98,45 @@ def relative_disparity(coc_px: Float32, plate_coc_px: Float32) -> Float32:
     return np.asarray((coc_px - low) / max(high - low, 1e-6), dtype=np.float32)
 
 
-def find_plates(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Folders of plates in a folder, and those passed over because they hold a plate's parts only.
+def find_plates(folder: Path) -> tuple[list[Path], list[str]]:
+    """Folders of plates in a folder, and names of those that hold a plate's parts only.
 
     Raises:
         InputError: no such folder, no plate in it, or one that lacks a file.
     """
+    plates = find_folders(folder, "plate", MARK, _PARTS)
+    candidates = [folder, *sorted(folder.iterdir())]
+    return plates, [
+        path.name for path in candidates if path not in plates and (path / "bg_coc.npy").is_file()
+    ]
+
+
+def find_folders(folder: Path, kind: str, mark: str, parts: Sequence[str]) -> list[Path]:
+    """Folders that hold `mark`: the folder itself and those in it, by name.
+
+    Args:
+        folder: where they are.
+        kind: what they are, in words.
+        mark: file or folder by which they are known.
+        parts: what each must hold beside it.
+
+    Raises:
+        InputError: no such folder, none in it, or one that lacks a part.
+    """
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; expected one with a folder for each plate")
+        raise InputError(f"{folder}: no such folder; expected one with a folder for each {kind}")
     try:
-        inside = sorted(path for path in folder.iterdir() if path.is_dir())
+        found = [path for path in (folder, *sorted(folder.iterdir())) if (path / mark).exists()]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror})") from error
-    candidates = [folder, *inside]
-    plates = [path for path in candidates if (path / MARK).is_file()]
-    if not plates:
+    if not found:
         raise InputError(
-            f"{folder}: no plate in it; expected folders with {MARK}, {', '.join(_PARTS)}"
+            f"{folder}: no {kind} in it; expected folders with {mark}, {', '.join(parts)}"
         )
-    for plate in plates:
-        for part in _PARTS:
-            if not (plate / part).is_file():
-                raise InputError(f"{plate / part}: no such file; each plate needs it")
-    passed = [path for path in candidates if path not in plates and (path / "bg_coc.npy").is_file()]
-    return plates, passed
+    for path in (path / part for path in found for part in parts):
+        if not path.exists():
+            raise InputError(f"{path}: no such file; each {kind} needs it")
+    return found
 
 
 def load_plate(folder: Path) -> Plate:
@@ -126,43 +146,57 @@ def load_plate(folder: Path) -> Plate:
         InputError: a file cannot be read or does not fit the others.
         SceneError: the GLB cannot be used.
     """
-    rgb = _picture(folder / "bg.png")[..., :3]
-    height, width = rgb.shape[:2]
-    shape = (height, width)
+    rgb = _picture(folder / "bg.png")
+    height, width = shape = rgb.shape[:2]
     depth = _array(folder / "object_depth.npz", shape, key="depth")
-    alpha = _picture(folder / "object_rgba.png")
-    if alpha.shape != (*shape, 4):
-        raise InputError(
-            f"{folder / 'object_rgba.png'}: shape {alpha.shape}, expected {(*shape, 4)}"
-        )
     scene = Scene.load(folder / "object.glb")
     vertices, faces = scene.pose(0.0).triangles()
     triangles = vertices.astype(np.float64)[faces]
-    known = np.isfinite(depth) & (depth > 0) & (depth < _FARTHEST)
-    solid = known & (alpha[..., 3] > _SOLID / 255)
-    if not solid.any():
-        raise InputError(f"{folder}: its object covers no pixel wholly; expected one in view")
-    return Plate(
-        name=folder.name,
+    plate = Plate(
+        folder=folder,
         rgb=rgb,
         coc_px=_array(folder / "bg_coc.npy", shape),
         sharp=_sharp(folder, shape),
         camera=scene.camera(0.0, width, height),
+        scene=scene,
         triangles=triangles,
         ground_y=_ground(folder / "params.json", float(triangles[:, :, 1].min())),
+        alpha=read_codes(folder / "object_rgba.png", shape, rgba=True)[..., 3],
         object_depth=depth,
         object_coc_px=_array(folder / MARK, shape),
-        solid=solid,
+        there=np.isfinite(depth) & (depth > 0) & (depth < _FARTHEST),
     )
+    if not plate.solid.any():
+        raise InputError(f"{folder}: its object covers no pixel wholly; expected one in view")
+    return plate
 
 
-def _picture(path: Path) -> Float32:
-    """RGB or RGBA in [0, 1] (H, W, C) of an 8-bit picture."""
+def read_codes(path: Path, size: tuple[int, int] | None = None, *, rgba: bool = False) -> UInt8:
+    """Code values (H, W, 3 or 4) of an 8-bit RGB or RGBA picture.
+
+    Args:
+        path: the file.
+        size: rows and columns that it must have [px].
+        rgba: whether it must have an alpha channel.
+
+    Raises:
+        InputError: it cannot be read as that.
+    """
     raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if raw is None or raw.ndim != 3 or raw.dtype != np.uint8 or raw.shape[2] not in (3, 4):
-        raise InputError(f"{path}: cannot be read as an 8-bit RGB or RGBA picture")
-    swapped = raw[..., [2, 1, 0, 3][: raw.shape[2]]]
-    return np.asarray(swapped, dtype=np.float32) / np.float32(255)
+    channels = (4,) if rgba else (3, 4)
+    if (
+        raw is None or raw.ndim != 3 or raw.dtype != np.uint8 or raw.shape[2] not in channels
+        or (size is not None and raw.shape[:2] != size)
+    ):  # fmt: skip
+        kind = "RGBA" if rgba else "RGB or RGBA"
+        wanted = f" of {size[1]}x{size[0]}" if size else ""
+        raise InputError(f"{path}: cannot be read as an 8-bit {kind} picture{wanted}")
+    return np.ascontiguousarray(raw[..., [2, 1, 0, 3][: raw.shape[2]]], np.uint8)
+
+
+def _picture(path: Path, size: tuple[int, int] | None = None) -> Float32:
+    """RGB in [0, 1] (H, W, 3) of an 8-bit picture."""
+    return read_codes(path, size)[..., :3].astype(np.float32) / np.float32(255)
 
 
 def _array(path: Path, shape: tuple[int, int], key: str | None = None) -> Float32:
@@ -183,10 +217,7 @@ def _sharp(folder: Path, shape: tuple[int, int]) -> Float32 | None:
     siblings = sorted(folder.parent.glob(f"{scene}_*/bg_sharp.png")) if scene and focus else []
     for path in (folder / "bg_sharp.png", *siblings):
         if path.is_file():
-            picture = _picture(path)[..., :3]
-            if picture.shape[:2] != shape:
-                raise InputError(f"{path}: {picture.shape[:2]} px, expected the plate's {shape}")
-            return picture
+            return _picture(path, shape)
     return None
 
 

@@ -8,10 +8,15 @@ from hypothesis import strategies as st
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import CocMap
-from nlens_video.evaluate.coc.baselines import best_constant
-from nlens_video.evaluate.coc.paper_line import fit_line
-from nlens_video.evaluate.coc.quadratic import best_factor, nearest_blur, quadratic_coc
-from nlens_video.evaluate.coc.reblur_ratio import edge_blur, reblur_ratio_coc
+from nlens_video.evaluate.coc.baselines import (
+    best_constant,
+    best_factor,
+    edge_blur,
+    fit_line,
+    nearest_blur,
+    quadratic_coc,
+    reblur_ratio_coc,
+)
 from nlens_video.stages.p_projection import GroundProjection
 
 

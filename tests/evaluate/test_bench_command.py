@@ -13,8 +13,9 @@ from nlens_video.evaluate.bench import bench
 from nlens_video.evaluate.bench.case import built_case, plate_case
 from nlens_video.evaluate.bench.measure import Effort, OneCase, RungRun
 from nlens_video.evaluate.bench.methods import all_rungs
-from nlens_video.evaluate.bench.report import Point, pareto
 from nlens_video.evaluate.bench.scenes import write_scenes
+from nlens_video.evaluate.plates import load_plate
+from nlens_video.evaluate.plots import Point, pareto
 
 TINY = Effort(size=(240, 128), views=64, frames=3, seconds=0.1)
 RUN = ("naive", "realtime", "lens, 8 views")
@@ -111,12 +112,12 @@ def test_every_preset_and_every_baseline_is_benchmarked():
 
 
 def test_bench_uses_the_lens_of_the_plates_ground_truth(tmp_path):
-    case = plate_case(write_rendered(tmp_path / "one_a"))
+    case = plate_case(load_plate(write_rendered(tmp_path / "one_a")))
     assert (case.fit.slope, case.fit.intercept) == pytest.approx((SLOPE, INTERCEPT), abs=0.05)
 
 
 def test_bench_figures_agree_with_a_hand_calculation(tmp_path):
-    case = plate_case(write_rendered(tmp_path / "one_a"))
+    case = plate_case(load_plate(write_rendered(tmp_path / "one_a")))
     times = tuple(float(ms) for ms in range(1, 22))
     run = RungRun(
         cases={"one_a": OneCase(picture=case.plate, blur_ms=times)}, startup_s=2.0, peak_mib=300.0

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
-from nlens_video.evaluate.bench.rivals import layered_gaussian, naive, one_gaussian
+from nlens_video.evaluate.bench.methods import layered_gaussian, naive, one_gaussian
 
 FRAME = Box(0, 0, 90, 70)
 PLACE = Box(30, 20, 60, 50)

@@ -20,8 +20,8 @@ from nlens_video.evaluate.composite.methods import (
     TRUE_COC,
     TRUE_FIT,
     all_methods,
+    load_subject,
 )
-from nlens_video.evaluate.composite.subject import load_subject
 from nlens_video.evaluate.metrics import over_scenes
 
 ROWS = [NAIVE, BLIND, GAUSSIAN, "draft", DEFAULT, TRUE_FIT, TRUE_COC]

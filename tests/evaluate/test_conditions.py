@@ -3,8 +3,7 @@ import pytest
 from support.truth_folder import camera, cube_depth, texture
 
 from nlens_video.core.errors import SceneError
-from nlens_video.evaluate.coc.conditions import scaled, through_h264, with_noise
-from nlens_video.evaluate.coc.guessed_camera import guess_camera, moved_depth
+from nlens_video.evaluate.coc.conditions import guess_camera, scaled, through_h264, with_noise
 
 CORNERS = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (0, 0.3) for z in (-1.8, -1.4)])
 TRIANGLES = CORNERS[[[0, 1, 2], [1, 2, 3], [4, 5, 6], [5, 6, 7]]].astype(np.float64)
@@ -57,7 +56,7 @@ def test_true_field_of_view_changes_nothing():
     assert guess.moved(CORNERS) == pytest.approx(CORNERS)
     depth = cube_depth(view)
     seen = depth < 1e9
-    assert moved_depth(guess, view, depth)[seen] == pytest.approx(depth[seen])
+    assert guess.moved_depth(view, depth)[seen] == pytest.approx(depth[seen])
 
 
 @pytest.mark.parametrize("ratio", [0.85, 1.15])
@@ -83,7 +82,7 @@ def test_depth_of_moved_surface_points_agrees_with_the_moved_object():
     ground = view.plane_disparity(0.0)  # take the ground itself for the surface: it stays in place
     use = ground > 0.2
     depth = np.where(use, 1 / np.where(use, ground, 1.0), 1.0)
-    moved = moved_depth(guess, view, depth)
+    moved = guess.moved_depth(view, depth)
     row, column = np.argwhere(use)[len(np.argwhere(use)) // 2]
     ray = np.array([(column + 0.5 - view.cx) / view.fx, -(row + 0.5 - view.cy) / view.fy, -1.0])
     pose = view.world_from_camera

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nlens_video.evaluate.metrics import binned_errors, coc_figures, rms_within
-from nlens_video.evaluate.tables import Column, Entry, Table
+from nlens_video.evaluate.report import Column, Entry, Table
 
 COC = np.array([[1, 2], [5, 8]], np.float32)
 TRUTH = np.array([[0, 4], [4, 10]], np.float32)
@@ -12,18 +12,19 @@ TRUTH = np.array([[0, 4], [4, 10]], np.float32)
 
 def test_coc_errors_of_four_pixels_agree_with_a_hand_calculation():
     found = coc_figures(COC, TRUTH, np.array([[1, 3], [2, 4]], np.float32))
-    assert found.rmse_px == pytest.approx(math.sqrt((1 + 4 + 1 + 4) / 4))
-    assert found.confident_rmse_px == pytest.approx(1.0)  # the pixels with sigma 1 and 2
-    assert found.bias_px == pytest.approx((1 - 2 + 1 - 2) / 4)
-    assert found.relative == pytest.approx(1 / 4)  # of 2/4, 1/4 and 2/10; the sharp pixel is out
+    assert found["rmse_px"] == pytest.approx(math.sqrt((1 + 4 + 1 + 4) / 4))
+    assert found["confident_rmse_px"] == pytest.approx(1.0)  # the pixels with sigma 1 and 2
+    assert found["bias_px"] == pytest.approx((1 - 2 + 1 - 2) / 4)
+    # of 2/4, 1/4 and 2/10; the sharp pixel is out
+    assert found["relative_percent"] == pytest.approx(25)
 
 
 def test_method_without_uncertainty_has_no_confident_half():
-    assert math.isnan(coc_figures(COC, TRUTH).confident_rmse_px)
+    assert math.isnan(coc_figures(COC, TRUTH)["confident_rmse_px"])
 
 
 def test_sharp_plate_has_no_relative_error():
-    assert math.isnan(coc_figures(COC, np.ones_like(TRUTH)).relative)
+    assert math.isnan(coc_figures(COC, np.ones_like(TRUTH))["relative_percent"])
 
 
 def test_object_coc_error_counts_opaque_pixels_and_signs():

@@ -13,7 +13,7 @@ from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.projection import Moment
-from nlens_video.evaluate.bench.case import case_of
+from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.plates import load_plate
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.illumination import SceneLight
@@ -35,7 +35,7 @@ def plate(tmp_path):
     scene = Scene.load(folder / "object.glb")
     posed = scene.pose(0.0)
     light = SceneLight(scene.light_count).on_ground(posed.lights)
-    fit = case_of(folder, known).fit
+    fit = plate_case(known).fit
     moment = Moment(Casters.of(posed, {}), known.camera)
     shadow = CastShadow(strength=0.75)([moment], light, 0.0, fit)
     codes = cv2.imread(str(folder / "gt_noshadow.png"))

@@ -14,7 +14,7 @@ from support.truth_folder import INTERCEPT, SLOPE, camera, cube_depth, write_ren
 
 from nlens_video.cli.main import main
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.composite.sequence_figures import (  # fmt: skip
+from nlens_video.evaluate.composite.sequences import (
     BLOCK_PX,
     FrameFigures,
     coc_rms,

@@ -6,7 +6,7 @@ import pytest
 
 from nlens_video.cli.main import main
 from nlens_video.evaluate.study import demo
-from nlens_video.evaluate.study.stimuli import load_stimuli
+from nlens_video.evaluate.study.page import load_stimuli
 
 SIZE = (320, 176)
 

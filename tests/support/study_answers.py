@@ -1,9 +1,9 @@
-"""Stimuli and answers made by a test: `from study.answers import write_folder`."""
+"""Stimuli and answers made by a test: `from support.study_answers import write_folder`."""
 
 import cv2
 import numpy as np
 
-from nlens_video.evaluate.study.stimuli import Stimulus, write_stimuli
+from nlens_video.evaluate.study.page import Stimulus, write_stimuli
 
 METHODS = ("naive", "blind", "ours")
 COLOURS = ("red", "green", "yellow")

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import Box
+from nlens_video.core.layers import Box, UInt8
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.glb_writer import UInt8
 from nlens_video.evaluate.bench.scenes import BuiltScene, plate
 from nlens_video.evaluate.metrics import WINDOW, psnr, ssim
-from nlens_video.evaluate.plates import Plate, load_plate
+from nlens_video.evaluate.plates import Plate, read_codes
 from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_aperture_samples import bare_points
@@ -47,10 +45,15 @@ class Case:
     truth: UInt8
     region: Box
 
+    @property
+    def frame(self) -> Box:
+        """The whole picture."""
+        return Box(0, 0, self.plate.shape[1], self.plate.shape[0])
+
     def score(self, picture: UInt8) -> dict[str, float]:
         """PSNR [dB] and SSIM [1] of a picture (H, W, 3) against the truth, in the region."""
-        rows, columns = self.region.slices_in(Box(0, 0, self.plate.shape[1], self.plate.shape[0]))
-        seen, truth = picture[rows, columns], self.truth[rows, columns]
+        part = self.region.slices_in(self.frame)
+        seen, truth = picture[part], self.truth[part]
         return {"psnr_db": psnr(seen, truth), "ssim": ssim(seen, truth)}
 
 
@@ -77,51 +80,33 @@ def built_case(scene: BuiltScene, size: tuple[int, int], views: int) -> Case:
     truth = clean.copy()
     ArrayPicture(truth, "rgb").over(seen.box, seen.rgba)
     return Case(
-        name=scene.name,
-        glb=scene.glb,
-        fit=scene.fit,
-        plate=clean,
-        truth=truth,
+        name=scene.name, glb=scene.glb, fit=scene.fit, plate=clean, truth=truth,
         region=Box.of(covered),
-    )
+    )  # fmt: skip
 
 
-def plate_case(folder: Path) -> Case:
-    """Read a plate that was rendered with and without its object by a true lens.
+def plate_case(known: Plate) -> Case:
+    """The case of a plate that was rendered with and without its object by a true lens.
 
     Args:
-        folder: one of `plates.find_plates`, with `gt_noshadow.png` and `object.exr` in it.
+        known: one with `gt_noshadow.png` and `object.exr` in its folder.
 
     Raises:
         InputError: a file is missing, cannot be read or does not fit the others.
-        SceneError: the GLB cannot be used.
     """
-    return case_of(folder, load_plate(folder))
-
-
-def case_of(folder: Path, known: Plate) -> Case:
-    """The case of a plate that is read already.
-
-    Args:
-        folder: of the plate.
-        known: what is in it.
-
-    Raises:
-        InputError: as `plate_case`.
-    """
-    layers = folder / "object.exr"
+    layers = known.folder / "object.exr"
     if not layers.is_file():
         raise InputError(f"{layers}: no such file; the object's layers are needed on each plate")
-    truth = codes_of(folder / "gt_noshadow.png", known.rgb.shape[:2])
-    region = Box.of(codes_of(folder / "object_rgba.png", known.rgb.shape[:2])[..., 3] > 0)
+    truth = read_codes(known.folder / "gt_noshadow.png", known.alpha.shape)
+    region = Box.of(known.alpha > 0)
     if min(region.width, region.height) < WINDOW:
         raise InputError(
-            f"{folder}: its object spans {region.width}x{region.height} pixels, SSIM needs "
+            f"{known.folder}: its object spans {region.width}x{region.height} pixels, SSIM needs "
             f"{WINDOW} each way; leave this plate out"
         )
     return Case(
-        name=folder.name,
-        glb=folder / "object.glb",
+        name=known.name,
+        glb=known.folder / "object.glb",
         layers=layers,
         fit=_true_fit(known),
         plate=np.asarray(np.round(255.0 * known.rgb), np.uint8),
@@ -132,11 +117,12 @@ def case_of(folder: Path, known: Plate) -> Case:
 
 def _true_fit(known: Plate) -> LensFit:
     """The lens that gives the object's pixels their true CoC, which is affine in disparity."""
-    disparity = 1.0 / known.object_depth[known.solid].astype(np.float64)
-    coc = known.object_coc_px[known.solid].astype(np.float64)
+    solid = known.solid
+    disparity = 1.0 / known.object_depth[solid].astype(np.float64)
+    coc = known.object_coc_px[solid].astype(np.float64)
     columns = np.stack([disparity, np.ones_like(disparity)], axis=1)
     slope, intercept = np.linalg.lstsq(columns, coc, rcond=None)[0]
-    height, width = known.rgb.shape[:2]
+    height, width = known.alpha.shape
     rmse = float(np.sqrt(np.mean((columns @ [slope, intercept] - coc) ** 2)))
     if not rmse < _LINEAR_PX or slope < 0:
         raise InputError(
@@ -157,16 +143,3 @@ def _true_ground(known: Plate, fit: LensFit) -> tuple[tuple[float, float], ...]:
     disparity, coc = plane[seen], known.true_coc_px[seen].astype(np.float64)
     expected = np.abs(fit.coc_px(disparity.astype(np.float32))).astype(np.float64)
     return ground_visibility(disparity, coc, np.full_like(coc, VISIBILITY_FLOOR_PX), expected)
-
-
-def codes_of(path: Path, size: tuple[int, ...]) -> UInt8:
-    """Code values, RGB or RGBA, of an 8-bit picture of a known size (rows, columns).
-
-    Raises:
-        InputError: it cannot be read as that.
-    """
-    raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if raw is None or raw.ndim != 3 or raw.dtype != np.uint8 or raw.shape[:2] != size:
-        rows, columns = size
-        raise InputError(f"{path}: cannot be read as an 8-bit colour picture of {columns}x{rows}")
-    return np.asarray(raw[..., [2, 1, 0, 3][: raw.shape[2]]], np.uint8)

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
+import PIL.Image
 
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Float64, UInt8
 
-UInt8 = npt.NDArray[np.uint8]
-
-_FLOAT, _UINT8, _UINT32 = 5126, 5121, 5125
+_CODES = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 _LINEAR, _MIPMAPS = 9729, 9987
-_LIGHTS = [
-    {"type": "directional", "intensity": 2.5},
-    {"type": "directional", "intensity": 1.2},
-]
-_SHINE = ((-0.3, 0.25, 0.0, 0.9), (0.35, -0.3, 0.0, 0.9))  # from above right, from below left
-_KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_KEY, _FILL = (-0.3, 0.25, 0.0, 0.9), (0.35, -0.3, 0.0, 0.9)  # from above right, from below left
+
+Fields = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,54 +60,96 @@ class Joint:
     turn: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
-@dataclass(slots=True)
-class _Glb:
-    """A file in the making."""
+class GlbWriter:
+    """Collects a glTF document and its bytes; methods return the index of what they add.
 
-    document: dict[str, list[object]] = field(default_factory=dict)
-    binary: bytearray = field(default_factory=bytearray)
+    Attributes:
+        document: may be changed freely before writing.
+        binary: of the one buffer.
+    """
 
-    def add(self, key: str, item: object) -> int:
-        items = self.document.setdefault(key, [])
-        items.append(item)
-        return len(items) - 1
+    def __init__(self) -> None:
+        self.document: Fields = {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": []}],
+        }
+        self.binary = bytearray()
 
-    def view(self, data: bytes) -> int:
+    def add(self, key: str, item: Mapping[str, object]) -> int:
+        """Append to one of the document's lists."""
+        self.document.setdefault(key, []).append(item)
+        return len(self.document[key]) - 1
+
+    def view(self, data: bytes, **fields: object) -> int:
+        """A buffer view of bytes."""
         self.binary += b"\0" * (-len(self.binary) % 4)
-        place = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data)}
+        place = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data), **fields}
         self.binary += data
         return self.add("bufferViews", place)
 
-    def accessor(self, values: npt.NDArray[np.generic], component: int) -> int:
-        flat = values.reshape(len(values), -1)
-        described: dict[str, object] = {
-            "bufferView": self.view(np.ascontiguousarray(flat).tobytes()),
-            "componentType": component,
-            "count": len(flat),
-            "type": _KINDS[flat.shape[1]],
+    def accessor(self, values: npt.ArrayLike, **fields: object) -> int:
+        """An accessor of an array (count, ...); its dtype is the component type."""
+        array = np.asarray(values)
+        array = array.astype(np.float32) if array.dtype == np.float64 else array
+        flat = np.ascontiguousarray(array).reshape(len(array), -1)
+        described = {
+            "bufferView": self.view(flat.tobytes()),
+            "componentType": _CODES[array.dtype.str[1:]],
+            "count": len(array),
+            "type": _TYPES[flat.shape[1]],
         }
-        if flat.shape[1] == 3 and component == _FLOAT:  # glTF asks for the bounds of positions
-            described |= {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
-        return self.add("accessors", described)
+        return self.add("accessors", {**described, **fields})
 
-    def floats(self, values: Float64) -> int:
-        return self.accessor(values.astype(np.float32), _FLOAT)
+    def node(self, *, root: bool = True, **fields: object) -> int:
+        """A node, in the scene unless it is another's child."""
+        index = self.add("nodes", fields)
+        if root:
+            self.document["scenes"][0]["nodes"].append(index)
+        return index
+
+    def light(
+        self, kind: str = "directional", *, node: Fields | None = None, **fields: object
+    ) -> int:
+        """A punctual light on a node of its own; the node's index."""
+        extensions = self.document.setdefault("extensions", {})
+        lights = extensions.setdefault("KHR_lights_punctual", {"lights": []})["lights"]
+        lights.append({"type": kind, **fields})
+        place = {"KHR_lights_punctual": {"light": len(lights) - 1}}
+        return self.node(**(node or {}), extensions=place)
+
+    def skin(self, joints: Sequence[int], inverse_bind: npt.ArrayLike) -> int:
+        """A skin; inverse bind matrices (J, 4, 4), row-major as numpy has them."""
+        columns = np.swapaxes(np.asarray(inverse_bind, np.float32), 1, 2)
+        matrices = self.accessor(columns.reshape(-1, 16))
+        return self.add("skins", {"joints": list(joints), "inverseBindMatrices": matrices})
+
+    def texture(self, pixels: npt.ArrayLike, **sampler: int) -> int:
+        """A texture of uint8 pixels (H, W, 3 or 4), trilinear by default."""
+        file = io.BytesIO()
+        PIL.Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
+        image = self.add(
+            "images", {"bufferView": self.view(file.getvalue()), "mimeType": "image/png"}
+        )
+        chosen = self.add("samplers", {"magFilter": _LINEAR, "minFilter": _MIPMAPS, **sampler})
+        return self.add("textures", {"source": image, "sampler": chosen})
 
     def bytes(self) -> bytes:
-        document = {
-            "asset": {"version": "2.0"},
-            "extensionsUsed": ["KHR_materials_unlit", "KHR_lights_punctual"],
-            "extensions": {"KHR_lights_punctual": {"lights": _LIGHTS}},
-            "buffers": [{"byteLength": len(self.binary)}],
-            "scene": 0,
-            **self.document,
-        }
+        """The file."""
+        document = dict(self.document)
+        if self.binary:
+            document["buffers"] = [{"byteLength": len(self.binary)}]
         text = json.dumps(document).encode()
         text += b" " * (-len(text) % 4)
-        self.binary += b"\0" * (-len(self.binary) % 4)
+        binary = bytes(self.binary) + b"\0" * (-len(self.binary) % 4)
         chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
-        chunks += struct.pack("<II", len(self.binary), 0x004E4942) + self.binary
+        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+    def write(self, path: Path) -> Path:
+        """Write it; the path."""
+        path.write_bytes(self.bytes())
+        return path
 
 
 def write_glb(
@@ -123,20 +163,16 @@ def write_glb(
         yfov: vertical field of view [rad].
         joints: the skeleton that carries them, none if nothing is carried.
     """
-    file = _Glb()
-    file.add("cameras", {"type": "perspective", "perspective": {"yfov": yfov, "znear": 0.01}})
-    roots = [file.add("nodes", {"camera": 0})]
-    for number, turn in enumerate(_SHINE):
-        light = {"KHR_lights_punctual": {"light": number}}
-        roots.append(file.add("nodes", {"rotation": _unit(turn), "extensions": light}))
-    skin: dict[str, int] = {}
-    if joints:
-        roots.append(_add_skeleton(file, joints))
-        skin = {"skin": 0}
+    glb = GlbWriter()
+    glb.document["extensionsUsed"] = ["KHR_materials_unlit", "KHR_lights_punctual"]
+    lens = {"yfov": yfov, "znear": 0.01}
+    glb.node(camera=glb.add("cameras", {"type": "perspective", "perspective": lens}))
+    for turn, intensity in ((_KEY, 2.5), (_FILL, 1.2)):
+        glb.light(node={"rotation": _unit(turn)}, intensity=intensity)
+    skin: Fields = {"skin": _add_skeleton(glb, joints)} if joints else {}
     for surface in surfaces:
-        roots.append(file.add("nodes", {"mesh": _add_mesh(file, surface), **skin}))
-    file.add("scenes", {"nodes": roots})
-    path.write_bytes(file.bytes())
+        glb.node(mesh=_add_mesh(glb, surface), **skin)
+    glb.write(path)
 
 
 def _unit(quaternion: Sequence[float]) -> list[float]:
@@ -144,53 +180,48 @@ def _unit(quaternion: Sequence[float]) -> list[float]:
     return [float(value) for value in values / np.linalg.norm(values)]
 
 
-def _add_skeleton(file: _Glb, joints: Sequence[Joint]) -> int:
-    """The joints' nodes and the skin; the root's node."""
-    first = len(file.document["nodes"])
+def _add_skeleton(glb: GlbWriter, joints: Sequence[Joint]) -> int:
+    """The joints' nodes, and the skin."""
+    first = len(glb.document["nodes"])
     bind = np.tile(np.eye(4), (len(joints), 1, 1))
     for number, joint in enumerate(joints):
         away = np.zeros(3) if joint.parent is None else joints[joint.parent].at
         children = [first + at for at, other in enumerate(joints) if other.parent == number]
-        node: dict[str, object] = {
-            "translation": (joint.at - away).tolist(),
-            "rotation": _unit(joint.turn),
-        }
-        file.add("nodes", node | ({"children": children} if children else {}))
+        glb.node(
+            root=joint.parent is None, translation=(joint.at - away).tolist(),
+            rotation=_unit(joint.turn), **({"children": children} if children else {}),
+        )  # fmt: skip
         bind[number, :3, 3] = -joint.at
-    columns = np.swapaxes(bind, 1, 2).reshape(-1, 16)
-    nodes = list(range(first, first + len(joints)))
-    file.add("skins", {"joints": nodes, "inverseBindMatrices": file.floats(columns)})
-    return first
+    return glb.skin(range(first, first + len(joints)), bind)
 
 
-def _add_mesh(file: _Glb, surface: TexturedMesh) -> int:
-    ok, png = cv2.imencode(".png", surface.texture[..., ::-1])
-    if not ok:
-        raise RuntimeError("OpenCV does not write PNG")
-    image = file.add("images", {"bufferView": file.view(png.tobytes()), "mimeType": "image/png"})
-    sampler = file.add("samplers", {"magFilter": _LINEAR, "minFilter": _MIPMAPS})
-    texture = file.add("textures", {"source": image, "sampler": sampler})
-    material: dict[str, object] = {
+def _add_mesh(glb: GlbWriter, surface: TexturedMesh) -> int:
+    material: Fields = {
         "doubleSided": True,
         "pbrMetallicRoughness": {
-            "baseColorTexture": {"index": texture},
+            "baseColorTexture": {"index": glb.texture(surface.texture)},
             "metallicFactor": 0.0,
             "roughnessFactor": 0.8,
         },
     }
-    attributes = {"POSITION": file.floats(surface.points), "TEXCOORD_0": file.floats(surface.uv)}
+    points = surface.points.astype(np.float32)  # glTF asks for the bounds of positions
+    bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
+    attributes = {
+        "POSITION": glb.accessor(points, **bounds),
+        "TEXCOORD_0": glb.accessor(surface.uv),
+    }
     if surface.normals is None:
         material["extensions"] = {"KHR_materials_unlit": {}}
     else:
-        attributes["NORMAL"] = file.floats(surface.normals)
+        attributes["NORMAL"] = glb.accessor(surface.normals)
     if surface.joint is not None:
         carried = np.zeros((len(surface.joint), 4), np.uint8)
         carried[:, 0] = surface.joint
-        attributes["JOINTS_0"] = file.accessor(carried, _UINT8)
-        attributes["WEIGHTS_0"] = file.floats(np.tile([1.0, 0, 0, 0], (len(carried), 1)))
+        attributes["JOINTS_0"] = glb.accessor(carried)
+        attributes["WEIGHTS_0"] = glb.accessor(np.tile([1.0, 0, 0, 0], (len(carried), 1)))
     primitive = {
         "attributes": attributes,
-        "indices": file.accessor(surface.faces.astype(np.uint32).ravel(), _UINT32),
-        "material": file.add("materials", material),
+        "indices": glb.accessor(surface.faces.astype(np.uint32).ravel()),
+        "material": glb.add("materials", material),
     }
-    return file.add("meshes", {"primitives": [primitive]})
+    return glb.add("meshes", {"primitives": [primitive]})

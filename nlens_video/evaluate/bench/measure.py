@@ -1,9 +1,11 @@
-"""Runs a method on its cases in a process of its own: pictures, times, memory, start-up."""
+"""Runs a rung on its cases in a process of its own: pictures, times, memory, start-up."""
 
 from __future__ import annotations
 
 import itertools
 import multiprocessing
+import os
+import platform
 import signal
 import sys
 import time
@@ -16,13 +18,13 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.core.errors import NlensError
+from nlens_video.core.layers import UInt8
+from nlens_video.core.version import VERSION
 from nlens_video.evaluate.bench.case import Case
-from nlens_video.evaluate.bench.glb_writer import UInt8
-from nlens_video.evaluate.bench.methods import Rung, opened
+from nlens_video.evaluate.bench.methods import Rung, one_frame, opened
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.executor import GraphExecutor
-from nlens_video.video.pixels.picture import ArrayPicture
+from nlens_video.render.select import renderer_choice
 
 _WARM_UP = 2  # frames that load, compile and fill caches
 _FEWEST = 3  # frames that are timed, however long they take
@@ -129,14 +131,6 @@ def run_rung(rung: Rung, cases: Sequence[Case], effort: Effort, started: float) 
     return RungRun(cases=made, startup_s=startup, peak_mib=_peak_mib())
 
 
-def one_frame(steps: GraphExecutor, case: Case, index: int) -> tuple[UInt8, dict[str, float]]:
-    """The composite (H, W, 3), and what each node took [ms]."""
-    codes = case.plate.copy()
-    state = steps.begin_frame(LoopFrame(index, 0.0, ArrayPicture(codes, "rgb")))
-    steps.run(state, steps.graph.nodes)
-    return codes, steps.profiler.close_frame(index, index).nodes
-
-
 def _timed(steps: GraphExecutor, case: Case, effort: Effort) -> tuple[float, ...]:
     times: list[float] = []
     blurs = {
@@ -163,3 +157,26 @@ def _peak_mib() -> float:
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) / 1024
     return float("nan")
+
+
+def machine() -> dict[str, str]:
+    """Processor, cores, load, renderer and versions in words; nothing that names the machine."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    return {
+        "processor": _processor(),
+        "cores": str(len(affinity(0)) if affinity else os.cpu_count() or 1),
+        "load at the start": load,
+        "renderer": renderer_choice(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "version": f"nlens-video {VERSION}, Python {platform.python_version()}",
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:  # not Linux
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or "unknown"

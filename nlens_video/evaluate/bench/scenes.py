@@ -15,13 +15,9 @@ import cv2
 import numpy as np
 
 from nlens_video.core.color import transfer
+from nlens_video.core.layers import UInt8
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.glb_writer import (
-    Joint,
-    TexturedMesh,
-    UInt8,
-    write_glb,
-)
+from nlens_video.evaluate.bench.glb_writer import Joint, TexturedMesh, write_glb
 from nlens_video.evaluate.bench.shapes import (
     HEIGHT,
     WIDTH,

@@ -1,4 +1,7 @@
-"""Shapes of the built-in scenes, placed by screen position and CoC."""
+"""Textured shapes of the scenes of `bench` and of the study, camera-space: y up, looking along -z.
+
+The shapes of `bench` are placed by screen position and CoC.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Float64
-from nlens_video.evaluate.bench.glb_writer import TexturedMesh, UInt8
+from nlens_video.core.layers import Float32, Float64, UInt8
+from nlens_video.evaluate.bench.glb_writer import TexturedMesh
 
 WIDTH, HEIGHT, FOCAL_PX = 960, 512, 900.0
-"""The picture that places are told in [px]."""
+"""The picture in whose pixels places are given [px]."""
 
 YFOV = 2.0 * math.atan(0.5 * HEIGHT / FOCAL_PX)
 _SIDES = 16  # of a tube
-_TEXTURE_PX = 256
+_AROUND, _UP = 48, 24  # facets of a ball
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +60,42 @@ class SceneLens:
 def texture(seed: int) -> UInt8:
     """Detail of every size about a colour of its own, display-coded (h, w, 3); it tiles."""
     rng = np.random.default_rng(seed)
-    total = np.zeros((_TEXTURE_PX, _TEXTURE_PX, 3), np.float32)
     base = rng.permutation([0.3, 0.5, 0.75]).astype(np.float32)
+    total = np.zeros((256, 256, 3), np.float32)
     for side, share in ((4, 0.25), (8, 0.3), (16, 0.25), (64, 0.2)):
-        tiles = rng.random((side, side, 3), np.float32)
-        whole = (_TEXTURE_PX, _TEXTURE_PX)
-        total += share * cv2.resize(tiles, whole, interpolation=cv2.INTER_NEAREST)
+        total += share * _tiled(rng.random((side, side, 3), np.float32), 256)
     spread = np.clip(base + 1.8 * (total - 0.5), 0.03, 0.97)
     return np.asarray(np.round(255 * spread), np.uint8)
+
+
+def woven(colour: tuple[int, int, int], seed: int) -> UInt8:
+    """Detail of every size about a colour, display-coded (h, w, 3); it tiles."""
+    rng = np.random.default_rng(seed)
+    light = np.zeros((512, 512), np.float32)
+    for side in (8, 32, 128, 256):
+        light += _tiled(rng.random((side, side), np.float32) - 0.5, 512)
+    shaded = np.array(colour) * (1 + 0.6 * light)[..., None]
+    return np.asarray(np.clip(np.round(shaded), 8, 247), np.uint8)
+
+
+def _tiled(tiles: Float32, side: int) -> Float32:
+    resized = cv2.resize(tiles, (side, side), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(resized, np.float32)
+
+
+def sheet(
+    points: Float64, pixels: UInt8, tile: float, axes: tuple[int, int] = (0, 1)
+) -> TexturedMesh:
+    """A flat textured quadrilateral that glows: it casts and takes no shadow.
+
+    Args:
+        points: its corners in turn (4, 3) [scene unit].
+        pixels: of its texture, display-coded RGB (h, w, 3), which tiles.
+        tile: side of the texture [scene unit].
+        axes: coordinates along which the texture lies.
+    """
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return TexturedMesh(points=points, uv=points[:, axes] / tile, faces=faces, texture=pixels)
 
 
 def card(
@@ -78,13 +109,7 @@ def card(
         seed: of its texture.
         tile: side of the texture [scene unit].
     """
-    points = np.array([optics.point(corner) for corner in corners])
-    return TexturedMesh(
-        points=points,
-        uv=points[:, :2] / tile,
-        faces=np.array([[0, 1, 2], [0, 2, 3]]),
-        texture=texture(seed),
-    )
+    return sheet(np.array([optics.point(corner) for corner in corners]), texture(seed), tile)
 
 
 def rectangle(left: Place, right: Place, rows: tuple[float, float]) -> list[Place]:
@@ -96,12 +121,32 @@ def rectangle(left: Place, right: Place, rows: tuple[float, float]) -> list[Plac
         rows: top and bottom [px].
     """
     top, bottom = rows
-    return [
-        Place(left.x, bottom, left.coc_px),
-        Place(right.x, bottom, right.coc_px),
-        Place(right.x, top, right.coc_px),
-        Place(left.x, top, left.coc_px),
-    ]
+    ways = ((left, bottom), (right, bottom), (right, top), (left, top))
+    return [Place(side.x, row, side.coc_px) for side, row in ways]
+
+
+def ball(middle: Float64, radius: float, pixels: UInt8) -> TexturedMesh:
+    """A ball that lights shine on.
+
+    Args:
+        middle: its centre (3,) [scene unit].
+        radius: of it [scene unit].
+        pixels: of its texture, display-coded RGB (h, w, 3), its rows from pole to pole.
+    """
+    turn, rise = np.meshgrid(
+        np.linspace(0, 2 * math.pi, _AROUND + 1), np.linspace(0, math.pi, _UP + 1)
+    )
+    normals = np.stack(
+        [np.sin(rise) * np.cos(turn), np.cos(rise), np.sin(rise) * np.sin(turn)], axis=-1
+    ).reshape(-1, 3)
+    a, b = _lattice(_UP, _AROUND)
+    return TexturedMesh(
+        points=middle + radius * normals,
+        uv=np.stack([turn / (2 * math.pi), rise / math.pi], axis=-1).reshape(-1, 2),
+        faces=_faces((a, a + 1, b), (a + 1, b + 1, b)),
+        texture=pixels,
+        normals=normals,
+    )
 
 
 def tube(
@@ -140,25 +185,27 @@ def tube(
     if joints is not None:
         ends = [joints[0], joints[-1]]
         carried = np.concatenate([np.repeat(joints, _SIDES + 1), ends]).astype(np.int64)
+    first, last = rings.shape[0] * rings.shape[1] + np.arange(2)
+    start, end = np.arange(_SIDES), (len(path) - 1) * (_SIDES + 1) + np.arange(_SIDES)
+    a, b = _lattice(len(path) - 1, _SIDES)
     return TexturedMesh(
         points=np.concatenate([rings.reshape(-1, 3), caps]),
         uv=np.concatenate([np.stack([u.ravel(), v.ravel()], axis=1), [[0.5, 0.0], [0.5, v.max()]]]),
-        faces=_tube_faces(len(path)),
+        faces=_faces(
+            (a, b, a + 1), (b, b + 1, a + 1), (first, start, start + 1), (last, end + 1, end)
+        ),
         texture=texture(seed),
         normals=outward if lit else None,
         joint=carried,
     )
 
 
-def _tube_faces(rings: int) -> npt.NDArray[np.int64]:
-    around = np.arange(_SIDES)
-    step = _SIDES + 1
-    faces = []
-    for ring in range(rings - 1):
-        a, b = ring * step + around, (ring + 1) * step + around
-        faces += [np.stack([a, b, a + 1], axis=1), np.stack([b, b + 1, a + 1], axis=1)]
-    first, last = rings * step, rings * step + 1
-    end = (rings - 1) * step + around
-    faces.append(np.stack([np.full(_SIDES, first), around, around + 1], axis=1))
-    faces.append(np.stack([np.full(_SIDES, last), end + 1, end], axis=1))
-    return np.concatenate(faces)
+def _lattice(rows: int, columns: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """First vertices of each quad of a lattice of (rows + 1) x (columns + 1), and those below."""
+    a = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    return a, a + columns + 1
+
+
+def _faces(*triangles: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]) -> npt.NDArray[np.int64]:
+    """Triangles (T, 3) of vertices one, two and three, (n,) or the same for all."""
+    return np.concatenate([np.stack(np.broadcast_arrays(*three), axis=1) for three in triangles])

@@ -1,11 +1,12 @@
-"""What is measured: estimates of the plate's CoC, ways to fit, and how both stand rough plates."""
+"""`nlens-video evaluate coc`: stages F and R against ground truth, under rough conditions too."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,41 +14,57 @@ import numpy as np
 from nlens_video.core.errors import LensFitError, SceneError
 from nlens_video.core.layers import CocMap, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.coc.baselines import BASELINES, SCALED, what_they_are_told
-from nlens_video.evaluate.coc.conditions import picture_conditions
-from nlens_video.evaluate.coc.guessed_camera import guess_camera, moved_depth
-from nlens_video.evaluate.coc.paper_line import fit_line
-from nlens_video.evaluate.coc.quadratic import best_factor
+from nlens_video.evaluate.coc.baselines import BASELINES, NOTE, SCALED, best_factor, fit_line
+from nlens_video.evaluate.coc.conditions import (
+    PICTURES,
+    YFOV_RATIOS,
+    camera_at_size,
+    guess_camera,
+)
 from nlens_video.evaluate.metrics import coc_figures, rms_within
-from nlens_video.evaluate.plates import Plate
-from nlens_video.evaluate.tables import Column, Entry, Table
-from nlens_video.scene.camera import Camera
+from nlens_video.evaluate.plates import Plate, find_plates, load_plate
+from nlens_video.evaluate.plots import PlateErrors, error_by_coc, reliability
+from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
 from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
 OURS = "ours (network)"
-YFOV_RATIOS = (0.85, 1.15)
 _SAMPLE_STEP = 4  # the network's own grid: finer samples would tell the plots nothing more
 
 Fit = Callable[[CocMap, GroundProjection], LensFit]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlateErrors:
-    """Errors of our estimate on a grid of one plate, for plots; all arrays (N,) [px].
+def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
+    """Measure every plate of a folder; `out` gets `coc.md`, a CSV for each table and plots.
 
-    Attributes:
-        plate: its name.
-        error_px: estimate - truth.
-        sigma_px: expected error.
-        true_coc_px: true diameter.
+    Raises:
+        InputError: no plate, or one that cannot be read.
+        SceneError: a plate's GLB cannot be used.
+        OutputError: `out` cannot be written.
+        UsageError: plots are asked for and matplotlib is missing.
     """
+    from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.onnx_networks import OnnxCocNetwork
 
-    plate: str
-    error_px: Float32
-    sigma_px: Float32
-    true_coc_px: Float32
+    found, passed = find_plates(folder)
+    prepare_folder(out, plots=True)
+    with OnnxCocNetwork(find_model("coc").path) as network:
+        protocol = CocProtocol(network)
+        for path in track(found, "measuring plates", quiet=quiet):
+            protocol.measure(load_plate(path))
+    names = protocol.methods.plates()
+    Report(
+        name="coc",
+        sections=[f"# CoC of {len(names)} plates\n\n{', '.join(names)}\n"],
+        remark=f"Passed over, no stills: {', '.join(passed)}\n" if passed else "",
+        tables=protocol.tables,
+        facts={"plates": names, "passed_over": passed},
+        plots={
+            "reliability.png": ("reliability", partial(reliability, protocol.errors)),
+            "error_by_coc.png": ("error by true CoC", partial(error_by_coc, protocol.errors)),
+        },
+    ).publish(out, as_json=as_json, quiet=quiet)
 
 
 class CocProtocol:
@@ -66,7 +83,8 @@ class CocProtocol:
     def __init__(self, network: CocNetwork) -> None:
         self._network = network
         self.methods = _methods_table()
-        self.ablations = _object_table("ablations", "Ways to fit the lens (stage R)")
+        taken = Column("time_ms", "time, ms", 0, "median")
+        self.ablations = _object_table("ablations", "Ways to fit the lens (stage R)", taken)
         self.conditions = _conditions_table()
         self.errors: list[PlateErrors] = []
 
@@ -88,7 +106,6 @@ class CocProtocol:
         truth = plate.true_coc_px[grid].ravel()
         self.errors.append(
             PlateErrors(
-                plate=plate.name,
                 error_px=coc.coc_px[grid].ravel() - truth,
                 sigma_px=coc.sigma_px[grid].ravel(),
                 true_coc_px=truth,
@@ -101,9 +118,8 @@ class CocProtocol:
             coc = baseline.estimate(plate)
             self._add_method(plate, baseline.name, coc, start)
             if baseline.also_scaled:
-                name = baseline.name + SCALED
                 scaled = None if coc is None else best_factor(coc, plate.true_coc_px) * coc
-                self._add_method(plate, name, scaled, start)
+                self._add_method(plate, baseline.name + SCALED, scaled, start)
 
     def _add_method(
         self,
@@ -113,51 +129,51 @@ class CocProtocol:
         start: float,
         sigma: Float32 | None = None,
     ) -> None:
-        taken = time.perf_counter() - start
-        if coc is None:
-            self.methods.entries.append(Entry(name, plate.name, {}))
-            return
-        figures = asdict(coc_figures(coc, plate.true_coc_px, sigma))
-        figures["relative_percent"] = 100 * figures.pop("relative")
-        self.methods.entries.append(Entry(name, plate.name, {**figures, "time_ms": 1e3 * taken}))
+        time_ms = 1e3 * (time.perf_counter() - start)
+        figures = {}
+        if coc is not None:
+            figures = coc_figures(coc, plate.true_coc_px, sigma) | {"time_ms": time_ms}
+        self.methods.add(name, plate.name, figures)
 
     def _measure_fits(self, plate: Plate, coc: CocMap) -> None:
         ground = project_to_ground(plate.triangles, plate.camera, plate.ground_y)
         even = CocMap(
             coc_px=coc.coc_px, sigma_px=np.full_like(coc.sigma_px, np.median(coc.sigma_px))
         )
-        footprint_only = FitLens(whole_plane=False)
         ways: dict[str, tuple[CocMap, Fit]] = {
             "shipped": (coc, _shipped),
             "no confidence": (even, _shipped),
             "no V-fit (the paper's line)": (coc, fit_line),
-            "footprint only": (coc, lambda c, g: footprint_only(c, g).fit),
+            "footprint only": (coc, lambda c, g: FitLens(whole_plane=False)(c, g).fit),
         }
         for name, (estimate, fit) in ways.items():
             start = time.perf_counter()
             found = _attempt(fit, estimate, ground)
-            taken = time.perf_counter() - start
-            figures = {"object_rms_px": object_rms(plate, found), "time_ms": 1e3 * taken}
-            self.ablations.entries.append(Entry(name, plate.name, figures))
+            time_ms = 1e3 * (time.perf_counter() - start)
+            figures = {"object_rms_px": object_rms(plate, found), "time_ms": time_ms}
+            self.ablations.add(name, plate.name, figures)
 
     def _measure_pictures(self, plate: Plate) -> None:
-        height, width = plate.coc_px.shape
+        truth = plate.true_coc_px
+        height, width = truth.shape
         footprint = project_to_ground(plate.triangles, plate.camera, plate.ground_y).mask
-        for condition in picture_conditions():
-            coc = estimate_coc(self._network, condition.degrade(plate.rgb))
-            camera = _at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
+        for name, degrade in PICTURES.items():
+            coc = estimate_coc(self._network, degrade(plate.rgb))
+            camera = camera_at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
             ground = project_to_ground(plate.triangles, camera, plate.ground_y)
             fit = _attempt(_shipped, coc, ground)
-            judged = _map_at_size(coc, width, height)
-            truth = plate.true_coc_px
-            whole = coc_figures(judged.coc_px, truth, judged.sigma_px)
+            scale = np.float32(width / coc.coc_px.shape[1])  # to the plate's pixels
+            coc_px, sigma_px = (
+                scale * cv2.resize(values, (width, height)) for values in (coc.coc_px, coc.sigma_px)
+            )
+            whole = coc_figures(coc_px, truth, sigma_px)
             figures = {
-                "rmse_px": whole.rmse_px,
-                "confident_rmse_px": whole.confident_rmse_px,
-                "footprint_rmse_px": rms_within(judged.coc_px, truth, footprint),
+                "rmse_px": whole["rmse_px"],
+                "confident_rmse_px": whole["confident_rmse_px"],
+                "footprint_rmse_px": rms_within(coc_px, truth, footprint),
                 "object_rms_px": object_rms(plate, fit and fit.for_width(width, height)),
             }
-            self.conditions.entries.append(Entry(condition.name, plate.name, figures))
+            self.conditions.add(name, plate.name, figures)
 
     def _measure_cameras(self, plate: Plate, coc: CocMap) -> None:
         for ratio in YFOV_RATIOS:
@@ -169,10 +185,10 @@ class CocProtocol:
                 ground = project_to_ground(
                     guess.moved(plate.triangles), guess.camera, plate.ground_y
                 )
-                depth = moved_depth(guess, plate.camera, plate.object_depth.astype(np.float64))
+                depth = guess.moved_depth(plate.camera, plate.object_depth.astype(np.float64))
                 rms = object_rms(plate, _attempt(_shipped, coc, ground), depth)
             name = f"field of view {100 * (ratio - 1):+.0f} %"
-            self.conditions.entries.append(Entry(name, plate.name, {"object_rms_px": rms}))
+            self.conditions.add(name, plate.name, {"object_rms_px": rms})
 
 
 def _shipped(coc: CocMap, ground: GroundProjection) -> LensFit:
@@ -195,36 +211,6 @@ def object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None) 
     return rms_within(coc, plate.object_coc_px, plate.solid)
 
 
-def _at_size(camera: Camera, width: int, height: int) -> Camera:
-    """The same camera on a frame of another size."""
-    across, down = width / camera.width, height / camera.height
-    return replace(
-        camera,
-        fx=camera.fx * across,
-        fy=camera.fy * down,
-        cx=camera.cx * across,
-        cy=camera.cy * down,
-        width=width,
-        height=height,
-    )
-
-
-def _map_at_size(coc: CocMap, width: int, height: int) -> CocMap:
-    """The map of a picture of another size, in the plate's pixels."""
-    scale = np.float32(width / coc.coc_px.shape[1])
-    if coc.coc_px.shape == (height, width):
-        return coc
-    prior = coc.prior
-    if prior is not None:
-        prior = replace(prior, scale=prior.scale * float(scale))
-    return replace(
-        coc,
-        coc_px=scale * cv2.resize(coc.coc_px, (width, height), interpolation=cv2.INTER_LINEAR),
-        sigma_px=scale * cv2.resize(coc.sigma_px, (width, height), interpolation=cv2.INTER_LINEAR),
-        prior=prior,
-    )
-
-
 def _methods_table() -> Table:
     return Table(
         name="methods",
@@ -241,7 +227,7 @@ def _methods_table() -> Table:
             "Means over the plates; the median for time. The confident half is the half of the "
             "pixels with the smallest sigma. The relative error counts where the true CoC exceeds "
             "2 px.",
-            what_they_are_told(),
+            NOTE,
         ),
     )
 
@@ -254,7 +240,7 @@ def _object_table(name: str, title: str, *more: Column) -> Table:
             Column("object_rms_px", "object's CoC, rms px"),
             Column("object_rms_px", "worst plate, px", 2, "worst"),
             Column("object_rms_px", "fits found", 0, "count"),
-            *(more or (Column("time_ms", "time, ms", 0, "median"),)),
+            *more,
         ),
         detail="object_rms_px",
         notes=(
@@ -272,8 +258,7 @@ def _conditions_table() -> Table:
         Column("confident_rmse_px", "confident half, px"),
         Column("footprint_rmse_px", "footprint, px"),
     )
-    table.notes = (
-        *table.notes,
+    table.notes += (
         "All in px of the plate as rendered. With a wrong field of view the object is moved and "
         "scaled until it covers the same pixels; the plate's CoC map is the one of the first row.",
     )

@@ -1,28 +1,30 @@
-"""Methods of compositing, and which inputs each is given beside plate and object."""
+"""Methods of compositing, which inputs each is given, and the plates that they are scored on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import binary_erosion, distance_transform_edt
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.layers import Float32
+from nlens_video.core.layers import Bool, DefocusedLayer, Float32, ObjectLayer, UInt8
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.measure import one_frame
+from nlens_video.evaluate.bench.case import Case, plate_case
 from nlens_video.evaluate.bench.methods import (
     ObjectCoc,
     Rung,
+    one_frame,
     opened,
     preset_rungs,
     rival_rung,
 )
+from nlens_video.evaluate.coc.baselines import Quadratic, SparseBlur, edge_blur, nearest_blur
 from nlens_video.evaluate.coc.protocol import object_rms
-from nlens_video.evaluate.coc.quadratic import Quadratic, fit_quadratic, nearest_blur
-from nlens_video.evaluate.coc.reblur_ratio import edge_blur
-from nlens_video.evaluate.composite.subject import Subject
-from nlens_video.evaluate.metrics import rms_within
+from nlens_video.evaluate.metrics import WINDOW, psnr, rms_within, ssim_map
+from nlens_video.evaluate.plates import Plate, load_plate, relative_disparity
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.stages.l_reblur import object_coc
 
@@ -41,6 +43,66 @@ ABOUT = (
     f"estimate's and the fit's error. {TRUE_COC}: told the CoC of each pixel; what it lacks is "
     "the blur's error."
 )
+_RIM_PX = 2.0  # of the renderer's reconstruction filter, on either side of a sharp outline
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """A plate that composites are made on.
+
+    Attributes:
+        case: plate, object and truth.
+        known: the plate's lens and depth.
+        coc_px: true signed CoC of the object, off it that of its nearest pixel (H, W) [px].
+        band: pixels over which the true lens mixes object and plate (H, W).
+    """
+
+    case: Case
+    known: Plate
+    coc_px: Float32
+    band: Bool
+
+    def score(self, picture: UInt8) -> dict[str, float]:
+        """PSNR [dB] and SSIM [1] of a composite (H, W, 3) in the object's box, and in the band."""
+        rim = WINDOW // 2
+        part = tuple(
+            slice(max(int(at.min()) - rim, 0), int(at.max()) + rim + 1)
+            for at in np.nonzero(self.band)
+        )
+        seen, truth, band = picture[part], self.case.truth[part], self.band[part]
+        likeness = ssim_map(seen, truth)[band[rim:-rim, rim:-rim]]
+        return self.case.score(picture) | {
+            "band_psnr_db": psnr(seen[band], truth[band]),
+            "band_ssim": float(likeness.mean()),
+        }
+
+    def truly_defocused(self, layer: ObjectLayer) -> DefocusedLayer:
+        """The object with its true CoC, pixel by pixel; the layer must lie within the frame."""
+        box = layer.box
+        coc = self.coc_px[box.y0 : box.y1, box.x0 : box.x1].copy()
+        coc[layer.rgba[..., 3] <= 0] = 0.0
+        return DefocusedLayer(layer=layer, coc_px=coc)
+
+
+def load_subject(folder: Path) -> Subject:
+    """Read a plate, its object and its truth.
+
+    Raises:
+        InputError: a file is missing, cannot be read or does not fit the others.
+        SceneError: the GLB cannot be used.
+    """
+    known = load_plate(folder)
+    coc = known.object_coc_px[_nearest(known.there)]
+    outline = known.there & ~binary_erosion(known.there, border_value=1)  # none at the frame's edge
+    away = distance_transform_edt(~outline)
+    band = away <= 0.5 * np.abs(coc[_nearest(outline)]) + _RIM_PX
+    return Subject(case=plate_case(known), known=known, coc_px=coc, band=band)
+
+
+def _nearest(known: Bool) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the nearest known pixel, for every pixel (H, W) each."""
+    rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return rows, columns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,10 +137,9 @@ class Method:
     def measure(self, subject: Subject) -> dict[str, float]:
         """All figures on a plate; none where the plate tells no lens."""
         given = self.inputs(subject)
-        profiler = Profiler()
         case = subject.case
         try:
-            with opened(self.rung, case, profiler, given.fit, given.defocus) as steps:
+            with opened(self.rung, case, Profiler(), given.fit, given.defocus) as steps:
                 picture, spent = one_frame(steps, case, 0)
         except LensFitError:
             return {}
@@ -118,34 +179,34 @@ def _true_coc(subject: Subject) -> MethodInputs:
 
 
 def _quadratic(subject: Subject) -> MethodInputs:
-    """Their model of the plate, evaluated at the object's true depth."""
     known, fit = subject.known, subject.case.fit
-    if known.sharp is None:
-        blur = edge_blur(known.rgb)
-    else:
-        blur = nearest_blur(known.rgb, known.sharp)
-    model = fit_quadratic(blur, known.relative_disparity)
-    law = ByDisparity(model, lambda disparity: known.relative(fit.coc_px(disparity)))
-    rms = rms_within(
-        model.coc_px(known.relative(known.object_coc_px)),
-        np.abs(known.object_coc_px),
-        known.solid,
-    )
-    return MethodInputs(fit=fit, defocus=lambda layer: object_coc(layer, law), rms_px=rms)
+    blur = edge_blur(known.rgb) if known.sharp is None else nearest_blur(known.rgb, known.sharp)
+    law = BlindAugmentation(blur, known.coc_px, fit)
+    rms = rms_within(law.of_coc(known.object_coc_px), np.abs(known.object_coc_px), known.solid)
+    return MethodInputs(fit=fit, defocus=law, rms_px=rms)
 
 
-@dataclass(frozen=True, slots=True)
-class ByDisparity:
-    """A quadratic evaluated at disparities in the scene's unit.
+class BlindAugmentation:
+    """Their model of a plate's CoC, evaluated at true disparities of the object.
 
-    Attributes:
-        model: of the plate.
-        relative: disparity [1 / scene unit] to that of the model [1].
+    Args:
+        blur: what the model is fitted on.
+        coc_px: true signed CoC of the plate (H, W) [px].
+        fit: the true lens.
     """
 
-    model: Quadratic
-    relative: Callable[[Float32], Float32]
+    def __init__(self, blur: SparseBlur, coc_px: Float32, fit: LensFit) -> None:
+        self._plate_coc_px, self._fit = coc_px, fit
+        self._model = Quadratic.fit(blur, relative_disparity(coc_px, coc_px))
+
+    def of_coc(self, true_coc_px: Float32) -> Float32:
+        """Unsigned CoC diameter [px] of any shape where the true signed one is given [px]."""
+        return self._model.coc_px(relative_disparity(true_coc_px, self._plate_coc_px))
 
     def coc_px(self, disparity: Float32) -> Float32:
         """Unsigned CoC diameter [px] of any shape from disparity [1 / scene unit]."""
-        return self.model.coc_px(self.relative(disparity))
+        return self.of_coc(self._fit.coc_px(disparity))
+
+    def __call__(self, layer: ObjectLayer) -> DefocusedLayer:
+        """The object with its CoC by the model."""
+        return object_coc(layer, self)

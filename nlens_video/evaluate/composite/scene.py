@@ -1,22 +1,48 @@
-"""`nlens-video evaluate scene`: the drawn object and its shadow against rendered ground truth."""
+"""`nlens-video evaluate scene`: the rendered object and its shadow against a path tracer's.
+
+The object: mask and depth of the software rasteriser against the plate's layer. The shadow: how
+much nearer to the truth it brings the ground.
+"""
 
 from __future__ import annotations
 
-import json
-from functools import partial
+import math
+from collections.abc import Callable
 from pathlib import Path
 
-from nlens_video.evaluate.bench.case import codes_of
-from nlens_video.evaluate.composite.render_accuracy import measure_render, render_accuracy_table
-from nlens_video.evaluate.composite.shadow import DEPTH, TRUTH, Shaded, shadow_table
-from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
-from nlens_video.evaluate.plates import find_plates, load_plate
-from nlens_video.evaluate.tables import Table
-from nlens_video.scene.scene import Scene
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Bool, Box, UInt8
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.shadow.apply import ApplyShadow
+from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.projection import Moment
+from nlens_video.evaluate.bench.case import plate_case
+from nlens_video.evaluate.metrics import psnr
+from nlens_video.evaluate.plates import Plate, find_plates, load_plate, read_codes
+from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
+from nlens_video.scene.environment import load_environment
+from nlens_video.scene.illumination import Illumination, SceneLight
+from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.video.exr import read_exr
+from nlens_video.video.pixels.picture import ArrayPicture
+
+TRUTH, DEPTH, MAP = "gt.png", "bg_depth.exr", "env.hdr"
+NONE, GIVEN, BEST, GUESSED = (
+    "no shadow", "by the given light", "the same, told its strength", "by a light guessed",
+)  # fmt: skip
+_HALF = 0.5  # coverage from which a pixel belongs to a mask [1]
+_ON_GROUND = 0.02  # share of its distance by which a point of the ground may miss the plane
+_SHADED = 0.9  # what is darker in the truth lies in the shadow [1]
+_MEAN_PX = 5  # grain of the truth is averaged over so many pixels each way
+_CLEAR_PX = 3  # from the outermost pixel that the object's blur reaches
+_STRENGTHS = np.arange(0.5, 1.55, 0.1)
 
 
-def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:
-    """Draw the object of every plate and cast its shadow, print the tables and write them.
+def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
+    """Render the object of every plate and cast its shadow.
 
     Args:
         folder: one with a folder for each plate (see `plates`), or a plate itself; those that also
@@ -25,49 +51,170 @@ def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool
         as_json: print all figures as JSON instead of tables.
         quiet: print nothing but JSON.
 
-    Returns:
-        The exit code, 0.
-
     Raises:
         InputError: no plate, or one that cannot be read.
         SceneError: a plate's GLB cannot be used.
         OutputError: `out` cannot be written.
     """
     found, _ = find_plates(folder)
-    if out is not None:
-        make_folder(out)
-    drawn, shadows = render_accuracy_table(), shadow_table()
-    for path in Progress(quiet=quiet).track(found, "drawing objects and shadows"):
-        _measure(path, drawn, shadows)
-    text = _markdown(drawn, shadows)
-    texts = {"scene.md": text, "drawn.csv": drawn.csv(), "shadow.csv": shadows.csv()}
-    printed = (
-        json.dumps({t.name: t.json() for t in (drawn, shadows)}, indent=2) + "\n"
-        if as_json
-        else text
+    prepare_folder(out, plots=False)
+    objects, shadows = _objects_table(), _shadows_table()
+    for path in track(found, "drawing objects and shadows", quiet=quiet):
+        plate = load_plate(path)
+        objects.add("software rasteriser", plate.name, _object_figures(plate))
+        for row, figures in _shadow_figures(plate).items():
+            shadows.add(row, plate.name, figures)
+    names = objects.plates()
+    Report(
+        name="scene",
+        sections=[f"# Objects and shadows of {len(names)} plates\n\n{', '.join(names)}\n"],
+        tables=[objects, shadows],
+    ).publish(out, as_json=as_json, quiet=quiet)
+
+
+def _object_figures(plate: Plate) -> dict[str, float]:
+    """Mask and depth of the rendered object against those of the plate's layer."""
+    from nlens_video.render.software.renderer import SoftwareObjectRenderer
+
+    height, width = plate.alpha.shape
+    alpha, depth = np.zeros((height, width), np.float32), np.full((height, width), np.inf)
+    with SoftwareObjectRenderer(plate.scene) as renderer:
+        layer = renderer.render(0.0, plate.camera)
+    if layer is not None:
+        frame = Box(0, 0, width, height)
+        common = layer.box.intersection(frame)
+        inside = common.slices_in(layer.box)
+        alpha[common.slices_in(frame)] = layer.rgba[inside][..., 3]
+        depth[common.slices_in(frame)] = layer.depth[inside]
+    one, other = alpha >= _HALF, plate.alpha >= 255 * _HALF
+    both = plate.solid & (alpha >= 1.0 - 1e-4) & np.isfinite(depth)
+    error = 100.0 * np.abs(depth[both] / plate.object_depth[both] - 1.0)
+    return {
+        "iou": float((one & other).sum()) / max(1, int((one | other).sum())),
+        "depth_error": float(error.mean()) if error.size else math.nan,
+        "depth_error_99": float(np.percentile(error, 99)) if error.size else math.nan,
+    }
+
+
+def _shadow_figures(plate: Plate) -> dict[str, dict[str, float]]:
+    """Figures of each row; none where the truth has no shadow, or shows it nowhere.
+
+    Raises:
+        InputError: a file that is there cannot be read or does not fit the others.
+    """
+    folder = plate.folder
+    if not ((folder / TRUTH).is_file() and (folder / DEPTH).is_file()):
+        return {}
+    case = plate_case(plate)
+    without, frame = case.truth, case.frame
+    truth = np.ascontiguousarray(read_codes(folder / TRUTH, plate.alpha.shape)[..., :3])
+    real = read_exr(folder / DEPTH).channels["Z"]
+    ground = np.abs(real * plate.camera.plane_disparity(plate.ground_y) - 1.0) < _ON_GROUND
+    region = ground & ~_reached(plate) & _darker(truth, without)
+    if not region.any():
+        return {}
+
+    def figures(picture: UInt8, strength: float) -> dict[str, float]:
+        psnr_db = psnr(picture[region], truth[region])
+        left = _light(picture, region) / _light(truth, region)
+        return {"gain_db": psnr_db - base, "psnr_db": psnr_db, "left": left, "strength": strength}
+
+    def cast(light: Illumination) -> Callable[[float], dict[str, float]]:
+        draw = _caster(plate, case.fit, without, light)
+        return lambda strength: figures(draw(strength), strength)
+
+    base = psnr(without[region], truth[region])
+    environment = load_environment(folder / MAP, 0.0, 0.0) if (folder / MAP).is_file() else None
+    given = SceneLight(plate.scene.light_count, environment)
+    by_light = cast(given.on_ground(plate.scene.pose(0.0).lights))
+    plate_light = Illumination.of_plate(ArrayPicture(case.plate, "rgb").linear(frame))
+    by_guess = cast(SceneLight(0).on_ground((), plate_light))
+    return {
+        NONE: {"gain_db": 0.0, "psnr_db": base},
+        GIVEN: by_light(1.0),
+        BEST: max(map(by_light, _STRENGTHS.tolist()), key=lambda found: found["psnr_db"]),
+        GUESSED: by_guess(1.0),
+    }
+
+
+def _caster(
+    plate: Plate, fit: LensFit, without: UInt8, light: Illumination
+) -> Callable[[float], UInt8]:
+    """A function that gives the picture (H, W, 3) with a shadow of some strength."""
+    from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+
+    frame = Box(0, 0, without.shape[1], without.shape[0])
+    moment = Moment(Casters.of(plate.scene.pose(0.0), {}), plate.camera)
+    darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
+
+    def picture(strength: float) -> UInt8:
+        shadow = CastShadow(strength=strength)([moment], light, plate.ground_y, fit)
+        codes = without.copy()
+        if shadow is not None:
+            darken(ArrayPicture(codes, "rgb"), shadow, frame)
+        return codes
+
+    return picture
+
+
+def _light(picture: UInt8, region: Bool) -> float:
+    """Mean light of a region [1]."""
+    frame = Box(0, 0, picture.shape[1], picture.shape[0])
+    return float(ArrayPicture(picture, "rgb").linear(frame)[region].mean())
+
+
+def _reached(plate: Plate) -> Bool:
+    """Pixels (H, W) to which the lens may spread the object."""
+    reach = math.ceil(0.5 * float(np.abs(plate.object_coc_px).max())) + _CLEAR_PX
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    there = (plate.object_coc_px != 0.0) | plate.solid
+    return np.asarray(cv2.dilate(there.astype(np.uint8), disc) > 0)
+
+
+def _darker(truth: UInt8, without: UInt8) -> Bool:
+    """Pixels (H, W) that the shadow makes darker."""
+    size = (_MEAN_PX, _MEAN_PX)
+    one, other = (cv2.blur(p.astype(np.float32), size).sum(axis=2) for p in (truth, without))
+    return np.asarray(one < _SHADED * other)
+
+
+def _objects_table() -> Table:
+    return Table(
+        name="drawn",
+        title="Mask and depth of the rendered object, against its layer",
+        columns=(
+            Column("iou", "mask, IoU", 4),
+            Column("depth_error", "depth, mean error [%]", 4),
+            Column("depth_error_99", "99 % below [%]", 4),
+            Column("iou", "plates", 0, "count"),
+        ),
+        detail="iou",
+        notes=(
+            f"Masks are the pixels covered by {_HALF:g} or more; errors of depth are shares of it, "
+            "over the pixels that the object covers wholly in both.",
+        ),
     )
-    writing = None if out is None else partial(write_texts, out, texts)
-    tell_and_write(printed, writing, quiet=quiet and not as_json)
-    return 0
 
 
-def _measure(path: Path, drawn: Table, shadows: Table) -> None:
-    known = load_plate(path)
-    rgba = codes_of(path / "object_rgba.png", known.rgb.shape[:2])
-    drawn.entries.append(
-        measure_render(Scene.load(path / "object.glb"), known, rgba[..., 3] / 255.0)
+def _shadows_table() -> Table:
+    return Table(
+        name="shadow",
+        title="The shadow on the ground, against a path tracer's",
+        columns=(
+            Column("gain_db", "gain over none [dB]"),
+            Column("psnr_db", "PSNR [dB]"),
+            Column("left", "light left, of the truth's", 2, "median"),
+            Column("strength", "strength", 2, "median"),
+            Column("gain_db", "plates", 0, "count"),
+        ),
+        detail="gain_db",
+        notes=(
+            "Over the pixels that show the ground (by the plate's true depth), which the blurred "
+            f"object does not reach, and which the truth shows darker than {_SHADED:g} of what "
+            f"they are without a shadow. {GIVEN}: the lights of the GLB, and {MAP} where it is "
+            f"there; without it, how much light comes from around is a guess. {BEST}: with the "
+            f"--shadow-strength that suits the truth best. {GUESSED}: the GLB's lights taken away, "
+            "the light from around estimated from the plate. The lens is the true one.",
+        ),
+        empty=f"No plate holds {TRUTH} and {DEPTH}: nothing is said of shadows.\n",
     )
-    shaded = Shaded.load(path, known)
-    if shaded is not None:
-        shadows.entries.extend(shaded.measure(path))
-
-
-def _markdown(drawn: Table, shadows: Table) -> str:
-    names = drawn.plates()
-    parts = [f"# Objects and shadows of {len(names)} plates\n\n{', '.join(names)}\n"]
-    parts.append(drawn.markdown())
-    if shadows.entries:
-        parts.append(shadows.markdown())
-    else:
-        parts.append(f"No plate holds {TRUTH} and {DEPTH}: nothing is said of shadows.\n")
-    return "\n".join(parts)

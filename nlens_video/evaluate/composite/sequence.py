@@ -18,10 +18,9 @@ import cv2
 import numpy as np
 
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import Bool, Float32
+from nlens_video.core.layers import Bool, Float32, UInt8
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.bench.case import codes_of
-from nlens_video.evaluate.bench.glb_writer import UInt8
+from nlens_video.evaluate.plates import find_folders, read_codes
 from nlens_video.video.exr import read_layer
 
 MARK = "gt_patch"
@@ -33,7 +32,7 @@ _SOLID = 0.98  # coverage from which on a pixel has one depth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sequence:
-    """What is known of a sequence.
+    """A sequence: its files and its true lens.
 
     Attributes:
         folder: of its files.
@@ -49,7 +48,7 @@ class Sequence:
 
     @property
     def name(self) -> str:
-        """That of its folder."""
+        """Name of its folder."""
         return self.folder.name
 
     @property
@@ -68,12 +67,8 @@ class Sequence:
         Raises:
             InputError: it cannot be read.
         """
-        size = (self.fit.height, self.fit.width)
-        codes = codes_of(self.folder / MARK / f"{index:04d}.png", size)
-        if codes.shape[2] != 4:
-            raise InputError(
-                f"{self.folder / MARK}: pictures of {codes.shape[2]} channels, expected RGBA"
-            )
+        path = self.folder / MARK / f"{index:04d}.png"
+        codes = read_codes(path, (self.fit.height, self.fit.width), rgba=True)
         return codes[..., :3], codes[..., 3] > 0
 
     def object_disparity(self, index: int) -> Float32:
@@ -122,19 +117,7 @@ def find_sequences(folder: Path) -> list[Path]:
     Raises:
         InputError: there is none, or one lacks a file.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; expected one with a folder for each sequence")
-    inside = sorted(path for path in folder.iterdir() if path.is_dir())
-    found = [path for path in (folder, *inside) if (path / MARK).is_dir()]
-    if not found:
-        raise InputError(
-            f"{folder}: no sequence in it; expected folders with {MARK}, {', '.join(_PARTS)}"
-        )
-    for path in found:
-        for part in _PARTS:
-            if not (path / part).exists():
-                raise InputError(f"{path / part}: no such file; each sequence needs it")
-    return found
+    return find_folders(folder, "sequence", MARK, _PARTS)
 
 
 def load_sequence(folder: Path) -> Sequence:

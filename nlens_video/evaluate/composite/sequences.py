@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 import tempfile
-from dataclasses import asdict
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
+
+from nlens_video.check.series import second_difference
 from nlens_video.core.errors import InputError
+from nlens_video.core.layers import Bool, Float32, Float64, UInt8
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.evaluate.bench.case import codes_of
 from nlens_video.evaluate.composite.sequence import Sequence, find_sequences, load_sequence
-from nlens_video.evaluate.composite.sequence_figures import (  # fmt: skip
-    BLOCK_PX,
-    FrameFigures,
-    coc_rms,
-    frame_figures,
-    over_sequence,
-)
-from nlens_video.evaluate.console import Progress, make_folder, tell_and_write, write_texts
-from nlens_video.evaluate.tables import Column, Entry, Table
+from nlens_video.evaluate.metrics import psnr, psnr_of_error
+from nlens_video.evaluate.plates import read_codes
+from nlens_video.evaluate.report import Column, Report, Table, csv_lines, prepare_folder, track
 from nlens_video.run.render import render
 
+BLOCK_PX = 4
+"""Side of the squares over which errors are averaged where noise is not to count [px]."""
+
+_FINE_PX, _COARSE_PX = 1.0, 4.0  # sigmas between which the object's detail is measured
 FOUND, TRUE, SHARP = "lens found", "true lens", "no blur"
-_HEADING = "# Sequences: the lens found against the true one\n\n"
-ABOUT = (
+_ABOUT = (
     "Each sequence is composited three times by the command line's defaults with `--effects "
     f"defocus` on its own layers: {FOUND}, on the plate; {TRUE}, told by `--fit`; {SHARP}, with "
     "`--effects none`. PSNR of 8-bit code values within the object's reach, as the truth gives it; "
@@ -41,17 +41,31 @@ ABOUT = (
 )
 
 
-def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> int:
-    """Composite every sequence with the lens found and with the true one, print and write tables.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFigures:
+    """One frame of a composite against the truth; nan where the object is out of view.
+
+    Attributes:
+        psnr_db: of code values within the object's reach [dB].
+        block_psnr_db: of the means of squares of `BLOCK_PX` that lie wholly within it [dB].
+        detail: logarithm of the mean detail within it [1].
+        coc_rms_px: error of the CoC that the lens gives the object, nan where no lens is used [px].
+    """
+
+    psnr_db: float = math.nan
+    block_psnr_db: float = math.nan
+    detail: float = math.nan
+    coc_rms_px: float = math.nan
+
+
+def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
+    """Composite every sequence with the lens found, with the true one, and without blur.
 
     Args:
         folder: one with a folder for each sequence (see `sequence`), or a sequence itself.
         out: gets `sequences.md`, `sequences.csv` and `sequence_frames.csv`; made where missing.
         as_json: print all figures as JSON instead of a table.
         quiet: print nothing but JSON.
-
-    Returns:
-        The exit code, 0.
 
     Raises:
         InputError: no sequence, or one that cannot be read.
@@ -60,96 +74,142 @@ def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: 
         OutputError: `out` cannot be written.
     """
     found = find_sequences(folder)
-    if out is not None:
-        make_folder(out)
-    table, frames = sequences_table(), Frames()
-    for path in Progress(quiet=quiet).track(found, "compositing sequences"):
-        _measure(load_sequence(path), table, frames)
-    text = f"{_HEADING}{', '.join(table.plates())}\n\n{table.markdown()}"
-    texts = {
-        "sequences.md": text,
-        "sequences.csv": table.csv(),
-        "sequence_frames.csv": frames.csv(),
-    }
-    printed = json.dumps({table.name: table.json()}, indent=2) + "\n" if as_json else text
-    writing = None if out is None else partial(write_texts, out, texts)
-    tell_and_write(printed, writing, quiet=quiet and not as_json)
-    return 0
+    prepare_folder(out, plots=False)
+    table, frames = _sequences_table(), list[list[object]]()
+    for path in track(found, "compositing sequences", quiet=quiet):
+        sequence = load_sequence(path)
+        made = dict(_composites(sequence))
+        if not any(math.isfinite(frame.detail) for frame in made[TRUE]):
+            raise InputError(f"{path}: its truth is empty on every frame")
+        for row, measured in made.items():
+            table.add(row, sequence.name, over_sequence(measured, made[TRUE]))
+            for index, frame in enumerate(measured):
+                figures = (f if math.isfinite(f) else math.nan for f in astuple(frame))
+                frames.append([row, sequence.name, index, *figures])
+    columns = ["row", "sequence", "frame", *(field.name for field in fields(FrameFigures))]
+    names = ", ".join(table.plates())
+    Report(
+        name="sequences",
+        sections=[f"# Sequences: the lens found against the true one\n\n{names}\n"],
+        tables=[table],
+        files={"sequence_frames.csv": csv_lines(columns, frames)},
+    ).publish(out, as_json=as_json, quiet=quiet)
 
 
-class Frames:
-    """The figures of every frame, for plots."""
-
-    def __init__(self) -> None:
-        self._rows: list[dict[str, object]] = []
-
-    def add(self, row: str, sequence: str, frames: list[FrameFigures]) -> None:
-        """Take the frames of a composite, in order."""
-        for index, frame in enumerate(frames):
-            named = {"row": row, "sequence": sequence, "frame": index}
-            self._rows.append({**named, **{k: _cell(v) for k, v in asdict(frame).items()}})
-
-    def csv(self) -> str:
-        """A line for each; empty where not defined."""
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(self._rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self._rows)
-        return text.getvalue()
-
-
-def _cell(value: float) -> str:
-    return f"{value:.4f}" if math.isfinite(value) else ""
-
-
-def _measure(sequence: Sequence, table: Table, frames: Frames) -> None:
+def _composites(sequence: Sequence) -> Iterator[tuple[str, list[FrameFigures]]]:
+    """Figures of all frames by row; runs are like any other but for the lens they are given."""
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
-        plate = _made(work / "plate")
-        spec = sequence.write_plate(plate)
+        (work / "plate").mkdir()
+        plate = sequence.write_plate(work / "plate")
         lens = work / "true.json"
         lens.write_text(sequence.fit.to_json())
-        made = {
-            FOUND: _composited(sequence, spec, _made(work / "found"), "defocus", None),
-            TRUE: _composited(sequence, spec, _made(work / "true"), "defocus", lens),
-            SHARP: _composited(sequence, spec, _made(work / "sharp"), "none", None),
-        }
-    if not any(math.isfinite(frame.detail) for frame in made[TRUE]):
-        raise InputError(f"{sequence.folder}: its truth is empty on every frame")
-    for row, measured in made.items():
-        table.entries.append(Entry(row, sequence.name, over_sequence(measured, made[TRUE])))
-        frames.add(row, sequence.name, measured)
+        for row, effects, fit in (
+            (FOUND, "defocus", None), (TRUE, "defocus", lens), (SHARP, "none", None),
+        ):  # fmt: skip
+            pictures = work / row
+            pictures.mkdir()
+            settings = Settings(
+                source=SourceSettings(spec=plate, input_rate=sequence.rate),
+                scene=ObjectSettings(glb=sequence.glb, layers=sequence.layers),
+                output=OutputSettings(spec=str(pictures / "%04d.png")),
+                effects=effects,
+                fit=fit,
+            )
+            yield row, list(_measured(sequence, pictures, render(settings).fit))
 
 
-def _made(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
-
-
-def _composited(
-    sequence: Sequence, plate: str, folder: Path, effects: str, lens: Path | None
-) -> list[FrameFigures]:
-    """The figures of all frames of a run that is like any other but for the lens it is told."""
-    settings = Settings(
-        source=SourceSettings(spec=plate, input_rate=sequence.rate),
-        scene=ObjectSettings(glb=sequence.glb, layers=sequence.layers),
-        output=OutputSettings(spec=str(folder / "%04d.png")),
-        effects=effects,
-        fit=lens,
-    )
-    fit = render(settings).fit
-    size = (sequence.fit.height, sequence.fit.width)
-    measured = []
+def _measured(sequence: Sequence, pictures: Path, fit: LensFit | None) -> Iterator[FrameFigures]:
     for index in range(sequence.frames):
-        picture = codes_of(folder / f"{index:04d}.png", size)
         truth, reach = sequence.truth(index)
+        picture = read_codes(pictures / f"{index:04d}.png", truth.shape[:2])
         rms = coc_rms(fit, sequence.fit, sequence.object_disparity(index))
-        measured.append(frame_figures(picture, truth, reach, rms))
-    return measured
+        yield frame_figures(picture, truth, reach, rms)
 
 
-def sequences_table() -> Table:
-    """An empty table of sequences."""
+def frame_figures(picture: UInt8, truth: UInt8, reach: Bool, coc_rms_px: float) -> FrameFigures:
+    """Measure one frame.
+
+    Args:
+        picture: code values (H, W, 3).
+        truth: code values (H, W, 3).
+        reach: where the truth is given (H, W).
+        coc_rms_px: error of the object's CoC [px].
+    """
+    if not reach.any():
+        return FrameFigures()
+    luma = picture.astype(np.float32).mean(axis=2)
+    fine, coarse = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in (_FINE_PX, _COARSE_PX))
+    return FrameFigures(
+        psnr_db=psnr(picture[reach], truth[reach]),
+        block_psnr_db=_block_psnr(picture, truth, reach),
+        detail=math.log(max(float(np.abs(fine - coarse)[reach].mean()), 1e-3)),
+        coc_rms_px=coc_rms_px,
+    )
+
+
+def _block_psnr(picture: UInt8, truth: UInt8, reach: Bool) -> float:
+    """PSNR of the means of squares that lie wholly within the reach; nan where there is none."""
+    rows, columns = (length // BLOCK_PX for length in reach.shape)
+    part = np.s_[: rows * BLOCK_PX, : columns * BLOCK_PX]
+    squares = (rows, BLOCK_PX, columns, BLOCK_PX)
+    inside = reach[part].reshape(squares).all(axis=(1, 3))
+    if not inside.any():
+        return math.nan
+    error = picture[part].astype(np.float64) - truth[part]
+    return psnr_of_error(error.reshape(*squares, 3).mean(axis=(1, 3))[inside])
+
+
+def coc_rms(fit: LensFit | None, true: LensFit, disparity: Float32) -> float:
+    """Error of the CoC of pixels of some disparities (n,), nan for no lens or no pixel [px]."""
+    if fit is None or not disparity.size:
+        return math.nan
+    return float(np.sqrt(np.mean(np.square(fit.coc_px(disparity) - true.coc_px(disparity)))))
+
+
+def over_sequence(frames: list[FrameFigures], reference: list[FrameFigures]) -> dict[str, float]:
+    """The frames of a composite beside those of the one that knows the lens.
+
+    Args:
+        frames: in order, at least one with the object in view.
+        reference: of the same frames.
+    """
+    psnr_db, block_db, detail, coc_px = _series(frames)
+    best_db, best_block_db, best_detail, _ = _series(reference)
+    with np.errstate(invalid="ignore"):  # two frames that are equal to the truth
+        gap, block_gap = best_db - psnr_db, best_block_db - block_db
+    restless, calm = _flicker(detail), _flicker(best_detail)
+    return {
+        "psnr_db": _over(np.mean, psnr_db),
+        "gap_db": _over(np.max, gap),
+        "gap_spread_db": _over(np.std, gap),
+        "spread_db": _over(np.std, psnr_db),
+        "flicker_percent": 100.0 * restless,
+        "more_flicker_percent": 100.0 * (restless / calm - 1.0) if calm else math.nan,
+        "block_psnr_db": _over(np.mean, block_db),
+        "block_gap_db": _over(np.max, block_gap),
+        "object_rms_px": _over(np.mean, coc_px),
+    }
+
+
+def _series(frames: list[FrameFigures]) -> Float64:
+    """Each figure of all frames (4, n)."""
+    return np.array([astuple(frame) for frame in frames], np.float64).T
+
+
+def _flicker(detail: Float64) -> float:
+    """Root mean square of how far each frame's detail lies off its neighbours' mean [1]."""
+    bent = second_difference(detail)[1:-1]
+    return math.sqrt(_over(np.mean, bent**2))
+
+
+def _over(one_of: Callable[[Float64], np.floating[Any]], values: Float64) -> float:
+    """One of the values that are numbers; nan where none is."""
+    known = values[np.isfinite(values)]
+    return float(one_of(known)) if known.size else math.nan
+
+
+def _sequences_table() -> Table:
     return Table(
         name="sequences",
         title="Composites of sequences, with the lens found and with the true one",
@@ -164,5 +224,5 @@ def sequences_table() -> Table:
             Column("object_rms_px", "object's CoC, rms [px]"),
         ),
         detail="gap_db",
-        notes=(ABOUT,),
+        notes=(_ABOUT,),
     )

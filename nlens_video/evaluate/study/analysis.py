@@ -1,18 +1,20 @@
-"""What the answers of a study say: failure rates and two-proportion z-tests."""
+"""`nlens-video study analyse`: failure rates and two-proportion z-tests of a study's answers."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest, chi2_contingency
 
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.stdio import print_out
+from nlens_video.evaluate.report import NONE, grid
 
 LEVEL = 0.95
 _NEEDED = ("participant", "file", "method", "virtual", "chosen")
@@ -44,30 +46,69 @@ class Answer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodResult:
-    """What was answered to a method's pictures.
+    """Failures of a method: trials in which the virtual object was not found.
 
     Attributes:
         method: its name.
         trials: pictures shown, over all participants.
-        failures: how often the virtual object was not found.
+        failures: how many of them.
+        rate: their share [1].
         low: lower end of Wilson's 95 % interval of the rate [1].
         high: its upper end [1].
-        z: of the two-proportion test against the reference; nan for itself and where undefined.
-        p: two-sided, nan likewise.
+        z: of the two-proportion test against the reference; None for itself and where undefined.
+        p: two-sided, None likewise.
     """
 
     method: str
     trials: int
     failures: int
+    rate: float
     low: float
     high: float
-    z: float
-    p: float
+    z: float | None
+    p: float | None
 
-    @property
-    def rate(self) -> float:
-        """Share of trials in which the virtual object was not found [1]."""
-        return self.failures / self.trials
+
+def analyse_answers(paths: Sequence[Path], reference: str, *, as_json: bool, quiet: bool) -> None:
+    """Print the failure rates of the methods.
+
+    Args:
+        paths: files that the page saved.
+        reference: the method that the others are tested against.
+        as_json: print JSON instead of a table.
+        quiet: print nothing but JSON.
+
+    Raises:
+        InputError: answers cannot be read.
+        UsageError: no answer is about the reference.
+    """
+    answers = read_answers(paths)
+    people = len({answer.participant for answer in answers})
+    results = analyse(answers, reference)
+    if as_json:
+        methods = [asdict(one) for one in results]
+        found = {"participants": people, "reference": reference, "methods": methods}
+        print_out(json.dumps(found, indent=2) + "\n")
+    elif not quiet:
+        print_out(_markdown(people, results, reference))
+
+
+def _markdown(people: int, results: Sequence[MethodResult], reference: str) -> str:
+    rows = [
+        [
+            one.method, str(one.trials), f"{one.rate:.1%}", f"{one.low:.1%} to {one.high:.1%}",
+            NONE if one.z is None else f"{one.z:.2f}", NONE if one.p is None else f"{one.p:.3g}",
+        ]
+        for one in results
+    ]  # fmt: skip
+    heading = ["", "trials", "failure rate", f"{LEVEL:.0%} interval", "z", "p"]
+    return (
+        f"# Answers of {people} participants\n\n{grid(heading, rows)}\n\n"
+        "Failure rate: share of the trials in which the virtual object was not among those chosen; "
+        "higher is better. Interval: Wilson's. z and p: two-proportion z-test, pooled, two-sided, "
+        f"{reference} against each other method. It takes all trials for independent, as the paper "
+        "does; those of one person are not quite, so p is on the small side.\n"
+    )
 
 
 def read_answers(paths: Sequence[Path]) -> list[Answer]:
@@ -102,20 +143,22 @@ def analyse(answers: Sequence[Answer], reference: str) -> list[MethodResult]:
     methods = list(dict.fromkeys(answer.method for answer in answers))
     if reference not in methods:
         raise UsageError(f"--reference {reference}: there are {', '.join(methods)}")
-    counts = {
-        method: _count(answer for answer in answers if answer.method == method)
+    failed = {
+        method: [answer.failed for answer in answers if answer.method == method]
         for method in methods
     }
+    counts = {method: (sum(found), len(found)) for method, found in failed.items()}
     results = []
     for method, (failures, trials) in counts.items():
         interval = binomtest(failures, trials).proportion_ci(LEVEL, method="wilson")
-        z, p = (math.nan, math.nan)
+        z, p = math.nan, math.nan
         if method != reference:
             z, p = two_proportion_test(counts[reference], (failures, trials))
         results.append(
             MethodResult(
-                method=method, failures=failures, trials=trials,
-                low=float(interval.low), high=float(interval.high), z=z, p=p,
+                method=method, trials=trials, failures=failures, rate=failures / trials,
+                low=float(interval.low), high=float(interval.high),
+                z=z if math.isfinite(z) else None, p=p if math.isfinite(p) else None,
             )
         )  # fmt: skip
     return results
@@ -142,15 +185,14 @@ def two_proportion_test(one: tuple[int, int], other: tuple[int, int]) -> tuple[f
     return sign * math.sqrt(float(tested.statistic)), float(tested.pvalue)
 
 
-def _count(answers: Iterable[Answer]) -> tuple[int, int]:
-    failed = [answer.failed for answer in answers]
-    return sum(failed), len(failed)
-
-
 def _read(path: Path) -> list[Answer]:
     try:
         text = path.read_text(encoding="utf-8-sig")
-        rows = json.loads(text)["answers"] if path.suffix == ".json" else _table(text)
+        if path.suffix == ".json":
+            rows = json.loads(text)["answers"]
+        else:
+            rows = list(csv.DictReader(text.splitlines()))
+            rows = [{**row, "chosen": list(filter(None, row["chosen"].split(";")))} for row in rows]
         if not rows:
             raise ValueError("no answer in it")
         return [_answer(row) for row in rows]
@@ -159,13 +201,6 @@ def _read(path: Path) -> list[Answer]:
             f"{path}: cannot be read as answers ({error}); expected a file that the study's page "
             "saved, JSON or CSV"
         ) from error
-
-
-def _table(text: str) -> list[dict[str, str | list[str]]]:
-    rows: list[dict[str, str | list[str]]] = []
-    for row in csv.DictReader(text.splitlines()):
-        rows.append({**row, "chosen": [name for name in row["chosen"].split(";") if name]})
-    return rows
 
 
 def _answer(row: dict[str, str | list[str]]) -> Answer:

@@ -14,32 +14,30 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Box, Float32, ObjectLayer
+from nlens_video.core.layers import Box, Float32, ObjectLayer, UInt8
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.case import Case
-from nlens_video.evaluate.bench.glb_writer import UInt8, write_glb
-from nlens_video.evaluate.bench.measure import one_frame
-from nlens_video.evaluate.bench.methods import (
-    ObjectCoc,
-    opened,
-    preset_rungs,
-    rival_rung,
-)
-from nlens_video.evaluate.coc.quadratic import fit_quadratic, nearest_blur
-from nlens_video.evaluate.composite.methods import DEFAULT, ByDisparity
-from nlens_video.evaluate.plates import relative_disparity
-from nlens_video.evaluate.study.demo_shapes import YFOV, ball, room
-from nlens_video.evaluate.study.stimuli import Stimulus, write_stimuli
+from nlens_video.evaluate.bench.glb_writer import TexturedMesh, write_glb
+from nlens_video.evaluate.bench.methods import one_frame, opened, preset_rungs, rival_rung
+from nlens_video.evaluate.bench.shapes import ball, sheet, woven
+from nlens_video.evaluate.coc.baselines import nearest_blur
+from nlens_video.evaluate.composite.methods import DEFAULT, BlindAugmentation
+from nlens_video.evaluate.study.page import Stimulus, write_stimuli
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.render.select import choose_renderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_aperture_samples import bare_points
 from nlens_video.stages.l_lens_sampling import LensSetup, lens_views
-from nlens_video.stages.l_reblur import object_coc
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SIZE, VIEWS = (640, 352), 256
 CHOICES = "red,green,yellow,blue,orange,purple"
+_YFOV = 0.8
+_GROUND, _RADIUS, _WALL, _NEAR, _WIDE, _HIGH = -0.25, 0.07, 3.0, 0.35, 5.0, 3.0
+_COLOURS = {
+    "red": (190, 30, 30), "green": (25, 140, 60), "yellow": (225, 180, 30),
+    "blue": (30, 60, 170), "orange": (230, 110, 25), "purple": (95, 40, 130),
+}  # fmt: skip
 _REAL = {"blue": (-0.25, 1.0), "orange": (0.55, 1.35), "purple": (0.05, 2.1)}  # x, depth
 _VIRTUAL = {"red": (0.15, 0.75), "green": (-0.02, 1.15), "yellow": (-0.15, 1.8)}
 _APERTURES = {"f/2": 24.0, "f/4": 12.0, "f/8": 6.0}  # CoC by disparity [px of 640]
@@ -48,7 +46,7 @@ _FOCUSES = {"front": 0.75, "middle": 1.15, "back": 1.8}  # depth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Plate:
-    """A plate and what Blind Augmentation is told of it."""
+    """A plate, its lens, and the depth and sharp picture that Blind Augmentation is given."""
 
     aperture: str
     focus: str
@@ -71,7 +69,7 @@ def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -
     """
     balls = {colour: folder / f"{colour}.glb" for colour in _VIRTUAL}
     for colour, path in balls.items():
-        write_glb(path, [ball(_VIRTUAL[colour], colour)], YFOV)
+        write_glb(path, [_ball(_VIRTUAL[colour], colour)], _YFOV)
     stimuli = []
     for plate in _plates(folder, size, views):
         for colour, glb in balls.items():
@@ -91,7 +89,7 @@ def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -
 
 def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]:
     path = folder / "table.glb"
-    write_glb(path, [*room(), *(ball(at, colour) for colour, at in _REAL.items())], YFOV)
+    write_glb(path, [*_room(), *(_ball(at, colour) for colour, at in _REAL.items())], _YFOV)
     scene, frame = Scene.load(path), Box(0, 0, *size)
     camera = scene.camera(0.0, *size)
     with choose_renderer(scene) as renderer:
@@ -122,7 +120,8 @@ def _composites(plate: _Plate, glb: Path) -> Iterator[tuple[str, UInt8]]:
         region=Box(0, 0, width, height),
     )  # fmt: skip
     ours = next(rung for rung in preset_rungs() if rung.name == DEFAULT)
-    blind = _blind(plate)
+    rgb, sharp = (np.float32(1 / 255) * codes for codes in (plate.codes, plate.sharp))
+    blind = BlindAugmentation(nearest_blur(rgb, sharp), plate.coc_px, plate.fit)
     for method, rung, fit, defocus in (
         ("naive", rival_rung("naive"), plate.fit, None),
         ("blind augmentation", rival_rung("layered Gaussian"), plate.fit, blind),
@@ -132,15 +131,22 @@ def _composites(plate: _Plate, glb: Path) -> Iterator[tuple[str, UInt8]]:
             yield method, one_frame(steps, case, 0)[0]
 
 
-def _blind(plate: _Plate) -> ObjectCoc:
-    """Their model of the plate, told true depth and true sharp picture."""
-    rgb, sharp = (np.float32(1 / 255) * codes for codes in (plate.codes, plate.sharp))
-    relative = relative_disparity(plate.coc_px, plate.coc_px)
-    model = fit_quadratic(nearest_blur(rgb, sharp), relative)
-    law = ByDisparity(
-        model, lambda disparity: relative_disparity(plate.fit.coc_px(disparity), plate.coc_px)
-    )
-    return lambda layer: object_coc(layer, law)
+def _ball(at: tuple[float, float], colour: str) -> TexturedMesh:
+    """A striped ball on the table at some x and depth [scene unit]."""
+    pixels = np.full((64, 8, 3), _COLOURS[colour], np.uint8)
+    pixels[28:36] = 235
+    return ball(np.array([at[0], _GROUND + _RADIUS, -at[1]]), _RADIUS, pixels)
+
+
+def _room() -> list[TexturedMesh]:
+    """The table's cloth and the wall behind it."""
+    edge = [(-_WIDE, _GROUND, -_WALL), (_WIDE, _GROUND, -_WALL)]
+    table = np.array([(-_WIDE, _GROUND, -_NEAR), (_WIDE, _GROUND, -_NEAR), *edge[::-1]])
+    wall = np.array([*edge, (_WIDE, _HIGH, -_WALL), (-_WIDE, _HIGH, -_WALL)])
+    return [
+        sheet(table, woven((40, 105, 75), 1), 0.5, (0, 2)),
+        sheet(wall, woven((150, 130, 110), 2), 0.5),
+    ]
 
 
 def _on_frame(seen: ObjectLayer, frame: Box) -> Float32:

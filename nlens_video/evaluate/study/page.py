@@ -1,18 +1,97 @@
-"""The study as one web page that needs nothing but itself."""
+"""`nlens-video study make`: pictures and their list, and the page that asks about them.
+
+A folder holds the pictures and `stimuli.csv`, a line for each: its `file`, the `position` of the
+virtual object, `aperture` and `focus` of the lens, the `method` that put it in, and `virtual`, the
+answer that names it.
+"""
 
 from __future__ import annotations
 
+import base64
+import csv
 import json
+import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from nlens_video.evaluate.study.stimuli import Stimulus, picture_address
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.video.atomic_files import check_folder, replacing
 
+LIST = "stimuli.csv"
 QUESTION = "Do you believe there are virtual {things} in the image?"
+_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stimulus:
+    """A picture of the study: the columns of the list."""
+
+    file: str
+    position: str
+    aperture: str
+    focus: str
+    method: str
+    virtual: str
+
+
+COLUMNS = tuple(field.name for field in fields(Stimulus))
+
+
+def load_stimuli(folder: Path) -> list[Stimulus]:
+    """Read the list of a folder and check that its pictures are there.
+
+    Raises:
+        InputError: no list, one that cannot be used, a picture that is missing or of no known kind.
+    """
+    path = folder / LIST
+    try:
+        with path.open(newline="", encoding="utf-8") as lines:
+            reader = csv.DictReader(lines)
+            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+            rows = [] if missing else list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(
+            f"{path}: cannot be read ({error}); expected a line for each picture: "
+            f"{','.join(COLUMNS)}"
+        ) from error
+    if missing or not rows:
+        lacking = f"the columns {', '.join(missing)}" if missing else "any picture"
+        raise InputError(f"{path}: lacks {lacking}; expected a line for each: {','.join(COLUMNS)}")
+    stimuli = [_stimulus(path, number, row) for number, row in enumerate(rows, 2)]
+    _check_pictures(folder, stimuli)
+    return stimuli
+
+
+def write_stimuli(folder: Path, stimuli: list[Stimulus]) -> None:
+    """Write the list of a folder."""
+    with (folder / LIST).open("w", newline="", encoding="utf-8") as lines:
+        writer = csv.DictWriter(lines, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(map(asdict, stimuli))
+
+
+def _stimulus(path: Path, number: int, row: dict[str, str | None]) -> Stimulus:
+    cells = {name: (row[name] or "").strip() for name in COLUMNS}
+    empty = [name for name, cell in cells.items() if not cell]
+    if empty:
+        raise InputError(f"{path}: line {number} has no {', '.join(empty)}; each picture needs it")
+    return Stimulus(**cells)
+
+
+def _check_pictures(folder: Path, stimuli: list[Stimulus]) -> None:
+    seen: set[str] = set()
+    for one in stimuli:
+        if Path(one.file).suffix.lower() not in _TYPES:
+            raise InputError(f"{folder / one.file}: expected one of {', '.join(_TYPES)}")
+        if not (folder / one.file).is_file():
+            raise InputError(f"{folder / one.file}: no such file; {LIST} names it")
+        if one.file in seen:
+            raise InputError(f"{folder / LIST}: {one.file} stands in it twice; once is right")
+        seen.add(one.file)
 
 
 def study_page(
@@ -31,7 +110,7 @@ def study_page(
     """
     home = files("nlens_video.evaluate.study")
     template = Template(home.joinpath("page.html").read_text(encoding="utf-8"))
-    trials = [asdict(one) | {"src": picture_address(folder, one)} for one in stimuli]
+    trials = [asdict(one) | {"src": _picture_address(folder / one.file)} for one in stimuli]
     boxes = "".join(
         f'<label><input type="checkbox" name="choice" value="{escape(choice)}"> '
         f"<kbd>{number}</kbd> {escape(choice)}</label>"
@@ -46,3 +125,56 @@ def study_page(
         choices=boxes,
         trials=json.dumps(trials).replace("<", "\\u003c"),
     )
+
+
+def _picture_address(path: Path) -> str:
+    """The picture as an address that holds all of it (`data:`)."""
+    try:
+        data = base64.b64encode(path.read_bytes()).decode("ascii")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    return f"data:{_TYPES[path.suffix.lower()]};base64,{data}"
+
+
+def make_study(folder: Path, out: Path, choices: str | None, things: str) -> None:
+    """Write the study's page.
+
+    Args:
+        folder: pictures and their list.
+        out: the page.
+        choices: answers beside "No", separated by commas; None for all that are right once.
+        things: what is looked for, in the plural.
+
+    Raises:
+        InputError: the pictures or their list cannot be used.
+        UsageError: choices among which a right answer is missing.
+        OutputError: the page cannot be written.
+    """
+    stimuli = load_stimuli(folder)
+    right = list(dict.fromkeys(one.virtual for one in stimuli))
+    offered = right if choices is None else [name.strip() for name in choices.split(",")]
+    lacking = [name for name in right if name not in offered]
+    if lacking or not all(offered) or len(set(offered)) < len(offered):
+        raise UsageError(
+            f"--choices {choices}: expected names, each once, with {', '.join(right)} among them"
+        )
+    if any(";" in name for name in offered):
+        raise UsageError("an answer with ; in it cannot be told from two; name it otherwise")
+    page = study_page(folder, stimuli, offered, things)
+    with replacing(out) as partial:
+        partial.write_text(page, encoding="utf-8")
+
+
+def make_demo(out: Path) -> None:
+    """Make pictures of rendered balls on a table, and the page that asks about them.
+
+    Raises:
+        NlensError: the renderer cannot run.
+        OutputError: the page cannot be written.
+    """
+    from nlens_video.evaluate.study.demo import CHOICES, write_demo
+
+    check_folder(out)
+    with tempfile.TemporaryDirectory() as folder:
+        write_demo(Path(folder))
+        make_study(Path(folder), out, CHOICES, "billiard balls")
