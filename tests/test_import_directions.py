@@ -14,7 +14,7 @@ FOLDERS = """
 core
 kernels  kernels/scatter  kernels/reblur
 video  video/pixels  video/input  video/output  video/chunks
-scene/animation  scene/gltf  scene
+scene/gltf  scene
 render/base  render/software  render/opengl  render
 stages
 networks

@@ -22,8 +22,7 @@ from nlens_video.core.placement import (
 )
 from nlens_video.core.settings import ALL, ObjectSettings, PlaceSettings, SourceSettings
 from nlens_video.run.frame_range import FrameRange
-from nlens_video.scene.camera import Camera
-from nlens_video.scene.placement_camera import contact_point, place_camera
+from nlens_video.scene.camera import Camera, contact_point, place_camera
 from nlens_video.scene.scene import Scene
 from nlens_video.video.atomic_files import check_folder, replacing
 from nlens_video.video.info import SourceFrame, SourceInfo

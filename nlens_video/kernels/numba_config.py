@@ -50,11 +50,11 @@ def fastmath_kernel(function: _Function) -> _Function:
     return cast(_Function, njit(**{**_KERNEL, **_QUICK})(function))
 
 
-def kernel_of(signature: str) -> Callable[[_Function], _Function]:
-    """Compile a function at once, for a numba signature."""
+def kernel_of(*signatures: str) -> Callable[[_Function], _Function]:
+    """Compile a function at once, for numba signatures."""
 
     def compiled(function: _Function) -> _Function:
-        return cast(_Function, njit(signature, **_KERNEL)(function))
+        return cast(_Function, njit(list(signatures), **_KERNEL)(function))
 
     return compiled
 

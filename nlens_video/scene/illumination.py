@@ -1,15 +1,17 @@
-"""Illumination of object and ground: lamps, ambient light, their sources, ground irradiance."""
+"""Lights of the file and illumination: lamps, ambient light, irradiance of the ground."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from nlens_video.core.errors import Note, NoteKind
+from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.scene.gltf.lights import Light, PosedLight
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.fields import Fields
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear BT.709."""
@@ -18,6 +20,92 @@ LAMP_DIAMETER = math.radians(4.0)
 _GREY_WORLD = 0.2  # reflectance that the world has on average
 _KEY_DIRECTION = np.array([-0.4, -0.8, -0.45]) / np.linalg.norm([-0.4, -0.8, -0.45])
 _KEY_SHARE = 0.6  # of the light on the ground; the rest comes from around
+_AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
+_UP = np.array([0.0, 1.0, 0.0])
+MAX_LAMPS = 32
+"""Maximum number of lights in rendering."""
+Kind = Literal["directional", "point", "spot"]
+_KINDS: tuple[Kind, ...] = ("directional", "point", "spot")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Light:
+    """A light as the file declares it.
+
+    Attributes:
+        kind: directional, point or spot.
+        color: linear RGB.
+        intensity: directional: illuminance [lx]; point and spot: luminous intensity [cd]. A white
+            Lambert surface facing a directional light has the radiance intensity / pi.
+        range: distance beyond which it has no effect, or None for no limit [scene unit].
+        inner_cone: half angle of the fully lit cone of a spot [rad].
+        outer_cone: half angle where a spot ends [rad].
+    """
+
+    kind: Kind
+    color: tuple[float, ...]
+    intensity: float
+    range: float | None = None
+    inner_cone: float = 0.0
+    outer_cone: float = math.pi / 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedLight:
+    """A light at one moment.
+
+    Attributes:
+        light: its properties.
+        position: in the world (3,) [scene unit].
+        direction: unit vector (3,) along which it shines.
+    """
+
+    light: Light
+    position: Float64
+    direction: Float64
+
+
+def read_lights(document: Document) -> tuple[tuple[int, Light], ...]:
+    """Lights of the default scene with the nodes that carry them.
+
+    Raises:
+        SceneError: an unknown kind, or a wrong number.
+    """
+    extension = document.root.extension("KHR_lights_punctual")
+    declared = extension.children("lights") if extension else ()
+    lights = tuple(_read_light(item) for item in declared)
+    carried = []
+    for index, node in enumerate(document.items("nodes")):
+        reference = node.extension("KHR_lights_punctual")
+        if reference is not None:
+            carried.append((index, lights[reference.integer("light", below=len(lights))]))
+    return tuple(carried)
+
+
+def _read_light(item: Fields) -> Light:
+    spot = item.child("spot")
+    outer = min(spot.number("outerConeAngle", math.pi / 4.0), math.pi / 2.0)
+    return Light(
+        kind=item.choice("type", _KINDS),
+        color=item.vector("color", 3, (1.0, 1.0, 1.0)),
+        intensity=item.number("intensity", 1.0),
+        range=item.positive("range"),
+        inner_cone=max(0.0, min(spot.number("innerConeAngle", 0.0), outer)),
+        outer_cone=outer,
+    )
+
+
+def pose_light(light: Light, world: Float64) -> PosedLight:
+    """A light on a node whose world matrix is (4, 4); it shines along the node's -Z.
+
+    Raises:
+        SceneError: the node has no extent, so there is no direction.
+    """
+    forward = -world[:3, 2]
+    length = float(np.linalg.norm(forward))
+    if length == 0.0:
+        raise SceneError("a light's node is scaled to zero; give it a scale")
+    return PosedLight(light, world[:3, 3].copy(), forward / length)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,14 +181,7 @@ def sun(irradiance: Float64, direction: Float64) -> PosedLight:
     """A directional light that gives a surface facing it an irradiance (3,)."""
     intensity = float(irradiance.max())
     color = tuple(float(value) / intensity if intensity > 0.0 else 1.0 for value in irradiance)
-    light = Light(
-        kind="directional",
-        color=color,
-        intensity=intensity,
-        range=None,
-        inner_cone=0.0,
-        outer_cone=math.pi / 4.0,
-    )
+    light = Light(kind="directional", color=color, intensity=intensity)
     return PosedLight(light, np.zeros(3), direction)
 
 
@@ -108,10 +189,6 @@ def _tint(color: Float64) -> Float64:
     """Colour of the light behind a mean colour (3,): half its hue is taken for the surfaces'."""
     hue = np.sqrt(np.maximum(color, 1e-4))
     return np.asarray(hue / (hue @ LUMINANCE))
-
-
-_AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
-_UP = np.array([0.0, 1.0, 0.0])
 
 
 def reaches(lamp: Lamp, ground_y: float) -> bool:
@@ -153,10 +230,6 @@ def from_around(light: Illumination, ground: Float64) -> Float64:
     strongest, all_ = float(strengths.max(initial=0.0)), float(strengths.sum())
     around = _AROUND * max(0.0, 2.0 * strongest - all_)
     return np.asarray(np.maximum(around + all_ - given.sum(axis=0), 0.0) * (around > 0.0))
-
-
-MAX_LAMPS = 32
-"""Maximum number of lights in rendering."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,22 +286,13 @@ class SceneLight:
         """
         if not self.known:
             return plate_light or Illumination.of_plate(None)
-        return self._joined(lights)
+        own = tuple(map(Lamp, lights))
+        environment = self.environment or Illumination((), None)
+        return Illumination((*own, *environment.lamps)[:MAX_LAMPS], environment.ambient)
 
     def on_ground(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
     ) -> Illumination:
-        """Illumination that casts shadows on the ground: no lamp whose direction is a guess.
-
-        Args:
-            lights: the file's, at this moment.
-            plate_light: estimated from the plate; None for a plausible light.
-        """
-        if self.known:
-            return self._joined(lights)
-        return Illumination((), self.on_object((), plate_light).ambient)
-
-    def _joined(self, lights: tuple[PosedLight, ...]) -> Illumination:
-        own = tuple(Lamp(light) for light in lights)
-        environment = self.environment or Illumination((), None)
-        return Illumination((*own, *environment.lamps)[:MAX_LAMPS], environment.ambient)
+        """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
+        light = self.on_object(lights, plate_light)
+        return light if self.known else Illumination((), light.ambient)

@@ -1,16 +1,25 @@
-"""A scene at one moment: world-space triangles and lights; a cache of the last few moments."""
+"""Posed geometry: world-space vertices at one moment (morph, then skin or node), and their hull."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-from nlens_video.core.layers import Float32
-from nlens_video.scene.gltf.lights import PosedLight
-from nlens_video.scene.gltf.meshes import Geometry, Int32
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.scene.gltf.fields import check_range
+from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals, unit
+from nlens_video.scene.gltf.nodes import Skin
+from nlens_video.scene.illumination import PosedLight
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+_CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower end of an axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,36 +64,195 @@ class PosedScene:
 
     def triangles(self) -> tuple[Float32, Int32]:
         """All world positions (V, 3) [scene unit] and the faces (F, 3) that index them."""
-        starts = np.cumsum([0] + [len(mesh.positions) for mesh in self.meshes])
-        faces = [
-            mesh.faces + np.int32(start)
-            for mesh, start in zip(self.meshes, starts[:-1], strict=True)
-        ]
+        counts = [len(mesh.positions) for mesh in self.meshes]
+        starts = np.cumsum([0, *counts[:-1]], dtype=np.int32)
+        faces = [mesh.faces + start for mesh, start in zip(self.meshes, starts, strict=True)]
         return self.vertices(), np.concatenate(faces)
 
     def bounds(self) -> Float32:
         """Lowest and highest corner (2, 3) of the box around all vertices [scene unit]."""
-        lows = [mesh.positions.min(axis=0) for mesh in self.meshes]
-        highs = [mesh.positions.max(axis=0) for mesh in self.meshes]
-        return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
+        vertices = self.vertices()
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
 
-Value = TypeVar("Value")
-_MOMENTS = 4  # the frame's own, and the shutter opening and closing
+@dataclass(slots=True, eq=False)
+class Instance:
+    """A geometry where a node places it.
+
+    Attributes:
+        geometry: what is placed.
+        node: index of the node.
+        skin: joints that carry it instead of the node, or None.
+        weights: morph weights without animation (T,).
+    """
+
+    geometry: Geometry
+    node: int
+    skin: Skin | None
+    weights: Float64
+    _influence: csr_matrix | None = field(init=False, default=None)
+    _last: tuple[bytes, PosedMesh] | None = field(init=False, default=None)
+    _boxes: Float64 | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        joints, weights = self.geometry.joints, self.geometry.weights
+        if self.skin is None or joints is None or weights is None:
+            self.skin = None
+            return
+        from scipy.sparse import csr_matrix  # here: it takes long to load, and few files need it
+
+        count = len(self.skin.joints)
+        if int(joints[weights > 0.0].max(initial=0)) >= count or int(joints.min()) < 0:
+            raise SceneError(
+                f"mesh '{self.geometry.name}' points beyond its skin's {count} joints; "
+                "export the file again"
+            )
+        rows = np.repeat(np.arange(len(joints)), joints.shape[1])
+        # Joints of no weight may point anywhere.
+        columns = np.where(weights > 0.0, joints, 0).ravel()
+        self._influence = csr_matrix((weights.ravel(), (rows, columns)), (len(joints), count))
+
+    def place(self, world: Float64, weights: Float64 | None) -> PosedMesh:
+        """The geometry in the world; the very same object while nothing moves.
+
+        Args:
+            world: world matrices of all nodes (N, 4, 4).
+            weights: animated morph weights (T,), or None for those of the file.
+        """
+        amounts = self.weights if weights is None else weights
+        carriers = world[self.node] if self.skin is None else self.skin.matrices(world)
+        key = carriers.tobytes() + amounts.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = (key, self._deformed(carriers, amounts))
+        return self._last[1]
+
+    def boxes(self, weights: Float64 | None) -> tuple[list[int], Float64]:
+        """Boxes round all vertices for morph weights as of `place`, each carried by a node.
+
+        A skinned vertex is a mean of what its joints make of it, so it lies in the hull of the
+        boxes round the vertices of each joint, carried by that joint.
+
+        Returns:
+            The nodes (B,), and corners in the space of each, homogeneous, as columns (B, 4, 8).
+        """
+        if self._boxes is None:
+            self._boxes = self._rest_boxes()
+        amounts = self.weights if weights is None else weights
+        boxes = self._boxes + self._morph_reach(amounts)
+        corners = np.ones((len(boxes), 4, 8))
+        corners[:, :3] = np.swapaxes(boxes[:, _CORNERS, np.arange(3)], 1, 2)
+        if self.skin is None:
+            return [self.node], corners
+        held = np.flatnonzero((self._boxes[:, 0] <= self._boxes[:, 1]).all(axis=1))
+        bound = self.skin.inverse_bind[held] @ corners[held]
+        return [self.skin.joints[joint] for joint in held], bound
+
+    def _rest_boxes(self) -> Float64:
+        """Lowest and highest corner (J, 2, 3) of each joint's vertices, infinite where none are."""
+        positions = self.geometry.positions.astype(np.float64)
+        if self._influence is None:
+            return np.stack([positions.min(axis=0), positions.max(axis=0)])[None]
+        boxes = np.full((self._influence.shape[1], 2, 3), np.inf)
+        boxes[:, 1] = -np.inf
+        vertices, joints = self._influence.nonzero()
+        np.minimum.at(boxes[:, 0], joints, positions[vertices])
+        np.maximum.at(boxes[:, 1], joints, positions[vertices])
+        return boxes
+
+    def _morph_reach(self, amounts: Float64) -> Float64:
+        """How far the morph targets may move a vertex down and up (2, 3)."""
+        reach = np.zeros((2, 3))
+        if self.geometry.targets is None:
+            return reach
+        for target, amount in zip(self.geometry.targets, amounts, strict=True):
+            if amount:
+                ends = np.stack([target.min(axis=0), target.max(axis=0)]) * amount
+                reach += np.sort(ends, axis=0)
+        return reach
+
+    def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
+        positions, normals = self._morphed(amounts)
+        mirrored = False
+        if self._influence is None:
+            linear = carriers[:3, :3]
+            placed = positions @ linear.T.astype(np.float32) + carriers[:3, 3].astype(np.float32)
+            turned = normals @ _cofactor(linear).T.astype(np.float32)
+            mirrored = bool(np.linalg.det(linear) < 0.0)
+        else:
+            matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
+            blended = np.ascontiguousarray((self._influence @ matrices).T).reshape(3, 4, -1)
+            placed = _multiply(blended, positions) + blended[:, 3].T
+            turned = _multiply(blended, normals)
+        if self.geometry.flat and (self._influence is not None or len(amounts)):
+            turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
+            turned = -turned if mirrored else turned
+        else:
+            turned = unit(turned)
+        return PosedMesh(self.geometry, placed, turned, mirrored)
+
+    def _morphed(self, weights: Float64) -> tuple[Float32, Float32]:
+        active = np.flatnonzero(weights)
+        amounts = weights[active].astype(np.float32)
+
+        def morphed(rest: Float32, targets: Float32 | None) -> Float32:
+            if targets is None or not len(active):
+                return rest
+            return np.asarray(rest + np.tensordot(amounts, targets[active], axes=1))
+
+        own = self.geometry
+        return morphed(own.positions, own.targets), morphed(own.normals, own.target_normals)
 
 
-@dataclass(slots=True)
-class MomentCache(Generic[Value]):
-    """Values of the last few moments, which several stages need."""
+def _multiply(blended: Float32, vectors: Float32) -> Float32:
+    """Each vertex's own matrix, columns 0 to 2 of (3, 4, V), on its vector (V, 3)."""
+    x, y, z = vectors.T
+    result = np.empty((len(vectors), 3), np.float32)
+    for row, matrix in enumerate(blended):
+        result[:, row] = matrix[0] * x + matrix[1] * y + matrix[2] * z
+    return result
 
-    _kept: dict[float, Value] = field(default_factory=dict)
 
-    def at(self, time_s: float, compute: Callable[[float], Value]) -> Value:
-        """The same object as before for a moment [s] that is known, else what `compute` gives."""
-        known = self._kept.get(time_s)
-        if known is None:
-            known = compute(time_s)
-            if len(self._kept) >= _MOMENTS:
-                self._kept.pop(next(iter(self._kept)), None)
-            self._kept[time_s] = known
-        return known
+def _cofactor(linear: Float64) -> Float64:
+    """What turns normals (3, 3): the inverse transpose, up to scale, also of a singular matrix.
+
+    Scaled to unit size so that it neither overflows nor vanishes in float32; a mirroring matrix
+    keeps its sign, so that normals still point out of the surface.
+    """
+    size = float(np.abs(linear).max())
+    a, b, c = linear / size if size > 0.0 else np.eye(3)
+    cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    sign = -1.0 if float(np.dot(a, cofactor[0])) < 0.0 else 1.0
+    largest = float(np.abs(cofactor).max())
+    return np.asarray(cofactor * (sign / largest) if largest > 0.0 else np.eye(3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hull:
+    """Boxes round all vertices, each carried by a node.
+
+    Attributes:
+        nodes: what carries each (B,).
+        corners: in its space, homogeneous, as columns (B, 4, 8).
+    """
+
+    nodes: npt.NDArray[np.int64]
+    corners: Float64
+
+    @classmethod
+    def of(cls, instances: Sequence[Instance], weights: dict[int, Float64]) -> Hull:
+        """That of all instances, with animated morph weights by node."""
+        boxes = [instance.boxes(weights.get(instance.node)) for instance in instances]
+        return cls(
+            np.array([node for nodes, _ in boxes for node in nodes], np.int64),
+            np.concatenate([corners for _, corners in boxes]),
+        )
+
+    def at(self, world: Float64) -> Float64:
+        """The corners in the world (8 B, 3), for world matrices of all nodes (N, 4, 4).
+
+        Raises:
+            SceneError: one lies beyond what float32 can multiply.
+        """
+        carried = world[self.nodes, :3] @ self.corners
+        check_range(carried, "a vertex or a skin's joint")
+        return np.swapaxes(carried, 1, 2).reshape(-1, 3)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -10,21 +12,19 @@ import numpy as np
 from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.settings import ONCE, Playback
-from nlens_video.scene.animation.tracks import Animation
-from nlens_video.scene.camera import Camera
-from nlens_video.scene.deform import Hull, Instance, Skin, read_skins
+from nlens_video.scene.camera import Camera, Perspective, read_cameras, rigid
 from nlens_video.scene.gltf.accessors import AccessorReader
-from nlens_video.scene.gltf.animations import Animations, listed, read_animations
+from nlens_video.scene.gltf.animations import Animation, Animations, listed, read_animations
 from nlens_video.scene.gltf.document import Document, read_document
-from nlens_video.scene.gltf.lights import Light, pose_light, read_lights
 from nlens_video.scene.gltf.materials import read_materials
 from nlens_video.scene.gltf.meshes import TriangleMesh, read_meshes
-from nlens_video.scene.gltf.nodes import Hierarchy, read_hierarchy
-from nlens_video.scene.gltf.perspective import Perspective, read_cameras, rigid
-from nlens_video.scene.posed import MomentCache, PosedScene
+from nlens_video.scene.gltf.nodes import Hierarchy, Skin, read_hierarchy, read_skins
+from nlens_video.scene.illumination import Light, pose_light, read_lights
+from nlens_video.scene.posed import Hull, Instance, PosedScene
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
+_MOMENTS = 4  # kept: the frame's own, and the shutter opening and closing
 _Moved = tuple[Float64, dict[int, Float64]]  # world matrices of nodes; animated morph weights
 
 
@@ -47,11 +47,15 @@ class Scene:
     _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
     _hull: Hull | None = field(init=False, default=None)
-    _moved: MomentCache[_Moved] = field(init=False, default_factory=MomentCache)
-    _posed: MomentCache[PosedScene] = field(init=False, default_factory=MomentCache)
+    _moved: Callable[[float], _Moved] = field(init=False)
+    _posed: Callable[[float], PosedScene] = field(init=False)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
     )  # the last camera, kept where it does not move
+
+    def __post_init__(self) -> None:
+        self._moved = lru_cache(_MOMENTS)(self._move)
+        self._posed = lru_cache(_MOMENTS)(self._pose)
 
     @classmethod
     def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
@@ -146,14 +150,14 @@ class Scene:
 
     def _carried_by(self, name: str) -> frozenset[int]:
         named = (index for index, own in enumerate(self._node_names) if own == name)
-        return frozenset().union(*(self._hierarchy.with_descendants(index) for index in named))
+        return self._hierarchy.with_descendants(named)
 
     def hull(self, time_s: float) -> Float64:
         """Points (N, 3) whose convex hull holds all triangles at a moment; cheaper than `pose`.
 
         Unless it `morphs`, a vertex is the same mean of them at all moments.
         """
-        world, weights = self._moved.at(time_s, self._move)
+        world, weights = self._moved(time_s)
         if self._hull is None or self.morphs:
             self._hull = Hull.of(self._instances, weights)
         return self._hull.at(world)
@@ -173,10 +177,10 @@ class Scene:
 
         Before the first key of an animation they rest, and after its last unless it loops.
         """
-        return self._posed.at(time_s, self._pose)
+        return self._posed(time_s)
 
     def _pose(self, time_s: float) -> PosedScene:
-        world, weights = self._moved.at(time_s, self._move)
+        world, weights = self._moved(time_s)
         meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
         lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
         return PosedScene(time_s, meshes, lights)
@@ -275,9 +279,8 @@ def _instances(
         weights = node.numbers("weights") or mesh.weights
         for geometry in mesh.geometries:
             targets = 0 if geometry.targets is None else len(geometry.targets)
-            rest = (*weights, *np.zeros(targets))[:targets]
-            carrier = None if skin is None else skins[skin]
-            found.append(Instance(geometry, index, carrier, tuple(map(float, rest))))
+            rest = np.array((*weights, *np.zeros(targets))[:targets])
+            found.append(Instance(geometry, index, None if skin is None else skins[skin], rest))
     if not found:
         raise SceneError("no triangles in its scene; expected an object to draw")
     return tuple(found)

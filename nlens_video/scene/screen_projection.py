@@ -1,4 +1,4 @@
-"""Vertex stage: projection of world positions to the screen.
+"""Projection of world positions to the screen, and screen-space bounds of posed scenes and hulls.
 
 Positions are snapped to 1/256 px, whose differences and products are exact in float64: of two
 triangles that share an edge exactly one covers a sample on it.
@@ -6,47 +6,42 @@ triangles that share an edge exactly one covers a sample on it.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.kernels.numba_config import inlined, kernel_of
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.posed import PosedScene
 
 _GRID = 256.0
 _HUGE = 1e9  # positions beyond are far off the frame whatever they are [px]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PinholeParams:
-    """Pinhole camera parameters for the kernels.
+def pinhole_params(camera: Camera, box: Box, near: float) -> Float64:
+    """A camera that looks at a box of its frame, as the kernels read it (17,).
 
-    Attributes:
-        axes: rows right, up and back of the camera in the world (3, 3).
-        eye: its place in the world (3,) [scene unit].
-        fx: focal length along columns [px].
-        fy: focal length along rows [px].
-        cx: principal point, column of the picture, pixel centres at +0.5 [px].
-        cy: principal point, row [px].
+    Args:
+        camera: the camera.
+        box: what becomes the picture.
         near: least depth that is drawn [scene unit].
-        width: columns of the picture [px].
-        height: rows [px].
+
+    Returns:
+        Its axes in the world (right, up, back), place in the world, fx, fy, cx, cy, near.
     """
+    axes, eye = camera.camera_from_world[:3, :3], camera.world_from_camera[:3, 3]
+    middle = (camera.cx - box.x0, camera.cy - box.y0)
+    return np.array([*axes.ravel(), *eye, camera.fx, camera.fy, *middle, near])
 
-    axes: Float64
-    eye: Float64
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    near: float
-    width: int
-    height: int
 
-    def numbers(self) -> Float64:
-        """All of it in a row: axes, eye, fx, fy, cx, cy, near (17,)."""
-        scalars = [self.fx, self.fy, self.cx, self.cy, self.near]
-        return np.array([*self.axes.ravel(), *self.eye, *scalars], dtype=np.float64)
+@lru_cache(maxsize=4)  # most cameras stand still
+def _frame_params(camera: Camera) -> Float64:
+    """Parameters (17,) of a camera that looks at its whole frame."""
+    return pinhole_params(camera, Box(0, 0, camera.width, camera.height), 0.0)
 
 
 @inlined
@@ -76,8 +71,12 @@ def project(positions: Float32, lens: Float64, points: Float64) -> None:
         points[v, 2] = disparity if inside else 0.0
 
 
-@kernel_of("Tuple((f8,f8,f8,f8,f8,f8))(f4[:,:],f8[::1])")
-def bounds(positions: Float32, lens: Float64) -> tuple[float, float, float, float, float, float]:
+_Bounds = tuple[float, float, float, float, float, float]
+_BOUNDS = "Tuple((f8,f8,f8,f8,f8,f8))"
+
+
+@kernel_of(f"{_BOUNDS}(f4[:,:],f8[::1])", f"{_BOUNDS}(f8[:,:],f8[::1])")
+def bounds(positions: Float32 | Float64, lens: Float64) -> _Bounds:
     """Least and greatest column, row [px] and depth of positions (V, 3).
 
     Columns and rows are those of positions before the camera; without meaning if any is not.
@@ -92,3 +91,97 @@ def bounds(positions: Float32, lens: Float64) -> tuple[float, float, float, floa
         low_y, high_y = min(low_y, y), max(high_y, y)
         low_z, high_z = min(low_z, depth), max(high_z, depth)
     return low_x, high_x, low_y, high_y, low_z, high_z
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extent:
+    """Bounds of all vertices as a camera sees them.
+
+    Attributes:
+        low: least column and row [px]; without meaning where `nearest` is not above 0.
+        high: greatest column and row [px]; likewise.
+        nearest: least depth, at or below 0 for what lies beside or behind the camera [scene unit].
+        farthest: greatest depth [scene unit].
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    nearest: float
+    farthest: float
+
+
+def extent(posed: PosedScene, camera: Camera) -> Extent:
+    """Bounds of all vertices; numbers that are not finite come through."""
+    lens = _frame_params(camera)
+    found = np.array([bounds(mesh.positions, lens) for mesh in posed.meshes])
+    low_x, low_y, nearest = (float(v) for v in found[:, 0::2].min(axis=0))
+    high_x, high_y, farthest = (float(v) for v in found[:, 1::2].max(axis=0))
+    return Extent(low=(low_x, low_y), high=(high_x, high_y), nearest=nearest, farthest=farthest)
+
+
+def misses(points: Float64, camera: Camera, box: Box) -> bool:
+    """Whether the convex hull of world points (N, 3) certainly projects outside a box of the frame.
+
+    False where points lie on both sides of the camera plane: their hull may project anywhere.
+    """
+    low_x, high_x, low_y, high_y, nearest, farthest = bounds(points, _frame_params(camera))
+    if farthest <= 0.0:
+        return math.isfinite(nearest) and math.isfinite(farthest)
+    if not (nearest > 0.0 and all(map(math.isfinite, (low_x, high_x, low_y, high_y)))):
+        return False
+    return low_x > box.x1 or low_y > box.y1 or high_x < box.x0 or high_y < box.y0
+
+
+def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
+    """Upper bound of the screen-space path length of any point of a body [px].
+
+    Args:
+        points: in the world (N, 3) at each moment, of which every point of the body is the same
+            convex combination at all of them [scene unit].
+        cameras: of each moment, of the same focal length.
+
+    Returns:
+        The bound; infinite where a point does not lie in front of the camera.
+    """
+    return float(_travel(np.array(points), np.array(list(map(_frame_params, cameras)))))
+
+
+@kernel_of("f8(f8[:,:,::1],f8[:,::1])")
+def _travel(points: Float64, lenses: Float64) -> float:
+    """`travel_ref` of points (M, N, 3) seen by cameras (M, 17)."""
+    slope_x = slope_y = total = 0.0
+    nearest = np.inf
+    for m in range(len(points)):
+        for p in range(points.shape[1]):
+            right, up, depth = in_camera(points[m, p], lenses[m])
+            if not 0.0 < depth < np.inf:
+                return np.inf
+            slope_x, slope_y = max(slope_x, abs(right / depth)), max(slope_y, abs(up / depth))
+            nearest = min(nearest, depth)
+    for m in range(1, len(points)):
+        way_x = way_y = way_z = 0.0
+        for p in range(points.shape[1]):
+            right, up, depth = in_camera(points[m, p], lenses[m])
+            right0, up0, depth0 = in_camera(points[m - 1, p], lenses[m - 1])
+            way_x, way_y = max(way_x, abs(right - right0)), max(way_y, abs(up - up0))
+            way_z = max(way_z, abs(depth - depth0))
+        moved_x, moved_y = way_x + slope_x * way_z, way_y + slope_y * way_z
+        total += math.hypot(lenses[0, 12] * moved_x, lenses[0, 13] * moved_y) / nearest
+    return total
+
+
+def travel_ref(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
+    """Definition of `travel_bound_px`.
+
+    With x / z the projection, x1 / z1 - x0 / z0 = ((x1 - x0) - x0 / z0 (z1 - z0)) / z1; each factor
+    is bounded by its maximum over all points.
+    """
+    pairs = zip(points, cameras, strict=True)
+    seen = np.array([camera.to_camera(moment) for moment, camera in pairs])
+    depth = -seen[..., 2]
+    if not (depth > 0.0).all():
+        return math.inf
+    slope = np.abs(seen[..., :2] / depth[..., None]).max(axis=(0, 1))
+    way = np.abs(np.diff(seen, axis=0)).max(axis=1)
+    moved = (way[:, :2] + slope * way[:, 2:]) / depth.min()
+    return float(np.hypot(cameras[0].fx * moved[:, 0], cameras[0].fy * moved[:, 1]).sum())

@@ -19,10 +19,11 @@ from nlens_video.effects.shadow.coverage_ref import covered
 from nlens_video.effects.shadow.projection import Moment
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.gltf.lights import Light, PosedLight
 from nlens_video.scene.illumination import (
     Illumination,
     Lamp,
+    Light,
+    PosedLight,
     from_around,
     from_lamp,
     hemispheres,

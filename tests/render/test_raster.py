@@ -14,7 +14,7 @@ from nlens_video.render.software.depth_resolve import resolve_depth
 from nlens_video.render.software.light import light
 from nlens_video.render.software.texture_atlas import Atlas
 from nlens_video.render.software.texture_sampling import sample_texture
-from nlens_video.scene.gltf.images import Image
+from nlens_video.scene.gltf.materials import Image
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.4, 2.0, 8.0]))

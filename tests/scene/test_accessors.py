@@ -118,7 +118,7 @@ def test_repeated_decoding_of_the_same_bytes_is_limited(monkeypatch):
         ({"count": 0}, "1 or more"),
         ({"count": -1}, "0 or more"),
         ({"count": "3"}, "integer"),
-        ({"componentType": 5124}, "expected 5120"),
+        ({"componentType": 5124}, "expected one of 5120"),
         ({"type": "VEC9"}, "one of SCALAR"),
         ({"bufferView": 7}, "below 1"),
         ({"byteOffset": 1e400}, "integer"),

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.scene.animation import kernels, kernels_ref
-from nlens_video.scene.animation.kernels import CUBIC, LINEAR, STEP
+from nlens_video.scene.gltf import animation_kernels
+from nlens_video.scene.gltf.animation_kernels import CUBIC, LINEAR, STEP
 
 KEYS = st.integers(1, 6)
 
@@ -35,10 +35,10 @@ def test_sampled_track_agrees_with_the_reference(seed, kind, count, turns, at, o
     before = out.copy()
     column = 3 if turns else 7
     tracks = np.array([[1, column, values.shape[2], kind, turns, 2, 2, count]])
-    kernels.sample(
+    animation_kernels.sample(
         time_s, tracks, np.concatenate([[0.0, 9.0], times]), np.concatenate([earlier, values]), out
     )
-    expected = kernels_ref.sampled(time_s, times, values, kind, turns=turns)
+    expected = animation_kernels.sample_ref(time_s, times, values, kind, turns=turns)
     written = slice(column, column + values.shape[2])
     np.testing.assert_allclose(out[1, written], expected, atol=1e-12)
     out[1, written] = before[1, written]
@@ -48,7 +48,7 @@ def test_sampled_track_agrees_with_the_reference(seed, kind, count, turns, at, o
 def test_zero_quaternion_is_the_identity_rotation():
     out = np.zeros((1, 10))
     tracks = np.array([[0, 3, 4, LINEAR, 1, 0, 0, 1]])
-    kernels.sample(0.0, tracks, np.zeros(1), np.zeros((1, 3, 4)), out)
+    animation_kernels.sample(0.0, tracks, np.zeros(1), np.zeros((1, 3, 4)), out)
     np.testing.assert_array_equal(out[0, 3:7], [0, 0, 0, 1])
 
 
@@ -69,13 +69,13 @@ def test_world_matrices_are_products_from_the_root_down(seed, count):
     matrices[:, 3] = [0, 0, 0, 1]
     world = np.full((count, 4, 4), np.nan)
     order = np.stack([names, above[names]], axis=1)
-    kernels.multiply(local, order, matrices, has_matrix, world)
+    animation_kernels.multiply(local, order, matrices, has_matrix, world)
     own = [
-        matrices[node] if has_matrix[node] else kernels_ref.composed(local[node])
+        matrices[node] if has_matrix[node] else animation_kernels.compose_ref(local[node])
         for node in range(count)
     ]
     for node in range(count):
-        expected = kernels_ref.world(node, own, above)
+        expected = animation_kernels.world_ref(node, own, above)
         np.testing.assert_allclose(world[node], expected, rtol=1e-9, atol=1e-9)
 
 
@@ -86,5 +86,5 @@ def test_infinite_and_nan_transforms_propagate(factor):
     local[:, 7:] = factor
     world = np.empty((2, 4, 4))
     none = np.zeros(2, bool)
-    kernels.multiply(local, np.array([[0, -1], [1, 0]]), np.empty((2, 4, 4)), none, world)
+    animation_kernels.multiply(local, np.array([[0, -1], [1, 0]]), np.empty((2, 4, 4)), none, world)
     assert not np.isfinite(world).all()

@@ -1,5 +1,7 @@
 """Draco meshes: the same triangles as without it, and broken data that harm nobody."""
 
+import importlib.util
+
 import DracoPy
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene
-from nlens_video.scene.gltf import draco
+from nlens_video.scene.gltf.accessors import DRACO
 
 POSITIONS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 2]], np.float32)
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
@@ -17,7 +19,7 @@ NORMALS = np.tile([[0.0, 0.0, 1.0]], (4, 1))
 def compressed(*, damage=None, **primitive):
     """A GLB of two meshes, each in Draco; `damage` changes the first one's bytes."""
     builder = GlbBuilder()
-    builder.document["extensionsRequired"] = [draco.EXTENSION]
+    builder.document["extensionsRequired"] = [DRACO]
     for number in range(2):
         data = bytearray(
             DracoPy.encode(
@@ -39,7 +41,7 @@ def compressed(*, damage=None, **primitive):
         item = {
             "indices": accessors[0],
             "attributes": {"POSITION": accessors[1], "NORMAL": accessors[2]},
-            "extensions": {draco.EXTENSION: held},
+            "extensions": {DRACO: held},
             **primitive,
         }
         builder.node(mesh=builder.add("meshes", {"primitives": [item]}))
@@ -76,7 +78,7 @@ def test_damaged_draco_data_is_refused_in_one_line(tmp_path, damage):
 
 
 def test_missing_draco_decoder_error_states_how_to_install_it(tmp_path, monkeypatch):
-    monkeypatch.setattr(draco.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(SceneError, match=r"pip install nlens-video\[draco\]; or decode it first"):
         load(compressed(), tmp_path)
 

@@ -199,7 +199,7 @@ def test_gltf_cannot_read_files_outside_its_folder(tmp_path, uri):
         ({"asset": {"version": "1.0"}}, "glTF 1.0, expected 2.0"),
         ({"asset": {}}, "asset.version is missing"),
         ({"nodes": [{"mesh": 4}]}, r"nodes\[0\].mesh is 4, expected an index below 1"),
-        ({"nodes": [{"mesh": 0, "translation": [0, 0]}]}, "expected 3 numbers"),
+        ({"nodes": [{"mesh": 0, "translation": [0, 0]}]}, "expected 3 finite numbers"),
         ({"nodes": [{"mesh": 0, "scale": [1, 1, 1e999]}]}, "Infinity is no JSON number"),
         ({"nodes": [{"mesh": 0, "scale": [1, 1, 10**400]}]}, "3 finite numbers"),
         ({"nodes": [{"mesh": 0, "children": [0]}]}, "parents or is its own"),

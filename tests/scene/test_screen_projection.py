@@ -1,12 +1,13 @@
 """Bounds on the screen of all that lies in the hull of some points."""
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from nlens_video.core.layers import Box
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import misses, travel_bound_px
+from nlens_video.scene.screen_projection import misses, travel_bound_px, travel_ref
 
 BOX = Box(-20, -20, 340, 220)
 
@@ -75,6 +76,7 @@ def test_screen_motion_of_a_hull_stays_within_the_bound(seed, moments, count, st
     points = points_near(rng, camera, count, 0.3)
     points = points + step * rng.normal(size=(moments, count, 3)).cumsum(axis=0)
     bound = travel_bound_px(list(points), [camera] * moments)
+    assert bound == pytest.approx(travel_ref(list(points), [camera] * moments), rel=1e-9)
     assume(bound < np.inf)
     ways = [camera.pixels(camera.to_camera(own)) for own in inside_hull(rng, points)]
     travelled = np.linalg.norm(np.diff(ways, axis=0), axis=-1).sum(axis=0)

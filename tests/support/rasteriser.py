@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from nlens_video.core.layers import Box
 from nlens_video.render.software import raster, reference_kernels, triangles
 from nlens_video.render.software import shading_block as at
-from nlens_video.scene import screen_projection
+from nlens_video.scene import Camera, screen_projection
 
 SIZE = (24, 32)
 
@@ -12,10 +13,10 @@ SIZE = (24, 32)
 def drawn(positions, faces, *, near=0.5, sides=1, rows=None):
     """Triangles and disparities of the samples, by `raster`, seen from the origin along -Z."""
     height, width = SIZE
-    lens = screen_projection.PinholeParams(
-        axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0,
-        near=near, width=width, height=height,
-    ).numbers()  # fmt: skip
+    camera = Camera(
+        world_from_camera=np.eye(4), fx=20.0, fy=20.0, cx=16.0, cy=12.0, width=width, height=height
+    )
+    lens = screen_projection.pinhole_params(camera, Box(0, 0, width, height), near)
     points = np.empty((len(positions), 3))
     screen_projection.project(positions, lens, points)
     shape = (points, positions, faces, lens)

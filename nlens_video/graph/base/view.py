@@ -9,12 +9,11 @@ from nlens_video.core.errors import Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import extent, misses
+from nlens_video.scene.camera import Camera, contact_point, place_camera
 from nlens_video.scene.illumination import Illumination
-from nlens_video.scene.placement_camera import contact_point, place_camera
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.screen_projection import extent, misses
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera

@@ -16,10 +16,10 @@ from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import extent
 from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.screen_projection import extent
 
 # Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
 # tell 1e-4 of the far depth any more.

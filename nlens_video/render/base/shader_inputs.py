@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.scene.gltf.lights import PosedLight
 from nlens_video.scene.gltf.materials import Material, TextureUse
-from nlens_video.scene.illumination import MAX_LAMPS, Illumination
+from nlens_video.scene.illumination import MAX_LAMPS, Illumination, PosedLight
 
 
 @dataclass(frozen=True, slots=True, eq=False)

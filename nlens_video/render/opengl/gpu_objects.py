@@ -10,8 +10,7 @@ from OpenGL import GL
 
 from nlens_video.core.layers import Float64
 from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
-from nlens_video.scene.gltf.images import Image
-from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.materials import Image, Material
 from nlens_video.scene.posed import PosedMesh
 
 _SHRINKING = {GL.GL_NEAREST, GL.GL_LINEAR}

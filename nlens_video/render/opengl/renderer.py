@@ -21,8 +21,7 @@ from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS, Lighting
 from nlens_video.render.opengl.framebuffer import BehindTarget, FloatTarget
 from nlens_video.render.opengl.gpu_objects import GpuMaterial, GpuPrimitive, GpuTexture
-from nlens_video.scene.gltf.images import Image
-from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.materials import Image, Material
 from nlens_video.scene.posed import PosedScene
 
 _SHADERS = Path(__file__).parent / "shaders"

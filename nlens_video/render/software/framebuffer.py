@@ -21,7 +21,7 @@ from nlens_video.render.software import (
 from nlens_video.render.software.scene_buffers import SceneBuffers
 from nlens_video.render.software.shading_block import Int32, new_block
 from nlens_video.scene import screen_projection
-from nlens_video.scene.extent import pinhole_params
+from nlens_video.scene.screen_projection import pinhole_params
 
 Rows = tuple[int, int]
 _NONE = np.empty((0, 0), np.float32)
@@ -58,24 +58,23 @@ class Framebuffer:
             behind: leave out what blends, and the inner sides of closed bodies.
         """
         lens = pinhole_params(setup.camera, setup.box, setup.near)
-        numbers = lens.numbers()
-        width, height = lens.width, lens.height
+        width, height = setup.box.width, setup.box.height
         count = len(shown.faces)
         points = scratch("points", (len(shown.positions), 3), np.float64)
         spans = scratch("spans", (count, 2), np.int32)
         planes = scratch("planes", (count, triangles.PLANES))
         kept = scratch("kept", (count,), np.int32)
         lines = triangles.SAMPLES * height
-        screen_projection.project(shown.positions, numbers, points)
-        shape = (points, shown.positions, shown.faces, numbers)
+        screen_projection.project(shown.positions, lens, points)
+        shape = (points, shown.positions, shown.faces, lens)
         found = triangles.set_up(
             shape, shown.outer_sides if behind else shown.sides, width, lines, spans, planes, kept
         )
         opaque, masked, blended = shown.by_alpha(kept[:found], lens)
         blended = blended[: 0 if behind else None]
         ambient = lighting.ambient_rows()[: 0 if lighting.ambient is None else 9]
-        lamps = lighting.lamp_rows(lens.eye), lighting.suns, ambient
-        pinhole = np.array([*lens.axes.ravel(), lens.fx, lens.fy, lens.cx, lens.cy], np.float32)
+        lamps = lighting.lamp_rows(lens[9:12]), lighting.suns, ambient
+        pinhole = np.delete(lens[:16], slice(9, 12)).astype(np.float32)
         stored = (lines, width + raster.PADDING)
         through = stored if len(blended) else (0, 0)
         return cls(

@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Bool, Float32
+from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.render.base.shader_inputs import material_params, texture_uses
 from nlens_video.render.software.interpolation import MeshBuffers
 from nlens_video.render.software.material_eval import OPAQUE, UNLIT, MaterialBuffers
 from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.texture_atlas import Atlas
-from nlens_video.scene.gltf.images import Image
-from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.materials import Image, Material
 from nlens_video.scene.posed import PosedMesh, PosedScene
-from nlens_video.scene.screen_projection import PinholeParams
 
 _ORDER = ("OPAQUE", "MASK", "BLEND")
 _BACK, _MIRRORED = 1, 2
@@ -85,11 +83,15 @@ class SceneBuffers:
         mirrored = np.array([mesh.mirrored for mesh in posed.meshes], np.uint8)
         self.sides = self._doubles | (mirrored * np.uint8(_MIRRORED))[self._mesh_of]
 
-    def by_alpha(self, kept: Int32, lens: PinholeParams) -> tuple[Int32, Int32, Int32]:
+    def by_alpha(self, kept: Int32, lens: Float64) -> tuple[Int32, Int32, Int32]:
         """Triangles to be drawn, ascending (N,), as opaque, masked and blended ones.
 
         Those that blend come from near to far: whole meshes by their mean depth, and their
         triangles by that of their centres.
+
+        Args:
+            kept: triangles in view.
+            lens: camera, as of `screen_projection.pinhole_params` (17,).
         """
         cuts = np.searchsorted(kept, self.starts[:2])
         opaque, masked, blended = np.split(kept, cuts)
@@ -97,7 +99,7 @@ class SceneBuffers:
             return opaque, masked, blended
         faces = self.faces[self.starts[1] :]
         mesh = self._mesh_of[self.starts[1] :]
-        depths = (self.positions - lens.eye.astype(np.float32)) @ -lens.axes[2].astype(np.float32)
+        depths = (self.positions - lens[9:12].astype(np.float32)) @ -lens[6:9].astype(np.float32)
         depth = depths[faces].mean(axis=1, dtype=np.float64)
         means = np.bincount(mesh, depth) / np.maximum(np.bincount(mesh), 1)
         own, chosen = depth[blended - self.starts[1]], mesh[blended - self.starts[1]]

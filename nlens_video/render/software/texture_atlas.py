@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.color import transfer
-from nlens_video.scene.gltf.images import LINEAR, NEAREST, Image
+from nlens_video.scene.gltf.materials import LINEAR, NEAREST, Image
 
 Texels = npt.NDArray[np.uint16]
 Table = npt.NDArray[np.int64]

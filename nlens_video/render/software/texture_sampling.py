@@ -24,7 +24,7 @@ from nlens_video.kernels.simd_operations import bilinear4, exponent, half_power,
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.texture_atlas import CLAMP, MIRROR, Table, Texels
-from nlens_video.scene.gltf.images import LINEAR
+from nlens_video.scene.gltf.materials import LINEAR
 
 Run = tuple[int, int]
 """First point of a block, and one beyond the last."""

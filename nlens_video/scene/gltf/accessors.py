@@ -1,15 +1,26 @@
-"""Accessors: typed arrays out of the file's bytes (strided, normalised, quantised, sparse)."""
+"""Accessors: typed arrays out of the file's bytes (strided, normalised, quantised, sparse, Draco).
+
+Draco's decoder is native code that trusts its input, so it runs in a process of its own, where it
+can neither crash this one nor take its memory. All of a file's meshes are decoded at once, because
+a process takes long to start.
+"""
 
 from __future__ import annotations
 
+import importlib.util
+import io
+import subprocess
+import sys
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32
-from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.document import DECODE_FIRST, Document
 from nlens_video.scene.gltf.fields import Fields
 
 _DTYPES: dict[int, npt.DTypeLike] = {
@@ -21,6 +32,10 @@ _DTYPES: dict[int, npt.DTypeLike] = {
     5126: "<f4",
 }
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+DRACO = "KHR_draco_mesh_compression"
+_DRACO_SECONDS = 120
+_TRIANGLES = 4
 
 Array = npt.NDArray[np.generic]
 
@@ -48,10 +63,7 @@ class AccessorReader:
 
     def width(self, index: int) -> int:
         """Components of each element of an accessor (1, 2, 3, 4 or 16)."""
-        kind = self._items[index].text("type")
-        if kind not in _WIDTHS:
-            raise self._items[index].wrong("type", f"one of {', '.join(_WIDTHS)}")
-        return _WIDTHS[kind]
+        return _WIDTHS[self._items[index].choice("type", _WIDTHS)]
 
     def provide(self, index: int, values: Array) -> None:
         """Give an accessor values (count, width) that its buffer view does not hold.
@@ -97,15 +109,10 @@ class AccessorReader:
     def _to_float(self, index: int) -> Float32:
         item, raw = self._items[index], self._raw(index)
         self.document.spend(raw.size * 4, item.place)
-        if raw.dtype.kind == "f":
-            values = raw.astype(np.float32)
-            if not np.isfinite(values).all():
-                raise SceneError(
-                    f"{item.place} holds NaN or infinite values; export the file again"
-                )
-            return values
         values = raw.astype(np.float32)
-        if item.flag("normalized"):
+        if not np.isfinite(values).all():
+            raise SceneError(f"{item.place} holds NaN or infinite values; export the file again")
+        if raw.dtype.kind != "f" and item.flag("normalized"):
             highest = np.float32(2 ** (8 * raw.itemsize - (raw.dtype.kind == "i")) - 1)
             values = np.maximum(np.divide(values, highest), np.float32(-1.0))
         return values
@@ -133,10 +140,7 @@ class AccessorReader:
 
     @staticmethod
     def _dtype(item: Fields) -> np.dtype[np.generic]:
-        code = item.integer("componentType")
-        if code not in _DTYPES:
-            raise item.wrong("componentType", "5120, 5121, 5122, 5123, 5125 or 5126")
-        return np.dtype(_DTYPES[code])
+        return np.dtype(_DTYPES[item.choice("componentType", _DTYPES)])
 
     def _strided(
         self, item: Fields, view: int, dtype: np.dtype[np.generic], shape: tuple[int, int]
@@ -175,3 +179,80 @@ class AccessorReader:
             what, what.integer("bufferView", below=views), values.dtype, shape
         )
         return values
+
+
+@dataclass(slots=True)
+class DracoReader:
+    """Hands the document's Draco meshes to its accessors.
+
+    Attributes:
+        document: the file.
+        accessors: its accessors; those of a Draco mesh have no buffer view.
+    """
+
+    document: Document
+    accessors: AccessorReader
+    _decoded: dict[str, npt.NDArray[Any]] | None = field(default=None)
+
+    def provide(self, primitive: Fields, compressed: Fields) -> None:
+        """Give the accessors of a primitive their values.
+
+        Raises:
+            SceneError: no decoder, broken data, or an attribute that it does not hold.
+        """
+        if primitive.integer("mode", default=_TRIANGLES) != _TRIANGLES:
+            raise primitive.wrong("mode", "triangles (4), as Draco holds them")
+        if self._decoded is None:
+            self._decoded = self._decode()
+        view = compressed.integer("bufferView", below=len(self.document.items("bufferViews")))
+        attributes, ids = primitive.child("attributes"), compressed.child("attributes")
+        for name in ids.data:
+            self._give(attributes, name, f"{view}/{ids.integer(name)}", compressed)
+        if "indices" in primitive:
+            self._give(primitive, "indices", f"{view}/faces", compressed)
+
+    def _give(self, owner: Fields, name: str, key: str, compressed: Fields) -> None:
+        values = (self._decoded or {}).get(key)
+        if values is None:
+            raise SceneError(f"{compressed.place} holds no {name[:40]}; {DECODE_FIRST}")
+        index = owner.integer(name, below=self.accessors.count)
+        self.accessors.provide(index, values)
+
+    def _decode(self) -> dict[str, npt.NDArray[Any]]:
+        if importlib.util.find_spec("DracoPy") is None:
+            raise SceneError(
+                f"its meshes are compressed ({DRACO}) and the decoder is not installed: "
+                f"pip install nlens-video[draco]; or {DECODE_FIRST}"
+            )
+        packed = io.BytesIO()
+        np.savez(packed, **self._views())  # type: ignore[arg-type]  # the names are ours
+        # By its path, so that it need not load this package.
+        command = [sys.executable, "-P", str(Path(__file__).with_name("draco_worker.py"))]
+        try:
+            run = subprocess.run(
+                command,
+                input=packed.getvalue(),
+                capture_output=True,
+                timeout=_DRACO_SECONDS,
+                check=False,
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise SceneError(f"its Draco meshes cannot be decoded ({error})") from error
+        if run.returncode != 0:
+            raise SceneError(f"its Draco meshes are broken or too large; {DECODE_FIRST}")
+        with np.load(io.BytesIO(run.stdout), allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
+
+    def _views(self) -> dict[str, npt.NDArray[np.uint8]]:
+        views: dict[str, npt.NDArray[np.uint8]] = {}
+        count = len(self.document.items("bufferViews"))
+        for mesh in self.document.items("meshes"):
+            for primitive in mesh.children("primitives"):
+                compressed = primitive.extension(DRACO)
+                if compressed is not None:
+                    view = compressed.integer("bufferView", below=count)
+                    if str(view) not in views:
+                        data = self.document.buffer_view(view)
+                        self.document.spend(len(data), compressed.place)
+                        views[str(view)] = np.frombuffer(data, np.uint8)
+        return views

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TypeGuard, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.layers import Float32, Float64
 
 LARGEST = 1e18
 """Of coordinates and scales: the product of two is still a float32."""
+_T = TypeVar("_T", bound=int | str)
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,21 +67,33 @@ class Fields:
             SceneError: absent without a default, no number, or not finite.
         """
         value = self.data.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not _finite(value):
+        if not _is_finite(value):
             raise self.wrong(key, "a finite number")
         return float(value)
+
+    def positive(self, key: str) -> float | None:
+        """A number above 0, or None where it is absent."""
+        value = self.number(key) if key in self.data else None
+        if value is not None and value <= 0.0:
+            raise self.wrong(key, "a number above 0")
+        return value
+
+    def choice(self, key: str, allowed: Collection[_T], default: _T | None = None) -> _T:
+        """One of the allowed values; `default` where it is absent."""
+        value = self.data.get(key, default)
+        for one in allowed:
+            if value == one:
+                return one
+        raise self.wrong(key, f"one of {', '.join(map(str, allowed))}")
 
     def vector(self, key: str, size: int, default: tuple[float, ...]) -> tuple[float, ...]:
         """`size` finite numbers; `default` where they are absent."""
         if key not in self.data:
             return default
         value = self.data[key]
-        if not isinstance(value, list) or len(value) != size:
-            raise self.wrong(key, f"{size} numbers")
-        for item in value:
-            if isinstance(item, bool) or not isinstance(item, (int, float)) or not _finite(item):
-                raise self.wrong(key, f"{size} finite numbers")
-        return tuple(float(item) for item in value)
+        if not isinstance(value, list) or len(value) != size or not all(map(_is_finite, value)):
+            raise self.wrong(key, f"{size} finite numbers")
+        return tuple(map(float, value))
 
     def integers(self, key: str, below: int) -> tuple[int, ...]:
         """A list of indices below `below`; empty where it is absent."""
@@ -137,17 +154,21 @@ class Fields:
         return extensions.child(name) if name in extensions else None
 
 
-def check_range(values: Float32 | Float64, what: str) -> None:
-    """See that numbers can be multiplied.
+def check_range(values: npt.NDArray[_Float], what: str) -> npt.NDArray[_Float]:
+    """The values, whose products are finite numbers as well.
 
     Raises:
         SceneError: one of them is not a number or beyond `LARGEST`.
     """
     if values.size and not max(values.max(), -values.min()) <= LARGEST:
         raise SceneError(f"{what} lies beyond {LARGEST:g}; export the scene in metres")
+    return values
 
 
-def _finite(value: float) -> bool:
+def _is_finite(value: object) -> TypeGuard[float]:
+    """Whether a value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
     try:
         return math.isfinite(value)
     except OverflowError:  # an integer beyond the range of a float

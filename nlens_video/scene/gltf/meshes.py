@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.scene.gltf.accessors import AccessorReader
+from nlens_video.scene.gltf.accessors import DRACO, AccessorReader, DracoReader
 from nlens_video.scene.gltf.document import Document
-from nlens_video.scene.gltf.draco import EXTENSION, DracoReader
 from nlens_video.scene.gltf.fields import Fields, check_range
 from nlens_video.scene.gltf.materials import Material
 
@@ -121,7 +120,7 @@ class _PrimitiveReader:
         if "POSITION" not in attributes:
             self.document.warn(f"mesh '{name}': a primitive without POSITION is not drawn")
             return None
-        compressed = item.extension(EXTENSION)
+        compressed = item.extension(DRACO)
         if compressed is not None:
             self.draco.provide(item, compressed)
         self._spend(item, attributes)

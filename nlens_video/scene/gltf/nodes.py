@@ -1,15 +1,17 @@
-"""The node hierarchy: local transforms to world matrices."""
+"""The node hierarchy: local transforms to world matrices, and skins, whose joints are nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Bool, Float64
+from nlens_video.scene.gltf.accessors import AccessorReader
+from nlens_video.scene.gltf.animation_kernels import multiply
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields, check_range
 
@@ -27,7 +29,6 @@ class Hierarchy:
             without animation (N, 10).
         matrices: local matrices (N, 4, 4) of nodes that have one.
         has_matrix: which nodes have one (N,).
-        levels: pairs (nodes, their parents) from the roots' children downwards.
         visible: nodes of the chosen scene.
         parents: parent of each node, -1 for a root.
         order: nodes and their parents (N, 2), parents first.
@@ -36,16 +37,9 @@ class Hierarchy:
     rest: Float64
     matrices: Float64
     has_matrix: Bool
-    levels: tuple[tuple[Indices, Indices], ...]
     visible: frozenset[int]
     parents: tuple[int, ...]
-    order: Indices = field(init=False)
-
-    def __post_init__(self) -> None:
-        roots = [node for node, parent in enumerate(self.parents) if parent < 0]
-        nodes = np.concatenate([np.array(roots, np.int64), *(nodes for nodes, _ in self.levels)])
-        parents = np.array(self.parents, np.int64)[nodes]
-        object.__setattr__(self, "order", np.stack([nodes, parents], axis=1))
+    order: Indices
 
     def with_ancestors(self, nodes: Iterable[int]) -> frozenset[int]:
         """Nodes, and all that carry them."""
@@ -56,13 +50,9 @@ class Hierarchy:
                 node = self.parents[node]
         return frozenset(found)
 
-    def with_descendants(self, node: int) -> frozenset[int]:
-        """A node, and all that it carries."""
-        found = {node}
-        for children, parents in self.levels:
-            pairs = zip(children.tolist(), parents.tolist(), strict=True)
-            found.update(child for child, parent in pairs if parent in found)
-        return frozenset(found)
+    def with_descendants(self, nodes: Iterable[int]) -> frozenset[int]:
+        """Nodes, and all that they carry."""
+        return _with_descendants(self.order, nodes)
 
     def world(self, local: Float64) -> Float64:
         """World matrices (N, 4, 4) of all nodes.
@@ -73,12 +63,17 @@ class Hierarchy:
         Raises:
             SceneError: a node is moved or scaled beyond what float32 can multiply.
         """
-        from nlens_video.scene.animation.kernels import multiply  # here: numba takes long to load
-
         world = np.empty((len(local), 4, 4))
         multiply(local, self.order, self.matrices, self.has_matrix, world)
-        check_range(world, "a node's place or scale")
-        return world
+        return check_range(world, "a node's place or scale")
+
+
+def _with_descendants(order: Indices, nodes: Iterable[int]) -> frozenset[int]:
+    found = set(nodes)
+    for node, parent in order.tolist():
+        if parent in found:
+            found.add(node)
+    return frozenset(found)
 
 
 def normalized(quaternions: Float64) -> Float64:
@@ -100,7 +95,7 @@ def read_hierarchy(document: Document, scene: str | None = None) -> Hierarchy:
     """
     nodes = document.items("nodes")
     parents = _parents(nodes)
-    levels = _levels(parents)
+    order = _order(parents)
     rest = [
         _rows(nodes, "translation", (0.0, 0.0, 0.0)),
         normalized(_rows(nodes, "rotation", (0.0, 0.0, 0.0, 1.0))),
@@ -111,9 +106,9 @@ def read_hierarchy(document: Document, scene: str | None = None) -> Hierarchy:
         rest=np.concatenate(rest, axis=1),
         matrices=np.ascontiguousarray(matrices),
         has_matrix=np.array(["matrix" in node for node in nodes], dtype=bool),
-        levels=levels,
-        visible=_visible(document, len(nodes), levels, scene),
+        visible=_visible(document, order, scene),
         parents=tuple(parents),
+        order=order,
     )
 
 
@@ -132,36 +127,31 @@ def _parents(nodes: tuple[Fields, ...]) -> list[int]:
     return parents
 
 
-def _levels(parents: list[int]) -> tuple[tuple[Indices, Indices], ...]:
+def _order(parents: list[int]) -> Indices:
     children: list[list[int]] = [[] for _ in parents]
     for child, parent in enumerate(parents):
         if parent >= 0:
             children[parent].append(child)
-    current = [index for index, parent in enumerate(parents) if parent < 0]
-    seen = len(current)
-    levels: list[tuple[Indices, Indices]] = []
-    while current := [child for index in current for child in children[index]]:
-        seen += len(current)
-        if len(levels) == _DEEPEST:
+    level = [index for index, parent in enumerate(parents) if parent < 0]
+    nodes: list[int] = []
+    depth = 0
+    while level:
+        nodes += level
+        level = [child for index in level for child in children[index]]
+        depth += 1
+        if level and depth > _DEEPEST:
             raise SceneError(f"nodes are nested more than {_DEEPEST} deep; flatten the scene")
-        nodes = np.array(current, dtype=np.int64)
-        levels.append((nodes, np.array([parents[i] for i in current], dtype=np.int64)))
-    if seen != len(parents):
+    if len(nodes) != len(parents):
         raise SceneError("nodes form a cycle; expected a tree; export the file again")
-    return tuple(levels)
+    return np.array([(node, parents[node]) for node in nodes], np.int64).reshape(-1, 2)
 
 
-def _visible(
-    document: Document,
-    count: int,
-    levels: tuple[tuple[Indices, Indices], ...],
-    scene: str | None,
-) -> frozenset[int]:
+def _visible(document: Document, order: Indices, scene: str | None) -> frozenset[int]:
     scenes = document.items("scenes")
     if not scenes:
         if scene is not None:
             raise SceneError(f"it has no scenes, so none is '{scene}'; leave --scene out")
-        return frozenset(range(count))
+        return frozenset(range(len(order)))
     chosen = document.root.integer("scene", below=len(scenes), default=0)
     # A name matters only where there is a choice.
     names = [item.name for item in scenes] if scene is not None or len(scenes) > 1 else []
@@ -173,11 +163,7 @@ def _visible(
             f"of {len(names)} scenes {_called(names, chosen)} is shown; "
             f"--scene NAME shows another: {others}"
         )
-    visible = np.zeros(count, dtype=bool)
-    visible[list(scenes[chosen].integers("nodes", count))] = True
-    for nodes, parents in levels:
-        visible[nodes] |= visible[parents]
-    return frozenset(np.flatnonzero(visible).tolist())
+    return _with_descendants(order, scenes[chosen].integers("nodes", len(order)))
 
 
 def _chosen(names: list[str], scene: str) -> int:
@@ -192,3 +178,50 @@ def _chosen(names: list[str], scene: str) -> int:
 def _called(names: list[str], at: int) -> str:
     """A scene as one can ask for it."""
     return names[at] if names[at] and names.index(names[at]) == at else str(at)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """Joints of a skinned mesh.
+
+    Attributes:
+        joints: their nodes (J,).
+        inverse_bind: matrices (J, 4, 4) from the mesh's space to each joint's at rest.
+    """
+
+    joints: tuple[int, ...]
+    inverse_bind: Float64
+
+    def matrices(self, world: Float64) -> Float64:
+        """Matrices (J, 4, 4) from the mesh's rest space to the world.
+
+        Raises:
+            SceneError: an entry is out of range.
+        """
+        return check_range(world[list(self.joints)] @ self.inverse_bind, "a skin's joint")
+
+
+def read_skins(document: Document, accessors: AccessorReader) -> tuple[Skin, ...]:
+    """All skins of the file.
+
+    Raises:
+        SceneError: a skin without joints, or with too few inverse bind matrices.
+    """
+    nodes = len(document.items("nodes"))
+    skins = []
+    for item in document.items("skins"):
+        joints = item.integers("joints", nodes)
+        if not joints:
+            raise SceneError(f"{item.place} has no joints; export the file again")
+        index = item.reference("inverseBindMatrices", accessors.count)
+        inverse = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
+        if index is not None:
+            flat = accessors.floats(index, 16)[: len(joints)].astype(np.float64)
+            inverse = np.swapaxes(flat.reshape(-1, 4, 4), 1, 2)
+        if len(inverse) < len(joints):
+            raise SceneError(
+                f"{item.place} has {len(joints)} joints and {len(inverse)} inverse bind matrices; "
+                "export the file again"
+            )
+        skins.append(Skin(joints, inverse))
+    return tuple(skins)

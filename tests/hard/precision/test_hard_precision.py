@@ -48,9 +48,8 @@ from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.render.software.texture_atlas import Atlas
 from nlens_video.render.software.texture_sampling import sample_texture
 from nlens_video.scene import Camera, Scene, screen_projection
-from nlens_video.scene.animation import kernels as animation_kernels
-from nlens_video.scene.animation import kernels_ref
-from nlens_video.scene.gltf.images import Image
+from nlens_video.scene.gltf import animation_kernels
+from nlens_video.scene.gltf.materials import Image
 from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.video.pixels import blend, blend_ref
 from nlens_video.video.pixels.sample_views import array_samples
@@ -68,7 +67,7 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "a half-hidden lens": "kernels/reblur/edge_parallax",
     "the paper's scatter": "kernels/reblur/paper_scatter",
     "pull-push": "kernels/pull_push",
-    "nodes of a scene": "scene/animation/kernels",
+    "nodes of a scene": "scene/gltf/animation_kernels",
     "projection of vertices": "scene/screen_projection",
     "disparity of samples": "render/software/raster render/software/triangles"
         " render/software/interpolation",
@@ -159,7 +158,7 @@ def _nodes(rng):
     expected = local.copy()
     for node in range(count):
         keys = values[2 * node : 2 * node + 2]
-        expected[node, 3:7] = kernels_ref.sampled(
+        expected[node, 3:7] = animation_kernels.sample_ref(
             0.3, times, keys, animation_kernels.LINEAR, turns=True
         )
     animation_kernels.sample(0.3, np.array(tracks), times, values, local)
@@ -167,8 +166,8 @@ def _nodes(rng):
     parents = np.arange(count) - 1
     order = np.stack([np.arange(count), parents], axis=1)
     animation_kernels.multiply(local, order, world.copy(), np.zeros(count, bool), world)
-    own = [kernels_ref.composed(row) for row in expected]
-    return np.abs(world[-1] - kernels_ref.world(count - 1, own, parents)).max()
+    own = [animation_kernels.compose_ref(row) for row in expected]
+    return np.abs(world[-1] - animation_kernels.world_ref(count - 1, own, parents)).max()
 
 
 @cache
@@ -180,10 +179,7 @@ def _geometry() -> dict[str, tuple[float, float]]:
     view = Camera(
         world_from_camera=np.eye(4), fx=20.0, fy=20.0, cx=16.0, cy=12.0, width=32, height=24
     )
-    numbers = screen_projection.PinholeParams(
-        axes=np.eye(3), eye=np.zeros(3), fx=20.0, fy=20.0, cx=16.0, cy=12.0, near=0.5, width=32,
-        height=24,
-    ).numbers()  # fmt: skip
+    numbers = screen_projection.pinhole_params(view, Box(0, 0, 32, 24), 0.5)
     points = np.empty((60, 3))
     screen_projection.project(positions, numbers, points)
     before = positions[:, 2] < -0.5

@@ -133,13 +133,13 @@ def test_tiny_and_huge_scales_keep_shape_and_normals(tmp_path):
         np.testing.assert_allclose(posed.meshes[0].normals, NORMALS, atol=1e-6)
 
 
-def test_scene_without_skins_does_not_import_scipy(tmp_path):
+def test_scene_without_skins_does_not_import_sparse_matrices(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())
     path = builder.write(tmp_path / "scene.glb")
     code = (
         "import sys; from pathlib import Path; from nlens_video.scene import Scene; "
-        "Scene.load(Path(sys.argv[1])); print('scipy' in sys.modules)"
+        "Scene.load(Path(sys.argv[1])); print('scipy.sparse' in sys.modules)"
     )
     command = [sys.executable, "-c", code, str(path)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)

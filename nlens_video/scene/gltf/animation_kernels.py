@@ -1,25 +1,22 @@
 """Node animation: keyframe tracks sampled at one time, and world matrices composed.
 
 Two calls for all nodes; NumPy takes ten times as long, on every frame, also while the object is out
-of view. Defined by `kernels_ref`.
+of view. Below the kernels stands their NumPy reference, one track and node at a time: glTF 2.0,
+section 3.11 and appendix C.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.kernels.numba_config import inlined, kernel_of
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from nlens_video.core.layers import Bool, Float64
-
-    Table = npt.NDArray[np.int64]
-
+Table = npt.NDArray[np.int64]
 STEP, LINEAR, CUBIC = 0, 1, 2
 _ALIKE = 1e-6  # sine of the angle between rotations, below which their weights are linear
 # columns of `tracks`
@@ -160,3 +157,66 @@ def multiply(
                 own[row, column] = (
                     above[row, 0] * a + above[row, 1] * b + above[row, 2] * c + above[row, 3] * d
                 )
+
+
+def sample_ref(
+    time_s: float, times: Sequence[float], values: Float64, kind: int, *, turns: bool
+) -> Float64:
+    """Value (W,) of a track with values (K, 3, W) at a time; its ends hold before and after."""
+    held = float(np.clip(time_s, times[0], times[-1]))
+    key = int(np.searchsorted(times, held, side="right")) - 1
+    if key == len(times) - 1 or kind == STEP:
+        result = values[key, 1]
+    else:
+        left, right = values[key], values[key + 1]
+        span = times[key + 1] - times[key]
+        u = (held - times[key]) / span
+        if kind == CUBIC:
+            powers = np.array([u**3, u**2, u, 1.0])
+            result = (
+                powers @ [2.0, -3.0, 0.0, 1.0] * left[1]
+                + powers @ [1.0, -2.0, 1.0, 0.0] * span * left[2]
+                + powers @ [-2.0, 3.0, 0.0, 0.0] * right[1]
+                + powers @ [1.0, -1.0, 0.0, 0.0] * span * right[0]
+            )
+        elif turns:
+            result = _slerp(left[1], right[1], u)
+        else:
+            result = (1.0 - u) * left[1] + u * right[1]
+    if not turns:
+        return np.asarray(result)
+    length = float(np.linalg.norm(result))
+    return np.asarray(result / length if length > 0.0 else [0.0, 0.0, 0.0, 1.0])
+
+
+def _slerp(left: Float64, right: Float64, u: float) -> Float64:
+    """Unit quaternions (4,) interpolated on the sphere, along the shorter way."""
+    cosine = float(left @ right)
+    if cosine < 0.0:
+        right = -right
+    angle = float(np.arccos(min(abs(cosine), 1.0)))
+    if np.sin(angle) < 1e-6:
+        return (1.0 - u) * left + u * right
+    return np.asarray(
+        (np.sin((1.0 - u) * angle) * left + np.sin(u * angle) * right) / np.sin(angle)
+    )
+
+
+def compose_ref(local: Float64) -> Float64:
+    """Matrix (4, 4) of translation * rotation * scale, which lie in a row (10,)."""
+    x, y, z, w = local[3:7]
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation @ np.diag(local[7:])
+    matrix[:3, 3] = local[:3]
+    return matrix
+
+
+def world_ref(node: int, locals_: Sequence[Float64], parents: Sequence[int]) -> Float64:
+    """World matrix (4, 4) of a node, from all nodes' local ones (4, 4)."""
+    own = locals_[node]
+    return own if parents[node] < 0 else world_ref(parents[node], locals_, parents) @ own

@@ -1,1 +1,0 @@
-"""Animation: keyframe tracks and their evaluation."""
