@@ -40,7 +40,7 @@ What a lens, a scene or a plate can be at its worst, and what comes out. `make h
 of `tests/hard` and writes this page; the same functions are the suite's tests, and a test fails
 where this page claims anything that it does not check. Light is scene-linear, a CoC a signed
 diameter in pixels, positive nearer than the focus. `draft`, `realtime`, `standard` and `lens` (the
-preset `reference`) are the rungs of quality.
+preset `reference`) are the quality levels.
 
 The long streams are not run anew by that: `python tests/hard/endurance/stream.py 100000
 docs/hard/endurance.json` runs and records them, in a quarter of an hour of processor time.

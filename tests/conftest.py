@@ -79,7 +79,7 @@ _NEEDS = {
 }
 
 
-SLOW_SUITES = {"hard", "stranger", "training"}
+SLOW_SUITES = {"hard", "end_to_end", "training"}
 """Suites that run programs, networks' training or hundreds of damaged files."""
 
 

@@ -17,7 +17,7 @@ from support.glb_builder import GlbBuilder
 from nlens_video.cli.main import main
 
 OTHER_PROGRAMS = ("make ", "pip install ", "pipx install ", "cp samples/", "python docs/")
-IN_A_SHELL = "tests/stranger/test_documents_in_a_shell.py"
+IN_A_SHELL = "tests/end_to_end/test_documents_in_a_shell.py"
 ELSEWHERE = {
     " | ": IN_A_SHELL,
     "/dev/video": IN_A_SHELL,

@@ -5,7 +5,7 @@ import ast
 from support.folders import ROOT, TESTS
 
 MODULES = sorted(TESTS.rglob("test_*.py"))
-SUITES = {"hard", "stranger", "training", "support"}
+SUITES = {"hard", "end_to_end", "training", "support"}
 
 
 def imported(path):

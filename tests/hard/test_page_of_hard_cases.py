@@ -13,7 +13,7 @@ def every_case():
     return {(case.theme, case.title, case.picture) for case in CASES}
 
 
-def test_page_shows_each_case_with_its_picture_and_no_other():
+def test_page_lists_exactly_the_hard_cases_with_their_pictures():
     shown, theme = set(), ""
     for line in PAGE.read_text().splitlines():
         theme = line[3:] if line.startswith("## ") else theme
@@ -25,6 +25,6 @@ def test_page_shows_each_case_with_its_picture_and_no_other():
     assert sum((PAGE.parent / name).stat().st_size for name in pictures) < 2e6
 
 
-def test_every_case_claims_something():
+def test_every_hard_case_has_a_docstring_sentence():
     every_case()
     assert all(case.claim.endswith(".") for case in CASES)

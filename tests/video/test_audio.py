@@ -89,7 +89,7 @@ def test_ac3_audio_is_copied_byte_for_byte(tmp_path, name):
     assert read_packets(tmp_path / name) == read_packets(clip)
 
 
-def test_audio_stays_in_sync(tmp_path):
+def test_audio_of_another_length_than_the_video_stays_in_sync(tmp_path):
     made = [noise_frame(32, 24, "yuv420p", seed) for seed in range(10)]
     clip = write_clip(tmp_path / "in.mkv", made, audio=True, time_base=Fraction(1, 1000),
                       pts=range(0, 400, 40))  # fmt: skip

@@ -34,7 +34,7 @@ def _coc(value: float) -> np.ndarray:
 
 
 @case
-def test_one_code():
+def test_alpha_of_one_code_value():
     """A layer of alpha 1/255 blurs as an opaque one does, times 1/255."""
     figures, shown = [], {}
     for coc in (3.0, 9.0, 30.0):
@@ -48,7 +48,7 @@ def test_one_code():
 
 
 @case
-def test_denormals():
+def test_subnormal_alpha_and_light():
     """Coverage and light too small for a normal float end as next to nothing, never as NaN."""
     figures = []
     for alpha in (1e-45, 1e-39, 1e-30, 1e-8):
@@ -73,7 +73,7 @@ def test_denormals():
 
 
 @case
-def test_no_alpha_and_no_colour():
+def test_empty_layer():
     """Premultiplied nothing is nothing, whatever depth it claims, and reads no CoC."""
     rgba = np.zeros((SIDE, SIDE, 4), np.float32)
     coc = _coc(np.nan)
@@ -145,7 +145,7 @@ def test_light_without_alpha():
 
 
 @case
-def test_fast_as_the_definition_for_faint_layers():
+def test_faint_layers_agree_with_the_reference():
     """The fast scatter gives what its definition gives for layers of any faintness."""
     rng = np.random.default_rng(3)
     figures = []

@@ -3,31 +3,42 @@
 import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import INK, OTHER, OURS, PALE, haze, over_grey, panels, plot
-from hard.rungs import RUNGS, Card, cards, lens_at, lens_of_coc, sharp, spread_px, through
+from hard.quality_levels import (
+    QUALITIES,
+    Card,
+    cards,
+    lens_at,
+    lens_of_coc,
+    sharp,
+    spread_px,
+    through,
+)
 from support.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.scatter.scatter import scatter
 
-COLOURS = dict(zip(RUNGS, (PALE, OURS, OTHER, INK), strict=True))
+COLOURS = dict(zip(QUALITIES, (PALE, OURS, OTHER, INK), strict=True))
 
 
 @case
-def test_zero():
-    """An object on the focal plane comes back bit for bit, on every rung."""
+def test_coc_of_zero():
+    """An object on the focal plane comes back bit for bit, at every quality level."""
     scene = cards(Card(2.0))
     plain = sharp(scene)
-    seen = {rung: through(rung, scene, lens_of_coc(0.0, 2.0)) for rung in RUNGS}
-    changed = {rung: np.count_nonzero(seen[rung] != plain) for rung in RUNGS}
+    seen = {quality: through(quality, scene, lens_of_coc(0.0, 2.0)) for quality in QUALITIES}
+    changed = {quality: np.count_nonzero(seen[quality] != plain) for quality in QUALITIES}
     return Outcome(
-        tuple(exactly(f"values that {rung} changes", changed[rung], 0) for rung in RUNGS),
+        tuple(
+            exactly(f"values that {quality} changes", changed[quality], 0) for quality in QUALITIES
+        ),
         lambda: panels({"sharp": over_grey(plain), **{k: over_grey(v) for k, v in seen.items()}}),
     )
 
 
 @case
-def test_epsilon_of_either_sign():
+def test_coc_near_zero_of_either_sign():
     """A CoC next to nothing, from the smallest float up, changes nothing, whatever its sign."""
     rgba = sharp(cards(Card(2.0)))
     sizes = [1.4e-45, 1e-38, 1e-12, 1e-6, 1e-3, 1e-2]
@@ -52,34 +63,37 @@ def test_epsilon_of_either_sign():
 
 
 @case
-def test_where_blur_begins():
-    """From 0 to 1.5 px the picture departs from the sharp one without a jump, on every rung.
+def test_onset_of_blur():
+    """From 0 to 1.5 px the picture departs from the sharp one without a jump, at every level.
 
     `standard` adds views of four samples a pixel, whose edges go by quarters.
     """
     scene = cards(Card(2.0))
     steps = np.arange(0.0, 1.52, 0.05)
     curves = {
-        rung: np.stack([through(rung, scene, lens_of_coc(c, 2.0)) for c in steps]) for rung in RUNGS
+        quality: np.stack([through(quality, scene, lens_of_coc(c, 2.0)) for c in steps])
+        for quality in QUALITIES
     }
-    jumps = {rung: float(np.abs(np.diff(seen, axis=0)).max()) for rung, seen in curves.items()}
+    jumps = {
+        quality: float(np.abs(np.diff(seen, axis=0)).max()) for quality, seen in curves.items()
+    }
 
     def draw(axes):
-        for rung, seen in curves.items():
+        for quality, seen in curves.items():
             away = np.abs(seen - seen[0]).max(axis=(1, 2, 3))
-            axes.plot(steps, away, color=COLOURS[rung], label=rung)
+            axes.plot(steps, away, color=COLOURS[quality], label=quality)
 
     return Outcome(
         tuple(
             at_most(f"largest step of {r} by 0.05 px", jumps[r], 0.12 if r == "standard" else 0.035)
-            for r in RUNGS
+            for r in QUALITIES
         ),
         lambda: plot(draw, x="CoC [px]", y="largest change to sharp"),
     )
 
 
 @case
-def test_through_zero_inside_one_triangle():
+def test_coc_changing_sign_within_a_triangle():
     """A slab whose CoC runs from -12 through 0 to +20 px stays opaque and close to the lens."""
     slab = Slab(corners=(16, 16.3, 116.4, 86), coc_px=-12.4, slope=(0.05, 0.35))
     layer, coc = pinhole([slab], (102, 132))
@@ -100,16 +114,16 @@ def test_through_zero_inside_one_triangle():
 
 
 @case
-def test_larger_than_the_object():
-    """A card of 6 px under a CoC of 40 px keeps all its light, thin and wide, on every rung."""
+def test_coc_larger_than_the_object():
+    """A card of 6 px under a CoC of 40 px keeps all its light, thin and wide, at every level."""
     scene = cards(Card(2.0, half=(3.0, 3.0)))
     before = sharp(scene).sum((0, 1), dtype=np.float64)
-    seen = {rung: through(rung, scene, lens_of_coc(40.0, 2.0)) for rung in RUNGS}
+    seen = {quality: through(quality, scene, lens_of_coc(40.0, 2.0)) for quality in QUALITIES}
     lost = {k: np.abs(v.sum((0, 1), dtype=np.float64) / before - 1).max() for k, v in seen.items()}
     disc = np.pi * 20.0**2
     return Outcome(
         (
-            *(at_most(f"light that {k} loses or gains, share", lost[k], 1e-3) for k in RUNGS),
+            *(at_most(f"light that {k} loses or gains, share", lost[k], 1e-3) for k in QUALITIES),
             *(
                 at_most(
                     f"alpha in the middle by {k}, off from area / area of the disc",
@@ -124,22 +138,22 @@ def test_larger_than_the_object():
 
 
 @case
-def test_larger_than_the_frame():
+def test_coc_larger_than_the_frame():
     """A CoC of three frames and more leaves a thin haze, finite and even."""
     scene = cards(Card(2.0))
     seen = {
-        (rung, coc): through(rung, scene, lens_of_coc(coc, 2.0))
-        for rung in RUNGS
+        (quality, coc): through(quality, scene, lens_of_coc(coc, 2.0))
+        for quality in QUALITIES
         for coc in (300.0, -300.0, 1e6)
     }
     figures = []
-    for rung in RUNGS:
-        those = np.stack([v for (name, _), v in seen.items() if name == rung])
+    for quality in QUALITIES:
+        those = np.stack([v for (name, _), v in seen.items() if name == quality])
         finite = bool(np.isfinite(those).all())
         figures += [
-            exactly(f"{rung} is finite", str(finite), "True"),
-            at_most(f"greatest alpha of {rung}", those[..., 3].max(), 0.03),
-            at_least(f"least value of {rung}", those.min(), 0.0),
+            exactly(f"{quality} is finite", str(finite), "True"),
+            at_most(f"greatest alpha of {quality}", those[..., 3].max(), 0.03),
+            at_least(f"least value of {quality}", those.min(), 0.0),
         ]
     return Outcome(
         tuple(figures),
@@ -149,7 +163,7 @@ def test_larger_than_the_frame():
 
 
 @case
-def test_beyond_all_numbers():
+def test_coc_beyond_the_largest_disc():
     """A fit as steep as is accepted gives the largest disc there is, not an overflow."""
     rgba = sharp(cards(Card(2.0)))
     largest = scatter(rgba, _plane(rgba, 512.0))
@@ -172,48 +186,48 @@ def test_beyond_all_numbers():
 
 
 @case
-def test_growing_from_level_to_level():
+def test_coc_growing_across_resolution_levels():
     """While the CoC grows to 90 px, over every level of coarser pixels, nothing pops."""
     scene = cards(Card(2.0, half=(16.0, 16.0)))
     steps = np.geomspace(0.5, 90.0, 90)
     widths = {
-        rung: np.array([spread_px(through(rung, scene, lens_of_coc(c, 2.0))) for c in steps])
-        for rung in ("draft", "realtime")
+        quality: np.array([spread_px(through(quality, scene, lens_of_coc(c, 2.0))) for c in steps])
+        for quality in ("draft", "realtime")
     }
     begin = spread_px(sharp(scene))
     disc = np.sqrt(begin**2 + steps**2 / 8)  # second moments add up; a disc's is r^2 / 2
     seen = steps < 50.0  # beyond it the frame cuts the disc
-    off = {rung: np.abs(w / disc - 1.0)[seen].max() for rung, w in widths.items()}
-    falls = {rung: float(np.diff(w).min()) for rung, w in widths.items()}
+    off = {quality: np.abs(w / disc - 1.0)[seen].max() for quality, w in widths.items()}
+    falls = {quality: float(np.diff(w).min()) for quality, w in widths.items()}
 
     def draw(axes):
         axes.plot(steps, disc, color=PALE, lw=4, label="an even disc, before the frame cuts it")
-        for rung, width in widths.items():
-            axes.plot(steps, width, color=COLOURS[rung], lw=1, label=rung)
+        for quality, width in widths.items():
+            axes.plot(steps, width, color=COLOURS[quality], lw=1, label=quality)
 
     return Outcome(
         (
-            *(at_most(f"width by {rung}, off from the disc's, share", off[rung], limit)
-              for rung, limit in (("draft", 0.02), ("realtime", 0.005))),
-            *(at_least(f"least growth of {rung} by a step [px]", falls[rung], 0.0)
-              for rung in widths),
+            *(at_most(f"width by {quality}, off from the disc's, share", off[quality], limit)
+              for quality, limit in (("draft", 0.02), ("realtime", 0.005))),
+            *(at_least(f"least growth of {quality} by a step [px]", falls[quality], 0.0)
+              for quality in widths),
         ),
         lambda: plot(draw, x="CoC [px]", y="width of the picture [px]", log=("x",)),
     )  # fmt: skip
 
 
 @case
-def test_step_from_negative_to_positive():
+def test_coc_step_from_negative_to_positive():
     """A near card before a far one, +9 and -9 px: the near one hides, the far one shines round."""
     scene = cards(Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
     fit = lens_at(2.18, 21.0)
-    seen = {rung: through(rung, scene, fit) for rung in RUNGS}
+    seen = {quality: through(quality, scene, fit) for quality in QUALITIES}
     near, far = (float(fit.coc_px(np.float32(1 / depth))) for depth in (1.5, 4.0))
     figures = [at_least("CoC of the near card [px]", near, 9), at_most("of the far", far, -9)]
-    for rung in RUNGS:
+    for quality in QUALITIES:
         figures += [
-            exactly(f"{rung} is finite", str(bool(np.isfinite(seen[rung]).all())), "True"),
-            at_most(f"greatest alpha of {rung}", seen[rung][..., 3].max(), 1.0),
+            exactly(f"{quality} is finite", str(bool(np.isfinite(seen[quality]).all())), "True"),
+            at_most(f"greatest alpha of {quality}", seen[quality][..., 3].max(), 1.0),
         ]
     off = np.abs(seen["standard"] - seen["lens"]).mean()
     figures.append(at_most("mean difference of standard and lens", off, 5e-3))

@@ -11,7 +11,7 @@ import pytest
 from hard.catalogue import Outcome, case, exactly
 from hard.drawing import over_grey, panels
 from hard.objects import LENS, PRESETS, composited, cube, folder, plate_bgr
-from hard.rungs import RUNGS, Card, cards, lens_at, through
+from hard.quality_levels import QUALITIES, Card, cards, lens_at, through
 from support.folders import TESTS
 
 from nlens_video import Compositor
@@ -27,10 +27,13 @@ FIT = lens_at(2.18, 30.0)
 
 
 @case
-def test_any_number_of_threads():
-    """Rows shared by 1, 2, 3 or 7 threads give the same bits, on every rung."""
+def test_same_bits_on_any_number_of_threads():
+    """Rows shared by 1, 2, 3 or 7 threads give the same bits, at every quality level."""
     scene = cards(*NEAR_AND_FAR)
-    seen = {rung: [through(rung, scene, FIT, threads=n) for n in (1, 2, 3, 7)] for rung in RUNGS}
+    seen = {
+        quality: [through(quality, scene, FIT, threads=n) for n in (1, 2, 3, 7)]
+        for quality in QUALITIES
+    }
     return Outcome(
         tuple(
             exactly(f"values that differ, {r}", sum(int((v != s[0]).sum()) for v in s), 0)
@@ -41,17 +44,17 @@ def test_any_number_of_threads():
 
 
 @case
-def test_any_height_of_bands():
+def test_same_bits_for_any_height_of_bands():
     """Bands of 1, 5, 16 or 64 rows that threads take at a time give the same bits."""
     scene = cards(*NEAR_AND_FAR)
-    seen = {rung: [] for rung in RUNGS}
+    seen = {quality: [] for quality in QUALITIES}
     for rows in (1, 5, 16, 64):
         with pytest.MonkeyPatch.context() as changed:
             for module in (scatter, extend, levels, aperture_covariance):
                 changed.setattr(module, "BAND_ROWS", rows)
             changed.setattr(renderer, "_BANDS", rows)
-            for rung in RUNGS:
-                seen[rung].append(through(rung, scene, FIT))
+            for quality in QUALITIES:
+                seen[quality].append(through(quality, scene, FIT))
     return Outcome(
         tuple(
             exactly(f"values that differ, {r}", sum(int((v != s[0]).sum()) for v in s), 0)
@@ -62,7 +65,7 @@ def test_any_height_of_bands():
 
 
 @case
-def test_any_strip_for_the_papers_networks():
+def test_papers_networks_in_strips_of_any_height():
     """The paper's networks see strips of 32, 64 or all rows and give the same to a float's end."""
     networks = OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
     rng = np.random.default_rng(0)
@@ -98,7 +101,7 @@ def sums() -> dict[str, int]:
 
 
 @case
-def test_any_run():
+def test_same_bits_in_any_process():
     """A process of one core and other hashes, one of all cores, and this one: the same bits."""
     tests, found = str(TESTS), [sums()]
     for number, cores in enumerate(("one", "all")):
@@ -120,7 +123,7 @@ def test_any_run():
 
 
 @case
-def test_any_frame_before():
+def test_same_bits_after_any_frame():
     """A frame looks the same alone, after others, and after itself: nothing is carried along."""
     plate, figures = plate_bgr(), []
     with folder() as place:

@@ -5,7 +5,7 @@ import pytest
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import INK, OTHER, OURS, PALE, heat, over_grey, panels, plot
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder, plate_bgr
-from hard.rungs import RUNGS, Card, camera, cards, lens_at, sharp, through
+from hard.quality_levels import QUALITIES, Card, camera, cards, lens_at, sharp, through
 from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import LensFitError
@@ -44,7 +44,7 @@ def _spans(spans):
 
 
 @case
-def test_span_of_nothing():
+def test_ground_of_a_single_disparity():
     """A ground of one disparity, or of a span of 1e-9, gives the blur that it shows, and doubt."""
     spans = [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2]
     found, signs = _spans(spans)
@@ -63,7 +63,7 @@ def test_span_of_nothing():
 
 
 @case
-def test_negative_disparity():
+def test_ground_of_negative_disparity():
     """Ground behind the camera and sky beyond the horizon take no part in the fit."""
     rows = (np.arange(ROWS) - 40) / (ROWS - 40)  # negative above row 40
     disparity = np.repeat(rows[:, None], COLUMNS, axis=1)
@@ -86,7 +86,7 @@ def test_negative_disparity():
 
 
 @case
-def test_infinite_depth():
+def test_object_of_infinite_depth():
     """An object without depth lies at infinity; without depth in places it takes that beside."""
     fit = LensFit(slope=40.0, intercept=-8.0, width=40, height=30)
     rgba = np.ones((30, 40, 4), np.float32)
@@ -137,7 +137,7 @@ def _runway(behind: float) -> Scene:
 
 
 @case
-def test_crossing_the_near_plane():
+def test_object_crossing_the_near_plane():
     """A strip that runs on behind the camera looks as one that ends just outside the frame."""
     ends_before, runs_through = _runway(-0.6), _runway(40.0)
     fit = lens_at(2.0, 10.0)
@@ -145,20 +145,20 @@ def test_crossing_the_near_plane():
     figures, shown = [], {"ends before": over_grey(plain)}
     away = np.abs(sharp(runs_through) - plain)[:-4]
     figures.append(at_most("sharp picture, mean difference", away.mean(), 5e-3))
-    for rung in RUNGS:
-        seen = through(rung, runs_through, fit)
-        shown[f"runs on, {rung}"] = over_grey(seen)
+    for quality in QUALITIES:
+        seen = through(quality, runs_through, fit)
+        shown[f"runs on, {quality}"] = over_grey(seen)
         figures += [
-            exactly(f"{rung} is finite", str(bool(np.isfinite(seen).all())), "True"),
-            at_most(f"greatest alpha of {rung}", seen[..., 3].max(), 1.0),
-            at_least(f"least value of {rung}", seen.min(), -1e-6),
+            exactly(f"{quality} is finite", str(bool(np.isfinite(seen).all())), "True"),
+            at_most(f"greatest alpha of {quality}", seen[..., 3].max(), 1.0),
+            at_least(f"least value of {quality}", seen.min(), -1e-6),
         ]
     return Outcome(tuple(figures), lambda: panels(shown))
 
 
 @pytest.mark.needs_gl
 @case
-def test_crossing_the_near_plane_by_opengl():
+def test_object_crossing_the_near_plane_in_opengl():
     """OpenGL and the rasteriser draw a strip that runs on behind the camera alike."""
     seen = {}
     for kind in (SoftwareObjectRenderer, PyrenderObjectRenderer):
@@ -180,7 +180,7 @@ def test_crossing_the_near_plane_by_opengl():
 
 
 @case
-def test_behind_the_camera():
+def test_object_behind_the_camera():
     """An object behind the camera leaves the plate bit for bit, in every preset."""
     plate = plate_bgr()
     with folder() as place:
@@ -212,7 +212,7 @@ def test_camera_inside_the_object():
 
 
 @case
-def test_depths_of_eight_decades():
+def test_depths_over_eight_decades():
     """Cards at depths from 1e-4 to 1e4 units, a decade each, blur as each depth says."""
     fit = lens_at(1.0, 6.0)
     figures = []
@@ -234,11 +234,11 @@ def test_depths_of_eight_decades():
 
 
 @case
-def test_no_slope_at_all():
+def test_fit_of_constant_coc():
     """A fit of one CoC for all depths, the fallback, blurs near and far alike."""
     fit = LensFit(slope=0.0, intercept=-7.0, width=112, height=88)
     scene = cards(Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
-    seen = {rung: through(rung, scene, fit) for rung in RUNGS if rung != "standard"}
+    seen = {quality: through(quality, scene, fit) for quality in QUALITIES if quality != "standard"}
     apart = float(np.abs(seen["lens"] - seen["realtime"]).max())
     return Outcome(
         (
@@ -251,7 +251,7 @@ def test_no_slope_at_all():
 
 
 @case
-def test_plane_edge_on():
+def test_ground_plane_seen_edge_on():
     """A camera in the ground plane itself, and one that sees no ground, are told so in one line."""
     said = []
     for disparity in (np.zeros((ROWS, COLUMNS)), -np.ones((ROWS, COLUMNS))):

@@ -47,13 +47,13 @@ def _of_file(run, frames):
 
 
 @case
-def test_a_loop_of_frames():
+def test_live_loop_of_600_frames():
     """600 noisy frames of a live loop: the same moment gives the same bits, the lens stays."""
     return _of_loop(stream.loop(SHORT), SHORT)
 
 
 @case
-def test_a_file_of_frames():
+def test_file_of_600_frames():
     """600 frames at 30000/1001 a second: every time is exact."""
     return _of_file(stream.file(SHORT), SHORT)
 
@@ -62,12 +62,12 @@ def test_a_file_of_frames():
 
 
 @case
-def a_loop_of_100_000_frames():
+def live_loop_of_100_000_frames():
     """The same over 100 000 frames, as `tests/hard/endurance/stream.py` recorded it."""
     return _of_loop(_long()["loop"], 100_000)
 
 
 @case
-def a_file_of_100_000_frames():
+def file_of_100_000_frames():
     """An hour of frames, likewise recorded: no tick lost, memory but for the file's index."""
     return _of_file(_long()["file"], 100_000)

@@ -58,7 +58,7 @@ def small_files():
 
 
 @pytest.mark.parametrize("more", [(), ("--keep-partial",), ("--resume",)])
-def test_a_disk_that_fills_up_midway_is_one_line_and_leaves_no_result(shot, tmp_path, more):
+def test_disk_full_midway_is_a_one_line_error_without_a_result(shot, tmp_path, more):
     done = run(words(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more), preexec_fn=small_files)
     assert done.returncode == 6, done.stderr
     assert done.stderr.count("\n") == 1
@@ -75,7 +75,7 @@ def little_memory():
     resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
 
 
-def test_memory_that_does_not_suffice_is_one_line_and_leaves_no_result(shot, tmp_path):
+def test_out_of_memory_is_a_one_line_error_without_a_result(shot, tmp_path):
     assert cv2.imwrite(str(tmp_path / "large.png"), np.full((12000, 12000, 3), 90, np.uint8))
     given = [str(tmp_path / "large.png"), str(shot / "anim.glb"), str(tmp_path / "out.png")]
     done = run(
@@ -87,21 +87,21 @@ def test_memory_that_does_not_suffice_is_one_line_and_leaves_no_result(shot, tmp
     assert [path.name for path in tmp_path.iterdir()] == ["large.png"]
 
 
-def test_a_full_disk_under_a_sequence_leaves_no_file_of_it(shot, tmp_path):
+def test_full_disk_leaves_no_file_of_an_image_sequence(shot, tmp_path):
     done = run(words(shot, tmp_path / "o_%03d.png"), preexec_fn=small_files)
     assert (done.returncode, done.stderr.count("\n")) == (6, 1), done.stderr
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("out", ["/proc/out.mp4", "/proc/o_%03d.png", "/proc/version/out.mp4"])
-def test_a_place_where_nobody_may_write_is_one_line(shot, out, capsys):
+def test_unwritable_location_is_a_one_line_error(shot, out, capsys):
     assert main(words(shot, out)) == 6
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and out in said
 
 
 @pytest.mark.parametrize("name", ["with space.mp4", "ünï-日本.mp4", "-dash.mp4", "a%b'c\".mp4"])
-def test_odd_names_are_read_and_written_and_nothing_beside_them(shot, tmp_path, name):
+def test_unusual_file_names_are_read_and_written(shot, tmp_path, name):
     folder = tmp_path / "in put"
     folder.mkdir()
     shutil.copy(shot / "in.mp4", folder / name)
@@ -114,7 +114,7 @@ def test_odd_names_are_read_and_written_and_nothing_beside_them(shot, tmp_path, 
     assert {path.name for path in tmp_path.iterdir()} == {"in put", name}
 
 
-def test_leading_dashes_go_behind_two(shot, tmp_path):
+def test_file_names_with_leading_dashes_follow_a_double_dash(shot, tmp_path):
     shutil.copy(shot / "in.mp4", tmp_path / "-in.mp4")
     options = ["--fit", str(shot / "fit.json"), "--preset", "realtime", "-q"]
     done = run([*options, "--", "-in.mp4", str(shot / "anim.glb"), "-out.mp4"], cwd=tmp_path)
@@ -136,7 +136,7 @@ class Failing:
 
 
 @pytest.mark.parametrize("keep", [False, True])
-def test_an_encoder_that_fails_midway_is_one_error_and_leaves_no_result(shot, tmp_path, keep):
+def test_encoder_failure_midway_raises_one_error_without_a_result(shot, tmp_path, keep):
     with (
         pytest.raises(OutputError, match="cannot be written") as caught,
         open_source(str(shot / "in.mp4")) as source,
@@ -151,7 +151,7 @@ def test_an_encoder_that_fails_midway_is_one_error_and_leaves_no_result(shot, tm
 
 
 @pytest.mark.parametrize("more", [(), ("--keep-partial",)])
-def test_a_run_whose_encoder_fails_midway_is_one_line_and_leaves_no_result(
+def test_encoder_failure_in_a_run_is_a_one_line_error_without_a_result(
     shot, tmp_path, capsys, monkeypatch, more
 ):
     def opened(*given, **named):
@@ -170,7 +170,7 @@ def test_a_run_whose_encoder_fails_midway_is_one_line_and_leaves_no_result(
         assert len(shots.read_planes(tmp_path / left[0])) >= 2
 
 
-def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_ends_it(tmp_path):
+def test_resumable_run_interrupted_twice_keeps_its_chunks_and_can_be_completed(tmp_path):
     folder = kills.make_shot(tmp_path / "shot")
     kills.finish(folder, "--resume")
     undisturbed = kills.decoded(folder / "out.mp4")
@@ -193,7 +193,7 @@ def test_ctrl_c_twice_on_a_resumable_run_keeps_its_chunks_and_the_same_command_e
     assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
 
 
-def test_a_crash_of_a_library_names_its_line_and_leaves_no_result(tmp_path):
+def test_library_crash_names_its_source_line_and_leaves_no_result(tmp_path):
     folder = kills.make_shot(tmp_path / "shot", 300)
     running = kills.start(folder)
     deadline = time.monotonic() + 120
@@ -208,7 +208,7 @@ def test_a_crash_of_a_library_names_its_line_and_leaves_no_result(tmp_path):
     assert {path.name for path in folder.iterdir()} == {"in.mp4", "anim.glb", "out.mp4"}
 
 
-def test_what_a_library_prints_gets_into_no_picture_and_no_json(shot, tmp_path):
+def test_library_output_does_not_reach_pictures_or_json(shot, tmp_path):
     """OpenEXR's binding prints a warning on standard output when a file ends too early."""
     light = np.random.default_rng(0).random((shots.HEIGHT, shots.WIDTH, 3), np.float32)
     head = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -228,7 +228,7 @@ def test_what_a_library_prints_gets_into_no_picture_and_no_json(shot, tmp_path):
     assert json.loads(done.stdout)["damaged"] == 1, done.stderr
 
 
-def test_a_model_that_is_damaged_or_absent_is_named_with_what_to_do(tmp_path):
+def test_damaged_or_missing_network_error_states_what_to_do(tmp_path):
     shutil.copytree(model_store.models_folder(), tmp_path / "models")
     path = model_store.find_model("coc", tmp_path / "models").path
     data = bytearray(path.read_bytes())
@@ -248,7 +248,7 @@ def gone():
     return child.pid
 
 
-def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
+def test_only_temporary_files_of_ended_local_processes_are_removed(tmp_path):
     out = tmp_path / "out[1].mp4"
     mine = partial_name(out)
     dead = Path(str(mine).replace(f"-{os.getpid()}", f"-{gone()}"))
@@ -262,7 +262,7 @@ def test_only_what_ended_processes_of_this_machine_have_left_is_swept(tmp_path):
     assert set(tmp_path.iterdir()) == {mine, elsewhere, other}
 
 
-def test_two_runs_do_not_share_chunks_and_foreign_files_stay(tmp_path):
+def test_concurrent_runs_do_not_share_chunks_and_other_files_are_kept(tmp_path):
     folder = chunks_beside(tmp_path / "out.mp4")
     with Folder(folder).held(), pytest.raises(OutputError, match="another run is using it"):
         with Folder(folder).held():
@@ -273,7 +273,7 @@ def test_two_runs_do_not_share_chunks_and_foreign_files_stay(tmp_path):
     assert [path.name for path in folder.iterdir()] == ["mine.txt"]
 
 
-def test_what_a_single_run_tells_is_refused_with_resume(shot, tmp_path, capsys):
+def test_options_of_single_runs_are_refused_with_resume(shot, tmp_path, capsys):
     for more in (["--report", str(tmp_path / "r")], ["--range", "2:4"]):
         assert main(words(shot, tmp_path / "out.mp4", "--resume", *more)) == 2
         assert f"{more[0]}: chunks are made of all frames" in capsys.readouterr().err

@@ -53,7 +53,7 @@ def small_gpu(monkeypatch):
     return DeviceChoice("cuda", "a test")
 
 
-def test_the_cpu_runs_what_the_gpu_has_no_memory_for_and_says_so_once(small_gpu):
+def test_gpu_out_of_memory_falls_back_to_the_cpu_with_one_note(small_gpu):
     with OnnxCocNetwork(find_model("coc").path) as network:
         expected = network(PICTURE)
     with OnnxCocNetwork(find_model("coc").path, device=small_gpu) as network:
@@ -68,13 +68,13 @@ def test_the_cpu_runs_what_the_gpu_has_no_memory_for_and_says_so_once(small_gpu)
     assert SmallGpu.asked == 1
 
 
-def test_what_fits_stays_on_the_gpu(small_gpu):
+def test_network_that_fits_stays_on_the_gpu(small_gpu):
     network = OnnxRepairNetwork(find_model("reblur").path, device=small_gpu)
     network(np.zeros((8, 8, CHANNELS), np.float32))
     assert (SmallGpu.asked, small_gpu.notes) == (1, [])
 
 
-def test_a_network_that_does_not_even_load_there_is_loaded_on_the_cpu(small_gpu, monkeypatch):
+def test_network_that_does_not_load_on_the_gpu_is_loaded_on_the_cpu(small_gpu, monkeypatch):
     class Full(SmallGpu):
         def __init__(self, path, options, providers, **more):
             if "CUDAExecutionProvider" in providers:
@@ -87,7 +87,7 @@ def test_a_network_that_does_not_even_load_there_is_loaded_on_the_cpu(small_gpu,
     assert len(small_gpu.notes) == 1 and "memory" in small_gpu.notes[0]
 
 
-def test_a_damaged_network_is_one_line_on_the_gpu_too(small_gpu, tmp_path):
+def test_damaged_network_on_the_gpu_is_refused_in_one_line(small_gpu, tmp_path):
     path = tmp_path / "broken.onnx"
     path.write_bytes(b"not a network")
     with pytest.raises(NlensError, match=r"broken\.onnx.*cannot load") as caught:
@@ -95,7 +95,7 @@ def test_a_damaged_network_is_one_line_on_the_gpu_too(small_gpu, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_another_failure_of_the_gpu_is_named_in_its_own_words(small_gpu, monkeypatch):
+def test_other_gpu_failures_are_reported_with_their_message(small_gpu, monkeypatch):
     def fail(session, *given):
         if SmallGpu.asked and session.first:
             SmallGpu.first = False

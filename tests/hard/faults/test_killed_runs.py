@@ -6,7 +6,7 @@ from hard.faults.kills import Executioner, make_shot
 pytestmark = pytest.mark.needs_gl
 
 
-def test_killed_runs_leave_no_result_and_a_temporary_that_plays(tmp_path):
+def test_killed_run_leaves_no_result_and_a_playable_temporary_file(tmp_path):
     executioner = Executioner(make_shot(tmp_path / "shot"), 3)
     for _ in range(3):
         executioner.kill_keeping()
@@ -15,7 +15,7 @@ def test_killed_runs_leave_no_result_and_a_temporary_that_plays(tmp_path):
     assert (tally.broken, tally.strange, tally.unplayable) == (0, [], 0)
 
 
-def test_killed_runs_are_gone_on_with_and_give_the_undisturbed_frames(tmp_path):
+def test_resumed_killed_run_gives_the_frames_of_an_undisturbed_one(tmp_path):
     executioner = Executioner(make_shot(tmp_path / "shot"), 4)
     for _ in range(3):
         executioner.kill_resumable()

@@ -65,7 +65,7 @@ def assert_same(ones, others):
 
 
 @pytest.mark.parametrize("kind", ["front", "behind"])
-def test_a_lost_context_is_replaced_and_every_picture_is_the_undisturbed_one(scene, kind):
+def test_lost_opengl_context_is_replaced_without_a_difference(scene, kind):
     with PyrenderObjectRenderer(scene) as renderer:
         undisturbed = pictures(renderer)
         assert renderer.notes == []
@@ -77,7 +77,7 @@ def test_a_lost_context_is_replaced_and_every_picture_is_the_undisturbed_one(sce
 
 
 @pytest.mark.parametrize("kind", ["front", "behind"])
-def test_a_context_lost_twice_gives_way_to_the_rasteriser_picture_by_picture(scene, kind):
+def test_opengl_context_lost_twice_falls_back_to_the_rasteriser(scene, kind):
     with PyrenderObjectRenderer(scene) as renderer:
         by_opengl = pictures(renderer)
     with SoftwareObjectRenderer(scene) as renderer:
@@ -95,7 +95,7 @@ def test_a_context_lost_twice_gives_way_to_the_rasteriser_picture_by_picture(sce
         assert_same([drawn[3][:2]], [by_opengl[3][:2]])
 
 
-def test_what_is_read_after_a_loss_in_the_middle_of_a_picture_is_not_used(scene, monkeypatch):
+def test_pixels_read_after_a_context_loss_are_discarded(scene, monkeypatch):
     from nlens_video.render.opengl.framebuffer import FloatTarget
 
     with PyrenderObjectRenderer(scene) as renderer:
@@ -115,7 +115,7 @@ def test_what_is_read_after_a_loss_in_the_middle_of_a_picture_is_not_used(scene,
     assert "OpenGL was lost (the context is no longer current)" in note
 
 
-def test_a_loss_after_the_last_picture_disturbs_nobody(scene):
+def test_context_loss_after_the_last_picture_is_ignored(scene):
     with PyrenderObjectRenderer(scene) as renderer:
         pictures(renderer)
         destroy(renderer)
@@ -123,7 +123,7 @@ def test_a_loss_after_the_last_picture_disturbs_nobody(scene):
         assert len(pictures(renderer)) == len(TIMES)
 
 
-def test_where_no_new_context_is_to_be_had_the_rasteriser_draws(scene, monkeypatch):
+def test_rasteriser_is_used_if_no_new_context_can_be_created(scene, monkeypatch):
     with SoftwareObjectRenderer(scene) as renderer:
         by_software = pictures(renderer)
     with PyrenderObjectRenderer(scene) as renderer:
@@ -135,7 +135,7 @@ def test_where_no_new_context_is_to_be_had_the_rasteriser_draws(scene, monkeypat
     assert "the software rasteriser draws on" in note
 
 
-def test_a_gpu_without_memory_leaves_the_picture_to_the_rasteriser(scene, monkeypatch):
+def test_gpu_out_of_memory_falls_back_to_the_rasteriser(scene, monkeypatch):
     """The error is the driver's own kind, raised at the seam: no memory runs out here."""
     from OpenGL import GL
     from OpenGL.error import GLError
@@ -154,7 +154,7 @@ def test_a_gpu_without_memory_leaves_the_picture_to_the_rasteriser(scene, monkey
     assert "OpenGL was lost (its memory does not suffice); the software rasteriser" in note
 
 
-def test_a_reset_of_the_device_counts_as_a_loss_whatever_was_read(scene, monkeypatch):
+def test_device_reset_counts_as_a_context_loss(scene, monkeypatch):
     """The status is the seam: no driver here can be reset."""
     from OpenGL import GL
 
@@ -223,7 +223,7 @@ def composited(shot, out: Path, *, renderer, losses="0"):
         return [frame.to_ndarray() for frame in container.decode(video=0)], done.stderr
 
 
-def test_a_run_whose_display_goes_away_loses_no_frame_and_says_so(shot, tmp_path):
+def test_run_that_loses_its_display_keeps_every_frame_and_notes_it(shot, tmp_path):
     by_opengl, quiet = composited(shot, tmp_path / "gl.mkv", renderer="opengl")
     by_software, _ = composited(shot, tmp_path / "soft.mkv", renderer="software")
     twice, said = composited(shot, tmp_path / "twice.mkv", renderer="opengl", losses="5,9")

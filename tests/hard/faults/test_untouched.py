@@ -34,7 +34,7 @@ def place(tmp_path):
 
 
 @pytest.mark.parametrize("more", [[], ["--layers", "layer.exr"], ["--resume"]])
-def test_a_run_touches_nothing_outside_its_results_folder(place, more):
+def test_run_writes_only_into_its_results_folder(place, more):
     given = [str(place / "in" / word) if word.endswith(".exr") else word for word in more]
     environment = {**os.environ, "HOME": str(place / "home"), "TMPDIR": str(place / "tmp")}
     for name in ("XDG_CACHE_HOME", "ORT_DISABLE_TELEMETRY", "CI"):

@@ -45,7 +45,7 @@ def _samples_and_line(regression, wrong: str, *, lens: bool = True):
 
 
 @case
-def test_outliers_all_over():
+def test_random_outliers():
     """With 60 % of the samples anything from 0 to 40 px, the fit is that of the other 40 %."""
     plane, offs = _ground(), []
     for seed in range(5):
@@ -66,7 +66,7 @@ def test_outliers_all_over():
 
 
 @case
-def test_outliers_that_agree():
+def test_consistent_outliers():
     """With 60 % of the plane at a blur of its own, a wall, what is under the object decides."""
     plane = _ground()
     coc = _true(plane)
@@ -87,7 +87,7 @@ def test_outliers_that_agree():
 
 
 @case
-def test_ambiguous_sign():
+def test_ambiguous_sign_of_the_coc():
     """A ground of hardly any span of disparity fits both signs: it is said; the blur is right."""
     plane = _ground(far=0.985)
     rng = np.random.default_rng(3)
@@ -117,7 +117,7 @@ def test_ambiguous_sign():
 
 
 @case
-def test_one_blur_everywhere():
+def test_plate_of_constant_blur():
     """A plate with one blur all over, at any depth, gets that blur for the object."""
     plane = _ground()
     coc = np.full(plane.disparity.shape, 6.0, np.float32)
@@ -153,7 +153,7 @@ def test_focus_in_the_middle_of_the_footprint():
 
 
 @case
-def test_samples_beyond_reason():
+def test_samples_of_extreme_coc():
     """A CoC of 1e30 px, or of infinity, in a tenth of the samples does not reach the fit."""
     plane, figures = _ground(), []
     for wild in (1e4, 1e30, np.inf):

@@ -75,19 +75,19 @@ def _by_size(sizes) -> Outcome:
 
 
 @case
-def test_of_0_to_10_pixels():
+def test_footprint_of_0_to_10_pixels():
     """With 0, 1, 2 or 10 pixels the plane finds the lens; a fit on the footprint alone refuses."""
     return _by_size((0, 1, 2, 10))
 
 
 @case
-def test_of_48_pixels_and_more():
+def test_footprint_of_48_pixels_and_more():
     """From 48 pixels on the footprint alone is enough, as the paper has it."""
     return _by_size((48, 100, 400))
 
 
 @case
-def test_all_one_value():
+def test_footprint_of_constant_coc():
     """A footprint that reads 12 px all over, where 10.5 is true, does not bend the plane."""
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
@@ -102,7 +102,7 @@ def test_all_one_value():
 
 
 @case
-def test_nan_confidence():
+def test_footprint_with_nan_confidence():
     """NaN confidence in the footprint leaves it out; NaN all over is one line of error."""
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
@@ -129,7 +129,7 @@ def test_nan_confidence():
 
 
 @case
-def test_endless_confidence():
+def test_footprint_with_extreme_confidence():
     """A sigma of 0, of the smallest float and of infinity does not break the fit."""
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
@@ -149,7 +149,7 @@ def test_endless_confidence():
 
 
 @case
-def test_cut_by_each_border():
+def test_footprint_cut_by_each_border():
     """A footprint cut by the left, right, upper or lower border is the rest of the whole one."""
     c, s = np.cos(0.5), np.sin(0.5)
     pose = np.eye(4)
@@ -187,7 +187,7 @@ def test_cut_by_each_border():
 
 
 @case
-def test_a_tenth_of_a_pixel():
+def test_footprint_of_a_tenth_of_a_pixel():
     """An object so small that its footprint covers a tenth of a pixel marks that pixel."""
     view = Camera.from_yfov(np.eye(4), 0.7, 240, 128)
     size = 0.1 * 3.0 / view.fy

@@ -20,7 +20,7 @@ def test_damaged_files_are_read_or_refused_in_one_line(kind):
 
 
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.name)
-def test_what_once_went_wrong_is_read_or_refused(path, tmp_path):
+def test_recorded_fuzz_failures_are_read_or_refused(path, tmp_path):
     (kind,) = (name for name, one in KINDS.items() if path.parent.name == _folder(name))
     copy = tmp_path / f"input{KINDS[kind].suffix}"
     copy.write_bytes(path.read_bytes())
@@ -43,7 +43,7 @@ def _folder(kind):
         {"track": {"stretch": 3, "cuts": [], "keys": [{"index": float("inf"), "shot": 0}]}},
     ],
 )
-def test_a_fit_of_wild_numbers_is_refused_in_one_line(tmp_path, changes):
+def test_fit_file_of_random_numbers_is_refused_in_one_line(tmp_path, changes):
     fit = {"slope": 24.0, "intercept": -12.0, "width": 480, "height": 270}
     if "track" in changes:
         changes["track"]["keys"] = [{**key, "fit": fit} for key in changes["track"]["keys"]]
@@ -60,7 +60,7 @@ def test_a_fit_of_wild_numbers_is_refused_in_one_line(tmp_path, changes):
         ("glb: bytes", "glTF"),
     ],
 )
-def test_text_without_end_is_refused_in_one_line(tmp_path, kind, text):
+def test_endless_text_file_is_refused_in_one_line(tmp_path, kind, text):
     path = tmp_path / f"x{KINDS[kind].suffix}"
     path.write_text(text)
     assert judged(kind, path) == "refused"

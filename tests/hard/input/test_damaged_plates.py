@@ -68,7 +68,7 @@ def planes(frame):
 
 @pytest.mark.parametrize("amount", [EACH_SEVENTH, "200"])
 @pytest.mark.parametrize("codec", ["mpeg4", "libx264", "mpeg2video", "libvpx-vp9"])
-def test_packets_that_noise_has_corrupted_leave_the_others_at_their_times(tmp_path, codec, amount):
+def test_corrupted_packets_do_not_shift_the_times_of_others(tmp_path, codec, amount):
     given = clip_of(tmp_path / "in.mkv", codec=codec)
     noisy = filtered(given, tmp_path / "noisy.mkv", f"noise=amount={amount}")
     frames, plate = read(noisy)
@@ -80,7 +80,7 @@ def test_packets_that_noise_has_corrupted_leave_the_others_at_their_times(tmp_pa
     assert len(plate.warnings()) == bool(odd)
 
 
-def test_pictures_that_are_lost_leave_a_gap_in_time_and_in_numbers(tmp_path):
+def test_lost_pictures_leave_a_gap_in_times_and_numbers(tmp_path):
     clip = clip_of(tmp_path / "in.mov", 20, codec="png")
     data = bytearray(clip.read_bytes())
     starts = [at for at in range(len(data)) if data[at : at + 4] == b"\x89PNG"]
@@ -94,7 +94,7 @@ def test_pictures_that_are_lost_leave_a_gap_in_time_and_in_numbers(tmp_path):
     assert plate.damaged == 3
 
 
-def test_damaged_pictures_of_a_sequence_keep_the_others_numbers(tmp_path):
+def test_damaged_pictures_of_a_sequence_do_not_shift_the_numbers_of_others(tmp_path):
     pattern = write_plates(tmp_path, *range(1001, 1009))
     data = bytearray((tmp_path / "p_1004.png").read_bytes())
     data[40:60] = bytes(20)
@@ -105,7 +105,7 @@ def test_damaged_pictures_of_a_sequence_keep_the_others_numbers(tmp_path):
     assert names == [f"o_{number}.png" for number in range(1001, 1009) if number != 1004]
 
 
-def test_damaged_openexr_files_are_passed_and_their_numbers_stay_free(tmp_path, monkeypatch):
+def test_damaged_openexr_files_are_skipped_and_leave_a_gap(tmp_path, monkeypatch):
     for number in range(12):
         values = np.full((4, 6), number, np.float32)
         write_layers(tmp_path / f"p_{number:02d}.exr", dict.fromkeys("RGB", values))
@@ -122,7 +122,7 @@ def test_damaged_openexr_files_are_passed_and_their_numbers_stay_free(tmp_path, 
     assert plate.warnings() == ("given up after 2 unreadable files in a row",)
 
 
-def test_a_plate_that_stays_undecodable_ends_at_a_stated_limit(tmp_path, monkeypatch):
+def test_plate_that_stays_undecodable_stops_at_the_documented_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(source, "MOST_UNDECODABLE", 10)
     clip = clip_of(tmp_path / "in.mov", 40, codec="png")
     data = bytearray(clip.read_bytes())
@@ -135,7 +135,7 @@ def test_a_plate_that_stays_undecodable_ends_at_a_stated_limit(tmp_path, monkeyp
     assert plate.warnings() == ("given up after 10 undecodable packets in a row",)
 
 
-def test_frames_of_another_size_or_format_are_brought_to_the_firsts(tmp_path):
+def test_frames_of_another_size_or_format_are_converted_to_the_first(tmp_path):
     first = [noise_frame(64, 48, "yuv420p", seed) for seed in range(3)]
     other = [noise_frame(96, 80, "yuv420p", seed) for seed in range(3)]
     deep = [noise_frame(64, 48, "yuv444p", seed) for seed in range(3)]
@@ -156,7 +156,7 @@ def test_frames_of_another_size_or_format_are_brought_to_the_firsts(tmp_path):
 
 
 @pytest.mark.needs_gl
-def test_a_run_over_a_damaged_plate_writes_the_rest_and_says_so(tmp_path, capsys):
+def test_run_over_a_damaged_plate_writes_the_intact_frames_and_reports_it(tmp_path, capsys):
     shots.write_video(tmp_path / "whole.mp4", 24)
     noisy = filtered(tmp_path / "whole.mp4", tmp_path / "in.mkv", f"noise=amount={EACH_SEVENTH}")
     shots.cube_glb(tmp_path / "anim.glb")
@@ -195,11 +195,11 @@ def clock(length_s=None):
     ],
     ids=["missing", "the same", "far ahead", "far back", "anew", "missing first", "a pause"],
 )
-def test_time_stamps_that_make_no_sense_are_mended_where_they_stand(stamps, times):
+def test_invalid_timestamps_are_repaired_in_place(stamps, times):
     assert list(map(clock().tick, stamps)) == times
 
 
-def test_a_time_stamp_far_beyond_the_stated_length_is_not_believed():
+def test_timestamp_far_beyond_the_stated_duration_is_ignored():
     ticking = clock(length_s=2.0)
     assert [ticking.tick(pts) for pts in (0, 40, 600_000, 120)] == [0, 40, 80, 120]
     assert ticking.repaired == 2
@@ -210,7 +210,7 @@ stamps = st.lists(st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1), st.inte
 
 @settings(max_examples=300, deadline=None)
 @given(given_stamps=stamps, length_s=st.sampled_from([None, 0.0, 3.0]))
-def test_times_always_rise_whatever_the_stamps(given_stamps, length_s):
+def test_output_times_always_increase(given_stamps, length_s):
     ticking = clock(length_s)
     times = [ticking.tick(pts) for pts in given_stamps]
     assert all(later > earlier for earlier, later in zip(times, times[1:], strict=False))
@@ -224,7 +224,7 @@ CUT = {
 
 
 @pytest.mark.parametrize("name", CUT)
-def test_a_plate_cut_anywhere_gives_its_first_frames_or_one_line(tmp_path, name):
+def test_truncated_plate_gives_its_first_frames_or_a_one_line_error(tmp_path, name):
     codec, suffix = CUT[name]
     kind = "yuv422p10le" if codec == "prores_ks" else "yuv420p"
     frames = [noise_frame(48, 32, kind, seed) for seed in range(6)]

@@ -98,7 +98,7 @@ print(json.dumps([found, most_mb() - before]))
 """
 
 
-def test_a_huge_declared_size_is_refused_in_one_line_before_memory_is_taken(files):
+def test_huge_declared_size_is_refused_before_allocating_memory(files):
     names = [str(path) for path in sorted(files.iterdir())]
     done = subprocess.run(
         [sys.executable, "-c", MEASURE, *names], capture_output=True, text=True, check=True,
@@ -111,13 +111,13 @@ def test_a_huge_declared_size_is_refused_in_one_line_before_memory_is_taken(file
     assert more_mb < 64
 
 
-def test_a_size_that_the_container_tells_is_named(files):
+def test_huge_size_in_the_error_is_the_containers(files):
     for name in ("beyond.y4m", "beyond.exr", "far.exr"):
         with pytest.raises(InputError, match="x.* pixels, at most 200 megapixels are read"):
             open_source(str(files / name))
 
 
-def test_a_picture_that_grows_huge_midway_is_left_out_and_counted(tmp_path):
+def test_picture_that_becomes_huge_midway_is_skipped_and_counted(tmp_path):
     picture = np.full((48, 64, 3), 90, np.uint8)
     frames = [av.VideoFrame.from_ndarray(picture, "rgb24") for _ in range(5)]
     clip = write_clip(tmp_path / "in.mov", frames, codec="png")
@@ -130,7 +130,7 @@ def test_a_picture_that_grows_huge_midway_is_left_out_and_counted(tmp_path):
         assert source.damaged == 1
 
 
-def test_a_radiance_map_of_a_huge_size_is_refused(tmp_path):
+def test_radiance_map_of_huge_size_is_refused(tmp_path):
     path = tmp_path / "sky.hdr"
     path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 40000\n" + bytes(1000))
     with pytest.raises(InputError, match="40000x20000 pixels, at most 200 megapixels"):

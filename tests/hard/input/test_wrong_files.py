@@ -55,7 +55,7 @@ def command(files, role, given, out):
 
 @pytest.mark.parametrize("role", ROLES)
 @pytest.mark.parametrize("extension", ["its own", "the one expected"])
-def test_a_file_of_another_kind_is_read_or_refused_in_one_line(files, tmp_path, role, extension):
+def test_file_of_another_type_is_read_or_refused_in_one_line(files, tmp_path, role, extension):
     expected = {
         "IN": ".mp4", "ANIM": ".glb", "--fit": ".json", "--layers": ".exr", "--env": ".hdr",
         "--holdout": ".png", "--preset": ".toml",

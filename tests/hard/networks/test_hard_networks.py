@@ -56,7 +56,7 @@ def _outcome(made, figures):
 
 
 @case
-def test_coc_network():
+def test_extreme_pictures_for_the_coc_network():
     """The CoC network answers with numbers, never below 0, whatever finite picture it sees."""
     with OnnxCocNetwork(find_model("coc").path) as network:
         return _outcome(*_read(network))
@@ -80,7 +80,7 @@ def _int8(folder: Path) -> Path:
 
 @pytest.mark.needs_torch  # the quantiser comes with what trains
 @case
-def test_coc_network_in_int8():
+def test_coc_network_quantised_to_int8():
     """The same network quantised to 8 bits stays finite, and near itself on ordinary pictures."""
     with (
         folder() as place,
@@ -97,7 +97,7 @@ def test_coc_network_in_int8():
 
 
 @case
-def test_repair_network():
+def test_extreme_geometry_for_the_repair_network():
     """The repair's answer stays within [0, 1] and [-0.5, 0.5], whatever geometry it is asked of."""
     network = OnnxRepairNetwork(find_model("reblur").path)
     rng = np.random.default_rng(2)
@@ -122,7 +122,7 @@ def test_repair_network():
 
 
 @case
-def test_the_papers_networks():
+def test_extreme_inputs_for_the_papers_networks():
     """The paper's two networks answer extreme pictures and CoC with numbers."""
     networks = OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
     figures, shown = [], {}

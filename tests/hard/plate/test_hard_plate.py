@@ -5,7 +5,7 @@ import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import heat, panels, srgb8
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder
-from hard.rungs import Card, cards, lens_of_coc, sharp, through
+from hard.quality_levels import Card, cards, lens_of_coc, sharp, through
 from support import shots
 
 from nlens_video.core.color import ColorTags
@@ -106,61 +106,61 @@ def _found_lens(name: str, coc_px: tuple[float, float] | None = None) -> Outcome
 
 
 @case
-def test_black_with_a_given_lens():
+def test_black_plate_with_a_given_lens():
     """On a black plate the object stands alone, and no other sample changes."""
     return _given_lens("black")
 
 
 @case
-def test_white_with_a_given_lens():
+def test_white_plate_with_a_given_lens():
     """On a white plate, where nothing can get lighter, no other sample changes."""
     return _given_lens("white")
 
 
 @case
-def test_noise_with_a_given_lens():
+def test_noise_plate_with_a_given_lens():
     """On noise of full contrast no sample beside the object changes."""
     return _given_lens("pure noise")
 
 
 @case
-def test_saturated_with_a_given_lens():
+def test_clipped_plate_with_a_given_lens():
     """On a plate clipped to black and white no sample beside the object changes."""
     return _given_lens("saturated")
 
 
 @case
-def test_black():
+def test_black_plate():
     """A black plate tells no blur, and the user hears so."""
     return _found_lens("black")
 
 
 @case
-def test_white():
+def test_white_plate():
     """A white plate tells no blur, and the user hears so."""
     return _found_lens("white")
 
 
 @case
-def test_constant():
+def test_grey_plate():
     """A grey plate tells no blur, and the user hears so."""
     return _found_lens("constant")
 
 
 @case
-def test_pure_noise():
+def test_plate_of_pure_noise():
     """Noise alone is as sharp as can be, everywhere: so the object is in focus, too."""
     return _found_lens("pure noise", (0.0, 0.5))
 
 
 @case
-def test_one_edge():
+def test_plate_with_a_single_edge():
     """A single sharp edge tells its own blur, but not that of the ground, and the user hears so."""
     return _found_lens("one edge")
 
 
 @case
-def test_saturated():
+def test_clipped_plate():
     """With contrast fourfold and most of the plate clipped, what is left tells the lens."""
     return _found_lens("saturated", (shots.SLOPE / 1.6 + shots.INTERCEPT, 1.5))
 

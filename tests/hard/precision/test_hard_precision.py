@@ -356,31 +356,31 @@ def _table(made) -> Outcome:
 
 
 @case
-def test_blurs():
+def test_blur_kernels_against_float64():
     """Blurs against their definitions in float64; light is 1 at most. Tables are part of it."""
     return _table(_blurs())
 
 
 @case
-def test_geometry():
+def test_geometry_kernels_against_float64():
     """Projection, visibility, depth and shadows against float64: px, shares, shares of pixels."""
     return _table(_geometry())
 
 
 @case
-def test_shading():
+def test_shading_kernels_against_float64():
     """Light and textures, and a whole picture of the rasteriser, against float64 by hand."""
     return _table(_shading())
 
 
 @case
-def test_light():
+def test_colour_kernels_against_float64():
     """Decoding, compositing and grain against float64, as light; the CoC of a 4K lens in px."""
     return _table(_light())
 
 
 @case
-def test_nothing_is_left_out():
+def test_every_kernel_is_compared():
     """Every kernel that counts with floats stands in one of the tables above."""
     loops = re.compile(
         r"\bnjit\b|^@(kernel|kernel_of|inlined|fastmath_\w+|instruction)\b", re.MULTILINE
@@ -412,7 +412,7 @@ def test_nothing_is_left_out():
 
 
 @case
-def test_a_highlight_beside_the_dark():
+def test_bright_highlight_beside_dark_areas():
     """A pixel of 1e4 to 1e8 times white leaves dark parts out of its reach almost as they are."""
     values, aways = (1e2, 1e4, 1e6, 1e8), []
     for value in values:

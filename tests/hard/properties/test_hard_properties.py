@@ -1,11 +1,11 @@
-"""What holds for every scene, on every rung: tried on scenes that hypothesis makes up."""
+"""What holds for every scene, at every quality level: tried on scenes that hypothesis makes up."""
 
 import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case
 from hard.drawing import INK, OTHER, OURS, PALE, over_grey, panels, plot
-from hard.rungs import (
+from hard.quality_levels import (
     HEIGHT,
-    RUNGS,
+    QUALITIES,
     WIDTH,
     Card,
     camera,
@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.scatter.scatter import scatter
 
-COLOURS = dict(zip(RUNGS, (PALE, OURS, OTHER, INK), strict=True))
+COLOURS = dict(zip(QUALITIES, (PALE, OURS, OTHER, INK), strict=True))
 FEW = settings(max_examples=12, deadline=None)
 CARD = st.builds(
     Card,
@@ -34,14 +34,14 @@ FOCUS, INFINITY_PX = st.floats(0.8, 6.0), st.floats(0.0, 9.0)
 
 
 class Worst:
-    """The largest value for each rung, with the scene that had it."""
+    """The largest value for each quality, with the scene that had it."""
 
     def __init__(self):
-        self.values, self.pictures = dict.fromkeys(RUNGS, 0.0), {}
+        self.values, self.pictures = dict.fromkeys(QUALITIES, 0.0), {}
 
-    def seen(self, rung, value, picture):
-        if value >= self.values[rung]:
-            self.values[rung], self.pictures[rung] = float(value), picture
+    def seen(self, quality, value, picture):
+        if value >= self.values[quality]:
+            self.values[quality], self.pictures[quality] = float(value), picture
 
     def figures(self, what, limits):
         return tuple(at_most(f"{what}, {r}", self.values[r], limits[r]) for r in limits)
@@ -51,12 +51,12 @@ class Worst:
 
 
 def _outcome(worst, what, limit):
-    limits = limit if isinstance(limit, dict) else dict.fromkeys(RUNGS, limit)
+    limits = limit if isinstance(limit, dict) else dict.fromkeys(QUALITIES, limit)
     return Outcome(worst.figures(what, limits), worst.draw)
 
 
 @case
-def test_energy_is_kept():
+def test_blur_keeps_energy():
     """Red, green, blue and alpha of a card sum up to what they were, away from the borders.
 
     Where discs are small `standard` adds views, each antialiased anew: a card of six pixels may
@@ -69,14 +69,14 @@ def test_energy_is_kept():
     def holds(card, focus, infinity):
         scene = cards(card)
         before = sharp(scene).sum((0, 1), dtype=np.float64)
-        for rung in RUNGS:
-            seen = through(rung, scene, lens_at(focus, infinity))
+        for quality in QUALITIES:
+            seen = through(quality, scene, lens_at(focus, infinity))
             lost = np.abs(seen.sum((0, 1), dtype=np.float64) / before - 1.0).max()
-            worst.seen(rung, lost, seen)
+            worst.seen(quality, lost, seen)
 
     holds()
     return _outcome(
-        worst, "light lost or won, share", {**dict.fromkeys(RUNGS, 2e-5), "standard": 0.05}
+        worst, "light lost or won, share", {**dict.fromkeys(QUALITIES, 2e-5), "standard": 0.05}
     )
 
 
@@ -89,23 +89,23 @@ def test_alpha_and_light_stay_in_range():
     @given(first=CARD, second=CARD, focus=FOCUS, infinity=st.floats(0.0, 40.0))
     def holds(first, second, focus, infinity):
         scene = cards(first, second)
-        for rung in RUNGS:
-            seen = through(rung, scene, lens_at(focus, infinity))
+        for quality in QUALITIES:
+            seen = through(quality, scene, lens_at(focus, infinity))
             assert np.isfinite(seen).all()
             assert seen.dtype == np.float32
-            low.seen(rung, -seen.min(), seen)
-            high.seen(rung, max(seen[..., 3].max() - 1.0, seen[..., :3].max() - 1.0), seen)
+            low.seen(quality, -seen.min(), seen)
+            high.seen(quality, max(seen[..., 3].max() - 1.0, seen[..., :3].max() - 1.0), seen)
 
     holds()
     return Outcome(
-        (*low.figures("light below 0 by", dict.fromkeys(RUNGS, 1e-6)),
-         *high.figures("alpha or light above 1 by", dict.fromkeys(RUNGS, 1e-5))),
+        (*low.figures("light below 0 by", dict.fromkeys(QUALITIES, 1e-6)),
+         *high.figures("alpha or light above 1 by", dict.fromkeys(QUALITIES, 1e-5))),
         high.draw,
     )  # fmt: skip
 
 
 @case
-def test_identity_at_coc_zero():
+def test_blur_with_coc_zero_is_the_identity():
     """A card anywhere, in focus, is the sharp picture bit for bit."""
     worst = Worst()
 
@@ -114,18 +114,18 @@ def test_identity_at_coc_zero():
     def holds(card, infinity):
         scene = cards(card)
         plain = sharp(scene)
-        for rung in RUNGS:
-            seen = through(rung, scene, lens_at(card.depth, infinity))
-            worst.seen(rung, np.abs(seen - plain).max(), seen)
+        for quality in QUALITIES:
+            seen = through(quality, scene, lens_at(card.depth, infinity))
+            worst.seen(quality, np.abs(seen - plain).max(), seen)
 
     holds()
     return _outcome(worst, "largest change", 0.0)
 
 
 @case
-def test_monotone_blur():
+def test_blur_is_monotone_in_the_coc():
     """The larger the CoC, of either sign, the wider the card and the lower its brightest pixel."""
-    widths, peaks = dict.fromkeys(RUNGS, np.inf), dict.fromkeys(RUNGS, np.inf)
+    widths, peaks = dict.fromkeys(QUALITIES, np.inf), dict.fromkeys(QUALITIES, np.inf)
     steps = np.linspace(0.0, 24.0, 13)
     curves = {}
 
@@ -133,34 +133,34 @@ def test_monotone_blur():
     @given(depth=st.floats(1.0, 4.0), half=st.floats(3.0, 14.0), sign=st.sampled_from([1, -1]))
     def holds(depth, half, sign):
         scene = cards(Card(depth, half=(half, half)))
-        for rung in RUNGS:
-            seen = [through(rung, scene, _flat_lens(sign * c, depth)) for c in steps]
+        for quality in QUALITIES:
+            seen = [through(quality, scene, _flat_lens(sign * c, depth)) for c in steps]
             width = np.array([spread_px(one) for one in seen])
-            curves[rung] = width / width[0]
-            widths[rung] = min(widths[rung], float(np.diff(width).min()))
+            curves[quality] = width / width[0]
+            widths[quality] = min(widths[quality], float(np.diff(width).min()))
             peak = np.array([one[..., 3].max() for one in seen])
-            peaks[rung] = min(peaks[rung], float(-np.diff(peak).max()))
+            peaks[quality] = min(peaks[quality], float(-np.diff(peak).max()))
 
     holds()
 
     def draw(axes):
-        for rung, width in curves.items():
-            axes.plot(steps, width, color=COLOURS[rung], label=rung)
+        for quality, width in curves.items():
+            axes.plot(steps, width, color=COLOURS[quality], label=quality)
 
     return Outcome(
         (
             *(at_least(f"least growth of the width by a step [px], {r}", widths[r],
                        -0.1 if r == "standard" else -1e-4)
-              for r in RUNGS),
+              for r in QUALITIES),
             *(at_least(f"least fall of the greatest alpha, {r}", peaks[r],
-                       -0.03 if r == "draft" else -2e-3) for r in RUNGS),
+                       -0.03 if r == "draft" else -2e-3) for r in QUALITIES),
         ),
         lambda: plot(draw, x="|CoC| [px]", y="width by the sharp one's"),
     )  # fmt: skip
 
 
 @case
-def test_translation():
+def test_blur_commutes_with_translation():
     """A picture moved by whole pixels blurs to the same, moved; `draft` draws on a coarse grid."""
     worst = Worst()
 
@@ -172,18 +172,18 @@ def test_translation():
     def holds(card, focus, infinity, shift):
         scene, fit = cards(card), lens_at(focus, infinity)
         x, y = shift
-        for rung in RUNGS:
-            here, there = through(rung, scene, fit), through(rung, scene, fit, camera(shift))
+        for quality in QUALITIES:
+            here, there = through(quality, scene, fit), through(quality, scene, fit, camera(shift))
             part = there[max(0, y) : HEIGHT + min(0, y), max(0, x) : WIDTH + min(0, x)]
             same = here[max(0, -y) : HEIGHT + min(0, -y), max(0, -x) : WIDTH + min(0, -x)]
-            worst.seen(rung, np.abs(part - same).max(), there)
+            worst.seen(quality, np.abs(part - same).max(), there)
 
     holds()
-    return _outcome(worst, "largest difference", {**dict.fromkeys(RUNGS, 3e-5), "draft": 0.06})
+    return _outcome(worst, "largest difference", {**dict.fromkeys(QUALITIES, 3e-5), "draft": 0.06})
 
 
 @case
-def test_order_of_disjoint_objects():
+def test_order_of_disjoint_objects_does_not_matter():
     """Two cards whose blurs do not touch look the same whichever the file names first."""
     worst, alone = Worst(), Worst()
 
@@ -198,23 +198,23 @@ def test_order_of_disjoint_objects():
         fit = lens_at(focus, infinity)
         if max(abs(float(fit.coc_px(np.float32(1 / d)))) for d in (left, right)) > 30.0:
             return
-        for rung in RUNGS:
-            seen = through(rung, cards(one, other), fit)
-            turned = through(rung, cards(other, one), fit)
-            worst.seen(rung, np.abs(seen - turned).max(), seen)
-            apart = through(rung, cards(one), fit) + through(rung, cards(other), fit)
-            alone.seen(rung, np.abs(seen - apart).mean(), seen)
+        for quality in QUALITIES:
+            seen = through(quality, cards(one, other), fit)
+            turned = through(quality, cards(other, one), fit)
+            worst.seen(quality, np.abs(seen - turned).max(), seen)
+            apart = through(quality, cards(one), fit) + through(quality, cards(other), fit)
+            alone.seen(quality, np.abs(seen - apart).mean(), seen)
 
     holds()
     return Outcome(
-        (*worst.figures("largest difference to the other order", dict.fromkeys(RUNGS, 0.0)),
-         *alone.figures("mean difference to each alone", dict.fromkeys(RUNGS, 2e-3))),
+        (*worst.figures("largest difference to the other order", dict.fromkeys(QUALITIES, 0.0)),
+         *alone.figures("mean difference to each alone", dict.fromkeys(QUALITIES, 2e-3))),
         worst.draw,
     )  # fmt: skip
 
 
 @case
-def test_linear_in_light():
+def test_blur_is_linear_in_light():
     """A card with a share of the light blurs to that share; coverage does not know the light."""
     worst = Worst()
 
@@ -223,18 +223,18 @@ def test_linear_in_light():
     def holds(card, focus, infinity, gain):
         fit = lens_at(focus, infinity)
         dim = Card(card.depth, card.at, card.half, card.seed, gain)
-        for rung in RUNGS:
-            full, less = through(rung, cards(card), fit), through(rung, cards(dim), fit)
+        for quality in QUALITIES:
+            full, less = through(quality, cards(card), fit), through(quality, cards(dim), fit)
             away = np.abs(less[..., :3] - np.float32(gain) * full[..., :3]).max()
             away = max(away, np.abs(less[..., 3] - full[..., 3]).max())
-            worst.seen(rung, away, less)
+            worst.seen(quality, away, less)
 
     holds()
     return _outcome(worst, "largest deviation", 2e-6)
 
 
 @case
-def test_sums_of_lights():
+def test_blur_of_a_sum_of_lights():
     """The blur of two lights of one layer is the sum of their blurs, from 1e-6 to 1e6 of white."""
     worst = {"share": 0.0}
     rng = np.random.default_rng(0)

@@ -38,7 +38,7 @@ def _differing(pictures) -> tuple[int, int]:
 
 
 @case
-def test_powers_of_two():
+def test_scene_scaled_by_powers_of_two():
     """A GLB 2^-20 to 2^20 times as large, camera included, makes the same bits in every preset."""
     made = {preset: [p for p, _ in _pictures(preset, TWOS)] for preset in PRESETS}
     return Outcome(
@@ -49,7 +49,7 @@ def test_powers_of_two():
 
 
 @case
-def test_powers_of_ten():
+def test_scene_scaled_by_powers_of_ten():
     """In units of 1e-6 to 1e6 the file's own floats are rounded: a pixel or two are off a code."""
     made = {preset: [p for p, _ in _pictures(preset, TENS)] for preset in PRESETS}
     figures = []
@@ -69,7 +69,7 @@ def test_powers_of_ten():
 
 @pytest.mark.needs_gl
 @case
-def test_powers_of_two_by_opengl():
+def test_scene_scaled_by_powers_of_two_in_opengl():
     """Drawn by OpenGL, a GLB 2^-20 or 2^20 times as large makes the same picture to a code."""
     with pytest.MonkeyPatch.context() as changed:
         changed.setenv("NLENS_RENDERER", "opengl")
@@ -86,7 +86,7 @@ def test_powers_of_two_by_opengl():
 
 
 @case
-def test_the_lens_that_is_found():
+def test_fit_in_any_scene_unit():
     """The lens found on the plate is the same in any unit; its slope has the unit of the scene."""
     units = (1e-6, 1e-3, 1e3, 1e6)
     found = [fit for _, fit in _pictures("realtime", units, fit=None)]
@@ -108,7 +108,7 @@ def test_the_lens_that_is_found():
 
 
 @case
-def test_a_lamp_near_by():
+def test_point_light_in_any_scene_unit():
     """Light that falls off with the square of the distance does so in any unit."""
     made = [p for p, _ in _pictures("standard", (2.0**-20, 2.0**20), lamp="point")]
     pixels, _ = _differing(made)
@@ -137,7 +137,7 @@ def _bodies(unit: float) -> list[bool]:
 
 
 @case
-def test_what_closes_a_body():
+def test_closed_mesh_of_any_size():
     """Whether a mesh is closed, so that nobody sees its back, does not hang on its size."""
     units = (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12)
     found = np.array([_bodies(unit) for unit in units])

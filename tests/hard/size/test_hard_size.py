@@ -74,7 +74,7 @@ def test_tiny_frames_by_paper():
 
 
 @case
-def test_tiny_plates_for_the_network():
+def test_tiny_plates_for_the_coc_network():
     """The CoC network reads plates of 1 x 1 to 17 x 31 pixels without a NaN, in their own size."""
     figures, shown = [], {}
     with OnnxCocNetwork(find_model("coc").path) as network:
@@ -117,7 +117,7 @@ print((peak - base) / 1024, rows[0], rows[-1], columns[0], columns[-1])
 
 
 @case
-def test_8k():
+def test_frame_of_8k():
     """A frame of 7680 x 4320 looks as one of 480 x 270 does, and memory is a few frames."""
     with folder() as place:
         glb = cube(place / "cube.glb")

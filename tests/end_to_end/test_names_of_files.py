@@ -16,7 +16,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("prefix", ["file:", "file://{here}/"])
-def test_file_in_front_of_a_name_is_no_part_of_it(folder, prefix):
+def test_file_prefix_is_not_part_of_the_name(folder, prefix):
     start = prefix.format(here=folder)
     run = nlens(
         f"{start}p.mp4", f"{start}a.glb", f"{start}out.mp4", "--fit", f"{start}fit.json",
@@ -28,7 +28,7 @@ def test_file_in_front_of_a_name_is_no_part_of_it(folder, prefix):
     ]  # fmt: skip
 
 
-def test_file_that_is_called_so_is_meant(folder):
+def test_existing_file_with_the_prefix_in_its_name_is_opened(folder):
     (folder / "p.mp4").rename(folder / "file:p.mp4")
     run = nlens("file:p.mp4", "a.glb", "out.mp4", "--fit", "fit.json", "--preset", "draft")
     assert run.returncode == 0, run.stderr

@@ -44,7 +44,7 @@ def alpha(path):
         ("qtrle.mov", "mkv"), ("qtrle.mov", "webm"), ("qtrle.mov", "apng"), ("ffv1.mkv", "mkv"),
     ],
 )  # fmt: skip
-def test_alpha_reaches_the_result(plate, ending, plates, tmp_path):
+def test_alpha_of_the_plate_is_written_to_the_result(plate, ending, plates, tmp_path):
     out = tmp_path / f"out.{ending}"
     notes = copy(plates[plate], out)
     if ending == "mov" and plate == "vp9.webm":  # MOV holds no VP9, H.264 has no alpha
@@ -55,7 +55,7 @@ def test_alpha_reaches_the_result(plate, ending, plates, tmp_path):
 
 
 @pytest.mark.parametrize("plate", [name for name in PLATES if name != "ffv1.mkv"])
-def test_alpha_that_has_no_room_is_told(plate, plates, tmp_path):
+def test_loss_of_alpha_in_the_output_format_is_noted(plate, plates, tmp_path):
     notes = copy(plates[plate], tmp_path / "out.mp4")
     assert any(note.endswith("alpha is left out") for note in notes)
     with av.open(str(tmp_path / "out.mp4")) as out:

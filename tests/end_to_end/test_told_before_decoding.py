@@ -73,7 +73,7 @@ TARGETS = [
 
 @pytest.mark.usefixtures("no_pass")
 @pytest.mark.parametrize(("more", "code", "words"), SLIPS + TARGETS)
-def test_a_slip_of_the_hand_is_told_before_a_pass_over_the_plate(
+def test_invalid_options_are_refused_before_the_plate_is_decoded(
     shot, tmp_path, monkeypatch, more, code, words
 ):
     monkeypatch.chdir(shot)
@@ -84,7 +84,7 @@ def test_a_slip_of_the_hand_is_told_before_a_pass_over_the_plate(
 
 @pytest.mark.usefixtures("no_pass")
 @pytest.mark.parametrize(("more", "code", "words"), SLIPS[:4] + SLIPS[8:12])
-def test_a_run_in_pieces_is_told_before_its_first_piece(
+def test_invalid_chunked_run_is_refused_before_its_first_chunk(
     shot, tmp_path, monkeypatch, more, code, words
 ):
     """Their codec is needed at the very end, when hours may have gone by."""
@@ -104,7 +104,7 @@ def test_a_run_in_pieces_is_told_before_its_first_piece(
         (".", "is a folder"),
     ],
 )
-def test_a_result_that_nothing_can_become_is_told_first(shot, tmp_path, out, words):
+def test_unwritable_output_format_is_refused_before_decoding(shot, tmp_path, out, words):
     run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / out)
     assert words in one_line(run, 6)
     assert not list(tmp_path.iterdir())
@@ -113,7 +113,7 @@ def test_a_result_that_nothing_can_become_is_told_first(shot, tmp_path, out, wor
 @pytest.mark.skipif("h264_nvenc" not in av.codecs_available, reason="this FFmpeg knows no such")
 @pytest.mark.skipif(Path("/dev/nvidia0").exists(), reason="here it may be at hand")
 @pytest.mark.usefixtures("no_pass")
-def test_an_encoder_without_its_hardware_is_told_first(shot, tmp_path):
+def test_encoder_without_its_hardware_is_refused_before_decoding(shot, tmp_path):
     run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "o.mp4", "--codec", "h264_nvenc")
     assert "--codec h264_nvenc: needs hardware that is not at hand" in one_line(run, 2)
 
@@ -127,7 +127,7 @@ def test_an_encoder_without_its_hardware_is_told_first(shot, tmp_path):
         (["--at", "0.5,0.8", "--size", "0.3", "--horizon", "-540"], "--horizon -540 is far off"),
     ],
 )
-def test_a_place_in_pixels_is_no_place_in_fractions(shot, tmp_path, place, words):
+def test_placement_in_pixels_is_refused(shot, tmp_path, place, words):
     run = nlens(shot / "in.mp4", shot / "bare.glb", tmp_path / "out.mp4", *place)
     assert words in one_line(run, 2)
 
@@ -144,20 +144,20 @@ class TestOutOfView:
             ("bare.glb", ["--at", "-4,0.9", "--size", "0.3"], "left of the frame; check --at and"),
         ],
     )
-    def test_an_object_that_no_frame_shows_is_a_slip(self, shot, tmp_path, plate, glb, more, words):
+    def test_object_outside_every_frame_is_refused(self, shot, tmp_path, plate, glb, more, words):
         out = (tmp_path / "out.mp4").with_suffix("." + plate.rpartition(".")[2])
         line = one_line(nlens(shot / plate, shot / glb, out, *more), 4)
         assert "the object is out of view" in line and words in line
         assert not list(tmp_path.iterdir())
 
-    def test_an_object_just_beside_the_frame_leaves_no_result(self, shot, tmp_path):
+    def test_object_just_beside_the_frame_leaves_no_result(self, shot, tmp_path):
         """So near that its blur might have reached in: only drawing it tells."""
         out = tmp_path / "o.png"
         run = nlens(shot / "plate.png", shot / "near.glb", out, "--effects", "none")
         assert "is in view on none of 1 frames" in one_line(run, 4)
         assert not list(tmp_path.iterdir())
 
-    def test_an_object_that_leaves_the_frame_is_none(self, shot, tmp_path):
+    def test_object_that_leaves_the_frame_is_accepted(self, shot, tmp_path):
         run = nlens(
             shot / "in.mp4", shot / "leaves.glb", tmp_path / "o.mp4", "--fit", shot / "fit.json",
             "--json",
@@ -165,7 +165,7 @@ class TestOutOfView:
         assert run.returncode == 0, run.stderr
         assert 0 < json.loads(run.stdout)["composited"] < 12
 
-    def test_a_part_of_a_shot_may_go_without_its_object(self, shot, tmp_path):
+    def test_range_without_the_object_in_view_is_accepted(self, shot, tmp_path):
         run = nlens(
             shot / "in.mp4", shot / "leaves.glb", tmp_path / "o.mp4", "--fit", shot / "fit.json",
             "--range", "8:", "--json",
@@ -173,7 +173,7 @@ class TestOutOfView:
         assert run.returncode == 0, run.stderr
         assert json.loads(run.stdout)["composited"] == 0
 
-    def test_a_live_source_may_wait_for_its_object(self, shot, tmp_path):
+    def test_live_source_may_start_without_the_object_in_view(self, shot, tmp_path):
         size = f"{shots.WIDTH}x{shots.HEIGHT}"
         run = nlens(
             f"testsrc2=size={size}:rate=25:duration=0.2", shot / "behind.glb", tmp_path / "o.mkv",
@@ -185,7 +185,7 @@ class TestOutOfView:
 
 class TestOneFrame:
     @pytest.mark.parametrize("words", [["--frame", "5"], ["--range", "5:6"]])
-    def test_one_frame_of_a_video_becomes_a_picture(self, shot, tmp_path, words):
+    def test_single_frame_of_a_video_is_written_as_a_picture(self, shot, tmp_path, words):
         out = tmp_path / "out.png"
         run = nlens(
             shot / "in.mp4", shot / "anim.glb", out, "--fit", shot / "fit.json", *words, "--json"
@@ -200,7 +200,7 @@ class TestOneFrame:
         assert np.array_equal(cv2.imread(str(out)), cv2.imread(str(tmp_path / "all_0005.png")))
 
     @pytest.mark.parametrize("name", ["o.jpg", "o.exr", "o.webp", "o.gif", "o.mp4", "o_%04d.png"])
-    def test_any_kind_of_result_takes_one_frame(self, shot, tmp_path, name):
+    def test_every_output_format_accepts_a_single_frame(self, shot, tmp_path, name):
         run = nlens(
             shot / "in.mp4", shot / "anim.glb", tmp_path / name, "--fit", shot / "fit.json",
             "--frame", "3",
@@ -211,26 +211,26 @@ class TestOneFrame:
 
     @pytest.mark.usefixtures("no_pass")
     @pytest.mark.parametrize("words", [["--range", "5:7"], ["--range", "5:"], []])
-    def test_several_frames_become_no_picture(self, shot, tmp_path, words):
+    def test_several_frames_into_one_picture_are_refused(self, shot, tmp_path, words):
         run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "out.png", *words)
         assert "is one picture" in one_line(run, 6)
 
-    def test_a_sheet_of_places_is_drawn_on_the_frame_that_is_named(self, shot, tmp_path):
+    def test_contact_sheet_uses_the_selected_frame(self, shot, tmp_path):
         run = nlens("place", shot / "in.mp4", shot / "bare.glb", tmp_path / "s.png", "--frame", "7")
         assert run.returncode == 0, run.stderr
 
     @pytest.mark.parametrize("words", [["--frame", "-1"], ["--frame", "1:2"], ["--frame", "x"]])
-    def test_a_frame_is_a_number(self, shot, tmp_path, words):
+    def test_frame_option_must_be_a_number(self, shot, tmp_path, words):
         run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "o.png", *words)
         assert "is not the number of a frame" in one_line(run, 2)
 
-    def test_a_frame_and_a_range_are_not_asked_for_together(self, shot, tmp_path):
+    def test_frame_and_range_options_exclude_each_other(self, shot, tmp_path):
         words = ["--frame", "1", "--range", "2:3"]
         run = nlens(shot / "in.mp4", shot / "anim.glb", tmp_path / "o.png", *words)
         assert "not allowed with" in one_line(run, 2)
 
 
-def test_a_report_folder_that_cannot_be_is_told_before_a_check_begins(shot, monkeypatch):
+def test_unwritable_report_folder_is_refused_before_a_check(shot, monkeypatch):
     from nlens_video.check import command
 
     monkeypatch.setattr(command, "compare", lambda *given, **named: pytest.fail("compared first"))

@@ -53,7 +53,7 @@ def commands(shot, closed, free):
     }  # fmt: skip
 
 
-def test_a_folder_that_is_closed_is_told_in_one_line_before_any_work(shot, tmp_path, closed):
+def test_unwritable_folder_is_refused_in_one_line_before_the_run(shot, tmp_path, closed):
     lines = commands(shot, closed, tmp_path)
     for command, run in zip(lines, ordinary(*lines.values()), strict=True):
         line = one_line(run, 6)
@@ -61,7 +61,7 @@ def test_a_folder_that_is_closed_is_told_in_one_line_before_any_work(shot, tmp_p
     assert [path.name for path in tmp_path.iterdir()] == ["closed"]
 
 
-def test_a_file_that_may_not_be_read_is_told_in_one_line(shot, tmp_path):
+def test_unreadable_file_is_refused_in_one_line(shot, tmp_path):
     lines = []
     for hidden in ("plate.png", "anim.glb", "fit.json"):
         folder = tmp_path / hidden
@@ -76,7 +76,7 @@ def test_a_file_that_may_not_be_read_is_told_in_one_line(shot, tmp_path):
     assert not list(tmp_path.rglob("o.png"))
 
 
-def test_what_lies_in_a_closed_folder_can_be_worked_with(shot, tmp_path):
+def test_files_in_a_read_only_folder_can_be_used(shot, tmp_path):
     folder = tmp_path / "footage"
     folder.mkdir()
     for name in ("in.mp4", "anim.glb", "fit.json"):
@@ -92,7 +92,7 @@ def test_what_lies_in_a_closed_folder_can_be_worked_with(shot, tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="gives a file to another user, as root may")
-def test_a_file_of_another_user_is_left_to_them_unless_told_otherwise(shot, tmp_path):
+def test_file_of_another_user_is_kept_unless_overwriting_is_requested(shot, tmp_path):
     out = tmp_path / "o.png"
     out.write_text("theirs")
     os.chown(out, 12345, 23456)

@@ -67,7 +67,7 @@ def work():
         yield room
 
 
-def test_main_command_runs_with_one_note_where_no_usual_folder_can_be_written(program, work):
+def test_main_command_runs_with_one_note_if_no_cache_folder_is_writable(program, work):
     room = work
     environment = {**NO_HOME, "TMPDIR": str(room / "tmp")}
     command = (
@@ -89,7 +89,7 @@ def test_main_command_runs_with_one_note_where_no_usual_folder_can_be_written(pr
     assert f"cached in {cache}" in doctor.stdout
 
 
-def test_farm_needs_no_home(program, work):
+def test_farm_runs_without_a_home_folder(program, work):
     run = run_as_other(
         program, "farm", "in.mp4", "anim.glb", "out.mp4", "--fit", "fit.json", "--preset", "draft",
         "--effects", "defocus", cwd=work, environment={**NO_HOME, "TMPDIR": str(work / "tmp")},
@@ -99,7 +99,7 @@ def test_farm_needs_no_home(program, work):
 
 
 @pytest.mark.needs_root
-def test_user_without_an_entry_and_without_home_leaves_no_folder_named_tilde(program, room):
+def test_user_without_a_passwd_entry_creates_no_folder_named_tilde(program, room):
     environment = {"TMPDIR": str(room / "tmp")}
     run = run_as_other(
         program.with_name("python"), "-c", SHOW_NOTES, cwd=room, environment=environment, uid=54321
@@ -109,7 +109,7 @@ def test_user_without_an_entry_and_without_home_leaves_no_folder_named_tilde(pro
 
 
 @pytest.mark.parametrize("trap", ["open to all", "a link"])
-def test_cache_that_others_could_have_filled_is_not_loaded(program, room, trap):
+def test_kernel_cache_writable_by_others_is_not_loaded(program, room, trap):
     folder = room / "tmp" / f"nlens-video-{OTHER}"
     if trap == "a link":
         (room / "elsewhere").mkdir(mode=0o700)
@@ -134,7 +134,7 @@ def others_places():
 
 @pytest.mark.needs_root
 @pytest.mark.needs_mount
-def test_kernels_are_compiled_for_each_run_where_nothing_at_all_can_be_written(program):
+def test_kernels_are_compiled_each_run_if_nothing_is_writable(program):
     mounts = (
         "mount -t tmpfs -o ro none /var/tmp && mount -t tmpfs -o ro none /dev/shm && "
         "mount --bind /tmp /tmp && mount -o remount,bind,ro /tmp && cd / && "

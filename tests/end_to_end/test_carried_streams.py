@@ -55,7 +55,7 @@ def described(path):
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mov", "mkv", "ts", "nut"])
-def test_all_streams_travel_as_in_the_ffmpeg_programs_copy(ending, parts, tmp_path):
+def test_all_streams_are_copied_as_by_ffmpeg(ending, parts, tmp_path):
     words = ("-c:v:0", "libx264") if ending == "nut" else X265
     plate = film(parts, {"ts": "mkv", "nut": "mkv"}.get(ending, ending), *words)
     # It cannot copy the track of QuickTime's chapters, and writes text that nothing reads again.
@@ -68,7 +68,7 @@ def test_all_streams_travel_as_in_the_ffmpeg_programs_copy(ending, parts, tmp_pa
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mov", "m4v"])
-def test_hevc_is_hvc1_as_apples_players_want_it(ending, parts, tmp_path):
+def test_hevc_in_mp4_is_tagged_hvc1_for_apple_players(ending, parts, tmp_path):
     plate = film(parts, "mkv", *X265[:4])
     codec = {"codec": "libx265"} if ending != "m4v" else {}
     out = tmp_path / f"out.{ending}"
@@ -78,7 +78,7 @@ def test_hevc_is_hvc1_as_apples_players_want_it(ending, parts, tmp_path):
 
 
 @pytest.mark.parametrize(("source", "ending"), [("mov", "mp4"), ("mp4", "mov")])
-def test_timecode_tracks_are_carried_and_go_on_in_a_range(source, ending, tmp_path):
+def test_timecode_tracks_are_kept_and_advanced_for_a_range(source, ending, tmp_path):
     plate = made(
         *PICTURES, "-pix_fmt", "yuv420p", "-timecode", "01:02:03:04", tmp_path / f"in.{source}"
     )
@@ -96,7 +96,9 @@ def test_timecode_tracks_are_carried_and_go_on_in_a_range(source, ending, tmp_pa
     ("source", "ending", "codec"),
     [("mp4", "mkv", "subrip"), ("mkv", "mp4", "mov_text"), ("mkv", "webm", "webvtt")],
 )
-def test_text_subtitles_become_those_of_the_container(source, ending, codec, parts, tmp_path):
+def test_text_subtitles_are_converted_to_the_containers_format(
+    source, ending, codec, parts, tmp_path
+):
     plate = film(parts, source, "-c:v:0", "libx264")
     out = tmp_path / f"out.{ending}"
     notes = copy(plate, out)
@@ -110,7 +112,7 @@ def test_text_subtitles_become_those_of_the_container(source, ending, codec, par
     assert text == same
 
 
-def test_fonts_and_covers_of_matroska_travel_to_the_byte(parts, tmp_path):
+def test_attachments_and_covers_of_matroska_are_copied_byte_for_byte(parts, tmp_path):
     plain = film(parts, "mkv", "-c:v:0", "libx264")
     plate = made(
         "-i", plain, "-map", 0, "-c", "copy", "-attach", parts / "font.ttf", "-attach",
@@ -127,7 +129,7 @@ def test_fonts_and_covers_of_matroska_travel_to_the_byte(parts, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mkv"])
-def test_cover_of_an_mp4_travels_to_the_byte(ending, parts, tmp_path):
+def test_cover_of_an_mp4_is_copied_byte_for_byte(ending, parts, tmp_path):
     plate = film(parts, "mp4", "-c:v:0", "libx264")
     out = tmp_path / f"out.{ending}"
     copy(plate, out)
@@ -136,7 +138,7 @@ def test_cover_of_an_mp4_travels_to_the_byte(ending, parts, tmp_path):
     assert (tmp_path / "cover.jpg").read_bytes() == Path(parts / "cover.jpg").read_bytes()
 
 
-def test_what_has_no_place_is_told(parts, tmp_path):
+def test_dropped_streams_are_reported(parts, tmp_path):
     plate = film(parts, "mp4", "-c:v:0", "libx264", "-timecode", "00:00:00:00")
     notes = " ".join(copy(plate, tmp_path / "out.avi"))
     assert "(subtitle) is left out: avi holds no text" in notes

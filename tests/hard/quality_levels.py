@@ -1,4 +1,4 @@
-"""Small scenes of cards, and the four rungs of quality that blur them."""
+"""Small scenes of cards, and the four quality levels that blur them."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from nlens_video.stages.l_view_blend import SampleSmallDiscs
 
 WIDTH, HEIGHT, FOCAL = 112, 88, 100.0
 FRAME = Box(0, 0, WIDTH, HEIGHT)
-RUNGS = ("draft", "realtime", "standard", "lens")
-VIEWS = 16  # of the lens' rung: what its accuracy of 50 dB takes
+QUALITIES = ("draft", "realtime", "standard", "lens")
+VIEWS = 16  # of the sampled lens: what its accuracy of 50 dB takes
 MARGIN = 60
 
 
@@ -118,11 +118,11 @@ def sharp(scene: Scene, view: Camera | None = None) -> np.ndarray:
 
 
 def through(
-    rung: str, scene: Scene, fit: LensFit, view: Camera | None = None, threads: int | None = None
+    quality: str, scene: Scene, fit: LensFit, view: Camera | None = None, threads: int | None = None
 ) -> np.ndarray:
-    """The scene through a lens, as a rung of quality makes it, on the whole frame (H, W, 4)."""
+    """The scene through a lens, as a quality level makes it, on the whole frame (H, W, 4)."""
     view = view or camera()
-    detail = DRAFT if rung == "draft" else FINE
+    detail = DRAFT if quality == "draft" else FINE
     spread = ReblurLayer(
         scatter=lambda *given, **named: scatter(*given, threads=threads, detail=detail, **named),
         reach=lambda *given: blur_reach(*given, detail=detail),
@@ -133,15 +133,15 @@ def through(
             return np.zeros((HEIGHT, WIDTH, 4), np.float32)
         centre, few = object_coc(layer, fit), None
         shot = LensSetup(time_s=0.0, camera=view, fit=fit, frame=FRAME)
-        if rung == "lens":
+        if quality == "lens":
             stage = SampleLens(renderer=renderer, whole=spread, cell=BlurCell(spread), count=VIEWS)
             return whole(stage(centre, shot))
-        if rung == "standard":
+        if quality == "standard":
             depth = float(layer.depth[np.isfinite(layer.depth)].max())
             centre = depth_peel(centre, fit, depth, renderer)
             few = SampleSmallDiscs(renderer=renderer)(centre, shot)
     blurred = spread(centre, FRAME)
-    if rung == "standard":
+    if quality == "standard":
         blurred = repair()(centre, blurred)
     return whole(blurred if few is None else few.blend_into(blurred))
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from stranger.option_rows import PLACED, Row
-from stranger.option_table import COMMANDS
+from end_to_end.option_rows import PLACED, Row
+from end_to_end.option_table import COMMANDS
 from support import shots
 from support.command import nlens, one_line
 from support.folders import ROOT
@@ -32,7 +32,7 @@ def actions(name):
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("stranger")
+    folder = tmp_path_factory.mktemp("end_to_end")
     shots.write_png(folder / "in.png")
     shots.write_video(folder / "in.mp4", frames=4)
     shots.cube_glb(folder / "anim.glb", end=(0.1, 0.0, -1.6), name="cube")
@@ -98,7 +98,7 @@ def state(*folders):
 
 
 @pytest.mark.parametrize("command", command_line.COMMANDS)
-def test_every_word_of_the_help_has_a_row(command):
+def test_every_option_in_the_help_has_a_row_in_the_test_table(command):
     names = [name for name in COMMANDS if name.split()[0] == command]
     assert names, f"{command} has no rows"
     for name in names:
@@ -106,12 +106,12 @@ def test_every_word_of_the_help_has_a_row(command):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_word_has_a_help_text(name):
+def test_every_option_has_a_help_text(name):
     assert [dest for dest, action in actions(name).items() if not action.help] == []
 
 
 @pytest.mark.parametrize(("name", "dest"), rows(sensible))
-def test_word_with_sense_does_its_work(name, dest, files, tmp_path, monkeypatch):
+def test_valid_option_value_has_its_effect(name, dest, files, tmp_path, monkeypatch):
     monkeypatch.chdir(files)
     row = COMMANDS[name].rows[dest]
     words = command_words(name, dest, row.sense, tmp_path)
@@ -125,7 +125,7 @@ def test_word_with_sense_does_its_work(name, dest, files, tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(("name", "dest"), rows(senseless))
-def test_word_without_sense_is_refused_in_one_line_and_nothing_is_written(
+def test_invalid_option_value_is_refused_in_one_line_and_nothing_is_written(
     name, dest, files, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(files)
@@ -141,6 +141,6 @@ def test_word_without_sense_is_refused_in_one_line_and_nothing_is_written(
         assert state(files, tmp_path) == before, value[:40]
 
 
-def test_tests_that_the_table_names_are_there():
+def test_tests_named_in_the_option_table_exist():
     named = {row.elsewhere for one in COMMANDS.values() for row in one.rows.values()} - {""}
     assert [path for path in named if not (ROOT / path).is_file()] == []

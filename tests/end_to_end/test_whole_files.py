@@ -69,14 +69,14 @@ WHOLE = [
 
 
 @pytest.mark.parametrize(("make", "ending"), WHOLE)
-def test_whole_file_is_not_called_cut_short(make, ending, tmp_path):
+def test_complete_file_is_not_reported_as_truncated(make, ending, tmp_path):
     _, words = told(make(tmp_path, ending))
     assert "cut short" not in words
 
 
 @pytest.mark.parametrize("ending", ["mkv", "mp4", "mov"])
 @pytest.mark.parametrize("share", [0.4, 0.7])
-def test_file_that_is_cut_short_is_called_so(ending, share, tmp_path):
+def test_truncated_file_is_reported(ending, share, tmp_path):
     whole = made(*PICTURES, *SOUND, *H264, "-movflags", "+faststart", tmp_path / f"whole.{ending}")
     data = whole.read_bytes()
     cut = tmp_path / f"cut.{ending}"

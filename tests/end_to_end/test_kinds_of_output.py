@@ -11,7 +11,7 @@ from nlens_video.video.output.sink import check_output
 
 
 @pytest.mark.parametrize("ending", ["mp3", "wav", "aac", "srt", "mka", "flac", "vtt"])
-def test_output_without_room_for_video_is_refused_in_one_line(tmp_path, ending):
+def test_audio_only_output_format_is_refused_in_one_line(tmp_path, ending):
     plate = write_video(tmp_path / "in.mp4", frames=2)
     glb, fit = cube_glb(tmp_path / "a.glb"), fit_json(tmp_path / "fit.json")
     run = nlens(plate, glb, tmp_path / f"out.{ending}", "--fit", fit, "--preset", "draft")
@@ -34,7 +34,7 @@ def test_output_without_room_for_video_is_refused_in_one_line(tmp_path, ending):
         ("out_%04d.png", {"crf": 3.0}, UsageError, "has no such choice"),
     ],
 )
-def test_what_cannot_be_written_is_known_before_anything_is_opened(
+def test_unwritable_output_format_is_refused_before_any_file_is_opened(
     tmp_path, name, options, error, words
 ):
     with pytest.raises(error, match=words) as caught:
@@ -44,12 +44,12 @@ def test_what_cannot_be_written_is_known_before_anything_is_opened(
 
 
 @pytest.mark.parametrize("name", ["out.mp4", "out.ts", "out.apng", "out.png", "o_%04d.exr", "-"])
-def test_what_can_be_written_passes_the_early_check(tmp_path, name):
+def test_writable_output_formats_pass_the_early_check(tmp_path, name):
     check_output(name if name == "-" else str(tmp_path / name))
 
 
 @pytest.mark.parametrize("ending", ["apng", "gif", "webp"])
-def test_video_becomes_an_animation(tmp_path, ending):
+def test_video_is_written_as_an_animated_picture(tmp_path, ending):
     clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p", s) for s in range(3)])
     copy(clip, tmp_path / f"out.{ending}")
     if ending == "webp":  # FFmpeg writes animations of this kind, but reads their first chunk only

@@ -43,7 +43,7 @@ def test_odd_sizes_keep_codec_and_size(codec, pixel_format, size, tmp_path):
 
 
 @pytest.mark.parametrize("codec", ["libx264", "libx265"])
-def test_encoder_that_wants_even_sizes_gets_full_chroma_for_odd_ones(codec, tmp_path):
+def test_odd_sizes_use_full_chroma_for_encoders_that_need_even_sizes(codec, tmp_path):
     plate = clip(tmp_path / "in.mkv", "ffv1", "yuv420p", size="63x47")
     notes = " ".join(copy(plate, tmp_path / "out.mp4", codec=codec))
     assert f"pixel format yuv444p instead of yuv420p: nearest that {codec} takes" in notes
@@ -52,7 +52,7 @@ def test_encoder_that_wants_even_sizes_gets_full_chroma_for_odd_ones(codec, tmp_
 
 @pytest.mark.parametrize("ending", ["mov", "mkv", "avi"])
 @pytest.mark.parametrize("pixel_format", ["nv12", "uyvy422", "bgr24"])
-def test_raw_pictures_stay_raw_only_where_readers_know_their_format(pixel_format, ending, tmp_path):
+def test_raw_video_stays_raw_only_in_widely_readable_pixel_formats(pixel_format, ending, tmp_path):
     plate = clip(tmp_path / "in.nut", "rawvideo", pixel_format)
     out = tmp_path / f"out.{ending}"
     notes = " ".join(copy(plate, out))
@@ -67,7 +67,7 @@ def test_raw_pictures_stay_raw_only_where_readers_know_their_format(pixel_format
 
 @pytest.mark.parametrize("ending", ["mkv", "mp4"])
 @pytest.mark.parametrize("rate", ["30000/1001", "12"])
-def test_avi_has_the_rate_of_its_source(rate, ending, tmp_path):
+def test_avi_output_keeps_the_frame_rate(rate, ending, tmp_path):
     plate = clip(tmp_path / f"in.{ending}", "libx264", "yuv420p", rate=rate)
     copy(plate, tmp_path / "out.avi")
     found = streams(tmp_path / "out.avi")[0]
@@ -79,13 +79,13 @@ def test_avi_has_the_rate_of_its_source(rate, ending, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["mpg", "mxf"])
-def test_rate_that_a_container_cannot_name_is_refused_before_a_frame_is_written(ending, tmp_path):
+def test_frame_rate_unsupported_by_the_container_is_refused_before_writing(ending, tmp_path):
     plate = clip(tmp_path / "in.mkv", "libx264", "yuv420p", rate="15")
     with pytest.raises(OutputError, match="at 15 frames per second"):
         copy(plate, tmp_path / f"out.{ending}")
 
 
-def test_mpeg2_at_a_rate_of_its_own_is_not_called_its_own_substitute(tmp_path):
+def test_mpeg2_at_an_unsupported_rate_suggests_another_codec(tmp_path):
     plate = clip(tmp_path / "in.mov", "mpeg2video", "yuv420p", "-strict", "-2", rate="15")
     notes = " ".join(copy(plate, tmp_path / "out.mov"))
     assert "mpeg2video instead of the source's mpeg2video" not in notes

@@ -77,7 +77,7 @@ def pairs():
 
 
 @pytest.mark.parametrize(("form", "written", "read"), list(pairs()))
-def test_a_written_file_is_never_one_that_is_read(tmp_path, form, written, read):
+def test_output_that_is_also_an_input_is_refused(tmp_path, form, written, read):
     before = inputs(tmp_path)
     name = "plates/stimuli.csv" if read == "folder" else NAMES[read]
     line = one_line(nlens(*words(form, tmp_path, **{written: name})), 6)
@@ -86,7 +86,7 @@ def test_a_written_file_is_never_one_that_is_read(tmp_path, form, written, read)
 
 
 @pytest.mark.parametrize("form", [form for form in COMMANDS if "{report}" in COMMANDS[form]])
-def test_a_report_does_not_replace_what_is_read(tmp_path, form):
+def test_report_over_an_input_is_refused(tmp_path, form):
     before = inputs(tmp_path)
     (tmp_path / "in.mp4").rename(tmp_path / "index.html")
     line = one_line(nlens(*words(form, tmp_path, input="index.html", report=".")), 6)
@@ -103,9 +103,7 @@ def test_a_report_does_not_replace_what_is_read(tmp_path, form):
         ("bench", "out", "folder", "bg.png"),
     ],
 )
-def test_a_folder_that_is_written_into_holds_nothing_that_is_read(
-    tmp_path, form, written, read, name
-):
+def test_output_folder_that_holds_an_input_is_refused(tmp_path, form, written, read, name):
     inputs(tmp_path)
     (tmp_path / "both").mkdir()
     (tmp_path / "both" / name).write_bytes(b"of somebody")
@@ -119,7 +117,7 @@ def test_a_folder_that_is_written_into_holds_nothing_that_is_read(
     assert contents(tmp_path) == before
 
 
-def test_files_that_a_run_leaves_beside_its_result_are_not_its_inputs(tmp_path):
+def test_side_files_of_the_result_may_not_be_inputs(tmp_path):
     """The part that an interrupted run has kept, and the lens that lies among its chunks."""
     inputs(tmp_path)
     (tmp_path / "in.mp4").rename(tmp_path / "out.partial.mp4")
@@ -180,7 +178,7 @@ def shot(tmp_path, monkeypatch):
         ("file:s%04d.png", "s0001.png"),
     ],
 )
-def test_a_plate_is_known_by_all_its_names(shot, command, plate, output):
+def test_plate_is_recognised_under_all_its_names(shot, command, plate, output):
     if plate == "s%d.png":
         (shot / "s1.png").write_bytes(b"a plate")
     if output == "s%d.png":
@@ -194,14 +192,14 @@ def test_a_plate_is_known_by_all_its_names(shot, command, plate, output):
 
 
 @pytest.mark.parametrize("name", ["data.bin", "my wood.png", "té.png"])
-def test_the_buffers_and_textures_of_a_scene_are_not_written_over(shot, name):
+def test_buffers_and_textures_of_the_scene_are_not_overwritten(shot, name):
     run = nlens("fit", "plate.png", "anim.gltf", name)
     assert "is a file of the scene as well" in one_line(run, 6)
 
 
 @pytest.mark.parametrize("plate", ["list.m3u8", "list.ffconcat"])
 @pytest.mark.parametrize("name", ["seg 1.ts", "seg2.ts"])
-def test_the_files_that_a_playlist_names_are_not_written_over(shot, plate, name):
+def test_files_listed_in_a_playlist_are_not_overwritten(shot, plate, name):
     run = nlens(plate, "anim.gltf", name)
     assert "is a file of the plate as well" in one_line(run, 6)
 
@@ -218,11 +216,11 @@ def test_the_files_that_a_playlist_names_are_not_written_over(shot, plate, name)
         (["--fit", "fit.json", "--save-fit", "fit.json"], "--save-fit fit.json: is --fit as well"),
     ],
 )
-def test_two_words_do_not_write_one_file(shot, more, words):
+def test_two_options_cannot_write_the_same_file(shot, more, words):
     assert words in one_line(nlens("plate.png", "anim.gltf", "out.mp4", *more), 6)
 
 
-def test_shots_of_a_list_do_not_write_over_each_others_plates(shot):
+def test_shots_of_a_list_cannot_overwrite_each_others_plates(shot):
     def listed(*outputs):
         entries = [
             f'[[shot]]\nin = "{plate}"\nobject = "anim.gltf"\nout = "{out}"\n'
@@ -239,7 +237,7 @@ def test_shots_of_a_list_do_not_write_over_each_others_plates(shot):
     assert {**contents(shot), shot / "jobs.toml": b""} == {**before, shot / "jobs.toml": b""}
 
 
-def test_chunks_are_not_written_over_by_what_they_become(shot):
+def test_merge_cannot_overwrite_its_chunks(shot):
     (shot / "chunks").mkdir()
     (shot / "chunks" / "a.nut").write_bytes(b"a chunk")
     run = nlens("merge", "chunks/a.nut", "chunks", "--from", "plate.png")
@@ -247,7 +245,7 @@ def test_chunks_are_not_written_over_by_what_they_become(shot):
     assert CHUNKS[0] == "*.nut"
 
 
-def test_names_of_presets_and_apertures_are_no_files(shot):
+def test_preset_and_aperture_names_are_not_taken_for_files(shot):
     """A file that is called as a preset is, is not in the way."""
     (shot / "standard").write_bytes(b"of somebody")
     run = nlens("plate.png", "none.glb", "out.png", "--save-fit", "standard", "--plan")

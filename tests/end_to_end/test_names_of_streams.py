@@ -21,12 +21,12 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize(
     ("given", "made"), [("pipe:0", "pipe:1"), ("/dev/stdin", "/dev/stdout"), ("-", "-")]
 )
-def test_other_names_of_the_standard_streams_are_understood(folder, given, made):
+def test_ffmpeg_names_of_standard_streams_are_accepted(folder, given, made):
     succeeded(f"nlens-video {given} anim.glb {made} {QUICK} < in.mkv > stdout.nut", folder)
     assert pictures(folder / "stdout.nut") == ("rawvideo", FRAMES)
 
 
-def test_each_command_knows_the_names_of_the_standard_streams():
+def test_every_command_accepts_the_names_of_standard_streams():
     for words in (
         ["fit", "pipe:", "a.glb", "f.json"],
         ["place", "/dev/fd/0", "a.glb", "x.png"],
@@ -39,16 +39,14 @@ def test_each_command_knows_the_names_of_the_standard_streams():
         assert getattr(parsed, "output", "-") in ("-", Path("x.png"))
 
 
-def test_bash_puts_commands_in_the_place_of_both(folder):
+def test_process_substitution_works_for_input_and_output(folder):
     line = f"nlens-video <(cat in.mkv) anim.glb >(cat > substituted.nut) {QUICK}; wait $!"
     succeeded(line, folder)
     assert pictures(folder / "substituted.nut") == ("rawvideo", FRAMES)
 
 
 @pytest.mark.parametrize(("name", "codec"), [("in", "rawvideo"), ("in.mp4", "h264")])
-def test_a_named_pipe_is_written_as_its_extension_says_and_stays_a_pipe(
-    folder, tmp_path, name, codec
-):
+def test_named_pipe_is_written_in_the_format_of_its_extension(folder, tmp_path, name, codec):
     pipe = tmp_path / name
     line = f"mkfifo {pipe}; cat {pipe} > {tmp_path}/got & nlens-video in.mkv anim.glb {pipe}"
     succeeded(f"{line} {QUICK} && wait", folder)
@@ -56,21 +54,21 @@ def test_a_named_pipe_is_written_as_its_extension_says_and_stays_a_pipe(
     assert pictures(tmp_path / "got") == (codec, FRAMES)
 
 
-def test_a_named_pipe_is_read_as_a_stream(folder, tmp_path):
+def test_named_pipe_is_read_as_a_stream(folder, tmp_path):
     pipe = tmp_path / "camera"
     line = f"mkfifo {pipe}; cat in.mkv > {pipe} & nlens-video {pipe} anim.glb fifo.mkv {QUICK}"
     succeeded(f"{line} --late keep && wait", folder)
     assert pictures(folder / "fifo.mkv") == ("h264", FRAMES)
 
 
-def test_the_system_s_devices_are_written_and_not_replaced(folder):
+def test_device_files_are_written_and_not_replaced(folder):
     succeeded(f"nlens-video in.mkv anim.glb /dev/null {QUICK}", folder)
     run = shell(f"nlens-video in.mkv anim.glb /dev/full {QUICK}", folder)
     assert run.returncode == 6 and run.stderr.count(b"\n") == 1
     assert b"No space left" in run.stderr
 
 
-def test_a_camera_as_result_is_told_how_ffmpeg_writes_it(folder):
+def test_camera_device_as_output_is_refused_with_advice(folder):
     line = one_line(
         nlens(folder / "in.mkv", folder / "anim.glb", "/dev/video9", "--fit", folder / "fit.json"),
         6,
@@ -79,7 +77,7 @@ def test_a_camera_as_result_is_told_how_ffmpeg_writes_it(folder):
 
 
 @pytest.mark.parametrize("name", ["v4l2", "video4linux2", "video4linux2,v4l2"])
-def test_each_name_of_a_camera_s_format_gets_as_far_as_opening_it(folder, name):
+def test_every_camera_format_name_reaches_the_device(folder, name):
     run = nlens(
         "fit", "/dev/video77", folder / "anim.glb", folder / "f.json", "--input-format", name
     )
@@ -93,21 +91,21 @@ def test_each_name_of_a_camera_s_format_gets_as_far_as_opening_it(folder, name):
         *((name, "in.mkv") for name in ("matroska", "webm", "matroska,webm")),
     ],
 )
-def test_each_name_of_a_container_opens_the_file_as_without_it(folder, name, file):
+def test_explicit_container_format_opens_the_file_as_without_it(folder, name, file):
     words = (folder / file, folder / "anim.glb", folder / "o.mkv", "--plan")
     named, plain = nlens(*words, "--input-format", name), nlens(*words)
     assert named.returncode == 0, named.stderr
     assert named.stdout == plain.stdout
 
 
-def test_devices_of_other_systems_are_answered_with_those_of_this_one(folder):
+def test_device_formats_of_other_systems_are_refused_with_the_local_ones(folder):
     for name in ("dshow", "avfoundation", "gdigrab"):
         run = nlens("Camera", folder / "anim.glb", folder / "o.mkv", "--input-format", name)
         line = one_line(run, 2)
         assert f"--input-format {name}: FFmpeg has no such" in line and "v4l2" in line
 
 
-def test_pictures_that_ffmpeg_s_filters_make_are_a_live_source(folder):
+def test_ffmpeg_filter_source_is_a_live_source(folder):
     source = f"testsrc2=size={shots.WIDTH}x{shots.HEIGHT}:rate=25:duration=0.4"
     words = (source, folder / "anim.glb", folder / "filters.mkv", "--input-format", "lavfi")
     run = nlens(*words, "--fit", folder / "fit.json", "--preset", "draft", "--late", "keep", "-q")
@@ -126,7 +124,7 @@ def test_pictures_that_ffmpeg_s_filters_make_are_a_live_source(folder):
         (None, "http://127.0.0.1:{port}/x.mkv"),
     ],
 )
-def test_addresses_are_read_and_written_with_the_ffmpeg_program_at_the_other_end(
+def test_network_addresses_are_read_and_written_with_ffmpeg_as_peer(
     folder, free_ports, source, result
 ):
     """The listener is started first; the other end tries until it is there."""

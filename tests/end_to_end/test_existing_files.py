@@ -36,7 +36,7 @@ def mode(path):
 @pytest.mark.parametrize(
     ("plate", "out"), [("plate.png", "out.png"), ("in.mp4", "out.mp4"), ("in.mp4", "o_%04d.png")]
 )
-def test_a_script_may_run_again_and_files_keep_their_rights(shot, tmp_path, plate, out):
+def test_rerun_in_a_script_overwrites_and_keeps_permissions(shot, tmp_path, plate, out):
     report = ["--report", tmp_path / "r", "--save-fit", tmp_path / "f.json"]
     assert nlens(*words(shot, tmp_path / out, *report, plate=plate)).returncode == 0
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -52,7 +52,7 @@ def test_a_script_may_run_again_and_files_keep_their_rights(shot, tmp_path, plat
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="gives files away, as root may")
-def test_a_file_that_root_replaces_stays_its_owners(shot, tmp_path):
+def test_file_replaced_by_root_keeps_its_owner(shot, tmp_path):
     out = tmp_path / "out.png"
     out.write_bytes(b"of somebody")
     os.chown(out, 12345, 23456)
@@ -61,7 +61,7 @@ def test_a_file_that_root_replaces_stays_its_owners(shot, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["render", "fit", "place", "--save-fit", "--timings"])
-def test_a_write_protected_file_is_left_alone_unless_told_otherwise(shot, tmp_path, command):
+def test_write_protected_file_is_kept_unless_overwriting_is_requested(shot, tmp_path, command):
     target = tmp_path / {"render": "out.png", "place": "out.png"}.get(command, "out.json")
     target.write_text("kept")
     target.chmod(0o444)
@@ -79,7 +79,7 @@ def test_a_write_protected_file_is_left_alone_unless_told_otherwise(shot, tmp_pa
 
 
 @pytest.mark.parametrize("command", ["render", "check"])
-def test_a_page_that_something_else_has_written_is_left_alone(shot, tmp_path, command):
+def test_html_page_of_another_program_is_not_overwritten(shot, tmp_path, command):
     page = tmp_path / "site" / "index.html"
     page.parent.mkdir()
     page.write_text("<html><title>My holidays</title></html>")
@@ -95,7 +95,7 @@ def test_a_page_that_something_else_has_written_is_left_alone(shot, tmp_path, co
     assert nlens(*given).returncode == 0  # ours now
 
 
-def test_a_plan_asks_for_nothing(shot, tmp_path):
+def test_plan_does_not_ask_about_overwriting(shot, tmp_path):
     out = tmp_path / "out.png"
     out.write_text("kept")
     out.chmod(0o444)
@@ -112,7 +112,7 @@ def test_a_plan_asks_for_nothing(shot, tmp_path):
         (CTRL_C, 130, False),
     ],
 )
-def test_a_person_is_asked_before_a_file_is_replaced(shot, tmp_path, keys, code, replaced):
+def test_terminal_user_is_asked_before_a_file_is_replaced(shot, tmp_path, keys, code, replaced):
     out = tmp_path / "out.png"
     out.write_text("kept")
     with Terminal(program(*words(shot, out, "--save-fit", tmp_path / "f.json"))) as terminal:
@@ -124,7 +124,7 @@ def test_a_person_is_asked_before_a_file_is_replaced(shot, tmp_path, keys, code,
     assert (tmp_path / "f.json").exists() == replaced
 
 
-def test_a_person_who_gives_y_is_not_asked(shot, tmp_path):
+def test_y_option_replaces_without_asking(shot, tmp_path):
     out = tmp_path / "out.png"
     out.write_text("kept")
     with Terminal(program(*words(shot, out, "-y"))) as terminal:
@@ -135,7 +135,7 @@ def test_a_person_who_gives_y_is_not_asked(shot, tmp_path):
 class TestLinks:
     @pytest.mark.parametrize("there", [True, False], ids=["to a file", "to nothing yet"])
     @pytest.mark.parametrize(("plate", "name"), [("plate.png", "out.png"), ("in.mp4", "out.mp4")])
-    def test_a_result_is_written_through_a_link(self, shot, tmp_path, plate, name, there):
+    def test_result_is_written_through_a_symbolic_link(self, shot, tmp_path, plate, name, there):
         (tmp_path / "data").mkdir()
         target, link = tmp_path / "data" / "0af3", tmp_path / name  # a name without an extension
         if there:
@@ -149,7 +149,7 @@ class TestLinks:
         assert len(shots.read_planes(link)) == (1 if plate == "plate.png" else 3)
         assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["data", "0af3", name])
 
-    def test_what_is_written_beside_a_result_goes_through_links_too(self, shot, tmp_path):
+    def test_side_files_are_written_through_symbolic_links(self, shot, tmp_path):
         (tmp_path / "data").mkdir()
         for name in ("f.json", "t.json", "index.html"):
             (tmp_path / name).symlink_to(tmp_path / "data" / name)
@@ -161,7 +161,7 @@ class TestLinks:
         assert all((tmp_path / name).is_symlink() for name in ("f.json", "t.json", "index.html"))
         assert len(list((tmp_path / "data").iterdir())) == 3
 
-    def test_links_of_a_sequence_are_written_through(self, shot, tmp_path):
+    def test_sequence_is_written_through_symbolic_links(self, shot, tmp_path):
         (tmp_path / "data").mkdir()
         (tmp_path / "data" / "first").write_text("old")
         (tmp_path / "o_0000.png").symlink_to("data/first")
@@ -171,7 +171,7 @@ class TestLinks:
         assert (tmp_path / "data" / "first").read_bytes()[1:4] == b"PNG"
         assert not (tmp_path / "o_0001.png").is_symlink()
 
-    def test_an_interrupted_write_leaves_the_target_as_it_was(self, shot, tmp_path):
+    def test_interrupted_write_keeps_the_existing_file(self, shot, tmp_path):
         """The plate ends in nothing that can be decoded: the run fails after it has begun."""
         target, link = tmp_path / "target.png", tmp_path / "out.png"
         target.write_text("kept")
@@ -191,13 +191,13 @@ class TestLinks:
             ("/dev/null", "is a device or a pipe"),
         ],
     )
-    def test_a_link_that_leads_nowhere_useful_is_told_first(self, shot, tmp_path, to, words_):
+    def test_dangling_symbolic_link_is_refused_before_the_run(self, shot, tmp_path, to, words_):
         (tmp_path / "out.png").symlink_to(to)
         assert words_ in one_line(nlens(*words(shot, tmp_path / "out.png")), 6)
         assert [path.name for path in tmp_path.iterdir()] == ["out.png"]
 
     @pytest.mark.needs_mount
-    def test_a_link_leads_to_another_disk(self, shot, tmp_path):
+    def test_result_is_written_through_a_link_to_another_disk(self, shot, tmp_path):
         with small_disk(tmp_path / "other", 4096) as disk:
             (tmp_path / "out.mp4").symlink_to(disk / "out.mp4")
             (tmp_path / "o_0001.png").symlink_to(disk / "one.png")
@@ -208,7 +208,7 @@ class TestLinks:
 
 
 @pytest.mark.needs_mount
-def test_a_read_only_disk_is_told_first(shot, tmp_path):
+def test_read_only_disk_is_refused_before_the_run(shot, tmp_path):
     with small_disk(tmp_path / "disk", 64, options="ro") as disk:
         line = one_line(nlens(*words(shot, disk / "out.png")), 6)
         assert "cannot be written to" in line

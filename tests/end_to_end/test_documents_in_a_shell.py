@@ -56,7 +56,7 @@ def folder(files, tmp_path):
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_a_line_with_other_programs_runs_as_pasted(line, folder, free_ports):
+def test_documented_shell_pipelines_run_as_written(line, folder, free_ports):
     for shown, stand_in in STAND_INS:
         line = re.sub(shown, stand_in, line)
     port, other_port = free_ports
@@ -74,7 +74,7 @@ def test_a_line_with_other_programs_runs_as_pasted(line, folder, free_ports):
         assert pictures(folder / "out.mov") == ("hevc", FRAMES)
 
 
-def test_the_loop_of_chunks_runs_as_pasted(folder):
+def test_documented_chunk_loop_runs_as_written(folder):
     (loop,) = (block for page in PAGES for block in blocks(page) if "for first in" in block)
     short = loop.replace("frames=1500", f"frames={FRAMES}").replace("length=250", "length=6")
     assert short != loop
@@ -82,6 +82,6 @@ def test_the_loop_of_chunks_runs_as_pasted(folder):
     assert pictures(folder / "out.mp4") == ("h264", FRAMES)
 
 
-def test_the_pages_still_show_what_is_stood_in_for():
+def test_documents_contain_the_commands_that_the_tests_replace():
     shown = "\n".join(LINES)
     assert [was for was, _ in STAND_INS if not re.search(was, shown)] == []

@@ -31,14 +31,14 @@ def make_programs(path, **options):
     )  # fmt: skip
 
 
-def test_missing_programs_are_named_where_nothing_installs_them(tmp_path):
+def test_missing_programs_are_listed_if_they_cannot_be_installed(tmp_path):
     run = make_programs(bare_path(tmp_path / "bin", *SHELL))
     assert run.returncode != 0
     assert f"Install what your system calls: {PACKAGES}\n" in run.stderr
 
 
 @pytest.mark.skipif(shutil.which("apt-get") is None, reason="apt-get: this is no Debian")
-def test_missing_programs_are_named_to_a_user_without_the_right_to_install(tmp_path):
+def test_missing_programs_are_listed_for_a_user_without_install_rights(tmp_path):
     path = bare_path(tmp_path / "bin", *SHELL, "apt-get")
     if os.geteuid() == 0:  # /root is closed to others, so root stands in with an id of its own
         (tmp_path / "bin" / "id").unlink()
@@ -50,13 +50,13 @@ def test_missing_programs_are_named_to_a_user_without_the_right_to_install(tmp_p
 
 
 @pytest.mark.needs_programs("ffmpeg", "ffprobe", "gst-launch-1.0")
-def test_nothing_is_installed_where_all_is_there():
+def test_nothing_is_installed_if_all_programs_exist():
     run = make_programs(os.environ["PATH"])
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 
 @pytest.mark.needs_gl
-def test_libraries_are_found_by_a_user_whose_path_has_no_sbin():
+def test_libraries_are_found_without_sbin_on_the_path():
     path = f"{Path(sys.executable).parent}:/usr/bin:/bin"
     run = subprocess.run(
         ["make", "-C", ROOT, "--no-print-directory", "system", f"PYTHON={sys.executable}"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from stranger.option_rows import (
+from end_to_end.option_rows import (
     EFFECTS,
     ENCODING,
     EVALUATE,

@@ -43,7 +43,7 @@ def quick(files, plate, out, *more):
     )  # fmt: skip
 
 
-def test_plate_from_a_standard_input_that_is_closed_is_refused_in_one_line(files, tmp_path):
+def test_closed_standard_input_as_plate_is_refused_in_one_line(files, tmp_path):
     run = shell('"$@" <&-', *program("-", files / "anim.glb", tmp_path / "out.mp4"))
     assert run.returncode == 3
     assert run.stderr == (
@@ -52,7 +52,7 @@ def test_plate_from_a_standard_input_that_is_closed_is_refused_in_one_line(files
     assert not list(tmp_path.iterdir())
 
 
-def test_result_is_the_same_whichever_standard_streams_are_closed(files, tmp_path):
+def test_result_does_not_depend_on_closed_standard_streams(files, tmp_path):
     results = []
     for name, closed in enumerate(("", "<&-", ">&-", "2>&-", "<&- >&- 2>&-")):
         out = tmp_path / f"{name}.png"
@@ -61,7 +61,7 @@ def test_result_is_the_same_whichever_standard_streams_are_closed(files, tmp_pat
     assert len(set(results)) == 1
 
 
-def test_words_of_libraries_do_not_get_into_a_file_where_standard_error_is_closed(tmp_path):
+def test_library_messages_do_not_corrupt_files_if_standard_error_is_closed(tmp_path):
     """The first file that is opened would get the number 2, and what is written to it."""
     code = (
         "import os, sys; from nlens_video.core import stdio; stdio.prepare_streams()\n"
@@ -81,7 +81,7 @@ def test_words_of_libraries_do_not_get_into_a_file_where_standard_error_is_close
     ids=["ascii", "latin-1", "C"],
 )
 @pytest.mark.parametrize("words", [("render", "--help"), ("place", "--help")])
-def test_text_is_written_in_any_encoding(environment, words):
+def test_messages_are_written_in_any_terminal_encoding(environment, words):
     run = shell('"$@"', *program(*words), environment=environment)
     assert run.returncode == 0, run.stderr.decode()
     assert run.stderr == b"" and b"\\u" not in run.stdout
@@ -99,7 +99,7 @@ def test_summary_and_progress_are_written_in_ascii(files, tmp_path):
     assert b"+-" in run.stderr and b"\\x" not in run.stderr
 
 
-def test_names_that_are_no_text_are_read_written_and_told_as_they_are(files, tmp_path):
+def test_file_names_that_are_not_valid_text_are_supported(files, tmp_path):
     folder = os.fsencode(tmp_path)
     plate, out = folder + b"/pl\xff.png", folder + b"/o\xfe.png"
     shutil.copy(os.fsencode(files / "plate.png"), plate)
@@ -124,7 +124,7 @@ def limited(kind, size):
 
 
 @pytest.mark.parametrize("gigabytes", [0.6, 1.0, 2.0])
-def test_too_small_an_address_space_is_told_before_libraries_abort(files, tmp_path, gigabytes):
+def test_too_small_address_space_is_reported_before_libraries_abort(files, tmp_path, gigabytes):
     run = subprocess.run(
         quick(files, "plate.png", tmp_path / "out.png"), capture_output=True, text=True,
         check=False, preexec_fn=limited(resource.RLIMIT_AS, int(gigabytes * 2**30)),
@@ -137,7 +137,7 @@ def test_too_small_an_address_space_is_told_before_libraries_abort(files, tmp_pa
     assert run.stderr.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
-def test_run_fits_into_the_address_space_that_is_asked_for(files, tmp_path):
+def test_run_fits_into_the_required_address_space(files, tmp_path):
     run = subprocess.run(
         program(files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4"), capture_output=True,
         text=True, check=False, preexec_fn=limited(resource.RLIMIT_AS, address_space()),
@@ -145,7 +145,7 @@ def test_run_fits_into_the_address_space_that_is_asked_for(files, tmp_path):
     assert run.returncode == 0, run.stderr
 
 
-def test_help_needs_no_memory_to_speak_of():
+def test_help_runs_with_little_memory():
     run = subprocess.run(
         program("--help"), capture_output=True, text=True, check=False,
         preexec_fn=limited(resource.RLIMIT_AS, 300 << 20),
@@ -154,7 +154,7 @@ def test_help_needs_no_memory_to_speak_of():
 
 
 @pytest.mark.parametrize("loaded", ["nlens_video.core.errors", "nlens_video.options.parser"])
-def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(files, tmp_path, loaded):
+def test_interrupt_during_loading_gives_no_traceback(files, tmp_path, loaded):
     words = ("-", files / "anim.glb", tmp_path / "out.mp4")  # an open pipe: it waits for pictures
     command = [sys.executable, "-X", "importtime", *program(*words)[1:]]
     pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -168,7 +168,7 @@ def test_interrupt_while_the_program_loads_ends_it_without_a_traceback(files, tm
     assert rest in ([], ["nlens-video: interrupted, no output written\n"])
 
 
-def test_run_under_nohup_outlives_the_terminal(files, tmp_path):
+def test_run_under_nohup_survives_the_terminal(files, tmp_path):
     command = quick(files, "in.mp4", tmp_path / "out.mp4")
     hang_up = "while kill -HUP $pid 2>/dev/null; do sleep 0.05; done"
     line = f'trap "" HUP; "$@" & pid=$!; {hang_up}; wait $pid'
@@ -177,7 +177,7 @@ def test_run_under_nohup_outlives_the_terminal(files, tmp_path):
     assert (tmp_path / "out.mp4").is_file()
 
 
-def test_summary_and_plan_name_what_is_off_in_one_line_and_say_why_when_asked(files, tmp_path):
+def test_summary_and_plan_list_disabled_effects_in_one_line(files, tmp_path):
     command = (files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4", "--fit",
                files / "fit.json", "--preset", "draft", "-y")  # fmt: skip
     short, long = nlens(*command), nlens(*command, "-v")

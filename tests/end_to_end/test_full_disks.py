@@ -41,9 +41,7 @@ def rendered(shot, out, *more):
 
 @pytest.mark.needs_mount
 @pytest.mark.parametrize("option", BESIDE)
-def test_a_finished_video_stays_when_what_belongs_beside_it_does_not_fit(
-    shot, tmp_path, full, option
-):
+def test_finished_video_is_kept_if_a_side_file_does_not_fit(shot, tmp_path, full, option):
     out = tmp_path / "out.mp4"
     others = [word for key, name in BESIDE.items() if key != option
               for word in (key, tmp_path / name)]  # fmt: skip
@@ -61,7 +59,7 @@ def test_a_finished_video_stays_when_what_belongs_beside_it_does_not_fit(
 
 
 @pytest.mark.needs_mount
-def test_each_part_that_is_missing_is_named_and_the_summary_is_told(shot, tmp_path, full):
+def test_every_missing_side_file_is_named_in_the_summary(shot, tmp_path, full):
     words = [word for key, name in BESIDE.items() for word in (key, full / name)]
     run = rendered(shot, tmp_path / "out.mp4", *words, "--json")
     line = one_line(run, 6)
@@ -71,7 +69,7 @@ def test_each_part_that_is_missing_is_named_and_the_summary_is_told(shot, tmp_pa
 
 
 @pytest.mark.needs_mount
-def test_a_lens_fit_stays_when_its_report_does_not_fit(shot, tmp_path, full):
+def test_lens_fit_is_kept_if_its_report_does_not_fit(shot, tmp_path, full):
     fit = tmp_path / "found.json"
     run = nlens("fit", shot / "plate.png", shot / "anim.glb", fit, "--report", full / "r", "-q")
     assert f"{fit} is complete, but not" in one_line(run, 6)
@@ -79,7 +77,7 @@ def test_a_lens_fit_stays_when_its_report_does_not_fit(shot, tmp_path, full):
 
 
 @pytest.mark.needs_mount
-def test_findings_are_told_when_the_page_of_a_check_does_not_fit(shot, full):
+def test_findings_are_printed_if_the_check_report_does_not_fit(shot, full):
     plate = shot / "in.mp4"
     run = nlens("check", plate, "--against", plate, "--report", full / "r", "--json")
     assert "No space left on device" in one_line(run, 6)
@@ -88,7 +86,7 @@ def test_findings_are_told_when_the_page_of_a_check_does_not_fit(shot, full):
 
 @pytest.mark.needs_mount
 @pytest.mark.parametrize("command", ["render", "place", "fit"])
-def test_a_result_that_does_not_fit_leaves_the_one_before_as_it_was(shot, tmp_path, command):
+def test_result_that_does_not_fit_keeps_the_former_file(shot, tmp_path, command):
     name = {"render": "out.mp4", "place": "out.png", "fit": "out.json"}[command]
     with small_disk(tmp_path / "small", 16) as folder:
         (folder / name).write_text("of yesterday")
@@ -100,7 +98,7 @@ def test_a_result_that_does_not_fit_leaves_the_one_before_as_it_was(shot, tmp_pa
 
 
 @pytest.mark.parametrize("option", BESIDE)
-def test_a_disk_that_is_full_from_the_first_byte_costs_only_what_lies_on_it(shot, tmp_path, option):
+def test_full_disk_for_a_side_file_keeps_the_result(shot, tmp_path, option):
     """The same as above where nothing can be mounted: a device that is always full."""
     out, target = tmp_path / "out.png", tmp_path / BESIDE[option]
     if option in ("--report", "--aov"):
@@ -113,7 +111,7 @@ def test_a_disk_that_is_full_from_the_first_byte_costs_only_what_lies_on_it(shot
     assert out.is_file() and not file.exists() and not partial_name(file).is_symlink()
 
 
-def test_a_limit_of_file_sizes_is_a_full_disk(shot, tmp_path):
+def test_file_size_limit_is_handled_as_a_full_disk(shot, tmp_path):
     """`ulimit -f`, as quotas of batch systems are set: 64 KiB hold the picture, not the page."""
     words = [shot / "in.mp4", shot / "anim.glb", "out.mp4", "--fit", shot / "fit.json"]
     command = [sys.executable, "-m", "nlens_video", *map(str, words), "--report", "r", "-q"]

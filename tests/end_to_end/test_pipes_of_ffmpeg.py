@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
         ("-f flv -c copy", ""),
     ],
 )
-def test_what_ffmpeg_pipes_comes_out_picture_for_picture(folder, source, words):
+def test_every_picture_piped_by_ffmpeg_is_written(folder, source, words):
     line = f"ffmpeg -v error -i in.mp4 {source} - | nlens-video - anim.glb - {words} {QUICK}"
     succeeded(f"{line} | ffmpeg -v error -y -i - -fps_mode passthrough -c:v ffv1 out.mkv", folder)
     assert pictures(folder / "out.mkv") == ("ffv1", FRAMES)
@@ -45,13 +45,13 @@ def test_what_ffmpeg_pipes_comes_out_picture_for_picture(folder, source, words):
     assert times == list(range(FRAMES))
 
 
-def test_sound_travels_through_nut_as_it_is(folder):
+def test_audio_through_a_nut_pipe_is_unchanged(folder):
     line = "ffmpeg -v error -i in.mkv -f nut -c:v rawvideo -c:a copy - | nlens-video - anim.glb -"
     succeeded(f"{line} {QUICK} | ffmpeg -v error -y -i - -map 0:a -c copy sound.mkv", folder)
     assert shots.audio_packets(folder / "sound.mkv") == shots.audio_packets(folder / "in.mkv")
 
 
-def test_pcm_leaves_pictures_on_their_times_and_check_finds_nothing(folder):
+def test_pcm_audio_keeps_picture_times_and_passes_the_check(folder):
     """As AAC it begins before zero: the first ffmpeg then moves the pictures, the last adds one."""
     line = (
         "ffmpeg -v error -i in.mp4 -f nut -c:v rawvideo -c:a pcm_s16le - | nlens-video - anim.glb -"
@@ -63,7 +63,7 @@ def test_pcm_leaves_pictures_on_their_times_and_check_finds_nothing(folder):
     assert pictures(folder / "pcm.mov") == ("h264", FRAMES), words
 
 
-def test_sound_from_the_file_itself_is_kept_to_the_bit(folder):
+def test_audio_taken_from_the_original_file_is_kept_bit_for_bit(folder):
     line = "ffmpeg -v error -i in.mp4 -an -f nut -c:v rawvideo - | nlens-video - anim.glb -"
     last = "ffmpeg -v error -y -i - -i in.mp4 -map 0:v -map 1:a -c:a copy -c:v libx264 own.mov"
     succeeded(f"{line} {QUICK} | {last}", folder)
@@ -75,7 +75,7 @@ def test_sound_from_the_file_itself_is_kept_to_the_bit(folder):
     ("name", "out"),
     [("bgr24", "mkv"), ("rgb24", "mkv"), ("yuv420p", "mov"), ("gray16le", "avi"), ("nv12", "mkv")],
 )
-def test_raw_frames_of_a_producer_become_a_file_that_shows_them(folder, name, out):
+def test_raw_frames_from_a_pipe_are_written_as_video(folder, name, out):
     line = f"ffmpeg -v error -i in.mp4 -frames:v 4 -f rawvideo -pix_fmt {name} - | nlens-video -"
     words = f"--input-format {name} --input-size {SIZE} --input-rate 30 {QUICK}"
     succeeded(f"{line} anim.glb raw.{out} {words}", folder)
@@ -93,7 +93,7 @@ def _first_picture(folder, name):
     return np.frombuffer(run.stdout, np.uint8).reshape(shots.HEIGHT, shots.WIDTH).astype(int)
 
 
-def test_a_variable_rate_keeps_its_times_on_both_pipes(folder):
+def test_variable_frame_rate_keeps_its_times_through_pipes(folder):
     wanted = [0, 1, 2, 5, 6, 7, 8, 11]
     choose = "+".join(f"eq(n\\,{number})" for number in wanted)
     line = f"ffmpeg -v error -i in.mp4 -an -vf \"select='{choose}'\" -fps_mode vfr"
@@ -102,7 +102,7 @@ def test_a_variable_rate_keeps_its_times_on_both_pipes(folder):
     assert [round(moment * 25) for moment in picture_times(folder / "vfr.mkv")] == wanted
 
 
-def test_a_size_that_changes_midway_is_brought_to_the_first_one_and_told(folder):
+def test_frame_size_change_midway_is_scaled_to_the_first_size_with_a_note(folder):
     made = "ffmpeg -v error -y -i in.mp4 -an -frames:v 6"
     succeeded(
         f"{made} -f mpegts one.ts && "
@@ -117,14 +117,14 @@ def test_a_size_that_changes_midway_is_brought_to_the_first_one_and_told(folder)
     assert "320x180" in (folder / "told").read_text()
 
 
-def test_a_producer_that_starts_late_and_stalls_is_waited_for(folder):
+def test_slow_and_stalling_producer_is_waited_for(folder):
     line = "(sleep 2; head -c 40000 in.ts; sleep 2; tail -c +40001 in.ts)"
     made = "ffmpeg -v error -y -i in.mp4 -c copy in.ts"
     succeeded(f"{made} && {line} | nlens-video - anim.glb late.mkv {QUICK}", folder)
     assert pictures(folder / "late.mkv")[1] == FRAMES
 
 
-def test_what_came_before_a_producer_died_is_kept_and_the_damage_told(folder):
+def test_frames_before_a_producers_crash_are_kept_and_the_damage_reported(folder):
     raw = "ffmpeg -v error -i in.mp4 -an -f nut -c:v rawvideo -"
     half = shots.WIDTH * shots.HEIGHT * 3 // 2 * 5 + 1000  # five frames and a bit
     line = f"({raw} | head -c {half}; true) | nlens-video - anim.glb dead.mkv"
@@ -133,19 +133,19 @@ def test_what_came_before_a_producer_died_is_kept_and_the_damage_told(folder):
     assert codec == "rawvideo" and 4 <= count <= 6, words
 
 
-def test_a_producer_that_dies_before_its_first_picture_is_told_in_a_line(folder):
+def test_producer_that_dies_before_its_first_picture_is_a_one_line_error(folder):
     for producer in ("true", "head -c 300 in.mkv"):
         run = shell(f"{producer} | nlens-video - anim.glb none.mkv {QUICK}", folder)
         assert run.returncode == 3 and run.stderr.count(b"\n") == 1, run.stderr
     assert not (folder / "none.mkv").exists()
 
 
-def test_a_reader_that_has_enough_ends_the_run_without_a_word(folder):
+def test_reader_that_closes_the_pipe_ends_the_run_silently(folder):
     run = shell(f"nlens-video in.mkv anim.glb - {QUICK} | head -c 100000 | wc -c", folder)
     assert (run.returncode, run.stdout.strip(), run.stderr) == (0, b"100000", b"")
 
 
-def test_a_reader_that_fails_leaves_its_own_words_alone(folder):
+def test_error_output_of_a_failing_reader_is_not_altered(folder):
     run = shell(
         f"nlens-video in.mkv anim.glb - {QUICK} | ffmpeg -v error -i - no/such/out.mp4", folder
     )
@@ -153,7 +153,7 @@ def test_a_reader_that_fails_leaves_its_own_words_alone(folder):
     assert b"nlens-video" not in run.stderr and b"Traceback" not in run.stderr
 
 
-def test_an_interrupt_is_heard_while_a_reader_stalls(folder):
+def test_interrupt_is_handled_while_a_reader_stalls(folder):
     """A signal to the program alone, as a service manager sends it: the reader lives on."""
     line = f"{RUN} in.mkv anim.glb - {QUICK} 2> told & echo $! >&9; wait $!; echo $? > code"
     stall = "until [ -s code ] || [ $SECONDS -gt 60 ]; do sleep 0.2; done"

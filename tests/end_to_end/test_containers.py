@@ -77,7 +77,7 @@ def together(video, audio, plates):
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
-def test_codec_is_kept_wherever_the_container_takes_it(container, plates, tmp_path):
+def test_codec_of_the_plate_is_kept_where_the_container_supports_it(container, plates, tmp_path):
     theirs = {name: copied_by_ffmpeg(name, plates, container, tmp_path) for name in plates}
     for video, audio in itertools.product(VIDEO, AUDIO):
         plate = together(video, audio, plates)
@@ -104,7 +104,7 @@ def test_codec_is_kept_wherever_the_container_takes_it(container, plates, tmp_pa
         ("h264", "mpg", {"video": "mpeg2video", "audio": "mp2"}),
     ],
 )
-def test_broadcast_containers_hold_what_they_are_made_for(plate, container, kept, plates, tmp_path):
+def test_broadcast_containers_get_their_standard_codecs(plate, container, kept, plates, tmp_path):
     source = together(plate, "aac", plates)
     copy(source, tmp_path / f"out.{container}")
     assert codecs(tmp_path / f"out.{container}") == kept
@@ -112,7 +112,7 @@ def test_broadcast_containers_hold_what_they_are_made_for(plate, container, kept
 
 
 @pytest.mark.parametrize("container", ["ts", "mkv", "mp4"])
-def test_dts_that_nothing_here_encodes_is_kept(container, plates, tmp_path):
+def test_dts_audio_without_an_encoder_is_copied(container, plates, tmp_path):
     sound = ("-f", "lavfi", "-i", "sine=r=48000:d=0.5", "-ac", 2, "-c:a", "dca", "-strict", -2)
     plate = made("-i", plates["h264"], *sound, "-c:v", "copy", tmp_path / "in.mkv")
     assert not copy(plate, tmp_path / f"out.{container}")

@@ -9,7 +9,7 @@ DOCS = ROOT / "docs"
 
 
 @pytest.mark.needs_programs("ffmpeg", "ffprobe")
-def test_page_says_what_happens_to_streams_on_their_way_into_mp4(monkeypatch):
+def test_streams_page_states_what_happens_to_streams_written_to_mp4(monkeypatch):
     monkeypatch.syspath_prepend(str(DOCS))
     make_carried = __import__("make_carried")
     page = (DOCS / "carried.md").read_text()

@@ -43,7 +43,7 @@ def quick(files, out, *more, plate="in.mp4"):
     )  # fmt: skip
 
 
-def test_main_command_ends_on_a_terminal_and_shows_its_progress(files, tmp_path):
+def test_main_command_shows_progress_on_a_terminal(files, tmp_path):
     command = program(files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4")
     with Terminal(command, columns=100) as terminal:
         assert terminal.end() == 0, terminal.screen
@@ -53,7 +53,7 @@ def test_main_command_ends_on_a_terminal_and_shows_its_progress(files, tmp_path)
 
 
 @pytest.mark.parametrize("columns", [40, 80, 200])
-def test_progress_is_one_line_at_every_width_and_leaves_nothing_behind(files, tmp_path, columns):
+def test_progress_is_one_line_at_every_width_and_is_cleared(files, tmp_path, columns):
     command = quick(files, tmp_path / "out.mp4", plate="long.mp4")
     with Terminal(command, columns=columns) as terminal:
         terminal.wait_for("compositing")
@@ -63,7 +63,7 @@ def test_progress_is_one_line_at_every_width_and_leaves_nothing_behind(files, tm
     assert "compositing" not in terminal.screen and "wrote" in terminal.text
 
 
-def test_progress_follows_the_size_of_the_terminal(files, tmp_path):
+def test_progress_follows_a_resized_terminal(files, tmp_path):
     command = quick(files, tmp_path / "out.mp4", plate="long.mp4")
     with Terminal(command, columns=120) as terminal:
         terminal.wait_for("compositing")
@@ -83,7 +83,7 @@ def test_progress_follows_the_size_of_the_terminal(files, tmp_path):
         ((), {"TERM": "dumb"}),
     ],
 )
-def test_no_bar_where_none_is_wanted_or_none_can_be_drawn(files, tmp_path, words, environment):
+def test_progress_bar_is_off_when_disabled_or_not_drawable(files, tmp_path, words, environment):
     command = quick(files, tmp_path / "out.mp4", *words)
     with Terminal(command, environment=environment) as terminal:
         assert terminal.end() == 0, terminal.screen
@@ -91,7 +91,7 @@ def test_no_bar_where_none_is_wanted_or_none_can_be_drawn(files, tmp_path, words
     assert (terminal.text == "") == ("-q" in words)
 
 
-def test_no_color_means_no_colour(files, tmp_path):
+def test_no_color_variable_disables_colour(files, tmp_path):
     command = quick(files, tmp_path / "out.mp4", plate="long.mp4")
     with Terminal(command, environment={"NO_COLOR": "1"}) as terminal:
         assert terminal.end() == 0, terminal.screen
@@ -116,7 +116,7 @@ def test_ctrl_c_stops_the_run_with_one_line(files, tmp_path, phase):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_z_and_fg_carry_on(files, tmp_path):
+def test_run_continues_after_ctrl_z_and_fg(files, tmp_path):
     out = tmp_path / "out.mp4"
     line = shlex.join(quick(files, out, plate="long.mp4"))
     shell = ["bash", "--norc", "--noprofile", "-i"]
