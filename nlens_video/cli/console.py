@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.planner import Decision
     from nlens_video.farm.chunk import Chunk
     from nlens_video.farm.merge import Merged
-    from nlens_video.run.result import FitOutcome, RunResult
+    from nlens_video.run.render import FitOutcome, RunResult
 
 OnProgress = Callable[[int, int | None], None]
 

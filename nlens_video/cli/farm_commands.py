@@ -23,7 +23,7 @@ from nlens_video.options import to_settings
 from nlens_video.options.files import chunks_beside
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import output_settings, source_settings
-from nlens_video.run.result import check_sidecars
+from nlens_video.run.observers import check_sidecars
 
 
 def run_merge(args: Namespace, console: Console) -> int:

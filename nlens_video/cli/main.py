@@ -176,8 +176,8 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
 
         return run_farm(args, settings, console)
     if args.command == "fit":
+        from nlens_video.run.observers import check_sidecars
         from nlens_video.run.render import find_fit
-        from nlens_video.run.result import check_sidecars
 
         found = find_fit(settings)
         console.fit(found)
@@ -191,8 +191,8 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
         from nlens_video.cli.farm_commands import run_chunk
 
         return run_chunk(settings, Path(args.output), console)
+    from nlens_video.run.observers import check_sidecars
     from nlens_video.run.render import render
-    from nlens_video.run.result import check_sidecars
 
     with console.progress_bar() as on_progress:
         outcome = render(settings, on_progress)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
 from nlens_video.compositor.arguments import (
@@ -18,8 +17,15 @@ from nlens_video.compositor.arguments import (
     in_python,
     naming_parameters,
 )
-from nlens_video.compositor.array_frames import Frames, as_format_of, from_samples, to_samples
 from nlens_video.compositor.frame_loop import FrameLoop, OwnThread
+from nlens_video.compositor.frames import (
+    Frames,
+    Shown,
+    as_format_of,
+    from_samples,
+    show,
+    to_samples,
+)
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides
@@ -29,8 +35,6 @@ from nlens_video.options.table import PARAMETERS
 
 if TYPE_CHECKING:
     import av
-
-    from nlens_video.compositor.notebook import Shown
 
 R = TypeVar("R")
 _CHECKED = ("fit", "aperture", "budget_ms")
@@ -224,8 +228,6 @@ class Compositor:
 
     def show(self) -> Shown:
         """The last composite, the lens and what runs, as a notebook draws them."""
-        from nlens_video.compositor.notebook import show
-
         return self._call(lambda: show(self._loop.last, self.fit, self.plan))
 
     @property
@@ -248,12 +250,7 @@ class Compositor:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _call(self, work: Callable[[], R]) -> R:

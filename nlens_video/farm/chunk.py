@@ -18,8 +18,7 @@ from nlens_video.farm.store import Folder, create
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
 from nlens_video.render.select import renderer_name
-from nlens_video.run.render import OnProgress, render
-from nlens_video.run.result import RunResult
+from nlens_video.run.render import OnProgress, RunResult, render
 from nlens_video.video.chunks.chunk_id import ChunkMark
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
 from nlens_video.video.input.open import can_be_read_again

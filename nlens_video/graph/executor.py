@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, fields
+from types import TracebackType
+from typing import Self
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Box, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.base.node import LANES, Lane, Node
-from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.base.values import FrameValues, ShotValues, StreamFrame
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.scheduler import Worker
@@ -69,6 +71,39 @@ class FrameState:
     def traced(self) -> bool:
         """Whether the object has a shadow or a reflection on this frame."""
         return self.values.shadow is not None or self.values.reflection is not None
+
+
+class Observer:
+    """Follows the frames of a run and changes nothing; a context manager.
+
+    Attributes:
+        what: the option that asks for it and its value, for messages.
+    """
+
+    what = ""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def on_frame_start(self, state: FrameState) -> None:
+        """A frame was decoded and nothing is composited yet; called on the decoding thread."""
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """A frame was written."""
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """The last frame was written."""
 
 
 class GraphExecutor:

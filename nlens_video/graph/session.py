@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from nlens_video.core.settings import REFLECTANCE, ObjectSettings
-from nlens_video.effects.planner import OCCLUSION, Decision, request
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.effects.planner import Decision
 from nlens_video.graph.adaptive_quality import (
     BudgetControl,
     QualityExecutor,
@@ -16,19 +16,11 @@ from nlens_video.graph.adaptive_quality import (
 )
 from nlens_video.graph.base.context import NodeContext
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.view import View, choose_camera
-from nlens_video.graph.builder import Built, Graph, build
-from nlens_video.graph.dependencies import (
-    lazy_coc_estimator,
-    lazy_depth_order,
-    open_occlusion_source,
-    shadow_scene,
-)
-from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
+from nlens_video.graph.builder import Built, Graph, build, open_dependencies
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import FrameState, GraphExecutor
-from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
@@ -127,7 +119,9 @@ def open_session(
     pipeline = pipeline or load_pipeline(lens.preset)
     scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, placed_note = choose_camera(objects, scene, view)
-    context, effects = _dependencies(objects, lens, view, device, scene, pipeline, plate, profiler)
+    context, effects = open_dependencies(
+        objects, lens, view, device, scene, pipeline, plate, profiler
+    )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     known = lens.track or fit
     frame_s = lens.frame_s or 1 / 30
@@ -149,45 +143,6 @@ def open_session(
         quality=quality,
         opening_notes=(*placed_note, *scene.warnings, *effects.notes, *graph.notes),
     )
-
-
-def _dependencies(
-    objects: ObjectSettings,
-    lens: LensRequest,
-    view: View,
-    device: DeviceChoice,
-    scene: Scene,
-    pipeline: PipelineFile,
-    plate: PlatePreview,
-    profiler: Profiler,
-) -> tuple[NodeContext, EffectPlan]:
-    """Decide on the effects and open what their nodes depend on."""
-    ground = shadow_scene(objects, scene)
-    estimate_coc = lazy_coc_estimator(view.pixel_aspect, device)
-    asked_for = request(lens.effects).asks_for(OCCLUSION)
-    size = (view.width, view.height)
-    occlusion = open_occlusion_source(objects.real, size, estimate_coc, asked_for=asked_for)
-    effects = plan_effects(lens, pipeline, objects, scene, ground, occlusion, plate, profiler)
-    view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
-    source = open_object(objects, scene, view, ground.light)
-    given = objects.real.reflectance
-    context = NodeContext(
-        objects=source,
-        estimate_coc=estimate_coc,
-        ground_y=objects.ground_y,
-        fallback_constant=lens.fallback == "constant",
-        pixel_aspect=view.pixel_aspect,
-        aperture=lens.aperture,
-        renderer=source.renderer if isinstance(source, RenderedObject) else None,
-        repair=lazy_depth_order(view.pixel_aspect, device),
-        spread=device.spread,
-        shadow_scene=ground,
-        shutter=effects.shutter,
-        measured=effects.measured,
-        occlusion=occlusion,
-        reflectance=REFLECTANCE if given is None else given,
-    )
-    return context, effects
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming, Summary
-from nlens_video.graph.executor import FrameState
+from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.report.findings import EvenPick, Findings, MainFrame, StripFrame, TimingBins
 from nlens_video.report.html import Image, jpeg, to_8_bit
 from nlens_video.video.atomic_files import remove_stale, replacing
@@ -32,7 +32,7 @@ STRIP_FRAMES = 12
 _THUMBNAIL_PX, _THUMBNAIL_QUALITY = 320, 82
 
 
-class Report:
+class Report(Observer):
     """`--report`: an `Observer` that leaves `folder/index.html` when the run has finished.
 
     Memory does not grow with the clip. Plates are copied only until the main frame has been
@@ -50,6 +50,7 @@ class Report:
     """
 
     def __init__(self, folder: Path, info: SourceInfo, session: Session, output: str) -> None:
+        super().__init__()
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -66,16 +67,11 @@ class Report:
         self._awaits_fit = finds_lens and session.executor.fit is None
         self._lock = threading.Lock()
         self._plates: dict[int, Callable[[], Image]] = {}
+        self._stack.callback(self._plates.clear)
         self._main: MainFrame | None = None
         self._strip: EvenPick[StripFrame] = EvenPick(room=2 * STRIP_FRAMES)
         self._timings = TimingBins()
         self._warm_up: FrameTiming | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._plates.clear()
 
     def on_frame_start(self, state: FrameState) -> None:
         """Copy the plate, as long as its frame may become the main one."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nlens_video.core.layers import Picture
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
@@ -156,48 +156,32 @@ def _seconds(packet: Packet) -> Fraction:
     return (ticks or 0) * Fraction(packet.time_base or 0)
 
 
-class LookAhead(Generic[Item]):
-    """An iterator that can read some of its items ahead.
+def look_ahead(
+    items: Iterator[Item], wanted: Callable[[], bool]
+) -> Iterator[tuple[Item, tuple[Picture, ...]]]:
+    """Each item with the pictures of the frames that follow it.
 
     Args:
         items: frames and packets, in order.
+        wanted: asked before each item whether to read ahead; once it is false, items that were
+            read ahead come first and no more are read than are yielded.
+
+    Yields:
+        Item and up to `LOOKAHEAD_FRAMES` later pictures, none where the item is not a frame.
     """
+    ahead: deque[Item] = deque()
+    while True:
+        reading = wanted()
+        if reading:
+            missing = LOOKAHEAD_FRAMES + 1 - len(_pictures(ahead))
+            while missing and (item := next(items, None)) is not None:
+                ahead.append(item)
+                missing -= isinstance(item, SourceFrame)
+        item = ahead.popleft() if ahead else next(items, None)
+        if item is None:
+            return
+        yield item, _pictures(ahead) if reading and isinstance(item, SourceFrame) else ()
 
-    def __init__(self, items: Iterator[Item]) -> None:
-        self._items = items
-        self._ahead: deque[Item] = deque()
-        self._pictures: deque[Picture] = deque()  # of the frames in `_ahead`
 
-    def iterate(self, wanted: Callable[[], bool]) -> Iterator[tuple[Item, tuple[Picture, ...]]]:
-        """Each item with the pictures of the frames that follow it.
-
-        Args:
-            wanted: asked before each item whether to read ahead; once it is false, items that were
-                read ahead come first and no more are read than are yielded.
-
-        Yields:
-            Item and up to `LOOKAHEAD_FRAMES` later pictures, none where the item is not a frame.
-        """
-        while True:
-            ahead = wanted()
-            if ahead:
-                self._fill(LOOKAHEAD_FRAMES + 1)
-            item = self._ahead.popleft() if self._ahead else next(self._items, None)
-            if item is None:
-                return
-            following: tuple[Picture, ...] = ()
-            if isinstance(item, SourceFrame):
-                if self._pictures:
-                    self._pictures.popleft()  # this frame's own
-                following = tuple(islice(self._pictures, LOOKAHEAD_FRAMES)) if ahead else ()
-            yield item, following
-
-    def _fill(self, count: int) -> None:
-        """Read until `count` frames are held or the source ends."""
-        while len(self._pictures) < count:
-            item = next(self._items, None)
-            if item is None:
-                return
-            self._ahead.append(item)
-            if isinstance(item, SourceFrame):
-                self._pictures.append(item.picture)
+def _pictures(items: Iterable[object]) -> tuple[Picture, ...]:
+    return tuple(item.picture for item in items if isinstance(item, SourceFrame))

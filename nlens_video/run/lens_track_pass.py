@@ -86,7 +86,7 @@ def lens_track_pass(
         every = settings.track_focus if isinstance(settings.track_focus, int) else None
         end = settings.source.frames[1]
         counted = _CountedFrames(source, end)
-        requests = tuple(_fit_requests(counted.pictures(), _Intervals.of(seconds), every))
+        requests = tuple(_fit_requests(counted.pictures(), seconds, every))
     on_counted(counted.count)
     if len(requests) < 2:
         return None
@@ -100,18 +100,6 @@ def lens_track_pass(
         max(1.0, _SMOOTHING_S / seconds),
         tuple(cuts),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Intervals:
-    """`_SPACING_S` and `_SETTLED_S` in frames."""
-
-    spacing: int
-    settled: int
-
-    @classmethod
-    def of(cls, frame_s: float) -> _Intervals:
-        return cls(max(1, round(_SPACING_S / frame_s)), max(2, round(_SETTLED_S / frame_s)))
 
 
 class _CountedFrames:
@@ -133,7 +121,7 @@ class _CountedFrames:
 
 
 def _fit_requests(
-    pictures: Iterator[tuple[int, Picture]], intervals: _Intervals, every: int | None
+    pictures: Iterator[tuple[int, Picture]], frame_s: float, every: int | None
 ) -> Iterator[FitRequest]:
     """Frames to fit the lens on: the first one, those after cuts, and where the blur changed."""
     shot, last = 0, 0
@@ -153,7 +141,7 @@ def _fit_requests(
             shot, last = shot + 1, _first_after_cut(before, now, skipped, index)
             reference = now
             yield FitRequest(last, shot)
-        elif _needs_fit(reference, now, index - last, intervals, every):
+        elif _needs_fit(reference, now, index - last, frame_s, every):
             reference, last = now, index
             yield FitRequest(index, shot)
         before = now
@@ -175,14 +163,14 @@ def _first_after_cut(
 
 
 def _needs_fit(
-    reference: Signature, now: Signature, since: int, intervals: _Intervals, every: int | None
+    reference: Signature, now: Signature, since: int, frame_s: float, every: int | None
 ) -> bool:
     if every is not None:
         return since >= every
     change = changed(reference, now)
-    if since >= intervals.settled:
+    if since >= max(2, round(_SETTLED_S / frame_s)):
         return change > _SETTLED_CHANGE
-    return since >= intervals.spacing and change > CHANGED
+    return since >= max(1, round(_SPACING_S / frame_s)) and change > CHANGED
 
 
 def _keyframes(settings: Settings, requests: tuple[FitRequest, ...]) -> Iterator[Keyframe]:
@@ -194,7 +182,7 @@ def _keyframes(settings: Settings, requests: tuple[FitRequest, ...]) -> Iterator
     with open_run(run, Profiler()) as run_input:
         executor = run_input.session.executor
         # no lookahead: the mean of later frames would lag behind a lens that changes
-        for item, _ in run_input.frames.iterate(lambda: False):
+        for item in run_input.frames:
             if not isinstance(item, SourceFrame) or item.index not in wanted:
                 continue
             signals.check()

@@ -1,13 +1,13 @@
-"""Observers of a run: the saved fit, timing rows, EXR layers and the report."""
+"""Sidecar outputs of a run: the saved fit, timing rows, EXR layers and the report."""
 
 from __future__ import annotations
 
 import json
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Protocol, Self
+from typing import IO, Self
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import BlurredLayer, Box, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import OutputSettings, Settings
-from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
-from nlens_video.graph.executor import FrameState
+from nlens_video.graph.base.profiler import FrameTiming, Summary
+from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.pipeline_file import FORMER_NAMES
 from nlens_video.graph.session import Session
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
@@ -24,45 +24,15 @@ from nlens_video.video.exr import write_layers
 from nlens_video.video.info import SourceInfo
 
 
-@dataclass(frozen=True, slots=True)
-class RunContext:
-    """Source, session and profiler of a run that begins."""
-
-    info: SourceInfo
-    session: Session
-    profiler: Profiler
-
-
-class Observer(AbstractContextManager["Observer"], Protocol):
-    """Is called for each frame of a run and changes nothing.
-
-    Attributes:
-        what: the option that asks for it and its value, for messages.
-    """
-
-    what: str
-
-    def on_frame_start(self, state: FrameState) -> None:
-        """A frame was decoded and nothing is composited yet; called on the decoding thread."""
-        ...
-
-    def frame(self, state: FrameState, timing: FrameTiming) -> None:
-        """A frame was written."""
-        ...
-
-    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
-        """The last frame was written."""
-        ...
-
-
 def observers(
-    settings: Settings, context: RunContext, output: OutputSettings | None
+    settings: Settings, info: SourceInfo, session: Session, output: OutputSettings | None
 ) -> list[Observer]:
     """The observers that the settings ask for.
 
     Args:
         settings: the run.
-        context: its source and session.
+        info: its source.
+        session: its graph.
         output: the result; None where that is the lens fit.
 
     Raises:
@@ -70,54 +40,29 @@ def observers(
     """
     found: list[Observer] = []
     if settings.save_fit is not None and output is not None:
-        found.append(SavedFit(settings.save_fit, context))
+        found.append(SavedFit(settings.save_fit, session))
     if settings.timings is not None:
-        found.append(TimingRows(settings.timings, settings, context))
+        found.append(TimingRows(settings.timings, settings, session))
     if settings.aov is not None:
-        found.append(AovLayers(settings.aov, context))
+        found.append(AovLayers(settings.aov, info, session))
     if settings.report is not None:
         from nlens_video.report.collect import Report
 
         written = output.spec if output is not None else str(settings.save_fit)
-        found.append(Report(settings.report, context.info, context.session, written))
+        found.append(Report(settings.report, info, session, written))
     return found
 
 
-class BaseObserver:
-    """An observer that does nothing."""
-
-    what = ""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
-
-    def on_frame_start(self, state: FrameState) -> None:
-        """Nothing to do."""
-
-    def frame(self, state: FrameState, timing: FrameTiming) -> None:
-        """Nothing to do."""
-
-    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
-        """Nothing to do."""
-
-
-class SavedFit(BaseObserver):
+class SavedFit(Observer):
     """`--save-fit`: the lens fit, where there is one."""
 
-    def __init__(self, path: Path, context: RunContext) -> None:
+    def __init__(self, path: Path, session: Session) -> None:
+        super().__init__()
         check_folder(path)
         remove_stale(path)
         self.what = f"--save-fit {path}"
         self._path = path
-        self._executor = context.session.executor
+        self._executor = session.executor
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Write it."""
@@ -135,23 +80,23 @@ def save_fit(fit: LensFit, path: Path) -> None:
         partial.write_text(fit.to_json())
 
 
-class TimingRows(BaseObserver):
+class TimingRows(Observer):
     """`--timings`: one row per frame, written at once, so that memory does not grow.
 
     Under `aliases` stand the names before 1.0 of the nodes that ran: today's to the former one.
     """
 
-    def __init__(self, path: Path, settings: Settings, context: RunContext) -> None:
+    def __init__(self, path: Path, settings: Settings, session: Session) -> None:
+        super().__init__()
         check_folder(path)
         remove_stale(path)
         self.what = f"--timings {path}"
         self._path = path
-        self._stack = ExitStack()
         self._stream: IO[str] | None = None
         self._head = {
             "budget_ms": settings.budget_ms,
-            "preset": context.session.graph.pipeline,
-            "device": context.session.device.name,
+            "preset": session.graph.pipeline,
+            "device": session.device.name,
         }
         self._rows = 0
         self._ran: set[str] = set()
@@ -162,14 +107,6 @@ class TimingRows(BaseObserver):
         head = json.dumps(self._head, indent=1)
         self._stream.write(head.rstrip("}\n") + ',\n "frames": [')
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
         """Write the row."""
@@ -194,10 +131,11 @@ class TimingRows(BaseObserver):
         self._stack.close()
 
 
-class AovLayers(BaseObserver):
+class AovLayers(Observer):
     """`--aov`: the layers of each frame as multi-channel OpenEXR."""
 
-    def __init__(self, folder: Path, context: RunContext) -> None:
+    def __init__(self, folder: Path, info: SourceInfo, session: Session) -> None:
+        super().__init__()
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -207,8 +145,8 @@ class AovLayers(BaseObserver):
         remove_stale(folder / "any.exr", whole_folder=True)
         self.what = f"--aov {folder}"
         self._folder = folder
-        self._frame = Box(0, 0, context.info.width, context.info.height)
-        self._executor = context.session.executor
+        self._frame = Box(0, 0, info.width, info.height)
+        self._executor = session.executor
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
         """Write one file with the same channels on every frame, empty where there is no layer."""
@@ -249,3 +187,83 @@ class AovLayers(BaseObserver):
 
 def _empty(*channels: int) -> Float32:
     return np.zeros((0, 0, *channels), np.float32)
+
+
+class SidecarOutputs(Observer):
+    """Several observers as one; an observer that fails to write is dropped.
+
+    Args:
+        observers: that write files.
+    """
+
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        super().__init__()
+        self._observers = tuple(observers)  # replaced, never changed: two threads read it
+        self._missing: list[str] = []
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """One line for each output that could not be written so far, with the reason."""
+        return tuple(self._missing)
+
+    def __enter__(self) -> Self:
+        with ExitStack() as entered:
+            for one in self._observers:
+                entered.enter_context(one)
+            self._stack = entered.pop_all()
+        return self
+
+    def on_frame_start(self, state: FrameState) -> None:
+        """A frame was decoded; called on the decoding thread."""
+        for one in self._observers:
+            one.on_frame_start(state)
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """A frame was written."""
+        for one in self._observers:
+            with self._dropped_on_error(one):
+                one.frame(state, timing)
+
+    def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
+        """The result is complete."""
+        for one in self._observers:
+            with self._dropped_on_error(one):
+                one.finish(summary, notes)
+
+    @contextmanager
+    def _dropped_on_error(self, one: Observer) -> Iterator[None]:
+        """Drop an observer that cannot write."""
+        try:
+            yield
+        except (OutputError, OSError) as error:
+            with suppress(OutputError, OSError):  # the same full disk again
+                one.__exit__(type(error), error, error.__traceback__)
+            self._observers = tuple(other for other in self._observers if other is not one)
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            self._missing.append(f"{one.what}: {reason or error}")
+
+
+def check_sidecars(result: str, missing: Sequence[str]) -> None:
+    """Fail a command whose result is complete but whose sidecar outputs are not.
+
+    Args:
+        result: name of the result.
+        missing: as of `SidecarOutputs`.
+
+    Raises:
+        OutputError: a sidecar output is missing.
+    """
+    if missing:
+        raise OutputError(
+            f"{result} is complete, but not what was asked for beside it: " + "; ".join(missing)
+        )
+
+
+@contextmanager
+def note_on_complete_result(result: str) -> Iterator[None]:
+    """Add to an error that the result is complete."""
+    try:
+        yield
+    except BaseException as error:
+        error.add_note(f"{result} is complete")
+        raise

@@ -16,11 +16,10 @@ from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
-from nlens_video.graph.executor import FrameState
+from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
-from nlens_video.run.frame_range import ChunkRange, FrameRange, LookAhead, SourceSlice
-from nlens_video.run.observers import Observer
+from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceFrame, SourceInfo
@@ -48,7 +47,7 @@ class RunInput:
     """
 
     source: Source
-    frames: LookAhead[SourceFrame | Packet]
+    frames: Iterator[SourceFrame | Packet]
     session: Session
     profiler: Profiler
     lookahead_allowed: bool
@@ -61,8 +60,8 @@ class RunInput:
     def items(self, observers: Sequence[Observer]) -> Iterator[FrameState | Packet]:
         """Frames as the graph takes them, and packets, in the source's order."""
         executor = self.session.executor
-        ahead_allowed = self.lookahead_allowed and executor.graph.has("estimate-coc")
-        for item, following in self.frames.iterate(lambda: ahead_allowed and executor.fit is None):
+        waits = self.lookahead_allowed and executor.graph.has("estimate-coc")
+        for item, following in look_ahead(self.frames, lambda: waits and executor.fit is None):
             if not isinstance(item, SourceFrame):
                 yield item
                 continue
@@ -128,7 +127,7 @@ def take_in(
         frames.skip_to = source.skip_to
     return RunInput(
         source,
-        LookAhead(_decoded(frames, profiler, live=source.info.kind == "stream")),
+        _decoded(frames, profiler, live=source.info.kind == "stream"),
         session,
         profiler,
         # chunks come with their lens, and the next chunk may be far away or not queued yet

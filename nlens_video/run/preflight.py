@@ -18,6 +18,8 @@ from nlens_video.run.open_run import frame_s, view_of
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, check_target_folder
+from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunks.chunk_writer import ChunkWriter
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.numbered import ImageSequence
 from nlens_video.video.output.sink import Sink, check_output, open_sink
@@ -44,18 +46,26 @@ def preflight(settings: Settings, info: SourceInfo) -> None:
             pass  # closed without a commit, it leaves no file
 
 
-def open_result(output: OutputSettings, info: SourceInfo, source: SourceSettings) -> Sink:
+def open_result(
+    output: OutputSettings,
+    info: SourceInfo,
+    source: SourceSettings,
+    chunks: ChunkFeed | None = None,
+) -> Sink:
     """Open the result under a temporary name.
 
     Args:
         output: the result and its encoding.
         info: the plate.
         source: its range.
+        chunks: where the result is a folder of chunks, those.
 
     Raises:
         UsageError: codec, quality or pixel format make no sense.
         OutputError: it cannot be written.
     """
+    if chunks is not None:
+        return ChunkWriter(Path(output.spec), info, chunks)
     return open_sink(
         output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
         keep_partial=output.keep_partial, one_frame=source.one_frame,

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
-from nlens_video.core.settings import OutputSettings, Settings
-from nlens_video.graph.base.profiler import Profiler
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import Settings
+from nlens_video.effects.planner import Decision
+from nlens_video.graph.base.profiler import Profiler, Summary
 from nlens_video.graph.executor import FrameState
 from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
 from nlens_video.run.lens_track_pass import lens_track_pass
-from nlens_video.run.observers import RunContext, observers, save_fit
+from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import frame_s, open_run, opened, take_in
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
-from nlens_video.run.result import FitOutcome, RunResult, SidecarOutputs, note_on_complete_result
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunks.chunk_queue import ChunkFeed
-from nlens_video.video.chunks.chunk_writer import ChunkWriter
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.source import Source
@@ -39,6 +39,45 @@ if TYPE_CHECKING:
 OnProgress = Callable[[int, int | None], None]
 FIT_SEARCH_FRAMES = 240
 """Frames within which `fit` expects the object to come into view."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """The result of `render`.
+
+    Attributes:
+        output: what was written.
+        fit: the lens fit, None where the object was never in view.
+        decisions: of each effect, whether it was simulated and why.
+        timing: statistics of the frame times.
+        composited: frames on which the object was in view [1].
+        damaged: packets and frames of the source that were damaged [1].
+        notes: for the user.
+        missing: sidecar outputs that could not be written, and why.
+    """
+
+    output: str
+    fit: LensFit | None
+    decisions: tuple[Decision, ...]
+    timing: Summary
+    composited: int
+    damaged: int
+    notes: tuple[str, ...]
+    missing: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {**asdict(self), "timing": {**asdict(self.timing), "fps": self.timing.fps}}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitOutcome:
+    """The result of `fit`: fit and file, notes and missing sidecar outputs as in `RunResult`."""
+
+    fit: LensFit
+    path: Path
+    notes: tuple[str, ...]
+    missing: tuple[str, ...] = ()
 
 
 def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
@@ -88,8 +127,8 @@ def find_fit(
     with ExitStack() as stack:
         run_input = stack.enter_context(open_run(settings, profiler))
         session = run_input.session
-        context = RunContext(run_input.info, session, profiler)
-        sidecars = stack.enter_context(SidecarOutputs(observers(settings, context, None)))
+        found = observers(settings, run_input.info, session, None)
+        sidecars = stack.enter_context(SidecarOutputs(found))
         find_lens = session.graph.find_lens
         seen = 0
         for state in run_input.items([sidecars]):
@@ -150,7 +189,8 @@ def render(
         source = stack.enter_context(opened(settings.source))
         if chunks is None:
             check_shot(settings, source.info)
-        sink = _open_result(output, part_of(source.info, settings.source.frames), settings, chunks)
+        part = part_of(source.info, settings.source.frames)
+        sink = open_result(output, part, settings.source, chunks)
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
@@ -158,10 +198,8 @@ def render(
         session = run_input.session
         warmup = stack.enter_context(KernelWarmup(session.nodes))
         zoom = ZoomCheck(frame_s(source.info))
-        context = RunContext(source.info, session, profiler)
-        sidecars = stack.enter_context(
-            SidecarOutputs(observers(settings, context, settings.output))
-        )
+        found = observers(settings, source.info, session, output)
+        sidecars = stack.enter_context(SidecarOutputs(found))
         observing = (sidecars, zoom)
         total = _expected(source.info, settings)
         workers = session.workers()
@@ -209,14 +247,6 @@ def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
     if chunks is not None:
         chunks.end()  # a reader that waits for the next chunk could not be closed
     items.close()
-
-
-def _open_result(
-    output: OutputSettings, info: SourceInfo, settings: Settings, chunks: ChunkFeed | None
-) -> Sink:
-    if chunks is not None:
-        return ChunkWriter(Path(output.spec), info, chunks)
-    return open_result(output, info, settings.source)
 
 
 @contextmanager

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
-from nlens_video.graph.executor import FrameState
-from nlens_video.run.observers import BaseObserver
+from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.scene.camera import Camera
 
 _EVERY_S = 0.5
@@ -22,7 +21,7 @@ _TOLERATED = 0.03  # of the size: focus breathing is less, a visible zoom more
 _AT_REST = 1e-3  # of the distance to the object: a moving camera also changes sizes
 
 
-class ZoomCheck(BaseObserver):
+class ZoomCheck(Observer):
     """An `Observer` that compares the plate's scale with the camera's focal length.
 
     Frames on which the GLB's camera has moved are not compared.
@@ -32,6 +31,7 @@ class ZoomCheck(BaseObserver):
     """
 
     def __init__(self, frame_s: float) -> None:
+        super().__init__()
         self._every = max(1, round(_EVERY_S / frame_s)) if frame_s > 0 else 1
         self._tracker = ZoomTracker()
         self._lock = Lock()

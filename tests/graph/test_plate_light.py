@@ -11,8 +11,7 @@ from nlens_video.graph.base.object_source import open_object
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.base.view import View
-from nlens_video.graph.builder import build
-from nlens_video.graph.dependencies import shadow_scene
+from nlens_video.graph.builder import build, shadow_scene
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.scene.scene import Scene

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nlens_video.run.frame_range import LOOKAHEAD_FRAMES, LookAhead
+from nlens_video.run.frame_range import LOOKAHEAD_FRAMES, look_ahead
 from nlens_video.stages.f_coc import temporal_mean
 
 HEIGHT, WIDTH = 120, 160
@@ -108,7 +108,7 @@ def test_lookahead_keeps_order_and_stops_when_no_longer_needed():
             yield f"packet {index}"
 
     seen, ahead = [], {}
-    for item, following in LookAhead(items()).iterate(lambda: 2 not in ahead):
+    for item, following in look_ahead(items(), lambda: 2 not in ahead):
         if isinstance(item, str):
             seen.append(item)
             assert following == ()
@@ -123,6 +123,6 @@ def test_lookahead_keeps_order_and_stops_when_no_longer_needed():
 
 
 def test_lookahead_at_the_end_of_a_clip_holds_the_remaining_frames():
-    frames = LookAhead(frame(i) for i in range(3))
-    lengths = [len(following) for _, following in frames.iterate(lambda: True)]
+    frames = (frame(i) for i in range(3))
+    lengths = [len(following) for _, following in look_ahead(frames, lambda: True)]
     assert lengths == [2, 1, 0]

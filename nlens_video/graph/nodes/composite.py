@@ -19,6 +19,7 @@ from nlens_video.effects.occlusion import (
 from nlens_video.effects.planner import OCCLUSION
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
+from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.stages.composite import Foreground, composite
 
 if TYPE_CHECKING:
@@ -91,8 +92,6 @@ class ForegroundNode(Node):
     effect, lane = OCCLUSION, "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        from nlens_video.kernels.scatter.scatter import scatter
-
         if context.occlusion is None:
             raise Unavailable(_NO_SOURCE)
         self._context = context

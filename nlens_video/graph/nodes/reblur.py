@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING, cast
 
 from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import DEFOCUS
-from nlens_video.graph.base.node import DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
+from nlens_video.graph.base.node import DEPTH_RANGE, DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
 from nlens_video.graph.nodes import warm_up
-from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame
+from nlens_video.kernels.scatter.scatter import DRAFT, FINE, blur_reach, scatter
+from nlens_video.stages.composite import edge_parallax
+from nlens_video.stages.l_lens_sampling import BlurCell, LensSetup, SampleLens, view_count
+from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, depth_peel, object_coc
+from nlens_video.stages.l_view_blend import VIEWS, SampleSmallDiscs
 
 if TYPE_CHECKING:
     from nlens_video.core.layers import (
@@ -27,17 +31,11 @@ if TYPE_CHECKING:
 
 
 def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
-    """The layered scatter that several nodes share.
-
-    Args:
-        context: what nodes are made from.
-        detail: `fine`, or `draft` for layers that are soft anyway.
+    """The layered scatter that several nodes share, `fine`, or `draft` for layers that are soft.
 
     Raises:
         UsageError: there is no such detail.
     """
-    from nlens_video.kernels.scatter.scatter import DRAFT, FINE, blur_reach, scatter
-
     details = {"fine": FINE, "draft": DRAFT}
     if detail not in details:
         raise UsageError(f"node 'reblur': no detail {detail!r}; there are {', '.join(details)}")
@@ -49,6 +47,47 @@ def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
     )
 
 
+class ObjectCoc(Node):
+    """CoC of each pixel of the object from its depth (paper, eq. 2)."""
+
+    name, writes = "object-coc", "defocused"
+    effect = DEFOCUS
+
+    def __init__(self, context: NodeContext) -> None:
+        self.description = "slope * disparity + intercept"
+
+    def __call__(self, layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
+        return object_coc(layer, fit)
+
+
+class DepthPeel(Node):
+    """Second depth layer of the object (depth peeling, Everitt 2001), where the lens sees it."""
+
+    name, writes = "depth-peel", "defocused"
+    effect, when, skip_if = DEFOCUS, DEPTH_RANGE, "moments"
+
+    def __init__(self, context: NodeContext) -> None:
+        if context.renderer is None:
+            raise Unavailable(
+                "pre-rendered layers hold the nearest surfaces only: what they hide of the object "
+                "is guessed from what is seen of it"
+            )
+        self._renderer = context.renderer
+        self.description = f"depth-peeled second layer, {context.objects.description}"
+
+    def __call__(
+        self, defocused: DefocusedLayer, fit: LensFit, bounds: ScreenBounds
+    ) -> DefocusedLayer:
+        return depth_peel(defocused, fit, bounds.farthest, self._renderer)
+
+
+def _setup(bounds: ScreenBounds, fit: LensFit, frame_box: Box) -> LensSetup:
+    return LensSetup(
+        time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
+        plate_light=bounds.plate_light,
+    )  # fmt: skip
+
+
 class ApertureViews(Node):
     """The object from a few points of the aperture, where discs are small."""
 
@@ -56,8 +95,6 @@ class ApertureViews(Node):
     effect, when, skip_if = DEFOCUS, OUT_OF_FOCUS, "moments"
 
     def __init__(self, context: NodeContext) -> None:
-        from nlens_video.stages.l_view_blend import VIEWS, SampleSmallDiscs
-
         if context.renderer is None:
             raise Unavailable(
                 "pre-rendered layers hold one view of the object: the scatter blurs small discs too"
@@ -70,13 +107,7 @@ class ApertureViews(Node):
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> ViewBlend | None:
-        from nlens_video.stages.l_lens_sampling import LensSetup
-
-        setup = LensSetup(
-            time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
-            plate_light=bounds.plate_light,
-        )  # fmt: skip
-        return self._sample(defocused, setup)
+        return self._sample(defocused, _setup(bounds, fit, frame_box))
 
     def warm_up(self) -> None:
         """Compile the blur of small discs."""
@@ -90,9 +121,6 @@ class LensSampling(Node):
     effect, when = DEFOCUS, OUT_OF_FOCUS
 
     def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
-        from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-        from nlens_video.stages.l_lens_sampling import BlurCell, SampleLens, view_count
-
         if context.renderer is None:
             raise Unavailable(
                 "pre-rendered layers hold one view of the object, so the lens cannot be sampled: "
@@ -112,13 +140,7 @@ class LensSampling(Node):
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> BlurredLayer:
-        from nlens_video.stages.l_lens_sampling import LensSetup
-
-        setup = LensSetup(
-            time_s=bounds.time_s, camera=bounds.camera, fit=fit, frame=frame_box,
-            plate_light=bounds.plate_light,
-        )  # fmt: skip
-        return self._sample(defocused, setup)
+        return self._sample(defocused, _setup(bounds, fit, frame_box))
 
     def warm_up(self) -> None:
         """Compile scatter and the blur of small discs."""
@@ -230,7 +252,5 @@ class EdgeParallax(Node):
         self, blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
         bounds: ScreenBounds,
     ) -> BlurredLayer:  # fmt: skip
-        from nlens_video.stages.composite import edge_parallax
-
         height = self._context.ground_height
         return edge_parallax(blurred, picture, defocused, fit, bounds.camera, height)

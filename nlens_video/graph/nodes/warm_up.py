@@ -11,7 +11,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -20,6 +19,9 @@ from nlens_video.core.box import Box
 from nlens_video.core.layers import BlurredLayer, DefocusedLayer, HiddenLayer, ObjectLayer
 from nlens_video.graph.base.node import Node
 from nlens_video.kernels import numba_config
+from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture
+from nlens_video.kernels.scatter.scatter import scatter
+from nlens_video.video.pixels.picture import ArrayPicture
 
 _NOTICEABLE_S = 2.0
 _SIDE = 24
@@ -55,12 +57,7 @@ class KernelWarmup:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self._stop.set()
         self._thread.join()
 
@@ -99,16 +96,12 @@ def blurred_layer() -> BlurredLayer:
 
 def scatter_kernels() -> None:
     """The scatter with a round aperture."""
-    from nlens_video.kernels.scatter.scatter import scatter
-
     sharp = sharp_layer()
     scatter(sharp.layer.rgba, sharp.coc_px)
 
 
 def cell() -> None:
     """The blur of small discs."""
-    from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture
-
     sharp = sharp_layer()
     rgba = sharp.layer.rgba
     gather_subaperture(rgba, rgba[..., 3] > 0.0, np.clip(sharp.coc_px, -4.0, 4.0), FRAME)
@@ -116,8 +109,6 @@ def cell() -> None:
 
 def blend() -> None:
     """Samples to scene-linear light and back."""
-    from nlens_video.video.pixels.picture import ArrayPicture
-
     picture = ArrayPicture(np.zeros((_SIDE, _SIDE, 3), np.uint8))
     picture.linear(FRAME)
     picture.over(FRAME, sharp_layer().layer.rgba)

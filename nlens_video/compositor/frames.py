@@ -1,13 +1,17 @@
-"""Arrays, tensors and PyAV's frames, to samples that can be composited and back."""
+"""Frames of a compositor: arrays, tensors and PyAV's in and out, and HTML for notebooks."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.layers import Picture
+from nlens_video.core.lens_fit import LensFit
 
 if TYPE_CHECKING:
     import av
@@ -15,6 +19,7 @@ if TYPE_CHECKING:
 Frames = TypeVar("Frames")
 """An array or a tensor, in a stream also one of PyAV's frames; results have the same type."""
 
+_WIDEST_PX = 640  # of the picture in a notebook
 _THIN = 8  # every so many rows and columns are tested for samples above 1
 
 
@@ -84,3 +89,45 @@ def as_format_of(result: av.VideoFrame, frame: av.VideoFrame) -> av.VideoFrame:
 
 def _is_tensor(frame: object) -> bool:
     return type(frame).__module__ == "torch"  # a caller that has tensors has imported it
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The state of a compositor; a notebook renders it as HTML.
+
+    Attributes:
+        picture: the last composite as a JPEG file, None before the first frame.
+        size: its width and height [px].
+        fit: the lens, None until it is found.
+        plan: what runs, a line each.
+    """
+
+    picture: bytes | None
+    size: tuple[int, int]
+    fit: LensFit | None
+    plan: tuple[str, ...]
+
+    def _repr_html_(self) -> str:
+        """HTML for Jupyter, self-contained."""
+        parts = ["<p>no frame yet</p>"]
+        if self.picture is not None:
+            from nlens_video.report.html import embedded_jpeg
+
+            parts = [embedded_jpeg(self.picture, self.size, "The last composite")]
+        if self.fit is not None:
+            parts.append(
+                f"<p>coc_px = {self.fit.slope:.4g} &middot; disparity {self.fit.intercept:+.4g}, "
+                f"sign {escape(self.fit.sign)}</p>"
+            )
+        lines = "".join(f"<li>{escape(line)}</li>" for line in self.plan)
+        return "".join(parts) + (f"<ul>{lines}</ul>" if lines else "")
+
+
+def show(picture: Picture | None, fit: LensFit | None, plan: tuple[str, ...]) -> Shown:
+    """Shrink the last composite; `picture` is None before the first frame."""
+    if picture is None:
+        return Shown(None, (0, 0), fit, plan)
+    from nlens_video.report.html import jpeg, to_8_bit
+
+    image = to_8_bit(picture.srgb(), _WIDEST_PX)
+    return Shown(jpeg(image), (image.shape[1], image.shape[0]), fit, plan)

@@ -1,24 +1,49 @@
-"""Nodes that find the lens: the object's bounds, F (CoC), P (projection) and R (regression)."""
+"""Nodes of object and lens: bounds, light, F (CoC), P (projection), R (regression), render."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from nlens_video.core.box import Box
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.effects.planner import DEFOCUS
-from nlens_video.graph.base.node import IN_FRAME, Node
+from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
+from nlens_video.scene.illumination import Illumination
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens, constant_fit
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import CocMap, Picture
+    from nlens_video.core.layers import CocMap, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.values import StreamFrame
     from nlens_video.graph.base.view import ScreenBounds
-    from nlens_video.scene.illumination import Illumination
+
+
+class EstimateLight(Node):
+    """Lighting of the object from the first frame, where no file gives any."""
+
+    name, writes = "estimate-light", "plate_light"
+    stateful = True
+
+    def __init__(self, context: NodeContext) -> None:
+        scene = context.shadow_scene
+        if scene is None:
+            raise Unavailable("no scene to light")
+        if scene.pre_rendered:
+            raise Unavailable("pre-rendered layers are lit already")
+        if scene.light.known:
+            raise Unavailable("the GLB or an environment map lights the object")
+        self._light: Illumination | None = None
+        self.description = "from the mean colour of the first frame and of its upper part"
+
+    def __call__(self, picture: Picture) -> Illumination:
+        if self._light is None:
+            whole = Box(0, 0, picture.width, picture.height)
+            self._light = Illumination.of_plate(picture.linear(whole))
+        return self._light
 
 
 class ObjectBounds(Node):
@@ -115,3 +140,20 @@ def _warning(fit: LensFit, ground: GroundProjection) -> str:
             NoteKind.FOOTPRINT_UNSEEN,
         )
     return ""
+
+
+class Render(Node):
+    """Colour, coverage and depth of the object, beyond the frame as far as its blur reaches."""
+
+    name, writes = "render", "layer"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._objects = context.objects
+        self.description = context.objects.description
+
+    def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
+        return self._objects.render(bounds, fit)
+
+    def warm_up(self) -> None:
+        """Compile the renderer's kernels, if it has any."""
+        self._objects.warm_up()
