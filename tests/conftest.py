@@ -8,12 +8,15 @@ import os
 import shutil
 from pathlib import Path
 
+import hypothesis
 import pytest
 from support.disks import why_no_mount
 from support.folders import ROOT, TESTS
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX Runtime themselves
 SHARED = ROOT.parent / "shared"
+hypothesis.settings.register_profile("no deadline", deadline=None)  # a loaded machine is no fault
+hypothesis.settings.load_profile("no deadline")
 
 
 def pytest_sessionstart() -> None:

@@ -70,6 +70,7 @@ def without(pipeline, node):
     return re.sub(rf".*{node}.*\n", "", pipeline)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_contributing_guides_example_node_changes_the_object(folder):
     assert "warmth" in nodes_of_the_run(folder, NODES, "warm")
@@ -77,6 +78,7 @@ def test_contributing_guides_example_node_changes_the_object(folder):
     assert (folder / "warm.png").read_bytes() != (folder / "plain.png").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_contributing_guides_example_effect_is_measured_planned_and_applied(folder):
     pipeline = NODES.replace('{ node = "warmth", gain = 1.3 }', '"veiling-glare"')

@@ -55,6 +55,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("command", HERE)
 def test_documented_command_runs_as_written(command, folder, monkeypatch):
@@ -84,6 +85,7 @@ def test_make_targets_extras_and_scripts_named_in_documents_exist():
     assert scripts and all((ROOT / script).exists() for script in scripts)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
 def test_documented_python_example_runs_on_an_opencv_capture(page, folder, monkeypatch):
@@ -98,6 +100,7 @@ def test_documented_python_example_runs_on_an_opencv_capture(page, folder, monke
         assert len(seen) == 14 and all(frame.shape == seen[0].shape for frame in seen)
 
 
+@pytest.mark.slow
 def test_documentation_site_builds_without_warnings(tmp_path):
     run = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"],

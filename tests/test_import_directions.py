@@ -1,6 +1,7 @@
 """Folders import in one direction: a module imports from its own folder or from one above."""
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -39,6 +40,7 @@ def folder_of(path: Path) -> str:
     return str(path.parent.relative_to(PACKAGE))
 
 
+@functools.cache
 def imported_modules(path: Path) -> list[str]:
     """Modules of all import statements, those for type checkers included."""
     found = []
@@ -56,7 +58,7 @@ def imported_folders(path: Path) -> set[str]:
         parts = module.split(".")
         if parts[0] == PACKAGE.name:
             file = PACKAGE.joinpath(*parts[1:]).with_suffix(".py")
-            if file in MODULES:
+            if file.is_file():
                 found.add(folder_of(file))
     return found
 

@@ -236,6 +236,7 @@ def test_sample_object_embeds_a_texture_of_at_most_512_pixels(clip, glb, scene):
     assert max(struct.unpack(">II", png[16:24])) <= 512
 
 
+@pytest.mark.slow
 @objects
 def test_scripts_reproduce_the_committed_sample_object(clip, glb, scene, tmp_path):
     again = tmp_path / glb
@@ -256,6 +257,7 @@ def test_samples_are_small_and_hold_no_project_files():
     assert {path.suffix for path in files} <= {".py", ".md", ".mp4", ".glb", ".json"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", ["make_samples.py", "make_object.py"])
 def test_sample_script_prints_help_without_blender(script):
     shown = subprocess.run(

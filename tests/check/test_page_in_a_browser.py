@@ -64,6 +64,7 @@ def test_findings_table_fits_at_every_window_width(folder, width, least):
     assert seen["found"] >= least
 
 
+@pytest.mark.slow
 def test_page_can_be_printed(folder):
     target = folder / "check.pdf"
     chromium(folder, f"--print-to-pdf={target}", (folder / "check" / "index.html").as_uri())

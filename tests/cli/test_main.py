@@ -322,6 +322,7 @@ def stopped(run, folder, *signals, patience=60):
     return err.decode().strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT, signal.SIGINT]]
 )
@@ -394,6 +395,7 @@ class Quiet:
         return len(data)
 
 
+@pytest.mark.slow
 def test_keep_partial_names_a_playable_file_after_an_interrupt(files, tmp_path):
     run = endless(files, tmp_path / "out.mp4", more=["--keep-partial"])
     message = stopped(run, tmp_path, signal.SIGINT)
@@ -403,6 +405,7 @@ def test_keep_partial_names_a_playable_file_after_an_interrupt(files, tmp_path):
     assert len(shots.read_planes(kept)) > 3
 
 
+@pytest.mark.slow
 def test_closed_reader_of_standard_output_ends_the_run_without_an_error(files):
     run = endless(files, "-", stdout=subprocess.PIPE)
     run.stdout.read(100_000)
@@ -412,6 +415,7 @@ def test_closed_reader_of_standard_output_ends_the_run_without_an_error(files):
     run.stderr.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["--help"], ["doctor"], ["completion", "bash"], ["--plan"]])
 def test_closed_pipe_behind_printed_text_is_not_a_failure(files, tmp_path, words):
     if words == ["--plan"]:
@@ -424,6 +428,7 @@ def test_closed_pipe_behind_printed_text_is_not_a_failure(files, tmp_path, words
     assert (run.returncode, err) == (0, b"")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["-q"], ["--json"], ["--plan"]])
 def test_full_disk_behind_standard_output_gives_a_one_line_error(files, tmp_path, words):
     out = tmp_path / "out.png" if words != ["-q"] else "-"
@@ -437,6 +442,7 @@ def test_full_disk_behind_standard_output_gives_a_one_line_error(files, tmp_path
     assert err.startswith(b"nlens-video: ") and err.count(b"\n") == 1 and b"No space left" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [1, 2])
 def test_run_succeeds_with_standard_output_or_error_closed(files, tmp_path, closed):
     words = [files / "plate.png", files / "anim.glb", tmp_path / "out.png"]
@@ -446,6 +452,7 @@ def test_run_succeeds_with_standard_output_or_error_closed(files, tmp_path, clos
     assert (tmp_path / "out.png").is_file()
 
 
+@pytest.mark.slow
 def test_run_succeeds_when_standard_error_is_a_broken_pipe(files, tmp_path):
     unread, written = os.pipe()
     os.close(unread)

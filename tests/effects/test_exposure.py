@@ -38,7 +38,7 @@ def run(pictures):
     return [measure(picture).gains for picture in pictures]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.tuples(*3 * [st.floats(-0.8, 0.6)]).filter(lambda s: max(map(abs, s)) > 0.1))
 def test_gains_follow_a_change_of_exposure(stops):
     gains = np.exp2(np.array(stops))

@@ -180,6 +180,7 @@ def test_command_adds_grain_only_on_a_noisy_plate(tmp_path):
     assert spreads["noisy"] == pytest.approx(5.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_grain_of_a_large_picture_is_measured_in_its_centre():
     base = np.tile(scene(2), (4, 4, 1))
     rng = np.random.default_rng(0)

@@ -12,6 +12,7 @@ LOOKED_AT = (
 """Rows that tell most in a few seconds; docs/make_effects.py judges them all."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOKED_AT)
 def test_lens_effects_are_detected_and_measured_within_15_percent(name):
     for verdict in judge(EVERY[name]):

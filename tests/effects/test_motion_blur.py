@@ -172,6 +172,7 @@ def psnr(a, b, where):
     return -10 * np.log10(np.mean((a - b)[where] ** 2))
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("coc_px", [0.0, 12.0])
 def test_rotating_and_sliding_card_agrees_with_hundreds_of_shutter_samples(tmp_path, coc_px):
@@ -214,6 +215,7 @@ def test_rotating_and_sliding_card_agrees_with_hundreds_of_shutter_samples(tmp_p
     assert psnr(sharp, truth, where) < 30
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_command_blurs_a_moving_object_unless_motion_blur_is_off(tmp_path):
     plate = shots.write_video(tmp_path / "in.mp4", frames=4, audio=False)

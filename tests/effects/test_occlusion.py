@@ -51,7 +51,7 @@ def mixed(m, front, back):
     return m[..., None] * front + (1.0 - m[..., None]) * back
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SHARE, SHARE, LIGHT, LIGHT, LIGHT)
 def test_layer_behind_a_foreground_equals_the_three_layer_composite(m, alpha, front, back, paint):
     layer = np.concatenate([alpha[..., None] * paint, alpha[..., None]], axis=2)

@@ -60,6 +60,7 @@ def test_holdout_matte_hides_object_and_shadow_and_keeps_the_plates_bits(files, 
     assert occlusion["wanted"] and "matte.png, by its luminance" in occlusion["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["draft", "realtime", "reference", "paper"])
 def test_every_preset_applies_a_holdout_matte(files, tmp_path, preset):
     words = ("--preset", preset, "--holdout", files / "matte.png")
@@ -98,6 +99,7 @@ def test_holdout_matte_applies_to_prerendered_layers(files, tmp_path):
     assert (got[120:160, EDGE + 5 : 270] != plate[120:160, EDGE + 5 : 270]).any(axis=2).all()
 
 
+@pytest.mark.slow
 def test_holdout_video_is_matched_by_frame_for_a_piped_plate(files, tmp_path):
     shots.write_video(tmp_path / "in.mkv", codec="ffv1", frames=6, audio=False)
     with av.open(str(tmp_path / "m.mkv"), "w") as container:

@@ -252,7 +252,7 @@ def test_shadow_on_defocused_ground_is_cast_at_lower_resolution_without_differen
     assert coarse.fine.loss.sum() == pytest.approx(fine.loss.sum(), rel=0.02)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_triangle_coverage_agrees_with_the_reference_even_behind_the_camera(seed):
     rng = np.random.default_rng(seed)

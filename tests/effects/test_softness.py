@@ -41,6 +41,7 @@ def test_sharp_foreground_before_a_defocused_background_needs_no_softening(seed)
     assert not measure(pictures(base, 1)).called_for
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [1.3, 1.6])
 @pytest.mark.parametrize("grain", [0.0, 2.0])
 def test_softness_of_a_plate_is_measured(sigma, grain):

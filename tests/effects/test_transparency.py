@@ -120,7 +120,7 @@ def test_fully_opaque_meshes_use_the_coverage_bitmap(tmp_path, mode):
     assert loss_under(card(tmp_path / "b.glb", "OPAQUE", alpha=halves(0, 0)))[60, 80] > 0.99
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_absorption_kernel_agrees_with_the_reference(seed):
     rng = np.random.default_rng(seed)

@@ -56,6 +56,7 @@ def test_bench_scene_has_its_stated_size_and_coc(seen, name, low, high):
     assert (defocused.layer.rgba[..., 3] > 0).sum() > 20_000
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_only_the_slab_scene_has_no_self_occlusion(seen):
     steps = {name: defocused.largest_step_px for name, defocused in seen.items()}

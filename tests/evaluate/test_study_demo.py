@@ -36,6 +36,7 @@ def test_demo_study_shows_every_position_lens_and_method_once(folder):
     assert {one.method for one in stimuli} == {"naive", "blind augmentation", "ours"}
 
 
+@pytest.mark.slow
 def test_demo_pictures_of_a_plate_differ_only_at_the_virtual_ball(folder):
     naive, ours = (picture(folder, f"f2_back_red_{method}.jpg") for method in ("naive", "ours"))
     changed = np.abs(naive - ours).max(axis=2) > 24

@@ -38,17 +38,20 @@ def held(shot, tmp_path_factory):
     return folder / "out.mp4", json.loads((folder / "t.json").read_text())
 
 
+@pytest.mark.slow
 def test_timings_name_the_quality_level_of_each_frame(held):
     rungs = [row["rung"] for row in held[1]["frames"]]
     assert list(dict.fromkeys(rungs)) == ["standard", "realtime", "draft"]
     assert rungs == sorted(rungs, key=["standard", "realtime", "draft"].index)
 
 
+@pytest.mark.slow
 def test_change_of_quality_level_is_invisible_to_the_quality_check(held, shot):
     verdict = compare(str(held[0]), SourceSettings(spec=str(shot[0]))).verdict
     assert [one.text for one in verdict.findings if one.kind in ("pop", "flicker", "plate")] == []
 
 
+@pytest.mark.slow
 def test_change_of_quality_level_without_a_crossfade_would_be_a_jump(shot, tmp_path, monkeypatch):
     monkeypatch.setattr(adaptive_quality, "CROSSFADE_FRAMES", 0)
     assert render(shot, tmp_path / "o.mp4", "--hold-budget", "--budget-ms", "0.01") == 0
@@ -56,6 +59,7 @@ def test_change_of_quality_level_without_a_crossfade_would_be_a_jump(shot, tmp_p
     assert any(one.kind == "pop" and "stays so" in one.text for one in verdict.findings)
 
 
+@pytest.mark.slow
 def test_plate_outside_the_objects_reach_is_unchanged_by_level_changes(shot, tmp_path):
     words = ("--hold-budget", "--budget-ms", "0.01", "--codec", "ffv1")
     assert render(shot, tmp_path / "out.mkv", *words) == 0
@@ -64,6 +68,7 @@ def test_plate_outside_the_objects_reach_is_unchanged_by_level_changes(shot, tmp
         assert np.array_equal(plate[0][:60, :60], result[0][:60, :60])
 
 
+@pytest.mark.slow
 def test_met_time_budget_changes_no_bit(shot, tmp_path):
     lossless = ("--codec", "ffv1", "--range", "0:10")
     assert render(shot, tmp_path / "plain.mkv", *lossless) == 0
@@ -76,6 +81,7 @@ def test_met_time_budget_changes_no_bit(shot, tmp_path):
         assert all(map(np.array_equal, plain, held))
 
 
+@pytest.mark.slow
 def test_run_summary_states_the_quality_level_changes(shot, tmp_path, capsys):
     plate, glb, fit = shot
     words = (plate, glb, tmp_path / "o.mp4", "--fit", fit, "--json", "--range", "0:30",

@@ -48,6 +48,7 @@ def probes(*steps):
     return [Probe(step) for step in steps]
 
 
+@pytest.mark.slow
 def test_warmup_compiles_the_kernels_of_the_graphs_nodes():
     # in a process of its own: here other tests have compiled them long since
     done = subprocess.run(

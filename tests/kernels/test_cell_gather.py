@@ -28,7 +28,7 @@ def blurred(rgba, coc, target=None, **changes):
     return gather_subaperture(rgba, rgba[..., 3] > 0, coc, target or whole, **changes)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     st.integers(0, 2**31), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 9.0),
     st.floats(0.0, 1.0), st.floats(0.6, 1.6),

@@ -130,7 +130,7 @@ def test_extension_of_the_back_layer_does_not_depend_on_the_crop():
     assert part.back_rgba[inner] == pytest.approx(whole.back_rgba[rim], abs=0.01)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), height=st.integers(1, 23), width=st.integers(1, 23))
 def test_unknown_pixels_take_the_value_of_the_nearest_known_pixel(seed, height, width):
     rng = np.random.default_rng(seed)
@@ -146,7 +146,7 @@ def test_unknown_pixels_take_the_value_of_the_nearest_known_pixel(seed, height, 
     assert np.array_equal(found[known], values[known])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), height=st.integers(2, 40), width=st.integers(2, 40))
 def test_splitting_any_layer_gives_finite_values_within_its_range(seed, height, width):
     rng = np.random.default_rng(seed)

@@ -57,7 +57,7 @@ def test_alpha_stays_one_inside_a_ramp_through_focus():
     np.testing.assert_array_equal(scatter(rgba, coc)[..., 3], 1.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     shape=st.tuples(st.integers(1, 17), st.integers(1, 17)),
     largest=st.floats(0.0, 6.0),
@@ -176,7 +176,7 @@ def test_scatter_of_a_shifted_layer_is_the_shifted_scatter():
     np.testing.assert_allclose(moved, np.roll(scatter(rgba, coc), (3, 5), (0, 1)), atol=1e-6)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(gain=st.floats(1e-3, 1e4), coc=st.floats(0.0, 12.0))
 def test_scatter_is_linear_in_light_and_keeps_highlights(gain, coc):
     rgba = blob()
@@ -325,6 +325,7 @@ def test_object_moving_through_focus_does_not_flicker(detail, times):
     assert seen < times * largest_bend([scatter_ref(rgba, plane) for plane in planes])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("slope", "start"), [((0.2, 0.0), -3.2), ((0.05, 0.35), -12.4)])
 def test_draft_scatter_of_a_slab_is_above_36_db(slope, start):
     slab = Slab(corners=(16, 16.3, 116.4, 86), coc_px=start, slope=slope)

@@ -1,7 +1,7 @@
 """Each vector intrinsic against the NumPy expression of its docstring."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -59,7 +59,6 @@ def of_sixteens(values, limit, out):
     store16(out, 1, select_gt(numbers, most, most, numbers))
 
 
-@settings(deadline=None)
 @given(arrays(np.float32, (2, 4), elements=NUMBERS), st.floats(0.125, 8.0, width=32))
 def test_vector_operations_of_four_agree_with_numpy(values, factor):
     out, flat = np.zeros(20, np.float32), values.ravel()
@@ -72,7 +71,6 @@ def test_vector_operations_of_four_agree_with_numpy(values, factor):
     np.testing.assert_array_equal(out[16:], [*one[:0:-1], np.float32(factor)])
 
 
-@settings(deadline=None)
 @given(arrays(np.float32, 10, elements=NUMBERS))
 def test_sum_of_eight_is_in_float64(values):
     out = np.zeros(6, np.float32)
@@ -81,7 +79,6 @@ def test_sum_of_eight_is_in_float64(values):
     np.testing.assert_array_equal(out, exact[[0, 1, 2, 3, 4, 7]])
 
 
-@settings(deadline=None)
 @given(arrays(np.float32, 19, elements=NUMBERS), NUMBERS)
 def test_masked_selection_of_sixteen_writes_only_its_lanes(values, limit):
     out = np.full(18, 7.0, np.float32)
@@ -116,7 +113,6 @@ def powers(out):
         out[power] = half_power(np.float32(power))
 
 
-@settings(deadline=None)
 @given(
     arrays(np.float32, (3, 4), elements=NUMBERS), st.floats(0, 1, width=32),
     st.floats(0, 1, width=32),
@@ -130,7 +126,6 @@ def test_span_end_adds_light_and_weight_to_both_halves_of_one_row(rgba, here, fu
     np.testing.assert_allclose(sums, expected, rtol=1e-6, atol=1e-4)
 
 
-@settings(deadline=None)
 @given(
     arrays(np.float32, 24, elements=st.floats(0, 2, width=32)), st.integers(-3, 20),
     st.floats(0, 2, width=32), st.floats(-0.125, 0.125, width=32),
@@ -147,7 +142,6 @@ def test_depth_tested_run_writes_only_samples_that_are_not_farther(disparity, co
     np.testing.assert_array_equal(ids, shown)
 
 
-@settings(deadline=None)
 @given(
     arrays(np.uint16, (6, 4)), st.integers(0, 4), st.integers(0, 4), st.floats(0, 1, width=32),
     st.floats(0, 1, width=32),
@@ -160,7 +154,6 @@ def test_texels_are_interpolated_bilinearly(texels, upper, lower, across, down):
     np.testing.assert_allclose(out, (1 - across) * left + across * right, atol=1e-6)
 
 
-@settings(deadline=None)
 @given(st.floats(2.0**-126, 2.0**120, width=32))
 def test_split_number_is_its_significand_times_a_power_of_two(value):
     out = np.zeros(2, np.float32)

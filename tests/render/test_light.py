@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nlens_video.effects import exposure_kernels
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 100_000), count=st.integers(1, 300),
     among=st.sampled_from(["normal", "few", "signs", "huge"]),
@@ -40,7 +40,7 @@ def stops_of(light):
     return out
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10_000), noise=st.sampled_from([0.0, 0.02, 0.3, 1.0]),
     lost=st.sampled_from([0.0, 0.3, 0.9]),

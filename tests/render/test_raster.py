@@ -18,7 +18,7 @@ from nlens_video.scene.gltf.materials import Image
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.4, 2.0, 8.0]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_rasteriser_shows_the_nearest_triangle_even_across_the_near_plane(seed, spread):
     rng = np.random.default_rng(seed)
     positions = rng.normal(0, spread, (18, 3)).astype(np.float32)
@@ -33,7 +33,7 @@ def test_rasteriser_shows_the_nearest_triangle_even_across_the_near_plane(seed, 
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_triangle_mesh_covers_each_sample_once_without_cracks(seed):
     """Every triangle alone, one by one: counts must be 1 inside the sheet's outline."""
     rng = np.random.default_rng(seed)

@@ -40,6 +40,7 @@ def test_unknown_renderer_name_error_lists_the_renderers(scene, monkeypatch):
         select.choose_renderer(scene)
 
 
+@pytest.mark.slow
 def test_without_a_graphics_device_the_rasteriser_is_used_and_opengl_is_not_loaded(scene, tmp_path):
     program = f"""
 import pathlib, sys

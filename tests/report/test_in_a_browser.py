@@ -77,6 +77,7 @@ def seen(folder):
     return {width: look(width) for width in (360, 1200)}
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("width", [360, 1200])
 def test_report_fits_the_window_and_loads_all_pictures(seen, width):
@@ -86,6 +87,7 @@ def test_report_fits_the_window_and_loads_all_pictures(seen, width):
     assert page["text"] >= 12
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_comparison_slider_is_focusable_and_announces_its_position(seen):
     page = seen[360]

@@ -118,6 +118,7 @@ def words(folder, *more):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_focus_pull_is_tracked(pulled):
     track = lens_track_pass(settings(parse(words(pulled))))
     assert track is not None
@@ -139,6 +140,7 @@ def test_constant_focus_is_not_tracked(pulled, tmp_path):
     assert lens_track_pass(settings(parse(words(pulled, "--fit", str(given))))) is None
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_command_tracks_focus_and_reports_it(pulled, capsys):
     assert main(words(pulled, "--json", "--preset", "realtime")) == 0
@@ -196,6 +198,7 @@ def test_live_focus_tracking_is_gradual_except_at_cuts():
     assert live.step().intercept == -5.0
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_compositor_tracks_a_focus_pull(tmp_path):
     glb = shots.cube_glb(tmp_path / "cube.glb")

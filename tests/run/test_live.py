@@ -60,6 +60,7 @@ def run(files, out, *words):
     return json.loads(said)["timing"], [round(moment) for moment in times]
 
 
+@pytest.mark.slow
 def test_every_frame_of_a_paced_source_is_written_and_latency_is_reported(files, tmp_path):
     timing, times = run(files, tmp_path / "out.mkv", "--preset", "draft")
     assert times == list(range(FRAMES)) and timing["dropped"] == 0
@@ -67,6 +68,7 @@ def test_every_frame_of_a_paced_source_is_written_and_latency_is_reported(files,
     assert 0 < timing["latency_median_ms"] <= timing["latency_p95_ms"] * 1.02
 
 
+@pytest.mark.slow
 def test_late_frames_are_dropped_and_counted_and_others_keep_their_times(files, tmp_path):
     words = ("--preset", "reference", "--late", "drop")
     timing, times = run(files, tmp_path / "out.mkv", *words)
@@ -75,6 +77,7 @@ def test_late_frames_are_dropped_and_counted_and_others_keep_their_times(files, 
     assert times == sorted(set(times)) and set(times) <= set(range(FRAMES))
 
 
+@pytest.mark.slow
 def test_dropped_late_frames_are_not_reported_as_a_truncated_source(files, tmp_path):
     given = shots.write_video(tmp_path / "in.mkv", FRAMES, rate=RATE)  # its header tells how many
     words = command(files, tmp_path / "out.mkv", "--preset", "reference", "--late", "drop")

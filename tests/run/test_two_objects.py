@@ -118,6 +118,7 @@ def error_db(got, true, plate):
     return -10.0 * float(np.log10((off**2).mean()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "least_db"), [("standard", 42.0), ("reference", 53.0)])
 @pytest.mark.parametrize("time_s", [0.0, SWAP_S])
 def test_each_of_two_objects_has_its_own_blur_and_the_near_one_occludes(

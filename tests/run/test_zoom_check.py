@@ -78,6 +78,7 @@ def notes(folder, plate, glb, capsys):
     return [line for line in said.splitlines() if "GLB's camera has" in line]
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_zoom_that_the_scenes_camera_lacks_is_reported(files, capsys):
     (line,) = notes(files, "zoom", "still", capsys)
@@ -85,6 +86,7 @@ def test_zoom_that_the_scenes_camera_lacks_is_reported(files, capsys):
     assert "kept its size" in line and "field of view" in line
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_no_zoom_is_reported_if_both_are_static_or_the_camera_moves(files, capsys):
     assert notes(files, "still", "still", capsys) == []

@@ -20,7 +20,7 @@ def reader(builder, tmp_path=None):
     return AccessorReader(Document(Fields(document, ""), tmp_path, bytes(builder.binary)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.sampled_from(sorted(LIMITS)),
     st.integers(1, 9),
@@ -49,7 +49,7 @@ def test_strided_and_normalised_accessors_agree_with_a_plain_reading(
     np.testing.assert_allclose(read, expected, rtol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(1, 12), st.data(), st.booleans())
 def test_sparse_accessor_replaces_base_values_or_zeros(count, data, based):
     chosen = sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1)))

@@ -16,7 +16,7 @@ def unit(rng, count):
     return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 10_000), kind=st.sampled_from([STEP, LINEAR, CUBIC]), count=KEYS,
     turns=st.booleans(), at=st.floats(-0.5, 1.5), on_key=st.booleans(), nearly=st.booleans(),
@@ -52,7 +52,7 @@ def test_zero_quaternion_is_the_identity_rotation():
     np.testing.assert_array_equal(out[0, 3:7], [0, 0, 0, 1])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10_000), count=st.integers(1, 12))
 def test_world_matrices_are_products_from_the_root_down(seed, count):
     rng = np.random.default_rng(seed)

@@ -241,7 +241,7 @@ def test_missing_scene_file_is_named(tmp_path):
         Scene.load(tmp_path / "none.glb")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_damaged_file_raises_nothing_but_a_scene_error(tmp_path_factory, data):
     builder = GlbBuilder()

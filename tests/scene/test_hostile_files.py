@@ -98,7 +98,7 @@ RICH = rich()
 PLACES = list(places(RICH.document))
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(changes=st.lists(st.tuples(st.sampled_from(PLACES), NASTY), min_size=1, max_size=4))
 def test_any_json_value_anywhere_raises_nothing_but_a_scene_error(tmp_path_factory, changes):
     changed = GlbBuilder()

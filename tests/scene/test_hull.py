@@ -52,8 +52,9 @@ def body(seed, *, skinned, morphed):
     return builder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("skinned", "morphed"), [(0, 0), (1, 0), (0, 1), (1, 1)])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), moments=st.lists(st.floats(0, 1), min_size=2, max_size=3))
 def test_every_vertex_lies_in_the_predicted_hull(tmp_path_factory, skinned, morphed, seed, moments):
     path = tmp_path_factory.mktemp("hull") / "body.glb"
@@ -111,7 +112,7 @@ def test_object_far_out_of_view_is_culled_before_deforming_vertices(tmp_path, of
     assert objects.locate(0, 0.0) is None
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), moment=st.floats(0, 1), length=st.floats(0, 0.1))
 def test_screen_motion_of_vertices_stays_within_the_bound(tmp_path_factory, seed, moment, length):
     builder = body(seed, skinned=seed % 2, morphed=0)

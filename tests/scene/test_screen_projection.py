@@ -32,7 +32,7 @@ def inside_hull(rng, points, count=200):
     return rng.dirichlet(np.full(points.shape[-2], 0.3), count) @ points
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(seed=st.integers(0, 100_000), count=st.integers(1, 20), spread=st.sampled_from([0.02, 3.0]))
 def test_points_of_a_culled_hull_project_outside_the_box(seed, count, spread):
     rng = np.random.default_rng(seed)
@@ -65,7 +65,7 @@ def test_hull_with_nan_or_infinite_points_is_never_culled():
             assert travel_bound_px([points, points], [camera, camera]) == np.inf
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 100_000), moments=st.integers(1, 4), count=st.integers(1, 9),
     step=st.sampled_from([0.0, 1e-3, 0.3]),

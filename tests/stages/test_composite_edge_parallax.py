@@ -78,7 +78,7 @@ def test_plate_beside_an_edge_is_seen_by_the_unoccluded_part_of_the_lens(object_
     np.testing.assert_array_equal(found[..., 3], rgba[..., 3])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 9999), st.floats(0.6, 1.6))
 def test_edge_parallax_kernel_agrees_with_the_reference(seed, aspect):
     rng = np.random.default_rng(seed)

@@ -28,7 +28,7 @@ def networks():
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), height=st.integers(1, 21), width=st.integers(1, 21))
 def test_classical_renderer_is_the_papers_formula(seed, height, width):
     rng = np.random.default_rng(seed)

@@ -185,7 +185,7 @@ def layer_of(coc):
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_blend_weight_is_zero_within_reach_of_large_discs(seed):
     rng = np.random.default_rng(seed)

@@ -97,7 +97,7 @@ def test_footprint_is_empty_without_triangles_or_with_the_camera_in_the_plane():
     assert not edge_on.mask.any()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(scale=st.floats(1e-6, 1e6))
 def test_footprint_does_not_depend_on_the_scenes_unit(scale):
     triangles = square_at((0.1, -3.0), 0.5, y=0.7)

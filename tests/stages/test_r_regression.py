@@ -17,7 +17,7 @@ def plate(plane, slope, focus, sigma=0.5):
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(slope=st.floats(6.0, 80.0), focus=st.floats(0.02, 1.5))
 def test_noise_free_lens_is_recovered(slope, focus):
     plane = ground()

@@ -267,6 +267,7 @@ NOT_CARRIED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(40, 24), (41, 25), (1, 1), (67, 129), (66, 130)])
 @pytest.mark.parametrize("name", CARRIED)
 def test_chunk_is_lossless_for_every_format_size_and_time(name, size, tmp_path):

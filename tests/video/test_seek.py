@@ -92,9 +92,7 @@ def read(source, first, end, *, skip=False):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(
-    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(first=st.integers(1, FRAMES - 1), length=st.integers(1, 12))
 def test_range_read_by_seeking_equals_that_part_of_the_whole(clip, kind, first, length):
     path, (whole, _) = clip(kind)
@@ -130,6 +128,7 @@ def packets(source, *, skip):
         ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".mov"])
 def test_audio_of_a_range_read_by_seeking_equals_that_of_the_whole(suffix, tmp_path):
     path = shots.write_video(tmp_path / f"in{suffix}", 160, group=12)
@@ -166,6 +165,7 @@ def test_packets_flagged_as_damaged_disable_seeking(clip, tmp_path):
     assert left_out == 0 and found == plain
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize(("effects", "jumps"), [("defocus", 1), ("defocus,exposure", 0)])
 def test_range_is_read_by_seeking_unless_a_stage_needs_earlier_frames(
