@@ -38,7 +38,7 @@ from nlens_video.farm.tasks import (
     plan,
 )
 from nlens_video.farm.worker import Worker
-from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunk_queue import ChunkMark
 
 PICTURE = Path(__file__).parents[1] / "docs" / "farm" / "scaling.png"
 WORKERS = (1, 2, 4, 8, 16, 32, 64, 125, 250, 500, 1000)

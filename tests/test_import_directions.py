@@ -14,7 +14,7 @@ PACKAGE = ROOT / "nlens_video"
 FOLDERS = """
 core
 kernels  kernels/scatter  kernels/reblur
-video  video/pixels  video/input  video/output  video/chunks
+video/pixels  video  video/input  video/output
 scene/gltf  scene
 render/base  render/software  render/opengl  render
 stages

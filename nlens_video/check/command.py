@@ -34,7 +34,8 @@ from nlens_video.core.stdio import print_out
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.video.atomic_files import check_target_folder
 from nlens_video.video.info import Packet, SourceFrame
-from nlens_video.video.input.source import Source, open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.interfaces import Source
 
 FINDINGS = 1
 """Exit code of a comparison that went well and found something wrong."""

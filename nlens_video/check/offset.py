@@ -8,7 +8,8 @@ from nlens_video.check.frame_features import FrameFeatures, block_mean, frame_fe
 from nlens_video.core import signals
 from nlens_video.core.settings import SourceSettings
 from nlens_video.video.input.open import can_be_read_again
-from nlens_video.video.input.source import Source, open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.interfaces import Source
 
 _MOST = 10.0  # what a block counts at most: the object is on the result alone [level]
 _CLEARER = 0.97  # of the misfit of the plate's first frame: a still camera's frames differ little

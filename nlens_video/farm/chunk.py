@@ -19,10 +19,9 @@ from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
 from nlens_video.render.select import renderer_name
 from nlens_video.run.render import OnProgress, RunResult, render
-from nlens_video.video.chunks.chunk_id import ChunkMark
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
 from nlens_video.video.input.open import can_be_read_again
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.video.named_files import ImageSequence
 
 _LENGTH = 16  # hexadecimal digits of a key: 64 bits
 _WHOLE = 16 << 20  # files up to so many bytes are hashed whole

@@ -17,7 +17,7 @@ from nlens_video.farm.store import Folder, Store
 from nlens_video.run.open_run import frame_s, opened
 from nlens_video.run.preflight import preflight
 from nlens_video.run.render import OnProgress, find_fit
-from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunk_queue import ChunkMark
 from nlens_video.video.output.stream_output import is_stream
 
 RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]

@@ -18,8 +18,8 @@ from nlens_video.farm.store import Store
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.run.open_run import opened
 from nlens_video.run.render import OnProgress, note_on_partial_file
-from nlens_video.video.chunks.chunk_file import ChunkFile, fill
-from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunk_file import ChunkFile, fill
+from nlens_video.video.chunk_queue import ChunkMark
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.output.sink import open_sink
 from nlens_video.video.pixels.picture import AvPicture

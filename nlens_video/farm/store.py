@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.errors import InputError, NlensError, OutputError, UsageError
 from nlens_video.video.atomic_files import partial_name
-from nlens_video.video.chunks.chunk_file import ChunkFile
+from nlens_video.video.chunk_file import ChunkFile
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem

@@ -16,7 +16,7 @@ from nlens_video.farm.merge import Merged
 from nlens_video.farm.store import Store
 from nlens_video.farm.worker import Worker
 from nlens_video.video.atomic_files import remove_stale
-from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunk_queue import ChunkMark
 
 _MOST_TRIES = 3  # of one task, before its shot fails
 

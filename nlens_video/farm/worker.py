@@ -18,8 +18,7 @@ from nlens_video.farm.store import Store
 from nlens_video.run.open_run import opened
 from nlens_video.run.preflight import preflight
 from nlens_video.run.render import render
-from nlens_video.video.chunks.chunk_id import ChunkMark
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
 
 
 class PersistentRun:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nlens_video.core.settings import TrackFocus
-from nlens_video.video.standard_names import input_name, output_name
+from nlens_video.video.named_files import input_name, output_name
 
 _LARGEST = 1e9
 """Numbers beyond it are typing errors, and overflow somewhere."""

@@ -20,8 +20,7 @@ from nlens_video.report.html import Image, jpeg, to_8_bit
 from nlens_video.video.atomic_files import remove_stale, replacing
 from nlens_video.video.pixels import blend
 from nlens_video.video.pixels.picture import AvPicture
-from nlens_video.video.pixels.sample_tables import Axis, Samples
-from nlens_video.video.pixels.sample_views import frame_samples
+from nlens_video.video.pixels.samples import Axis, Samples
 
 if TYPE_CHECKING:
     from nlens_video.graph.session import Session
@@ -163,9 +162,7 @@ def thumbnail(picture: Picture) -> bytes:
 
 def _samples(picture: Picture) -> Samples | None:
     """Views of a decoded frame's samples, None for pictures of other kinds."""
-    if not isinstance(picture, AvPicture):
-        return None
-    return frame_samples(picture.frame, picture.tags, round(picture.rotation / 90))
+    return picture.samples() if isinstance(picture, AvPicture) else None
 
 
 def _srgb(samples: Samples) -> Float32:

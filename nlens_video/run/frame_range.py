@@ -11,10 +11,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from nlens_video.core.layers import Picture
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.seek import INTERLEAVING_S
-from nlens_video.video.input.source import Source
+from nlens_video.video.interfaces import Source
 
 if TYPE_CHECKING:
     import av

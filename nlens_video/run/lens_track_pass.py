@@ -31,7 +31,7 @@ from nlens_video.stages.r_lens_track import (
 )
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
-from nlens_video.video.input.source import Source
+from nlens_video.video.interfaces import Source
 
 _EVERY = 3  # frames between two signatures
 _SPACING_S = 0.16  # least time between two fits of one shot [s]

@@ -21,12 +21,13 @@ from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.seek import SeekableSource, open_seekable
-from nlens_video.video.input.source import Source, open_source
+from nlens_video.video.input.source import open_source
+from nlens_video.video.interfaces import Source
 
 if TYPE_CHECKING:
     import av

@@ -18,11 +18,12 @@ from nlens_video.run.open_run import frame_s, view_of
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, check_target_folder
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
-from nlens_video.video.chunks.chunk_writer import ChunkWriter
+from nlens_video.video.chunk_file import ChunkWriter
+from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceInfo
-from nlens_video.video.numbered import ImageSequence
-from nlens_video.video.output.sink import Sink, check_output, open_sink
+from nlens_video.video.interfaces import Sink
+from nlens_video.video.named_files import ImageSequence
+from nlens_video.video.output.sink import check_output, open_sink
 
 _ESTIMATE = 0.95
 """Containers that count frames by their length may be off by so much [1]."""

@@ -24,12 +24,10 @@ from nlens_video.run.open_run import frame_s, open_run, opened, take_in
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
+from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.reconnect import Reconnecting
-from nlens_video.video.input.source import Source
-from nlens_video.video.output.sink import Sink
-from nlens_video.video.part import part_of
+from nlens_video.video.interfaces import Sink, Source
 
 if TYPE_CHECKING:
     import av

@@ -1,22 +1,30 @@
-"""Multi-channel OpenEXR: pre-rendered object layers in, pictures and AOVs in and out."""
+"""Multi-channel OpenEXR: plates, object layers and AOVs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenEXR
 
-from nlens_video.core.errors import InputError, OutputError
+from nlens_video.core.color import ColorTags
+from nlens_video.core.errors import InputError, OutputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS, Box, Float32, ObjectLayer, too_large
 from nlens_video.video.atomic_files import replacing
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.interfaces import Source
+from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
+from nlens_video.video.pixels.picture import ArrayPicture
 
 FAR = 1e9
-"""Depths from here on mean that nothing is there; renderers write 1e10 or so [scene unit]."""
+"""Depths from here on are background; renderers write about 1e10 [scene unit]."""
+MOST_UNREADABLE = 8
+"""Unreadable files of a sequence in a row after which it counts as ended."""
+LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +42,20 @@ class ExrImage:
     box: Box
     width: int
     height: int
+
+    def on_display_window(self, values: Float32, beyond: float = 0.0) -> Float32:
+        """Values (h, w) or (h, w, n) of the data window, padded and cropped to the display window.
+
+        Args:
+            values: of the data window.
+            beyond: padding.
+        """
+        frame = Box(0, 0, self.width, self.height)
+        shown = self.box.intersection(frame)
+        out = np.full((self.height, self.width, *values.shape[2:]), beyond, np.float32)
+        if not shown.empty:
+            out[shown.slices_in(frame)] = values[shown.slices_in(self.box)]
+        return out
 
 
 def read_exr(path: Path) -> ExrImage:
@@ -106,21 +128,21 @@ def read_layer(path: Path, size: tuple[int, int] | None = None) -> ObjectLayer:
 
 
 class LayerReader:
-    """Object layers frame by frame: one file for all, or a `%04d` sequence.
+    """Object layers of the frames: one file for all, or a `%04d` sequence.
 
     Args:
         spec: a file, or a pattern whose smallest number on disk is frame 0.
         size: width and height of the plate [px].
 
     Raises:
-        InputError: no file fits.
+        InputError: no file fits the pattern.
     """
 
     def __init__(self, spec: str, size: tuple[int, int]) -> None:
         self._size = size
-        self._single = None if ImageSequence.matches(spec) else Path(spec)
-        self._files = ImageSequence(spec)
-        self._first = 0 if self._single else self._files.first()
+        self._path = Path(spec)
+        self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
+        self._first = self._files.first() if self._files else 0
 
     def read(self, index: int) -> ObjectLayer:
         """The layer of a frame.
@@ -128,10 +150,8 @@ class LayerReader:
         Raises:
             InputError: the sequence has ended, or the file is unusable.
         """
-        if self._single is not None:
-            return read_layer(self._single, self._size)
-        path = self._files.path(self._first + index)
-        if not path.is_file():
+        path = self._files.path(self._first + index) if self._files else self._path
+        if self._files and not path.is_file():
             raise InputError(
                 f"{path}: the layers end before frame {index} of the plate; "
                 "render more of them or give --range"
@@ -174,3 +194,83 @@ def write_layers(
 
 def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+
+
+class ExrSource(Source):
+    """Scene-linear plates: one OpenEXR file or a `%04d` sequence.
+
+    Args:
+        spec: a file or a pattern.
+        rate: frames per second, None for `DEFAULT_RATE`.
+
+    Raises:
+        InputError: a file is missing, or the first one is unusable.
+        UsageError: the rate is no number.
+    """
+
+    def __init__(self, spec: str, rate: str | None) -> None:
+        self._pattern = ImageSequence(spec) if ImageSequence.matches(spec) else None
+        numbers = self._pattern.span() if self._pattern else range(1)
+        self._start, count = numbers.start, len(numbers)
+        self._path = Path(spec)
+        try:
+            fps = Fraction(rate or DEFAULT_RATE)
+        except (ValueError, ZeroDivisionError) as error:
+            raise UsageError(f"--input-rate {rate}: expected a number such as 25") from error
+        self._ended_early: tuple[str, ...] = ()
+        first = _picture(self._file(0))
+        self.info = SourceInfo(
+            name=spec, kind="sequence" if self._pattern else "still", width=first.width,
+            height=first.height, time_base=1 / fps, average_rate=fps, frame_count=count,
+            duration_s=float(count / fps), pixel_format="gbrpf32le", tags=LINEAR, codec="exr",
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """Nothing: no file stays open between frames."""
+
+    def __iter__(self) -> Iterator[SourceFrame]:
+        info = self.info
+        in_a_row = 0
+        for number in range(info.frame_count or 0):
+            try:
+                picture = _picture(self._file(number))
+            except InputError:
+                self._damaged += 1
+                in_a_row += 1
+                if in_a_row == MOST_UNREADABLE:
+                    self._ended_early = (f"given up after {in_a_row} unreadable files in a row",)
+                    return
+                continue
+            in_a_row = 0
+            if (picture.width, picture.height) != (info.width, info.height):
+                raise InputError(
+                    f"{self._file(number)}: {picture.width}x{picture.height} pixels, the first "
+                    f"file has {info.width}x{info.height}; make them one size first"
+                )
+            yield SourceFrame(
+                index=number - self._damaged, pts=number, time_base=info.time_base,
+                time_s=float(number * info.time_base), duration=1, picture=picture,
+                lost=self._damaged,
+            )  # fmt: skip
+
+    def warnings(self) -> tuple[str, ...]:
+        """Irregularities so far, other than unreadable files."""
+        return self._ended_early
+
+    def _file(self, index: int) -> Path:
+        return self._pattern.path(self._start + index) if self._pattern else self._path
+
+
+def _picture(path: Path) -> ArrayPicture:
+    """The RGB, or Y, of a file on its display window; black outside the data window."""
+    image = read_exr(path)
+    names: list[str] = [name for name in ("R", "G", "B", "A") if name in image.channels]
+    if names[:3] != ["R", "G", "B"]:
+        names = ["Y", "Y", "Y"] if "Y" in image.channels else []
+    if not names:
+        raise InputError(
+            f"{path}: has no R, G, B (found {' '.join(sorted(image.channels))}); expected a picture"
+        )
+    pixels = np.stack([image.channels[name] for name in names], axis=2)
+    array = image.on_display_window(pixels)
+    return ArrayPicture(array, "rgb", LINEAR, associated=len(names) == 4)

@@ -1,8 +1,9 @@
-"""What is known about a source, and the frames that it gives."""
+"""Properties of a source or a part of it, and its frames."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
@@ -15,11 +16,12 @@ from nlens_video.core.layers import Picture
 
 Packet: TypeAlias = "av.Packet[av.stream.Stream]"
 Kind = Literal["video", "still", "sequence", "stream"]
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d+)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTags:
-    """FFmpeg's own numbers for a stream's colour, passed on unchanged; 0 or 2: unspecified."""
+    """A stream's colour in FFmpeg's numbers, copied to the output; 0 or 2: unspecified."""
 
     colorspace: int = 2
     color_range: int = 0
@@ -29,14 +31,14 @@ class FrameTags:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CopiedStream:
-    """A stream that travels along undecoded.
+    """A stream that is carried over to the result.
 
     Attributes:
         index: in the source.
         type: `audio`, `subtitle`, `data`, `attachment`, or `video`: a further one or a cover.
         codec: FFmpeg's name, empty where FFmpeg knows none.
-        stream: FFmpeg's own; not to be touched once the source is closed.
-        cover: a cover's picture file, empty for all other streams.
+        stream: FFmpeg's own; invalid once the source is closed.
+        cover: picture file of a cover (attached picture), else empty.
     """
 
     index: int
@@ -48,33 +50,33 @@ class CopiedStream:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceInfo:
-    """What is known about a source before its frames are read.
+    """Properties of a source, read before its frames.
 
     Attributes:
         name: as the user gave it.
-        kind: a `stream` can be read once and may never end.
+        kind: a `stream` can be read only once and may be endless.
         width: columns as displayed [px].
         height: rows as displayed [px].
         rotation: counter-clockwise turn from stored to displayed samples [deg].
         time_base: seconds per tick of a pts [s].
-        average_rate: frames per second, None where the source does not say [1/s].
-        steady: whether all frames are as far apart as the average rate has it.
-        frame_count: estimate, None where the source does not say.
-        duration_s: length, None where the source does not say [s].
-        pixel_format: FFmpeg's name of the format the frames come in; `gbrpf32le` for OpenEXR.
-        tags: what the samples mean, and which of that is assumed.
-        frame_tags: FFmpeg's own numbers, for the output.
+        average_rate: frames per second, None where unknown [1/s].
+        steady: whether the frame rate is constant.
+        frame_count: estimate, None where unknown [1].
+        duration_s: length, None where unknown [s].
+        pixel_format: FFmpeg's name of the decoded format; `gbrpf32le` for OpenEXR.
+        tags: colour tags, those that are assumed included.
+        frame_tags: the same in FFmpeg's numbers, for the output.
         sample_aspect_ratio: width of a stored pixel by its height, None where unknown [1].
         codec: FFmpeg's name of the codec; `exr` for OpenEXR.
-        bit_rate: of the pictures, None where unknown [bit/s].
-        interlaced: whether the first frame is two fields.
-        hdr_metadata: whether the first frame says how it was mastered or how bright it gets.
-        copied: the other streams, which travel along.
+        bit_rate: of the video stream, None where unknown [bit/s].
+        interlaced: whether the first frame consists of two fields.
+        hdr_metadata: whether the first frame has mastering or light level metadata.
+        copied: the other streams, which are carried over.
         metadata: of the container.
-        stream_metadata: of the pictures, such as their language and timecode.
-        disposition: of the pictures, FFmpeg's flags.
+        stream_metadata: of the video stream, such as language and timecode.
+        disposition: FFmpeg's flags of the video stream.
         chapters: of the container.
-        notes: what was left out, and why.
+        notes: streams that are left out, and why.
     """
 
     name: str
@@ -104,7 +106,7 @@ class SourceInfo:
 
     @property
     def stored_size(self) -> tuple[int, int]:
-        """Width and height of the stored samples, before they are turned upright [px]."""
+        """Width and height as stored, before the rotation to upright [px]."""
         sideways = self.rotation % 180 != 0
         return (self.height, self.width) if sideways else (self.width, self.height)
 
@@ -123,10 +125,10 @@ class SourceFrame:
         index: position in the source, from 0.
         pts: presentation time [ticks of `time_base`].
         time_base: seconds per tick [s].
-        time_s: moment of the animation: seconds since the first frame [s].
-        duration: of the frame, 0 where the source does not say [ticks].
-        picture: its samples, composited in place.
-        lost: pictures before it that were damaged beyond reading, as far as times tell [1].
+        time_s: time of the animation, since the first frame [s].
+        duration: of the frame, 0 where unknown [ticks].
+        picture: its samples, on which the object is composited in place.
+        lost: undecodable pictures before it, estimated from the times [1].
     """
 
     index: int
@@ -139,10 +141,80 @@ class SourceFrame:
 
     @property
     def number(self) -> int:
-        """Position in the source with the lost ones counted: by it files belong to frames."""
+        """Position in the source, lost pictures included; numbered files use it."""
         return self.index + self.lost
 
 
 def is_cover(stream: Stream) -> bool:
-    """Whether a stream is a picture that stands for the file."""
+    """Whether a stream is a cover (attached picture)."""
     return bool(stream.disposition & Disposition.attached_pic)
+
+
+def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
+    """Properties of a part of a source: chapters and timecode are shifted.
+
+    Args:
+        info: the whole source.
+        frames: first index and the one past the last, None for an open end.
+    """
+    first, end = frames
+    if (first, end) == (0, None) or not info.average_rate:
+        return info
+    start_s = first / info.average_rate
+    end_s = None if end is None else end / info.average_rate
+    shifted = [_cut(chapter, start_s, end_s) for chapter in info.chapters]
+    return replace(
+        info,
+        chapters=tuple(one for one in shifted if one is not None),
+        metadata=_advanced(info.metadata, first, info.average_rate),
+        stream_metadata=_advanced(info.stream_metadata, first, info.average_rate),
+    )
+
+
+def advanced_timecode(timecode: str, frames: int, rate: Fraction) -> str:
+    """A SMPTE timecode some frames later; other text is returned as it is.
+
+    Args:
+        timecode: `HH:MM:SS:FF`; `;` or `.` before the frames means drop frame.
+        frames: how many later [1].
+        rate: frames per second [1/s].
+    """
+    match = _TIMECODE.fullmatch(timecode)
+    if match is None:
+        return timecode
+    hours, minutes, seconds, number = (int(match[group]) for group in (1, 2, 3, 5))
+    count = round(rate)
+    dropped = count // 15 if match[4] in ";." else 0  # two of 30, four of 60
+    all_minutes = hours * 60 + minutes
+    at = (all_minutes * 60 + seconds) * count + number + frames
+    at -= dropped * (all_minutes - all_minutes // 10)
+    if dropped:
+        tens, rest = divmod(at, 600 * count - 9 * dropped)
+        at += 9 * dropped * tens
+        at += dropped * max(0, (rest - dropped) // (60 * count - dropped))
+    at %= 24 * 3600 * count
+    seconds, number = divmod(at, count)
+    clock = f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
+    return f"{clock}{match[4]}{number:02}"
+
+
+def _advanced(tags: dict[str, str], frames: int, rate: Fraction) -> dict[str, str]:
+    return {
+        key: advanced_timecode(value, frames, rate) if key.lower() == "timecode" else value
+        for key, value in tags.items()
+    }
+
+
+def _cut(
+    chapter: av.container.Chapter, start_s: Fraction, end_s: Fraction | None
+) -> av.container.Chapter | None:
+    """A chapter in the time of the part, None where it lies outside."""
+    unit = chapter["time_base"] or Fraction(1, 1000)
+    shift, limit = round(start_s / unit), None if end_s is None else round(end_s / unit)
+    start, end = max(chapter["start"], shift), chapter["end"]
+    end = end if limit is None else min(end, limit)
+    if end <= start:
+        return None
+    cut = chapter.copy()
+    cut["start"], cut["end"] = start - shift, end - shift
+    return cut

@@ -1,45 +1,132 @@
-"""The files on disk that a name stands for: one file, a numbered sequence, or some of a folder."""
+"""Names of sources and results: files, numbered sequences, folders, standard streams."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import pairwise
 from pathlib import Path
 
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.core.errors import InputError
 
+DEFAULT_RATE = "24"
+"""Frames per second of an image sequence without --input-rate."""
+_STANDARD_INPUT = ("pipe:", "pipe:0", "/dev/stdin", "/dev/fd/0", "/proc/self/fd/0")
+_STANDARD_OUTPUT = ("pipe:", "pipe:1", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 _FILE = "file:"
+_NUMBER = re.compile(r"%(?:0?(\d+))?d")
+
+
+def input_name(text: str) -> str:
+    """A plate's name; `-` for FFmpeg's and the system's other names of standard input."""
+    return "-" if text in _STANDARD_INPUT else text
+
+
+def output_name(text: str) -> str:
+    """A result's name; `-` for FFmpeg's and the system's other names of standard output."""
+    return "-" if text in _STANDARD_OUTPUT else text
 
 
 def local_path(spec: str) -> Path | None:
-    """The path that a source's or a result's name means.
+    """Path of a source or a result; None for a standard stream or a URL.
 
     Args:
-        spec: as the user gives it; `file:` in front is FFmpeg's word for a path.
-
-    Returns:
-        The path; None for a standard stream or a URL.
+        spec: as the user gives it; may begin with FFmpeg's protocol `file:`.
     """
     if spec.startswith(_FILE) and not Path(spec).exists():
         spec = spec.removeprefix(_FILE)
     return None if spec == "-" or "://" in spec else Path(spec)
 
 
+class ImageSequence:
+    """Numbered files: a pattern such as `plate_%04d.png`.
+
+    Args:
+        pattern: path with `%d` or `%04d` in its last part.
+    """
+
+    def __init__(self, pattern: str) -> None:
+        self.pattern = pattern
+        self._path = Path(pattern)
+        before, _, after = _NUMBER.sub("\0", self._path.name).partition("\0")
+        self._shape = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
+
+    @staticmethod
+    def matches(spec: str) -> bool:
+        """Whether a name is such a pattern."""
+        return len(_NUMBER.findall(Path(spec).name)) == 1
+
+    def path(self, number: int) -> Path:
+        """The file of a number."""
+        name = _NUMBER.sub(lambda m: str(number).zfill(int(m.group(1) or 0)), self._path.name)
+        return self._path.with_name(name)
+
+    def number(self, path: Path) -> int | None:
+        """The number of a file of this sequence, None for any other file."""
+        number = self._number_of(path.name)
+        if number is None or path.parent.resolve() != self._path.parent.resolve():
+            return None
+        return number
+
+    def numbers(self) -> list[int]:
+        """The numbers on disk, ascending; none where the folder is missing."""
+        folder = self._path.parent
+        names = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
+        return sorted(number for number in map(self._number_of, names) if number is not None)
+
+    def first(self) -> int:
+        """The smallest number on disk.
+
+        Raises:
+            InputError: no file fits the pattern.
+        """
+        return self._existing()[0]
+
+    def span(self) -> range:
+        """The numbers on disk, without a gap.
+
+        Raises:
+            InputError: no file fits the pattern, or one is missing between others.
+        """
+        numbers = self._existing()
+        for number, later in pairwise(numbers):
+            if later != number + 1:
+                raise InputError(
+                    f"{self.path(number + 1)}: is missing, the sequence goes on with "
+                    f"{self.path(later).name}; add the missing files or move the later ones away"
+                )
+        return range(numbers[0], numbers[-1] + 1)
+
+    def _existing(self) -> list[int]:
+        numbers = self.numbers()
+        if not numbers:
+            raise InputError(f"{self.pattern}: no such files; expected numbered pictures")
+        return numbers
+
+    def _number_of(self, name: str) -> int | None:
+        match = self._shape.fullmatch(name)
+        if match is None:
+            return None
+        number = int(match.group(1))
+        return number if self.path(number).name == name else None
+
+
 @dataclass(frozen=True, slots=True)
 class NamedFiles:
-    """Files by their name.
+    """The files on disk that a name stands for.
 
     Attributes:
         path: a file, the `%04d` pattern of a sequence, or a folder.
-        inside: shell patterns of the files meant, where `path` is a folder; else empty.
+        inside: shell patterns of the files in the folder `path`; empty for a file or a sequence.
     """
 
     path: Path
     inside: tuple[str, ...] = ()
 
     def existing(self) -> Iterator[Path]:
-        """Those of them that are there."""
+        """Those that exist."""
         if self.inside:
             found = self.path.iterdir() if self.path.is_dir() else iter(())
             yield from (one for one in found if self._is_inside(one.name))
@@ -49,7 +136,7 @@ class NamedFiles:
             yield self.path
 
     def holds(self, path: Path) -> bool:
-        """Whether a path, which need not exist, is the path of one of them."""
+        """Whether a path, which need not exist, is one of them."""
         if self.inside:
             return self._is_inside(path.name) and _resolved(path.parent) == _resolved(self.path)
         if self._sequence is not None:
@@ -57,12 +144,12 @@ class NamedFiles:
         return _resolved(path) == _resolved(self.path)
 
     def keys(self) -> set[tuple[int, int] | Path]:
-        """What tells files apart under all their names: device and inode, else the real path."""
+        """Identities that do not depend on names: device and inode, else the resolved path."""
         found: set[tuple[int, int] | Path] = {_identity(one) for one in self.existing()}
         return found if self.several else {*found, _resolved(self.path)}
 
     def meets(self, other: NamedFiles) -> bool:
-        """Whether a file belongs to both, under whatever name: links are followed."""
+        """Whether a file belongs to both, under any name; links are followed."""
         return (
             not self.keys().isdisjoint(other.keys())
             or (other.several and any(map(other.holds, self._paths())))
@@ -71,21 +158,20 @@ class NamedFiles:
 
     @property
     def several(self) -> bool:
-        """Whether it is the name of a sequence or of a folder."""
+        """Whether it names a sequence or a folder."""
         return bool(self.inside) or self._sequence is not None
 
     @property
     def _sequence(self) -> ImageSequence | None:
         name = str(self.path)
-        return (
-            ImageSequence(name) if ImageSequence.matches(name) and not self.path.is_file() else None
-        )
+        is_pattern = ImageSequence.matches(name) and not self.path.is_file()
+        return ImageSequence(name) if is_pattern else None
 
     def _is_inside(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.inside)
 
     def _paths(self) -> list[Path]:
-        """Those there are, and the one file that may yet come."""
+        """Those that exist, and the single file even if it does not."""
         return list(self.existing()) if self.several else [self.path]
 
 

@@ -27,7 +27,7 @@ from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.stages.composite import Foreground, behind, composite, composite_behind
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 96, 64

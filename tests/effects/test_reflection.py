@@ -16,7 +16,7 @@ from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer, object_coc
-from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120

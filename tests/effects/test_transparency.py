@@ -24,7 +24,7 @@ from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode, equal_va
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, SceneLight, sun
-from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
 WIDTH, HEIGHT = 160, 120

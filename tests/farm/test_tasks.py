@@ -27,7 +27,7 @@ from nlens_video.farm.tasks import (
 )
 from nlens_video.farm.worker import Worker
 from nlens_video.video.atomic_files import partial_name
-from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunk_queue import ChunkMark
 
 MERGED = Merged(output="out.mkv", frames=1, chunks=1, notes=())
 

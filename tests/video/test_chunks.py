@@ -15,13 +15,12 @@ from support.folders import ROOT
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError, UsageError
-from nlens_video.video.chunks.chunk_codec import carrier
-from nlens_video.video.chunks.chunk_file import ChunkFile, ChunkSink, fill
-from nlens_video.video.chunks.chunk_id import ChunkMark
+from nlens_video.video.chunk_file import ChunkFile, ChunkWriter, carrier, fill
+from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.pixel_formats import layout
-from nlens_video.video.pixels.sample_views import frame_tags
+from nlens_video.video.pixels.samples import frame_tags
 
 FRAMES = 12
 
@@ -291,7 +290,7 @@ def test_chunk_is_lossless_for_every_format_size_and_time(name, size, tmp_path):
         tags=frame_tags(given[0]),
     )  # fmt: skip
     mark = ChunkMark(key="k", plate="p", first=7, end=10)
-    with ChunkSink(tmp_path / "c.nut", info, mark) as sink:
+    with ChunkWriter(tmp_path, info, queue_of(mark)) as sink:
         for number, frame in enumerate(given):
             pts = start + 3003 * number + number % 2
             sink.write(
@@ -305,7 +304,7 @@ def test_chunk_is_lossless_for_every_format_size_and_time(name, size, tmp_path):
                 )  # fmt: skip
             )
         sink.commit()
-    chunk = ChunkFile(tmp_path / "c.nut")
+    chunk = ChunkFile(tmp_path / mark.file_name)
     assert chunk.mark == mark
     carried = list(chunk.frames())
     assert [frame.pts * frame.time_base for frame in carried] == [
@@ -316,6 +315,12 @@ def test_chunk_is_lossless_for_every_format_size_and_time(name, size, tmp_path):
         fill(empty, read)
         for before, after in zip(components(frame), components(empty.frame), strict=True):
             np.testing.assert_array_equal(before, after)
+
+
+def queue_of(mark):
+    queue = ChunkFeed([mark])
+    queue.next()
+    return queue
 
 
 def samples(frame):
@@ -342,7 +347,8 @@ def test_long_chunk_is_read_exactly_to_its_end(tmp_path, base):
         average_rate=Fraction(25), frame_count=700, duration_s=None, pixel_format="gray",
         tags=picture.tags,
     )  # fmt: skip
-    with ChunkSink(tmp_path / "c.nut", info, ChunkMark(key="k", plate="p", first=0, end=None)) as s:
+    mark = ChunkMark(key="k", plate="p", first=0, end=None)
+    with ChunkWriter(tmp_path, info, queue_of(mark)) as s:
         for at in range(700):
             s.write(
                 SourceFrame(
@@ -350,7 +356,7 @@ def test_long_chunk_is_read_exactly_to_its_end(tmp_path, base):
                 )
             )
         s.commit()
-    chunk = ChunkFile(tmp_path / "c.nut")
+    chunk = ChunkFile(tmp_path / mark.file_name)
     assert chunk.count == 700
     moments = [frame.pts * frame.time_base for frame in chunk.frames()]
     assert moments == [at * base for at in range(700)]

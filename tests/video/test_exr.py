@@ -5,12 +5,10 @@ import pytest
 
 from nlens_video.core.errors import InputError, OutputError
 from nlens_video.core.layers import Box
-from nlens_video.video.exr import LayerReader, read_exr, read_layer, write_layers
-from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.exr import LINEAR, LayerReader, read_exr, read_layer, write_layers
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
-from nlens_video.video.pixels.convert import picture_channels
-from nlens_video.video.pixels.picture import ArrayPicture
+from nlens_video.video.pixels.picture import ArrayPicture, picture_channels
 
 
 def channels(height=6, width=8):

@@ -1,10 +1,99 @@
-"""Awkward names: what is there on disk is meant, whatever it looks like."""
+"""Names of sources and results: numbered sequences, their gaps, awkward file names."""
 
+from dataclasses import replace
+
+import av
+import numpy as np
 import pytest
 from support import shots
+from support.clips import copy, noise_frame, write_plates
 
+from nlens_video.core.errors import InputError, OutputError
+from nlens_video.video.exr import write_layers
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
+
+
+def grey(path):
+    """The one code of a plate's first plane."""
+    with av.open(str(path)) as source:
+        (frame,) = source.decode(video=0)
+        return np.unique(frame.to_ndarray())
+
+
+@pytest.mark.parametrize(
+    ("plate", "name"),
+    [
+        ("p_%04d.png", "./p_%04d.png"),
+        ("p_%04d.png", "../{folder}/p_%04d.png"),
+        ("p_%04d.png", "link/p_%04d.png"),
+        ("p_%04d.png", "p_%d.png"),
+        ("p_%04d.png", "p_1002.png"),
+        ("p_1001.png", "p_%04d.png"),
+        ("p_1001.png", "../{folder}/p_1001.png"),
+    ],
+)
+def test_sequence_is_not_overwritten_through_another_spelling_of_its_pattern(
+    tmp_path, monkeypatch, plate, name
+):
+    write_plates(tmp_path, 1001, 1002)
+    (tmp_path / "link").symlink_to(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    target = name.format(folder=tmp_path.name)
+    with (
+        open_source(plate) as source,
+        pytest.raises(OutputError, match="is the input as well") as caught,
+    ):
+        open_sink(target, source.info)
+    assert "\n" not in str(caught.value)
+
+
+def test_sequence_of_the_same_name_in_another_folder_is_allowed(tmp_path):
+    write_plates(tmp_path, 1001, 1002)
+    (tmp_path / "out").mkdir()
+    copy(tmp_path / "p_%04d.png", tmp_path / "out" / "p_%04d.png")
+    assert len(list((tmp_path / "out").iterdir())) == 2
+
+
+def test_frames_of_a_range_keep_their_numbers(tmp_path):
+    plates = write_plates(tmp_path, *range(1001, 1007))
+    with (
+        open_source(str(plates)) as source,
+        open_sink(str(tmp_path / "out_%04d.png"), source.info) as sink,
+    ):
+        for frame in source:
+            if 2 <= frame.index < 5:
+                sink.write(replace(frame, pts=frame.index - 2))
+        sink.commit()
+    names = sorted(path.name for path in tmp_path.glob("out_*"))
+    assert names == ["out_1003.png", "out_1004.png", "out_1005.png"]
+    for number in (1003, 1004, 1005):
+        np.testing.assert_array_equal(
+            grey(tmp_path / f"out_{number}.png"), grey(tmp_path / f"p_{number}.png")
+        )
+
+
+def test_gap_in_a_sequence_is_reported_before_the_run(tmp_path):
+    plates = write_plates(tmp_path, 1001, 1002, 1003, 1005, 1006)
+    with pytest.raises(InputError, match=r"p_1004\.png: is missing.* with p_1005\.png"):
+        open_source(str(plates))
+
+
+def test_gap_in_an_openexr_sequence_is_reported_before_the_run(tmp_path):
+    for number in (9, 10, 12):
+        pixels = np.zeros((4, 4), np.float32)
+        write_layers(tmp_path / f"p_{number}.exr", dict.fromkeys("RGB", pixels))
+    with pytest.raises(InputError, match=r"p_11\.exr: is missing.* with p_12\.exr"):
+        open_source(str(tmp_path / "p_%d.exr"))
+
+
+def test_frames_before_a_read_error_are_delivered(tmp_path):
+    for number in range(24):  # more than what is read ahead on opening
+        noise_frame(512, 384, "rgb24").save(str(tmp_path / f"p_{number}.png"))
+    with open_source(str(tmp_path / "p_%d.png")) as source:
+        (tmp_path / "p_21.png").unlink()
+        assert [frame.index for frame in source] == list(range(21))
+        assert source.damaged
 
 
 @pytest.mark.parametrize(

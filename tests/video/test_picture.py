@@ -10,12 +10,18 @@ from support.clips import noise_frame, planes, write_clip
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
-from nlens_video.video.input.exr_source import LINEAR
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.input.source import open_source
 from nlens_video.video.pixels import blend, blend_ref
 from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
 from nlens_video.video.pixels.pixel_formats import working_format
-from nlens_video.video.pixels.sample_views import array_samples, frame_samples, frame_tags
+from nlens_video.video.pixels.samples import (
+    FIRST_OCTAVE,
+    STEPS_BITS,
+    array_samples,
+    frame_samples,
+    frame_tags,
+)
 
 FORMATS = (
     "yuv420p", "yuvj420p", "yuv422p", "yuv444p", "yuv411p", "yuv440p", "yuv410p", "yuv420p10le",
@@ -310,3 +316,7 @@ def test_object_is_converted_to_the_primaries_of_a_bt2020_plate():
     picture.over(Box(0, 0, 16, 16), rgba)
     light = picture.linear(Box(4, 4, 5, 5))[0, 0]
     np.testing.assert_allclose(light, [0.8, 0.1, 0.1], atol=0.012)
+
+
+def test_sample_tables_have_the_layout_that_kernels_read():
+    assert (blend.STEPS_BITS, blend.FIRST_OCTAVE) == (STEPS_BITS, FIRST_OCTAVE)

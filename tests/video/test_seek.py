@@ -133,9 +133,9 @@ def packets(source, *, skip):
 def test_audio_of_a_range_read_by_seeking_equals_that_of_the_whole(suffix, tmp_path):
     path = shots.write_video(tmp_path / f"in{suffix}", 160, group=12)
     jumping = open_seekable(str(path))
-    before = jumping._source
+    before = jumping._connection
     sought = packets(jumping, skip=True)
-    assert jumping._source is not before
+    assert jumping._connection is not before
     assert sought == packets(open_source(str(path)), skip=False) != []
 
 

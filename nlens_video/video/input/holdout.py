@@ -4,44 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
 from nlens_video.core.color import luma
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import Bool, Box, DepthMap, Float32, Matte
+from nlens_video.core.layers import Bool, DepthMap, Float32, Matte
 from nlens_video.video.exr import FAR, ExrImage, read_exr
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import InputHints
 from nlens_video.video.input.source import AvSource
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.pixels.picture import AvPicture
-from nlens_video.video.pixels.sample_tables import Samples
-from nlens_video.video.pixels.sample_views import frame_samples
+from nlens_video.video.pixels.samples import Samples
 
-_CODE = 1.5 / 255.0  # as near to black or white as lossy codecs leave them
-
-
-class HoldoutReader(Protocol):
-    """Reads what stands in front; frames are asked for in ascending order."""
-
-    @property
-    def description(self) -> str:
-        """What is read, in words."""
-        ...
-
-    def read(self, index: int) -> Matte | DepthMap:
-        """The matte or the depth of a frame of the plate."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the file."""
-        ...
+_CODE = 1.5 / 255.0  # tolerance of black and white in lossy codecs
 
 
 def open_holdout(spec: str, size: tuple[int, int]) -> HoldoutReader:
-    """Open a matte or a depth map and look at its first frame.
+    """Open a matte or a depth map and read its first frame.
 
     Args:
         spec: a video, a picture, a `%04d` sequence, or OpenEXR: with a channel Z a depth map, else
@@ -51,13 +33,11 @@ def open_holdout(spec: str, size: tuple[int, int]) -> HoldoutReader:
     Raises:
         InputError: it cannot be read, or has another size.
     """
-    if spec.lower().endswith(".exr"):
-        return ExrHoldout(spec, size)
-    return MatteReader(spec, size)
+    return (ExrHoldout if spec.lower().endswith(".exr") else MatteReader)(spec, size)
 
 
 class MatteReader:
-    """A matte that FFmpeg decodes; frame n of it belongs to frame n of the plate.
+    """A matte that FFmpeg decodes; its frame n belongs to frame n of the plate.
 
     Args:
         spec: a video, a picture or a `%04d` sequence.
@@ -76,16 +56,17 @@ class MatteReader:
         except BaseException:
             self.close()
             raise
-        self._by_alpha = _tells(first)
+        white = first.coding.peak or 1.0
+        self._by_alpha = first.alpha is not None and bool((first.alpha < white).any())
         self._last = self._matte(first)
 
     @property
     def description(self) -> str:
-        """What is read, in words."""
+        """File and channel."""
         return f"{self._spec}, by its {'alpha' if self._by_alpha else 'luminance'}"
 
     def read(self, index: int) -> Matte:
-        """The matte of a frame.
+        """The matte of a frame; indices ascend.
 
         Raises:
             InputError: it has no such frame.
@@ -100,8 +81,8 @@ class MatteReader:
         return self._last
 
     def close(self) -> None:
-        """Let go of the file."""
-        self._source.__exit__(None, None, None)
+        """Close the file."""
+        self._source.close()
 
     def _matte(self, samples: Samples) -> Matte:
         if not self._by_alpha or samples.alpha is None:
@@ -133,7 +114,7 @@ class ExrHoldout:
 
     @property
     def description(self) -> str:
-        """What is read, in words."""
+        """File and channel."""
         if self._depth:
             return f"{self._spec}, where its depth Z is nearer"
         return f"{self._spec}, by its {'alpha' if self._by_alpha else 'luminance'}"
@@ -149,7 +130,7 @@ class ExrHoldout:
         return self._cached[1]
 
     def close(self) -> None:
-        """Nothing is held open between frames."""
+        """Nothing: no file stays open between frames."""
 
     def _image(self, index: int) -> ExrImage:
         path = Path(self._spec)
@@ -162,22 +143,20 @@ class ExrHoldout:
         return image
 
     def _read(self, image: ExrImage) -> Matte | DepthMap:
-        channels = image.channels
         if self._depth:
-            depth = _on_frame(image, self._channel(image, "Z"), np.inf)
+            depth = image.on_display_window(self._channel(image, "Z"), np.inf)
             with np.errstate(invalid="ignore"):
                 there = (depth > 0.0) & (depth < FAR)
             return DepthMap(np.where(there, depth, np.float32(np.inf)))
         if self._by_alpha:
-            return _matte(_on_frame(image, self._channel(image, "A"), 0.0))
-        if "Y" in channels:
-            return _matte(_on_frame(image, channels["Y"], 0.0))
-        weights = luma("bt709")
+            return _matte(image.on_display_window(self._channel(image, "A")))
+        if "Y" in image.channels:
+            return _matte(image.on_display_window(image.channels["Y"]))
         light = sum(
             np.float32(weight) * self._channel(image, name)
-            for weight, name in zip(weights, "RGB", strict=True)
+            for weight, name in zip(luma("bt709"), "RGB", strict=True)
         )
-        return _matte(_on_frame(image, np.asarray(light, dtype=np.float32), 0.0))
+        return _matte(image.on_display_window(np.asarray(light, dtype=np.float32)))
 
     def _channel(self, image: ExrImage, name: str) -> Float32:
         try:
@@ -189,24 +168,12 @@ class ExrHoldout:
             ) from None
 
 
-def _on_frame(image: ExrImage, values: Float32, beyond: float) -> Float32:
-    frame = Box(0, 0, image.width, image.height)
-    shown = image.box.intersection(frame)
-    out = np.full((image.height, image.width), beyond, np.float32)
-    if not shown.empty:
-        out[shown.slices_in(frame)] = values[shown.slices_in(image.box)]
-    return out
+HoldoutReader: TypeAlias = MatteReader | ExrHoldout
 
 
 def _samples(frame: SourceFrame) -> Samples:
-    picture = frame.picture
-    assert isinstance(picture, AvPicture)
-    return frame_samples(picture.frame, picture.tags, round(picture.rotation / 90))
-
-
-def _tells(samples: Samples) -> bool:
-    """Whether the alpha says anything."""
-    return samples.alpha is not None and bool((samples.alpha < (samples.coding.peak or 1.0)).any())
+    assert isinstance(frame.picture, AvPicture)
+    return frame.picture.samples()
 
 
 def _luminance(samples: Samples) -> Float32:

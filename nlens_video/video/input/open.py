@@ -1,4 +1,4 @@
-"""Opening FFmpeg's inputs, with one clear line when that fails."""
+"""Opening of FFmpeg's inputs: files, devices, addresses and standard input."""
 
 from __future__ import annotations
 
@@ -13,36 +13,34 @@ import av.video.stream
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import InputError, UsageError
-from nlens_video.core.layers import MOST_PIXELS
+from nlens_video.core.layers import MOST_PIXELS, too_large
 from nlens_video.video.info import Kind
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
 
-DEFAULT_RATE = "24"
-"""Frames per second of an image sequence that nothing is said about."""
 _TIMELESS = (
     "rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd",
     "image2pipe",
 )  # fmt: skip
-"""Containers that hold bare pictures; beside them there are image files and devices."""
+"""Formats without time stamps, besides image files and devices."""
 _NO_DEVICES = ("image2", "rtp", "rtsp", "sap", "alsa", "oss")
-"""FFmpeg's inputs that open no file themselves, and yet are no devices with pictures."""
+"""FFmpeg's inputs without a file of their own that are no video devices."""
 
 _WITH_ALPHA = {"vp8": "libvpx", "vp9": "libvpx-vp9"}
-"""Decoders that read the alpha beside the pictures."""
+"""Decoders that read alpha, for FFmpeg's default ones, which drop it."""
 
 DECODER = {"max_pixels": str(MOST_PIXELS)}
-"""FFmpeg's options of any decoder: it then refuses a larger picture, wherever it comes."""
+"""FFmpeg's options of all decoders: larger pictures are refused, wherever they come."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputHints:
-    """What the user says about an input that does not say it itself.
+    """The user's options for an input that does not describe itself.
 
     Attributes:
         format: FFmpeg's name of a container or device, or of a pixel format: then raw video.
         size: `WIDTHxHEIGHT`.
         rate: frames per second, `25` or `30000/1001`.
-        transfer: name in `color.TRANSFERS`, in place of the tag.
+        transfer: name in `color.TRANSFERS`, overrides the tag.
     """
 
     format: str | None = None
@@ -52,24 +50,18 @@ class InputHints:
 
 
 def can_be_read_again(spec: str) -> bool:
-    """Whether a source is a file or a sequence of files: a pipe or a camera shows itself once."""
+    """Whether a source is a file or a sequence of files, not a pipe, a device or an address."""
     if spec == "-" or "://" in spec or spec.startswith("/dev/"):
         return False
     return Path(spec).is_file() or ImageSequence.matches(spec)
 
 
-def _standard_input() -> BinaryIO:
-    if sys.stdin is None:  # closed from the start
-        raise InputError("standard input: it is closed; pipe a stream in or name a file")
-    return sys.stdin.buffer
-
-
 def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputContainer, Kind]:
-    """Open whatever `spec` names.
+    """Open an input and tell its kind.
 
     Raises:
         InputError: it cannot be opened or is no media.
-        UsageError: raw video without a size; a size or a rate that the input says itself.
+        UsageError: raw video without a size; a size or a rate that the input states itself.
     """
     file: object = spec
     kind: Kind = "video"
@@ -80,10 +72,10 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         kind = "stream"
         if spec.startswith("/dev/video"):
             format_ = format_ or "v4l2"
-    elif _opens_no_file(format_):  # a device: its names are no files
+    elif format_ and format_ != "image2" and _is_device(format_):
         kind = "stream"
     elif Path(spec).is_file():
-        # what is there is meant: no pattern though it has a %d, no protocol though it has a colon
+        # an existing file: no pattern although it has a %d, no protocol although it has a colon
         _check_file(spec)
         file = f"file:{spec}"
     elif ImageSequence.matches(spec):
@@ -93,12 +85,12 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
     else:
         _check_file(spec)
         kind = "stream" if Path(spec).is_fifo() else kind
-    options |= DECODER  # what probing decodes is bounded, too
+    options |= DECODER  # for what probing decodes
     try:
         container = av.open(file, "r", format=format_, options=options)
     except (av.FFmpegError, OSError, ValueError) as error:
         raise InputError(_explain(spec, error)) from error
-    if kind == "video" and _is_still(container):
+    if kind == "video" and _is_picture(container.format):
         kind = "still"
     try:
         _check_hints(spec, hints, container.format, kind)
@@ -108,8 +100,14 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
     return container, kind
 
 
+def _standard_input() -> BinaryIO:
+    if sys.stdin is None:  # closed from the start
+        raise InputError("standard input: it is closed; pipe a stream in or name a file")
+    return sys.stdin.buffer
+
+
 def video_stream(container: av.container.InputContainer, spec: str) -> av.video.stream.VideoStream:
-    """The stream to work on.
+    """The stream that is composited on.
 
     Raises:
         InputError: there is none.
@@ -126,7 +124,7 @@ def video_stream(container: av.container.InputContainer, spec: str) -> av.video.
 
 
 def decoder_of(stream: av.video.stream.VideoStream) -> VideoCodecContext:
-    """What decodes a stream: FFmpeg's choice, but for VP8 and VP9 with alpha, which that drops."""
+    """Decoder of a stream: FFmpeg's default, or for VP8 and VP9 with alpha one that reads it."""
     own = stream.codec_context
     alpha = "1" in (value for key, value in stream.metadata.items() if key.lower() == "alpha_mode")
     if not alpha or own.name not in _WITH_ALPHA:
@@ -163,25 +161,25 @@ def _format(hints: InputHints) -> tuple[str | None, dict[str, str]]:
     return "rawvideo", options
 
 
+def _is_device(name: str) -> bool:
+    """Whether an input format opens no file: its names are no paths."""
+    return av.ContainerFormat(name, "r").no_file
+
+
 def _is_container(name: str) -> bool:
-    """Whether FFmpeg reads a container or a device by that name, which may be one of several."""
+    """Whether FFmpeg has an input format (container or device) of that name."""
     try:
         return av.ContainerFormat(name, "r").is_input
     except ValueError:
         return False
 
 
-def _opens_no_file(name: str | None) -> bool:
-    return name is not None and name != "image2" and av.ContainerFormat(name, "r").no_file
-
-
 def _devices() -> list[str]:
-    """Names of the devices with pictures that FFmpeg was built with."""
-    inputs = [name for name in sorted(av.formats_available) if _is_container(name)]
+    """Names of the video devices that FFmpeg was built with."""
     return [
         name.split(",")[-1]
-        for name in inputs
-        if name not in _NO_DEVICES and av.ContainerFormat(name, "r").no_file
+        for name in sorted(av.formats_available)
+        if name not in _NO_DEVICES and _is_container(name) and _is_device(name)
     ]
 
 
@@ -196,21 +194,20 @@ def _check_file(spec: str) -> None:
 
 
 def _check_hints(spec: str, hints: InputHints, format_: av.ContainerFormat, kind: Kind) -> None:
-    """See that FFmpeg has listened to the hints; most containers do not."""
+    """Refuse options that a container ignores, as most do."""
     device = format_.no_file and kind == "stream" and format_.name != "lavfi"
-    pictures = format_.name == "image2" or format_.name.endswith("_pipe")
-    for option, value, heard in (
+    for option, value, used in (
         ("--input-size", hints.size, device or format_.name == "rawvideo"),
-        ("--input-rate", hints.rate, device or pictures or format_.name in _TIMELESS),
+        ("--input-rate", hints.rate, device or _is_picture(format_) or format_.name in _TIMELESS),
     ):
-        if value is not None and not heard:
+        if value is not None and not used:
             raise UsageError(
                 f"{option} {value}: {spec} ({format_.name}) says that itself; leave it out"
             )
 
 
-def _is_still(container: av.container.InputContainer) -> bool:
-    return container.format.name == "image2" or container.format.name.endswith("_pipe")
+def _is_picture(format_: av.ContainerFormat) -> bool:
+    return format_.name == "image2" or format_.name.endswith("_pipe")
 
 
 def _explain(spec: str, error: Exception) -> str:
@@ -229,4 +226,29 @@ def _explain(spec: str, error: Exception) -> str:
     return (
         f"{spec}: cannot be opened ({reason}); expected a video, a picture, a %04d sequence "
         f"or a stream that FFmpeg reads, of at most {MOST_PIXELS // 10**6} megapixels"
+    )
+
+
+def explain_undecodable(
+    spec: str, container: av.container.InputContainer, codec: str, width: int, height: int
+) -> str:
+    """Error message for a stream without a decodable frame.
+
+    Args:
+        spec: as the user gives it.
+        container: of the stream.
+        codec: FFmpeg's name.
+        width: columns as the header states them [px].
+        height: rows as the header states them [px].
+    """
+    if spec == "-" and "mp4" in container.format.name:
+        return (
+            "standard input: an MP4 with its index at the end cannot be read from a pipe; "
+            "make it with -movflags +faststart, or pipe NUT or Matroska"
+        )
+    if width * height > MOST_PIXELS:
+        return too_large(spec, width, height)
+    return (
+        f"{spec}: no frame can be decoded ({codec}); the file is damaged, not complete "
+        f"or larger than {MOST_PIXELS // 10**6} megapixels"
     )

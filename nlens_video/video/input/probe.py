@@ -1,4 +1,4 @@
-"""What a source says of itself before its frames are read."""
+"""Properties of an open source, from its headers and its first frame."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from av.stream import Discard, Stream
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.pixels.picture import AvPicture
-from nlens_video.video.pixels.sample_views import frame_tags
+from nlens_video.video.pixels.samples import frame_tags
 
 _SRGB_TRC = 13
-_WANDERING = Fraction(1, 1000)
+_RATE_TOLERANCE = Fraction(1, 1000)
 _HDR_METADATA = (
     SideDataType.MASTERING_DISPLAY_METADATA, SideDataType.CONTENT_LIGHT_LEVEL,
     SideDataType.DYNAMIC_HDR_PLUS, SideDataType.DOVI_METADATA,
 )  # fmt: skip
 
 
-def described(
+def describe(
     spec: str, kind: Kind, container: av.container.InputContainer,
     stream: av.video.stream.VideoStream, first: av.VideoFrame, copied: tuple[Stream, ...],
-    transfer: str | None = None, covers: dict[int, bytes] | None = None,
+    transfer: str | None, covers: dict[int, bytes],
 ) -> SourceInfo:  # fmt: skip
-    """What is known of a source.
+    """Properties of a source.
 
     Args:
         spec: as the user named it.
-        kind: of source.
-        container: it.
-        stream: the one to work on.
+        kind: of the source.
+        container: of the source.
+        stream: the one that is composited on.
         first: its first frame.
-        copied: the streams that travel along.
-        transfer: name of the transfer function to take instead of what the frame says.
-        covers: picture files that the container holds as covers, by the index of their stream.
+        copied: the streams that are carried over.
+        transfer: name of a transfer function that overrides the tag.
+        covers: picture files of the covers (attached pictures), by the index of their stream.
 
     Raises:
-        InputError: the pixel format is one that nothing is known about.
+        InputError: the pixel format is not supported.
     """
     picture = kind in ("still", "sequence")
     jpeg = picture and first.format.name.startswith("yuv")
@@ -64,8 +64,8 @@ def described(
         sample_aspect_ratio=stream.sample_aspect_ratio or None,
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame,
-        hdr_metadata=_tells_hdr(first),
-        copied=tuple(_described(one, covers or {}) for one in copied),
+        hdr_metadata=_has_hdr_metadata(first),
+        copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
         notes=_left_out(container, stream, copied),
@@ -75,10 +75,10 @@ def described(
 def copied_streams(
     container: av.container.InputContainer, video: av.video.stream.VideoStream, kind: Kind
 ) -> tuple[Stream, ...]:
-    """The other streams, which travel along.
+    """The other streams, which are carried over.
 
-    Not those that are written anew from what is known of the file (timecode, chapters), and of what
-    may be a stream at several sizes only the pictures that are worked on.
+    Timecode and chapters are written anew. Of a live stream, which may come in several sizes, only
+    one video is taken.
     """
     if kind == "still":
         return ()
@@ -97,25 +97,22 @@ def _is_written_anew(container: av.container.InputContainer, stream: Stream) -> 
 
 
 def _is_steady(stream: av.video.stream.VideoStream) -> bool:
-    """Whether the rate by which all time stamps can be told is the average one.
-
-    Time stamps in milliseconds make the average wander a little.
-    """
+    """Whether the frame rate is constant, within the rounding of times to milliseconds."""
     average, base = stream.average_rate, stream.base_rate
     if not average or not base:
         return False
-    return abs(average / base - 1) < _WANDERING
+    return abs(average / base - 1) < _RATE_TOLERANCE
 
 
-def _tells_hdr(frame: av.VideoFrame) -> bool:
-    """Whether a frame says how it was mastered or how bright it gets."""
+def _has_hdr_metadata(frame: av.VideoFrame) -> bool:
+    """Whether a frame has mastering or light level metadata."""
     try:
         return any(one in frame.side_data for one in _HDR_METADATA)
     except ValueError:
-        return False  # PyAV has no name for something else that lies beside it, such as EXIF
+        return False  # PyAV has no name for other side data, such as EXIF
 
 
-def _described(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
+def _copied(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
     context = stream.codec_context
     return CopiedStream(
         index=stream.index, type=stream.type, codec="" if context is None else context.name,

@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
-from types import TracebackType
-from typing import Self
+from itertools import accumulate
+from typing import TypeAlias
 
-from nlens_video.video.info import SourceFrame, SourceInfo
-from nlens_video.video.input.packet_index import index_until
-from nlens_video.video.input.source import AvSource, PacketSink, Source, open_source
+import av
+from av.video.stream import VideoStream
+
+from nlens_video.core.errors import InputError
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.input.open import InputHints, open_container, video_stream
+from nlens_video.video.input.source import AvSource, open_source
+from nlens_video.video.interfaces import Source, SwitchingSource
 
 INTERLEAVING_S = Fraction(2)
 """Largest interleaving distance of two streams' packets of one time [s]."""
 _LEAST_SKIP = 48  # frames: fewer are decoded faster than a file is opened
+_ONE_FRAME_A_PACKET = frozenset((
+    "h264", "hevc", "vp9", "av1", "mpeg1video", "mpeg2video", "mpeg4", "prores", "dnxhd", "mjpeg",
+    "ffv1", "ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "rawvideo", "png", "qtrle", "cfhd",
+    "jpeg2000",
+))  # fmt: skip
+"""Codecs whose key frames reset the decoder; not VP8, some of whose packets show no frame."""
+_REORDERED = 64
+"""Generous limit of the reordering delay: packets from decoding to display order [1]."""
+Packet: TypeAlias = "av.Packet[VideoStream]"
+_IDR, _SLICES = 5, range(1, 6)
+"""H.264 NAL unit types: IDR slice, slices of any kind."""
 
 
 def open_seekable(spec: str, **hints: str | None) -> Source:
@@ -22,60 +39,28 @@ def open_seekable(spec: str, **hints: str | None) -> Source:
     return SeekableSource(source) if isinstance(source, AvSource) else source
 
 
-class SeekableSource:
-    """A file whose reader may skip frames.
+class SeekableSource(SwitchingSource):
+    """A file that can skip frames.
 
     Where the packet index is unambiguous and the decoder confirms its times, the file is opened a
     second time and decoded from a key frame before the wanted frame; else all frames are decoded.
 
     Args:
-        first: a file that is open.
-
-    Attributes:
-        info: what is known about it.
+        first: an open file.
     """
 
     def __init__(self, first: AvSource) -> None:
+        super().__init__(first)
+        self._hints = first.hints
         self._wanted = 0
-        self._source = first
-        self._damaged_before = 0
-        self._warnings_before: tuple[str, ...] = ()
-        self.info: SourceInfo = first.info
-
-    @property
-    def packet_sink(self) -> PacketSink | None:
-        """As any source's."""
-        return self._source.packet_sink
-
-    @packet_sink.setter
-    def packet_sink(self, sink: PacketSink | None) -> None:
-        self._source.packet_sink = sink
-
-    @property
-    def damaged(self) -> int:
-        """Packets and frames that were damaged so far."""
-        return self._damaged_before + self._source.damaged
-
-    def warnings(self) -> tuple[str, ...]:
-        """What happened so far that a person should know, beside the damaged packets."""
-        return (*self._warnings_before, *self._source.warnings())
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        self._source.__exit__(kind, error, trace)
 
     def skip_to(self, number: int) -> None:
         """Allow frames before `number` to be skipped from the next frame on."""
         self._wanted = number
 
     def __iter__(self) -> Iterator[SourceFrame]:
-        frames = iter(self._source)
-        for frame in frames:
+        self._connection.packet_sink = self.packet_sink
+        for frame in self._connection:
             yield frame
             if self._wanted > frame.index + _LEAST_SKIP:
                 later = self._opened_at(self._wanted, frame.index)
@@ -85,26 +70,120 @@ class SeekableSource:
                     yield from self
                     return
 
-    def _switch_to(self, later: AvSource) -> None:
-        before, self._source = self._source, later
-        later.packet_sink = before.packet_sink
-        self._damaged_before += before.damaged
-        self._warnings_before += before.warnings()
-        before.__exit__(None, None, None)
-
     def _opened_at(self, number: int, here: int) -> AvSource | None:
-        """The file opened at a frame; None where that gains nothing or is not certain."""
+        """The file from frame `number` on, None where the index is ambiguous or saves nothing."""
         if self.info.kind != "video" or self.damaged:
             return None
-        index = index_until(self.info.name, self._source.hints, number)
+        index = index_until(self.info.name, self._hints, number)
         if index is None:
             return None
         early = INTERLEAVING_S if self.info.copied else Fraction(0)
         start = index.start_before(number, round(early / self.info.time_base))
         if start <= here:
             return None
-        later = AvSource(self.info.name, self._source.hints)
+        later = AvSource(self.info.name, self._hints)
         if later.start_at(index.pts, start, number):
             return later
-        later.__exit__(None, None, None)
+        later.close()
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class PacketIndex:
+    """Frame times and random access points of a file.
+
+    Attributes:
+        pts: of the frames in display order [ticks].
+        starts: numbers of the frames from which all later ones can be decoded, ascending [1].
+    """
+
+    pts: tuple[int, ...]
+    starts: tuple[int, ...]
+
+    def start_before(self, number: int, ticks: int = 0) -> int:
+        """Last but one random access point before a frame: frames in between confirm the index.
+
+        Args:
+            number: of the frame.
+            ticks: least distance, for packets of other streams [ticks].
+        """
+        limit = self.pts[number] - ticks
+        early = [at for at in self.starts if at <= number and self.pts[at] <= limit]
+        return early[-2] if len(early) > 1 else 0
+
+
+def index_until(spec: str, hints: InputHints, number: int) -> PacketIndex | None:
+    """Read the packets up to a frame.
+
+    Args:
+        spec: a file.
+        hints: the user's options.
+        number: of the frame.
+
+    Returns:
+        None where packets are ambiguous (without times, damaged, to be discarded, of a codec that
+        does not store one frame a packet) or where there are fewer.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    container, _ = open_container(spec, hints)
+    with container:
+        stream = video_stream(container, spec)
+        if stream.codec.name not in _ONE_FRAME_A_PACKET:
+            return None
+        times: list[int] = []
+        keys: list[int] = []
+        try:
+            for packet in container.demux(stream):
+                if not packet.size:
+                    break
+                if packet.pts is None or packet.is_corrupt or packet.is_discard:
+                    return None
+                if packet.is_keyframe and _is_start(packet, stream):
+                    keys.append(len(times))
+                times.append(packet.pts)
+                if len(times) > number + _REORDERED:
+                    break
+        except av.FFmpegError as error:
+            raise InputError(f"{spec}: cannot be read ({error.strerror})") from error
+    return _checked(times, keys, number)
+
+
+def _checked(times: list[int], keys: list[int], number: int) -> PacketIndex | None:
+    """The index; key frames count that no later packet precedes in display order."""
+    if len(set(times)) < len(times) or len(times) <= number or keys[:1] != [0]:
+        return None
+    latest = list(accumulate(times, max))
+    earliest = list(accumulate(reversed(times), min))[::-1]
+    starts = tuple(
+        at for at in keys if times[at] == earliest[at] and (at == 0 or latest[at - 1] < times[at])
+    )
+    return PacketIndex(tuple(sorted(times)), starts)
+
+
+def _is_start(packet: Packet, stream: VideoStream) -> bool:
+    """Whether no later frame refers to one before a key frame.
+
+    H.264 also flags recovery points of gradual decoder refresh as key frames; these do not count.
+    """
+    if stream.codec.name != "h264":
+        return True
+    return _first_slice(bytes(packet), stream.codec_context.extradata or b"") == _IDR
+
+
+def _first_slice(data: bytes, extradata: bytes) -> int:
+    """Type of the first H.264 NAL unit that is a slice, 0 without one."""
+    if extradata[:1] != b"\x01":  # start codes
+        at = data.find(b"\x00\x00\x01")
+        while 0 <= at < len(data) - 3:
+            if data[at + 3] & 31 in _SLICES:
+                return data[at + 3] & 31
+            at = data.find(b"\x00\x00\x01", at + 3)
+        return 0
+    at, width = 0, (extradata[4] & 3) + 1
+    while at + width < len(data):
+        if data[at + width] & 31 in _SLICES:
+            return data[at + width] & 31
+        at += width + int.from_bytes(data[at : at + width], "big")
+    return 0

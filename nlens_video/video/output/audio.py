@@ -1,4 +1,4 @@
-"""Audio that the target container does not hold is encoded anew."""
+"""Audio and text subtitles that the target container does not hold, encoded anew."""
 
 from __future__ import annotations
 
@@ -12,36 +12,38 @@ from av.audio.fifo import AudioFifo
 from av.audio.resampler import AudioResampler
 from av.audio.stream import AudioStream
 from av.stream import Stream
+from av.subtitles.codeccontext import SubtitleCodecContext
+from av.subtitles.stream import SubtitleStream
 
 from nlens_video.video.info import Packet
-from nlens_video.video.output.containers import holds_audio
-from nlens_video.video.output.muxers import is_recent
+from nlens_video.video.output.containers import MP4_FAMILY, holds_audio, is_recent
 
 _PREFERRED = ("aac", "libopus")
 _SURROUND = ("ac3",)
-"""Before MPEG's layer 2, which has two channels."""
+"""Preferred to MPEG layer 2, which has two channels."""
 _LOSSLESS = ("flac", "alac", "wavpack", "tta", "mlp", "truehd")
 _LOSSLESS_IN = ("mov", "mp4", "ipod", "matroska", "ogv", "ogg")
 """Containers in which players take ALAC or FLAC."""
 _AAC_BIT_RATE = 80_000  # of a channel [bit/s]
 _TOLERANCE_S = 0.02
-"""Time stamps in milliseconds and encoder delays wander less than this; sync is seen from 40 ms."""
+"""Jitter of time stamps in milliseconds and encoder delays; lip sync errors show from 40 ms."""
 _LONGEST_GAP_S = 3600
 _USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 8: "7.1"}
+_TEXT_CODECS = {"matroska": "subrip", "webm": "webvtt", **dict.fromkeys(MP4_FAMILY, "mov_text")}
+"""Subtitle encoder by container."""
 
 
 class AudioEncoder:
-    """One audio stream, decoded and encoded into another codec.
+    """Transcoder of one audio stream.
 
-    Samples are counted from the first time stamp on. Where the source leaves a gap there is
-    silence, where its times step back samples are left out, so that sound and pictures stay
-    together.
+    Samples are counted from the first time stamp on. Gaps in the source's times are filled with
+    silence, and overlapping samples are dropped, so that sound and pictures stay in sync.
 
     Attributes:
         codec: FFmpeg's name of the encoder.
 
     Raises:
-        ValueError: nothing decodes it, or no encoder takes what it says of itself.
+        ValueError: there is no decoder for it, or no encoder that accepts its format.
     """
 
     def __init__(self, container: av.container.OutputContainer, source: Stream) -> None:
@@ -50,8 +52,7 @@ class AudioEncoder:
             raise ValueError("nothing decodes it")
         self.codec, rate, layout = _chosen(container, context)
         added = container.add_stream(self.codec, rate)
-        if not isinstance(added, AudioStream):
-            raise ValueError(f"{self.codec} is no audio encoder")
+        assert isinstance(added, AudioStream)
         self._stream = added
         self._stream.codec_context.layout = layout
         if self.codec == "aac":
@@ -68,7 +69,7 @@ class AudioEncoder:
         self._decoder = context
 
     def encode(self, packet: Packet | None) -> list[av.Packet[AudioStream]]:
-        """What comes out for one packet in; None flushes."""
+        """Packets of the target's codec for one of the source's; None flushes."""
         frames = []
         if packet is not None:
             try:
@@ -82,7 +83,7 @@ class AudioEncoder:
         return packets + self._drain(last=packet is None)
 
     def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
-        """Append samples [1 / rate] where their time stamp puts them."""
+        """Append samples at their time stamp, after silence if needed."""
         pts: int | None = None
         if part.pts is not None and part.time_base is not None:
             pts = round(part.pts * part.time_base * self._rate)
@@ -137,11 +138,7 @@ class AudioEncoder:
 def _chosen(
     container: av.container.OutputContainer, source: AudioCodecContext
 ) -> tuple[str, int, str]:
-    """Encoder, rate [Hz] and layout: the first that container and encoder take.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """The first encoder, rate [Hz] and layout that work; ValueError without one."""
     name, default = container.format.name, container.default_audio_codec
     if default == "none":
         raise ValueError(f"{name} holds no sound")
@@ -153,7 +150,7 @@ def _chosen(
     if source.codec.name in _LOSSLESS and name == "avi":
         kept = pcm
     for codec in (*kept, *_PREFERRED, *surround, *pcm, default):
-        # what cannot be tried is not taken: a stream that was added cannot be taken back
+        # tried first: a stream that was added cannot be removed
         if not _is_encoder(codec) or is_recent(name, codec) or not holds_audio(name, codec):
             continue
         for layout in (_layout(source), "stereo", "mono"):
@@ -173,25 +170,58 @@ def _is_encoder(name: str) -> bool:
 
 
 def _try(codec: str, rate: int, layout: str) -> None:
-    """See that the encoder opens.
-
-    Raises:
-        ValueError: it does not.
-    """
+    """Open an encoder; ValueError where it refuses."""
     trial = av.CodecContext.create(codec, "w")
-    if not isinstance(trial, AudioCodecContext):
-        raise ValueError(f"{codec} is no audio encoder")
+    assert isinstance(trial, AudioCodecContext)
     try:
         trial.sample_rate, trial.layout, trial.time_base = rate, layout, Fraction(1, max(1, rate))
         if trial.codec.audio_formats:
             trial.format = trial.codec.audio_formats[0]
         trial.open()
-    except (av.FFmpegError, ValueError) as error:
+    except av.FFmpegError as error:
         raise ValueError(f"{codec} does not take {rate} Hz, {layout}") from error
 
 
 def _layout(context: AudioCodecContext) -> str:
-    """The source's layout, or where it only counts its channels the usual one of so many."""
+    """The source's layout, or the usual one of its number of channels."""
     count = context.layout.nb_channels
     unnamed = context.layout.name == f"{count} channels"
     return _USUAL_LAYOUTS.get(count, "stereo") if unnamed else context.layout.name
+
+
+class SubtitleEncoder:
+    """Transcoder of one stream of text subtitles.
+
+    Attributes:
+        codec: FFmpeg's name of the encoder.
+
+    Raises:
+        ValueError: they are pictures, or the container holds no text subtitles.
+    """
+
+    def __init__(self, container: av.container.OutputContainer, source: Stream) -> None:
+        context, name = source.codec_context, container.format.name
+        if not isinstance(context, SubtitleCodecContext) or not context.codec.text_sub:
+            raise ValueError(f"{name} does not hold its codec")
+        if name not in _TEXT_CODECS:
+            raise ValueError(f"{name} holds no text")
+        self.codec = _TEXT_CODECS[name]
+        self._decoder = context
+        context.open(strict=False)
+        added = container.add_stream(self.codec)
+        assert isinstance(added, SubtitleStream)
+        self._stream = added
+        self._stream.codec_context.subtitle_header = context.subtitle_header
+        self._stream.time_base = source.time_base
+        self._stream.metadata.update(source.metadata)
+        self._stream.disposition = source.disposition
+
+    def encode(self, packet: Packet) -> list[Packet]:
+        """The text in a packet of the target's codec; none for an empty packet."""
+        subtitle = self._decoder.decode2(packet) if packet.size else None
+        if subtitle is None or not len(subtitle):
+            return []
+        encoded = self._stream.codec_context.encode_subtitle(subtitle)
+        encoded.pts, encoded.dts, encoded.duration = packet.pts, packet.dts, packet.duration
+        encoded.time_base, encoded.stream = packet.time_base, self._stream
+        return [encoded]

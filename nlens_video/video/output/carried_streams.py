@@ -1,4 +1,4 @@
-"""The source's other streams on their way into a result: as they are, encoded anew, or left out."""
+"""The source's other streams in a result: copied, encoded anew, or left out."""
 
 from __future__ import annotations
 
@@ -10,37 +10,29 @@ from av.stream import Disposition, Stream
 from av.video.stream import VideoStream
 
 from nlens_video.video.info import CopiedStream, Packet, SourceInfo
-from nlens_video.video.output.audio import AudioEncoder
-from nlens_video.video.output.containers import copy_of, holds_stream
-from nlens_video.video.output.muxers import MP4_FAMILY
-from nlens_video.video.output.subtitles import SubtitleEncoder
+from nlens_video.video.output.audio import AudioEncoder, SubtitleEncoder
+from nlens_video.video.output.containers import MP4_FAMILY, copy_of, holds_stream
 
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 _OF_THE_OLD_PICTURES = (
-    "encoder",
-    "duration",
-    "bps",
-    "number_of_",
-    "_statistics_",
-    "rotate",
-    "alpha_mode",
-)
-"""Beginnings of tags that no longer hold once pictures are encoded anew."""
+    "encoder", "duration", "bps", "number_of_", "_statistics_", "rotate", "alpha_mode",
+)  # fmt: skip
+"""Prefixes of tags that do not hold for newly encoded pictures."""
 _TIMECODE = ("mov", "mp4", "mxf", "matroska", "webm", "nut", "dv", "gxf")
-"""Containers that hold the timecode of the first frame."""
+"""Containers that store the timecode of the first frame."""
 _COVERS = {"mjpeg": ("jpg", "image/jpeg"), "png": ("png", "image/png")}
 
 
-class Carried:
-    """Streams that travel along.
+class CarriedStreams:
+    """The other streams of a result, its metadata and its chapters.
 
     Args:
-        container: the result, whose pictures have their stream already.
+        container: the result, whose video stream exists.
         info: the source.
 
     Attributes:
-        notes: what becomes of those that cannot stay as they are.
-        left_out: packets that were damaged so far [1].
+        notes: on streams that are encoded anew or left out.
+        left_out: damaged packets so far [1].
     """
 
     def __init__(self, container: av.container.OutputContainer, info: SourceInfo) -> None:
@@ -60,7 +52,7 @@ class Carried:
             container.set_chapters(list(info.chapters))
 
     def begin(self) -> None:
-        """Write what comes before all packets; the result's streams are complete."""
+        """Write the covers, which come before all packets; call once all streams are added."""
         for stream, picture in self._covers:
             packet = av.Packet(picture)
             packet.pts = packet.dts = 0
@@ -70,9 +62,9 @@ class Carried:
         self._covers = []
 
     def write(self, packet: Packet) -> None:
-        """Carry over a packet; one of a stream that is left out: nothing.
+        """Write a packet, unless its stream is left out.
 
-        One that is damaged, or whose time steps back, is left out and counted.
+        Damaged packets, and those whose time steps back, are left out and counted.
 
         Raises:
             av.FFmpegError: the disk is full, or the container refuses it.
@@ -88,13 +80,13 @@ class Carried:
             self.left_out += 1
 
     def finish(self) -> None:
-        """Write what encoders still hold."""
+        """Flush the encoders."""
         for target in self._targets.values():
             if isinstance(target, AudioEncoder):
                 self._container.mux(target.encode(None))
 
     def _add(self, stream: CopiedStream) -> str:
-        """Make room for a stream; a note where it does not stay as it is."""
+        """Add a stream; a note where it is not copied."""
         label = f"stream {stream.index} ({'cover' if stream.cover else stream.type})"
         if stream.cover:
             return self._add_cover(stream, label)
@@ -104,16 +96,12 @@ class Carried:
         if stream.type not in ("audio", "subtitle"):
             return f"{label} is left out: {self._name} does not hold {stream.codec or 'it'}"
         try:
-            encoder = self._encoder(stream)
+            kind = AudioEncoder if stream.type == "audio" else SubtitleEncoder
+            encoder = kind(self._container, stream.stream)
         except ValueError as error:
             return f"{label} is left out: {error}"
         self._targets[stream.index] = encoder
         return f"{label} becomes {encoder.codec}: {self._name} does not hold its codec"
-
-    def _encoder(self, stream: CopiedStream) -> AudioEncoder | SubtitleEncoder:
-        if stream.type == "audio":
-            return AudioEncoder(self._container, stream.stream)
-        return SubtitleEncoder(self._container, stream.stream)
 
     def _add_cover(self, stream: CopiedStream, label: str) -> str:
         if self._name == "matroska" and stream.codec in _COVERS:
@@ -132,7 +120,7 @@ def _has_timecode(info: SourceInfo) -> bool:
 
 
 def set_tags(stream: VideoStream, info: SourceInfo) -> None:
-    """Give the new pictures the tags and dispositions of the old ones."""
+    """Copy the video stream's tags and dispositions."""
     for key, value in info.stream_metadata.items():
         if not key.lower().startswith(_OF_THE_OLD_PICTURES):
             stream.metadata[key] = value
@@ -142,8 +130,8 @@ def set_tags(stream: VideoStream, info: SourceInfo) -> None:
 
 
 def sample_entry(container: str, codec: str) -> str:
-    """The name of a codec in a container where FFmpeg's own choice is not the best, else empty.
+    """Sample entry (codec tag) that replaces FFmpeg's default; empty for the default.
 
-    Apple's players take HEVC as `hvc1` only, whose parameter sets are all in the header, as here.
+    Apple's players require `hvc1` for HEVC: all parameter sets are in the header, as here.
     """
     return "hvc1" if container in MP4_FAMILY and codec == "libx265" else ""

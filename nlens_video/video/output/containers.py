@@ -7,6 +7,7 @@ reads the same codec out of it again.
 
 from __future__ import annotations
 
+import contextlib
 import io
 from collections.abc import Callable
 from fractions import Fraction
@@ -16,18 +17,24 @@ import av
 import av.container
 import numpy as np
 from av.audio.stream import AudioStream
-from av.stream import Disposition, Stream
+from av.stream import Stream
 from av.video.stream import VideoStream
 
-from nlens_video.video.info import CopiedStream
-from nlens_video.video.output.muxers import MP4_FAMILY, canonical, is_recent
+from nlens_video.video.info import CopiedStream, is_cover
 
+MP4_FAMILY = ("mp4", "mov", "ipod", "3gp", "3g2", "ismv", "f4v")
+"""FFmpeg's muxers of ISO base media files."""
+_RECENT = {
+    "flv": ("hevc", "vp8", "vp9", "av1", "opus", "flac", "ac3", "eac3"),  # since 2023
+    "mxf": ("ffv1",),
+    "avi": ("flac",),  # read again, but not decoded
+}
 _PROGRAM_STREAMS = ("mpeg", "vob", "svcd", "vcd", "dvd")
 """These name no codec: readers guess, and only MPEG-1 and MPEG-2 are guessed by all of them."""
 _RTSP = ("libx264", "libx265", "libvpx", "libvpx-vp9", "mpeg4", "mpeg2video", "mpeg1video", "mjpeg")
-"""Encoders of what RTP has a form for; a trial would need a server."""
+"""Encoders of codecs with an RTP payload format; a trial would need a server."""
 _PICTURES_FIRST = ("mxf", "gxf", "dv")
-"""These take sound beside pictures only."""
+"""These hold sound only beside pictures."""
 _SIZE = (352, 288)  # one that H.263 and DNxHR have, too [px]
 _SIZES = {"dvvideo": (720, 576)}
 _BLOCK = 1152
@@ -38,20 +45,42 @@ _OPTIONS = {
     "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
 }
 _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
-"""Encoders that put alpha beside the pictures, where Matroska alone has a place for it."""
-_KNOWN_BY_PACKETS = {("mpegts", "dts")}  # empty ones of a trial do not do
-_SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experiments
-_Write = Callable[[av.container.OutputContainer], None]
+"""Encoders whose alpha is a second stream, which only Matroska can store."""
+_KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not recognised
+_SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experimental
+_Streams = set[tuple[str, str]]
+"""Types and codecs of streams, as `_kind` has them."""
+
+
+def is_recent(container: str, codec: str) -> bool:
+    """Whether programs that are a few years old cannot read a codec in a container.
+
+    Such a codec is used only on request.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+        codec: FFmpeg's name of a decoder or an encoder.
+    """
+    name = canonical(codec)
+    return name in _RECENT.get(container, ()) or (container == "mp4" and name.startswith("pcm_"))
+
+
+def canonical(codec: str) -> str:
+    """FFmpeg's name of the codec of a decoder or an encoder."""
+    for mode in ("r", "w"):
+        with contextlib.suppress(ValueError):
+            return av.Codec(codec, mode).canonical_name
+    return codec
 
 
 @cache
 def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
-    """Whether pictures of an encoder can be read again from a container.
+    """Whether a container holds pictures of an encoder.
 
     Args:
         container: FFmpeg's name of the muxer.
         encoder: FFmpeg's name of it.
-        pixel_format: FFmpeg's name of the one that the encoder is given.
+        pixel_format: FFmpeg's name of the encoder's input format.
     """
     if container == "rtsp":
         return encoder in _RTSP
@@ -62,31 +91,30 @@ def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
         return False
 
     def write(out: av.container.OutputContainer) -> None:
-        _fill(out, _pictures(out, encoder, pixel_format))
+        _write_video(out, _add_video(out, encoder, pixel_format))
 
     return _is_found_again(container, encoder, write, pixel_format)
 
 
 @cache
 def holds_audio(container: str, encoder: str) -> bool:
-    """Whether sound of an encoder can be read again from a container.
+    """Whether a container holds sound of an encoder.
 
     Args:
         container: FFmpeg's name of the muxer.
         encoder: FFmpeg's name of it.
     """
-    codec = av.Codec(encoder, "w")
-    rates = codec.audio_rates or (48000,)
+    rates = av.Codec(encoder, "w").audio_rates or (48000,)
     rate = 48000 if 48000 in rates else rates[0]
 
     def write(out: av.container.OutputContainer) -> None:
-        pictures = _pictures_beside(out)
+        pictures = _add_needed_video(out)
         stream = out.add_stream(encoder, rate, layout="mono" if "amr" in encoder else "stereo")
         if not isinstance(stream, AudioStream):
             raise ValueError(f"{encoder} is no audio encoder")
         context = stream.codec_context
         context.open()
-        _fill(out, pictures)
+        _write_video(out, pictures)
         size = context.frame_size or _BLOCK
         for index in range(12):
             block = av.AudioFrame(context.format.name, context.layout.name, size)
@@ -101,14 +129,14 @@ def holds_audio(container: str, encoder: str) -> bool:
 
 
 def holds_stream(container: str, stream: CopiedStream) -> bool:
-    """Whether a container takes a stream undecoded.
+    """Whether a container holds the packets of a stream.
 
     Args:
         container: FFmpeg's name of the muxer.
         stream: of an open source.
     """
     if stream.type == "attachment":
-        return container == "matroska"  # files that hold nothing else cannot be read
+        return container == "matroska"  # a file without other streams cannot be read
     if is_recent(container, stream.codec) or not _takes_header(container, stream.stream):
         return False
     if av.ContainerFormat(container, "w").no_file:
@@ -120,11 +148,22 @@ def holds_stream(container: str, stream: CopiedStream) -> bool:
             return holds_audio(container, encoder)
         formats = av.Codec(encoder, "w").video_formats
         return holds_video(container, encoder, formats[0].name if formats else "yuv420p")
-    return _comes_back(container, stream.stream)
+
+    def write(out: av.container.OutputContainer) -> None:
+        pictures = _add_needed_video(out)
+        copy = copy_of(out, stream.stream)
+        _write_video(out, pictures)
+        for index in range(8):
+            packet = av.Packet(bytes(64))
+            packet.pts = packet.dts = index
+            packet.time_base, packet.stream = Fraction(1, 25), copy
+            out.mux(packet)
+
+    return _kind(stream.stream) in _trial(container, write)
 
 
 def copy_of(container: av.container.OutputContainer, template: Stream) -> Stream:
-    """Add a stream that takes another's packets undecoded; with its tags and dispositions.
+    """Add a stream for another's packets, with its tags and dispositions.
 
     Raises:
         ValueError: the container does not hold it.
@@ -136,7 +175,7 @@ def copy_of(container: av.container.OutputContainer, template: Stream) -> Stream
 
 
 def _encoder_of(stream: CopiedStream) -> str:
-    """An encoder of a copied stream's codec, empty where there is none to make a trial with."""
+    """An encoder of a copied stream's codec, for a trial; empty without one."""
     if stream.type not in ("audio", "video"):
         return ""
     try:
@@ -147,93 +186,71 @@ def _encoder_of(stream: CopiedStream) -> str:
 
 
 def _takes_header(container: str, template: Stream) -> bool:
-    # The MP4 family writes what it knows of a stream at the end, unless the file is fragmented; of
-    # AC-3 it knows nothing before the first packet.
+    # The MP4 family writes a stream's description at the end, unless the file is fragmented; that
+    # of AC-3 needs the first packet.
     context = template.codec_context
     late = context is not None and context.name in ("ac3", "eac3")
-    picture = bool(template.disposition & Disposition.attached_pic)
-    early = container in MP4_FAMILY and not late and not picture
+    early = container in MP4_FAMILY and not late and not is_cover(template)
     options = {"movflags": "empty_moov"} if early else {}
+    # a muxer of many files (HLS) makes none before its header
+    no_file = av.ContainerFormat(container, "w").no_file
+    file = "nowhere" if no_file else io.BytesIO()
     try:
-        with av.open(_target(container), "w", format=container, container_options=options) as trial:
-            _pictures_beside(trial)
+        with av.open(file, "w", format=container, container_options=options) as trial:
+            _add_needed_video(trial)
             copy_of(trial, template)
-            if not trial.format.no_file:
+            if not no_file:
                 trial.start_encoding()
     except (av.FFmpegError, ValueError, OSError):
         return False
     return True
 
 
-def _target(container: str) -> io.BytesIO | str:
-    """What to open for a trial: a muxer of many files (HLS) makes none before its header."""
-    return "nowhere" if av.ContainerFormat(container, "w").no_file else io.BytesIO()
-
-
-def _is_found_again(container: str, encoder: str, write: _Write, pixel_format: str = "") -> bool:
-    """Write a trial; see whether its codec, for raw video with its format, can be read from it."""
+def _is_found_again(
+    container: str, encoder: str, write: Callable[[av.container.OutputContainer], None],
+    pixel_format: str = "",
+) -> bool:  # fmt: skip
+    """Whether the codec of a trial, for raw video with its format, can be read from it."""
     if av.ContainerFormat(container, "w").no_file:
         with av.open("nowhere", "w", format=container) as out:
             return encoder in out.supported_codecs
+    found = _trial(container, write)
+    return bool(found) and _named(av.Codec(encoder, "w"), pixel_format) in found
+
+
+def _trial(container: str, write: Callable[[av.container.OutputContainer], None]) -> _Streams:
+    """The streams that FFmpeg finds in a trial; none where it cannot be written."""
     file = io.BytesIO()
     try:
         with av.open(file, "w", format=container) as out:
             write(out)
-    except (av.FFmpegError, ValueError, OSError):
-        return False
-    kind, name = _named(av.Codec(encoder, "w"))
-    return (kind, _raw(name, pixel_format)) in _found(file)
-
-
-def _comes_back(container: str, template: Stream) -> bool:
-    """Whether a stream is of its own kind again in a trial whose packets are empty."""
-    file = io.BytesIO()
-    try:
-        with av.open(file, "w", format=container) as out:
-            pictures = _pictures_beside(out)
-            stream = copy_of(out, template)
-            _fill(out, pictures)
-            for index in range(8):
-                packet = av.Packet(bytes(64))
-                packet.pts = packet.dts = index
-                packet.time_base, packet.stream = Fraction(1, 25), stream
-                out.mux(packet)
-    except (av.FFmpegError, ValueError, OSError):
-        return False
-    return _kind(template) in _found(file)
-
-
-def _found(file: io.BytesIO) -> set[tuple[str, str]]:
-    """Types and codecs of the streams that FFmpeg finds in a trial."""
-    file.seek(0)
-    try:
-        with av.open(file, "r") as container:
-            return {_kind(stream) for stream in container.streams}
+        file.seek(0)
+        with av.open(file, "r") as found:
+            return {_kind(stream) for stream in found.streams}
     except (av.FFmpegError, ValueError, OSError):
         return set()
 
 
 def _kind(stream: Stream) -> tuple[str, str]:
-    """Type and codec, as `_named` has it."""
+    """Type and codec of a stream."""
     context = stream.codec_context
     if context is None:
         return stream.type, getattr(stream, "name", None) or ""
-    kind, name = _named(context.codec)
-    return kind, _raw(name, getattr(context, "pix_fmt", None) or "")
+    return _named(context.codec, getattr(context, "pix_fmt", None) or "")
 
 
-def _raw(codec: str, pixel_format: str) -> str:
-    """Codec of a stream, for raw video with its format: some muxers give bytes a wrong name."""
-    return f"rawvideo {pixel_format.replace('yuvj', 'yuv')}" if codec == "rawvideo" else codec
+def _named(codec: av.Codec, pixel_format: str) -> tuple[str, str]:
+    """Type and codec; the layers of MPEG audio are one, readers tell them by the packets.
 
-
-def _named(codec: av.Codec) -> tuple[str, str]:
-    """Type and codec; the layers of MPEG audio are one, readers tell them by the packets."""
+    Raw video has its pixel format: some muxers give bytes a wrong name.
+    """
     name = codec.canonical_name
+    if name == "rawvideo":
+        name += f" {pixel_format.replace('yuvj', 'yuv')}"
     return codec.type, "mpegaudio" if name in ("mp1", "mp2", "mp3") else name
 
 
-def _pictures(out: av.container.OutputContainer, encoder: str, pixel_format: str) -> VideoStream:
+def _add_video(out: av.container.OutputContainer, encoder: str, pixel_format: str) -> VideoStream:
     stream = out.add_stream(encoder, 25, dict(_OPTIONS.get(encoder, {})))
     if not isinstance(stream, VideoStream):
         raise ValueError(f"{encoder} is no video encoder")
@@ -243,26 +260,22 @@ def _pictures(out: av.container.OutputContainer, encoder: str, pixel_format: str
     return stream
 
 
-def _pictures_beside(out: av.container.OutputContainer) -> VideoStream | None:
-    """Pictures before the sound of a trial, where the container wants them."""
+def _add_needed_video(out: av.container.OutputContainer) -> VideoStream | None:
+    """Pictures before the sound of a trial, where the container requires them."""
     if out.format.name not in _PICTURES_FIRST:
         return None
-    return _pictures(out, out.default_video_codec, "yuv420p")
+    return _add_video(out, out.default_video_codec, "yuv420p")
 
 
-def _fill(out: av.container.OutputContainer, pictures: VideoStream | None) -> None:
-    if pictures is None:
+def _write_video(out: av.container.OutputContainer, stream: VideoStream | None) -> None:
+    """Frames of noise: plain ones make streams too short to be recognised."""
+    if stream is None:
         return
     for index in range(3):
-        out.mux(pictures.encode(_noise(pictures, index)))
-    out.mux(pictures.encode(None))
-
-
-def _noise(stream: VideoStream, index: int) -> av.VideoFrame:
-    """A frame of a trial: of noise, for plain ones make streams too short to be recognised."""
-    frame = av.VideoFrame(stream.width, stream.height, stream.pix_fmt or "yuv420p")
-    for plane in frame.planes:
-        random = np.random.default_rng(index)
-        plane.update(random.integers(0, 256, plane.buffer_size, np.uint8).tobytes())
-    frame.pts, frame.time_base = index, Fraction(1, 25)
-    return frame
+        frame = av.VideoFrame(stream.width, stream.height, stream.pix_fmt or "yuv420p")
+        for plane in frame.planes:
+            random = np.random.default_rng(index)
+            plane.update(random.integers(0, 256, plane.buffer_size, np.uint8).tobytes())
+        frame.pts, frame.time_base = index, Fraction(1, 25)
+        out.mux(stream.encode(frame))
+    out.mux(stream.encode(None))

@@ -1,4 +1,4 @@
-"""Encoders: which one makes a codec, its options, its pixel formats and its qualities."""
+"""FFmpeg's video encoders: codecs, options, pixel formats and qualities."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ _ENCODERS = {
     "libvpx-vp9": "libvpx-vp9", "av1": "libsvtav1", "libdav1d": "libsvtav1", "prores": "prores_ks",
     "flv1": "flv", "msmpeg4v3": "msmpeg4", "webp": "libwebp_anim",
 }  # fmt: skip
-# Where pictures are no multiple of 128 px wide, x264's vectorised macroblock tree goes by what lay
-# in memory before; its plain one, which this asks for (x264's switch for equal results on
-# all processors), does not.
+# Widths that are no multiple of 128 px: x264's vectorised macroblock tree reads uninitialised
+# memory; its plain one, which this switch for equal results on all processors selects, does not.
 _REPEATABLE = {"x264-params": "cpu-independent=1"}
+_FIXED_SCALE = (
+    "mjpeg", "mpeg4", "mpeg2video", "mpeg1video", "h263", "flv", "wmv1", "wmv2", "msmpeg4v2",
+    "msmpeg4",
+)  # fmt: skip
+"""Encoders with a fixed quantiser scale, here of 2."""
 # Visually lossless at a speed that keeps up; each may be overridden by --crf where it has one.
 _OPTIONS = {
     "libx264": {"crf": "16", "preset": "veryfast", **_REPEATABLE},
@@ -31,24 +35,10 @@ _OPTIONS = {
     "cfhd": {"quality": "film3+"},
     "libwebp_anim": {"quality": "90"},
     "ffv1": {"level": "3", "slicecrc": "1"},
-    **{
-        name: {"flags": "+qscale", "global_quality": str(2 * 118)}
-        for name in (
-            "mjpeg",
-            "mpeg4",
-            "mpeg2video",
-            "mpeg1video",
-            "h263",
-            "flv",
-            "wmv1",
-            "wmv2",
-            "msmpeg4v2",
-            "msmpeg4",
-        )
-    },
+    **dict.fromkeys(_FIXED_SCALE, {"flags": "+qscale", "global_quality": str(2 * 118)}),
 }
 _HIGHEST_CRF = {"libx264": 51, "libx264rgb": 51, "libx265": 51}
-"""Of encoders whose own table of options does not bound it [1]."""
+"""Of encoders whose options do not state it [1]."""
 
 
 def encoder_of(codec: str) -> str:
@@ -57,12 +47,12 @@ def encoder_of(codec: str) -> str:
 
 
 def encoder_called(codec: str) -> str:
-    """FFmpeg's name of the encoder that a user means by an encoder or a codec family.
+    """FFmpeg's name of an encoder that the user names by itself or by its codec family.
 
     Raises:
-        UsageError: there is none, or it is none of pictures.
+        UsageError: there is none, or it encodes no video.
     """
-    name = _ENCODERS.get(codec, codec)
+    name = encoder_of(codec)
     advice = "try libx264, libx265, prores_ks or ffv1"
     try:
         kind = av.Codec(name, "w").type
@@ -74,7 +64,7 @@ def encoder_called(codec: str) -> str:
 
 
 def not_held(codec: str, container: str) -> str:
-    """What to say of an encoder that could not be started in a container.
+    """Error message for an encoder that a container does not hold.
 
     Args:
         codec: as the user gave it.
@@ -87,7 +77,7 @@ def not_held(codec: str, container: str) -> str:
 
 
 def check_crf(crf: float, encoder: str) -> None:
-    """See that an encoder has such a quality.
+    """Refuse a quality that an encoder does not have.
 
     Raises:
         UsageError: it has no crf, or one of another range.
@@ -102,10 +92,10 @@ def check_crf(crf: float, encoder: str) -> None:
 
 
 def check_pixel_format(name: str, encoder: str | None) -> None:
-    """See that there is such a pixel format and that an encoder takes it.
+    """Refuse a pixel format that does not exist or that an encoder does not accept.
 
     Raises:
-        UsageError: there is none, or it does not.
+        UsageError: it is refused.
     """
     try:
         av.VideoFormat(name)
@@ -117,29 +107,29 @@ def check_pixel_format(name: str, encoder: str | None) -> None:
 
 
 def some_format(encoder: str) -> str:
-    """A pixel format that an encoder takes, to try it with."""
+    """A pixel format that an encoder accepts, for a trial."""
     formats = pixel_formats(encoder)
     return "yuv420p" if not formats or "yuv420p" in formats else formats[0]
 
 
 def pixel_formats(encoder: str) -> list[str]:
-    """Those that an encoder takes; empty: any."""
+    """Pixel formats that an encoder accepts; empty for any."""
     names = [one.name for one in av.Codec(encoder, "w").video_formats or ()]
-    if encoder == "mjpeg":  # limited range is no JPEG
+    if encoder == "mjpeg":  # JPEG is full range
         return [name for name in names if name.startswith("yuvj")]
-    return [name for name in names if name != "pal8"]  # nothing here makes palettes
+    return [name for name in names if name != "pal8"]  # palettes are not computed
 
 
 def encoder_options(
     encoder: str, pixel_format: str, crf: float | None, *, interlaced: bool
 ) -> dict[str, str]:
-    """What an encoder is told.
+    """Options of an encoder.
 
     Args:
         encoder: FFmpeg's name of it.
-        pixel_format: the one that it is given.
-        crf: quality the user asks for.
-        interlaced: whether frames are two fields.
+        pixel_format: its input format.
+        crf: the user's quality.
+        interlaced: whether frames consist of two fields.
 
     Raises:
         UsageError: the encoder has no such quality.
@@ -148,7 +138,7 @@ def encoder_options(
     if encoder == "dnxhd" and "10" in pixel_format:
         options["profile"] = "dnxhr_hqx" if "422" in pixel_format else "dnxhr_444"
     if encoder == "libvpx" and pixel_format == "yuva420p":
-        options["auto-alt-ref"] = "0"  # it refuses transparency with them
+        options["auto-alt-ref"] = "0"  # alternate reference frames exclude alpha
     if encoder == "prores_ks":
         options["profile"] = "4444" if "444" in pixel_format else "hq"
     if crf is not None:
@@ -160,9 +150,9 @@ def encoder_options(
 
 
 def nearest_format(wanted: str, formats: list[str], codec: str) -> str:
-    """The encoder's format that loses least, the smallest of those that lose nothing."""
+    """The format that loses least; of several that lose nothing, the smallest."""
     goal = layout(wanted)
-    # x264 and its like would take 4:4:4, which few players show, for what came as RGB.
+    # for RGB x264 and similar encoders would get 4:4:4, which few players show
     playable = codec in ("libx264", "libx265", "libvpx-vp9", "libvpx")
     if goal is None or (goal.family != "yuv" and playable):
         if goal is not None and goal.alpha and "yuva420p" in formats:
@@ -174,7 +164,7 @@ def nearest_format(wanted: str, formats: list[str], codec: str) -> str:
 
 
 def _loss(goal: PixelLayout, name: str) -> tuple[int, int, int, int, int, int]:
-    """What a format loses of another: colour, family, alpha, subsampling, bits, then waste."""
+    """Loss of a format, by importance: colour, alpha, family, subsampling, bits, then waste."""
     try:
         kind = layout(working_format(name))
     except InputError:

@@ -1,16 +1,19 @@
-"""Which encoder, pixel format and options a result gets, and why where that is not the source's."""
+"""Choice of a result's encoder, pixel format and options; times of its frames and packets."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TypeAlias
 
 import av
 from av.video.codeccontext import VideoCodecContext
+from av.video.stream import VideoStream
 
 from nlens_video.core.errors import Note, NoteKind, OutputError, UsageError
-from nlens_video.video.info import SourceInfo
+from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.output.containers import canonical, is_recent
 from nlens_video.video.output.encoders import (  # fmt: skip
     check_pixel_format,
     encoder_called,
@@ -21,7 +24,6 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     pixel_formats,
     some_format,
 )
-from nlens_video.video.output.muxers import canonical, is_recent
 from nlens_video.video.pixels.pixel_formats import layout, working_format
 
 _SAME = (
@@ -30,25 +32,28 @@ _SAME = (
     "dvvideo", "h263", "flv", "wmv1", "wmv2", "msmpeg4v2", "msmpeg4",
 )  # fmt: skip
 _LOSSLESS = ("ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "qtrle", "png", "apng")
-"""Where a container holds none of these FFV1 takes their place, so that nothing is lost."""
+"""Lossless codecs that FFV1 replaces in containers that do not hold them."""
 _INTERMEDIATE = ("prores", "dnxhd", "cfhd")
 _EDITING = ("matroska", "avi", "nut", "mxf", "mov")
-"""Containers in which lossless and intermediate codecs are looked for."""
+"""Containers of lossless and intermediate codecs."""
 _EVEN = ("libx264", "libx265")
-"""Encoders that want sizes to be multiples of what chroma is subsampled by."""
+"""Encoders whose sizes must be multiples of the chroma subsampling."""
 _NO_ORDER = ("avi", "asf", "mxf")
-"""Containers that do not tell when a picture is shown, only when it is decoded: no B-frames."""
+"""Containers that store decoding times only: no B-frames."""
 _FALLBACKS = ("libx264", "libvpx-vp9", "mpeg2video")
 _CHOOSY = ("dnxhd", "dvvideo", "h263", "mpeg1video", "mpeg2video", "cfhd", "v210", "flv", "msmpeg4")
 """Encoders that refuse some sizes or rates."""
 _MPEG_RATES = (
     24, 25, 30, 50, 60, *(Fraction(n * 1000, 1001) for n in (24, 30, 60))
 )  # fmt: skip
-"""Frame rates that the header of MPEG-1, MPEG-2 or MXF can name [1/s]."""
-
-
+"""Frame rates that the header of MPEG-1, MPEG-2 or MXF can express [1/s]."""
+_FIXED_RATE = ("mpeg1video", "mpeg2video")
+_MPEG4_LARGEST = 65535
+"""Largest denominator of a time base in an MPEG-4 part 2 header."""
+_LONGEST_DELAY_S = 60  # from decoding to display: longer ones are errors
+Packets: TypeAlias = "list[av.Packet[VideoStream]]"
 Holds = Callable[[str, str], bool]
-"""Whether a container holds what an encoder makes of a pixel format."""
+"""Whether a container holds pictures of an encoder in a pixel format."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,9 +62,9 @@ class Encoding:
 
     Attributes:
         codec: FFmpeg's name of the encoder.
-        pixel_format: FFmpeg's name of the format that the encoder is given.
+        pixel_format: FFmpeg's name of the encoder's input format.
         options: of the encoder.
-        reasons: what differs from the source, and why.
+        reasons: differences from the source, and why.
     """
 
     codec: str
@@ -78,14 +83,14 @@ def choose_encoding(
         info: the source.
         holds: whether the container holds pictures of an encoder in a pixel format.
         container: its name, for the reasons.
-        default: the codec that the container usually has; `none`: none of pictures.
-        codec: an encoder or a codec family the user asks for.
-        crf: quality the user asks for.
-        pix_fmt: pixel format the user asks for.
+        default: the container's default video codec; `none` without one.
+        codec: the user's encoder or codec family.
+        crf: the user's quality.
+        pix_fmt: the user's pixel format.
 
     Raises:
-        UsageError: what the user asks for does not exist or does not go together.
-        OutputError: the container holds nothing that the source's pictures can be encoded into.
+        UsageError: codec, quality or pixel format do not exist or do not go together.
+        OutputError: the container holds no codec for such pictures.
     """
     if codec is not None:
         name = encoder_called(codec)
@@ -105,7 +110,7 @@ def choose_encoding(
             f"{container} does not hold {name} in {chosen or wanted}; "
             "give another OUT, --codec or --pix-fmt"
         )
-    # Encoders take no such side data from the frames that they are given.
+    # encoders ignore this side data of frames
     reasons: list[str] = []
     if info.hdr_metadata:
         reasons.append(Note("HDR mastering metadata is not carried over", NoteKind.STREAM_LEFT_OUT))
@@ -126,7 +131,7 @@ def _has_alpha(pixel_format: str) -> bool:
 
 
 def _encoder(info: SourceInfo, holds: Holds, container: str, default: str) -> tuple[str, str]:
-    """The first encoder that goes, and why it is not the source's where that is so."""
+    """The first usable encoder, and why it is not the source's."""
     for name in _candidates(info, container, default):
         chosen = "" if is_recent(container, name) else _format(info, name, holds)
         if chosen and _opens(info, name, chosen):
@@ -148,7 +153,7 @@ def _encoder(info: SourceInfo, holds: Holds, container: str, default: str) -> tu
 
 
 def _own(info: SourceInfo) -> str:
-    """The encoder of the source's codec, empty where there is none."""
+    """The encoder of the source's codec; empty without one."""
     name = encoder_of(info.codec)
     known = name != info.codec or name in _SAME
     return name if known and info.kind not in ("still", "sequence") else ""
@@ -172,14 +177,13 @@ def _candidates(info: SourceInfo, container: str, default: str) -> Iterator[str]
 
 
 def _opens(info: SourceInfo, name: str, pixel_format: str) -> bool:
-    """Whether an encoder takes pictures of the source's size and rate."""
+    """Whether an encoder accepts the source's size and rate."""
     if name in ("mpeg1video", "mpeg2video") and info.average_rate not in _MPEG_RATES:
         return False
     if name not in _CHOOSY:
         return True
     context = av.CodecContext.create(name, "w")
-    if not isinstance(context, VideoCodecContext):
-        return False
+    assert isinstance(context, VideoCodecContext)
     context.width, context.height = info.stored_size
     context.pix_fmt = pixel_format
     context.framerate = info.average_rate or Fraction(25)
@@ -193,9 +197,9 @@ def _opens(info: SourceInfo, name: str, pixel_format: str) -> bool:
 
 
 def _formats(info: SourceInfo, name: str) -> list[str]:
-    """The pixel formats that an encoder may be given, the best first.
+    """Input formats for an encoder, the best first.
 
-    The source's, or the nearest that it takes; where that has alpha, what more containers hold.
+    The source's, or the nearest that it accepts; for alpha also those that more containers hold.
     """
     wanted = working_format(info.pixel_format)
     formats = pixel_formats(name)
@@ -214,5 +218,71 @@ def _formats(info: SourceInfo, name: str) -> list[str]:
 
 
 def _format(info: SourceInfo, name: str, holds: Holds) -> str:
-    """The best pixel format for an encoder that the container holds; empty: none."""
+    """The best input format of an encoder that the container holds; empty without one."""
     return next((one for one in _formats(info, name) if holds(name, one)), "")
+
+
+class EncoderClock:
+    """Times of an encoder with exact pts.
+
+    Attributes:
+        time_base: of the encoder [s].
+    """
+
+    def __init__(self, info: SourceInfo) -> None:
+        self.time_base = info.time_base
+
+    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
+        """Set the time of a frame to encode."""
+        encoded.pts, encoded.time_base = frame.pts, frame.time_base
+        encoded.duration = frame.duration
+
+    def retimed(self, packets: Packets) -> Packets:
+        """The packets, in place, at the source's times."""
+        for packet in packets:
+            # x265 leaves dts undefined in clips shorter than its reordering delay
+            if packet.pts is not None and packet.dts is not None and packet.time_base:
+                if abs(packet.pts - packet.dts) * packet.time_base > _LONGEST_DELAY_S:
+                    packet.dts = packet.pts
+        return packets
+
+
+class FixedRateClock(EncoderClock):
+    """Times of an encoder that needs a fixed rate; its packets get the source's times back."""
+
+    def __init__(self, info: SourceInfo, rate: Fraction) -> None:
+        super().__init__(info)
+        self.time_base = 1 / rate
+        self._source = info.time_base
+        self._first: int | None = None
+        self._last = -1
+
+    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
+        """Set the time of a frame to the nearest free step of the rate."""
+        if self._first is None:
+            self._first = frame.pts
+        step = round((frame.pts - self._first) * self._source / self.time_base)
+        self._last = max(step, self._last + 1)
+        encoded.pts, encoded.time_base, encoded.duration = self._last, self.time_base, 1
+
+    def retimed(self, packets: Packets) -> Packets:
+        """The packets, in place, counted from the first frame's pts."""
+        for packet in packets:
+            scale = self.time_base / self._source
+            first = self._first or 0
+            packet.pts = None if packet.pts is None else first + round(packet.pts * scale)
+            packet.dts = None if packet.dts is None else first + round(packet.dts * scale)
+            packet.duration = round(scale)
+            packet.time_base = self._source
+        return packets
+
+
+def encoder_clock(codec: str, container: str, info: SourceInfo) -> EncoderClock:
+    """The clock that suits an encoder and a container."""
+    fixed = codec in _FIXED_RATE or container == "yuv4mpegpipe"
+    # AVI stores a frame for each tick of its clock, no times; readers count ticks as frames
+    fixed |= container == "avi" and info.steady
+    fine = codec == "mpeg4" and info.time_base.denominator > _MPEG4_LARGEST
+    if fixed or fine:
+        return FixedRateClock(info, info.average_rate or Fraction(25))
+    return EncoderClock(info)

@@ -1,16 +1,14 @@
-"""Where results go: `open_sink` for anything that FFmpeg writes, stills, sequences and OpenEXR."""
+"""Opening of results: whatever FFmpeg writes, pictures, sequences and OpenEXR."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
 
 from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.video.atomic_files import check_folder
-from nlens_video.video.info import Packet, SourceFrame, SourceInfo
-from nlens_video.video.named_files import NamedFiles, local_path
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.interfaces import Sink
+from nlens_video.video.named_files import ImageSequence, NamedFiles, local_path
 from nlens_video.video.output.containers import holds_video
 from nlens_video.video.output.encoders import (
     check_crf,
@@ -19,44 +17,9 @@ from nlens_video.video.output.encoders import (
     not_held,
     some_format,
 )
-from nlens_video.video.output.muxers import SOUND_ONLY, Muxer, muxer, no_pictures, nothing_writes
 from nlens_video.video.output.still_sink import ANIMATED, EXTENSIONS, StillSink
-from nlens_video.video.output.stream_output import is_stream
+from nlens_video.video.output.stream_output import NUT, is_stream, muxer
 from nlens_video.video.output.video_sink import VideoSink
-
-
-class Sink(Protocol):
-    """Takes frames in order. A context manager: left without `commit`, it leaves nothing behind.
-
-    Attributes:
-        kept: the partial file that an aborted run has left, where that was asked for.
-    """
-
-    kept: Path | None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What differs from the source so far, and why; for the plan and the log."""
-        ...
-
-    def write(self, frame: SourceFrame) -> None:
-        """Encode one frame."""
-        ...
-
-    def write_packet(self, packet: Packet) -> None:
-        """Carry over a packet of one of the source's other streams."""
-        ...
-
-    def commit(self) -> None:
-        """Finish the result and give it its name."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None: ...  # fmt: skip
 
 
 def open_sink(
@@ -73,7 +36,7 @@ def open_sink(
         crf: quality; default: visually lossless.
         pix_fmt: pixel format; default: the source's.
         keep_partial: whether an aborted run leaves a playable file.
-        one_frame: whether only one frame of the source comes.
+        one_frame: whether the result has only one frame.
 
     Raises:
         OutputError: it cannot be written there, or nothing writes that extension.
@@ -105,10 +68,10 @@ def open_sink(
 def check_output(
     spec: str, *, codec: str | None = None, crf: float | None = None, pix_fmt: str | None = None
 ) -> None:
-    """See that a result can be written, as far as that is known before its source is opened.
+    """Check a result's name and options before its source is opened.
 
-    Quick where `codec` is None; else the codec is tried in the container, in memory. What remains
-    is what depends on the source: its size, its rate, whether it is a still.
+    Fast where `codec` is None; else the codec is tried in the container, in memory. Not checked is
+    what depends on the source: its size, its rate, whether it is a still.
 
     Args:
         spec: video file by its extension, picture, `%04d` sequence, or `-` for standard output.
@@ -117,8 +80,8 @@ def check_output(
         pix_fmt: as `open_sink`.
 
     Raises:
-        OutputError: the folder is missing or read-only, nothing writes that extension, or what it
-            names holds no pictures.
+        OutputError: the folder is missing or read-only, nothing writes that extension, or its
+            container holds no pictures.
         UsageError: codec, quality or pixel format do not exist, do not go together, or are given
             for pictures.
     """
@@ -129,7 +92,7 @@ def check_output(
         check_crf(crf, encoder)
     if spec != "-" and is_stream(spec):
         return
-    container: Muxer | None = Muxer("nut", "rawvideo")
+    container = NUT
     if spec != "-":
         path = Path(spec)
         check_folder(path)
@@ -137,16 +100,13 @@ def check_output(
             _check_pictures(spec, codec, crf, pix_fmt)
             return
         container = muxer(spec)
-    if container is None:
-        raise OutputError(nothing_writes(spec))
-    if container.video_codec == "none" or container.name in SOUND_ONLY:
-        raise OutputError(no_pictures(spec))
+    container.check_video(spec)
     if encoder is not None and not holds_video(container.name, encoder, some_format(encoder)):
         raise UsageError(not_held(str(codec), container.name))
 
 
 def _check_pictures(spec: str, codec: str | None, crf: float | None, pix_fmt: str | None) -> None:
-    """See that nothing is asked for that pictures do not have."""
+    """Refuse encoder options for pictures."""
     suffix = Path(spec).suffix.lower()
     given = {"--codec": codec, "--crf": crf, "--pix-fmt": pix_fmt if suffix == ".exr" else None}
     for option, value in given.items():

@@ -1,4 +1,4 @@
-"""Pictures and numbered sequences, one file a frame, all of them appearing at the end."""
+"""Pictures and numbered sequences: one file a frame, renamed to their final names at the end."""
 
 from __future__ import annotations
 
@@ -6,48 +6,48 @@ import contextlib
 import shutil
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any
 
 import av
+import numpy as np
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import OutputError
 from nlens_video.video.atomic_files import partial_name, publish, remove_stale
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
-from nlens_video.video.numbered import ImageSequence
+from nlens_video.video.interfaces import Sink
+from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.output.encoding import choose_encoding
-from nlens_video.video.pixels.convert import picture_channels, picture_frame, upright_frame
-from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
+from nlens_video.video.pixels.picture import picture_channels, picture_frame
+from nlens_video.video.pixels.pixel_formats import (
+    converted,
+    copy_colour_tags,
+    layout,
+    working_format,
+)
 
 EXTENSIONS = {
     ".png": "png", ".jpg": "mjpeg", ".jpeg": "mjpeg", ".tif": "tiff", ".tiff": "tiff",
     ".bmp": "bmp", ".webp": "libwebp", ".exr": "exr",
 }  # fmt: skip
 ANIMATED = (".webp",)
-"""Of these, those whose files hold a video as well."""
+"""Those of them that hold videos as well."""
 _QUALITY = {
     "mjpeg": {"flags": "+qscale", "global_quality": str(2 * 118)},
     "libwebp": {"lossless": "1"},
 }
 
 
-class StillSink:
+class StillSink(Sink):
     """One picture, or a `%04d` sequence; a frame keeps its number, a video's count from 0.
 
     Files are written into a hidden folder beside the result and moved out on `commit`.
-
-    Attributes:
-        notes: what differs from the source, and why.
-        kept: the folder that an aborted run has left, where that was asked for.
     """
 
     def __init__(
         self, spec: str, info: SourceInfo, *, pix_fmt: str | None = None, keep_partial: bool = False
     ) -> None:
-        self.kept: Path | None = None
-        self.notes: tuple[str, ...] = ()
         self._info = info
         self._path = Path(spec)
         self._numbered = ImageSequence(spec) if ImageSequence.matches(spec) else None
@@ -58,27 +58,19 @@ class StillSink:
         self._format = "gbrpf32le"
         if self._codec != "exr":
             encoding = choose_encoding(
-                info,
-                lambda name, _: name == self._codec,
-                self._path.suffix,
-                codec=self._codec,
-                pix_fmt=pix_fmt,
-            )
-            self._format, self.notes = encoding.pixel_format, encoding.reasons
-        self.notes = (*self.notes, *remove_stale(self._path))
+                info, lambda name, _: name == self._codec, self._path.suffix,
+                codec=self._codec, pix_fmt=pix_fmt,
+            )  # fmt: skip
+            self._format, self._notes = encoding.pixel_format, encoding.reasons
+        self._notes += remove_stale(self._path)
         self._folder = partial_name(self._path)
         try:
             self._folder.mkdir(exist_ok=True)
         except OSError as error:
             raise OutputError(f"{spec}: cannot be written ({error.strerror})") from error
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    def close(self) -> None:
+        """Discard the files, or keep them where that was requested."""
         if self._folder.is_dir() and self._keep and self._written:
             self.kept = self._path.with_name(f"{self._path.stem}.partial")
             shutil.rmtree(self.kept, ignore_errors=True)  # of an earlier run
@@ -107,7 +99,7 @@ class StillSink:
         self._written.append(path)
 
     def write_packet(self, packet: Packet) -> None:
-        """Pictures carry no other streams."""
+        """Nothing: pictures have no other streams."""
 
     def commit(self) -> None:
         """Give the files their names.
@@ -127,13 +119,12 @@ class StillSink:
         if jpeg or self._info.rotation:  # JPEG has its own matrix, and turning wants whole pixels
             pixels = picture_frame(frame.picture, self._whole_format())
             if self._info.rotation:
-                pixels = upright_frame(pixels, self._info.rotation)
+                pixels = _upright(pixels, self._info.rotation)
             pixels = converted(pixels, self._format)
         else:
             pixels = picture_frame(frame.picture, self._format)
         context = av.CodecContext.create(self._codec, "w")
-        if not isinstance(context, VideoCodecContext):
-            raise OutputError(f"{self._codec} is no picture encoder")
+        assert isinstance(context, VideoCodecContext)
         context.width, context.height, context.pix_fmt = pixels.width, pixels.height, self._format
         context.time_base = Fraction(1, 25)
         context.thread_count = 1
@@ -146,11 +137,22 @@ class StillSink:
         return b"".join(bytes(packet) for packet in packets)
 
     def _whole_format(self) -> str:
-        """A format that holds the encoder's without subsampling."""
+        """A format without subsampling that holds the samples of the encoder's."""
         kind = layout(working_format(self._format))
         if kind is None or kind.family == "yuv":
             return "rgb24" if kind is None or kind.bits == 8 else "rgb48le"
         return working_format(self._format)
+
+
+def _upright(frame: av.VideoFrame, rotation: int) -> av.VideoFrame:
+    """A copy turned counter-clockwise by a multiple of 90 [deg]; not of subsampled formats."""
+    array = frame.to_ndarray()
+    kind = layout(frame.format.name)
+    axes = (1, 2) if array.ndim == 3 and kind is not None and kind.channels == 1 else (0, 1)
+    turned: Any = np.ascontiguousarray(np.rot90(array, round(rotation / 90), axes))
+    result = av.VideoFrame.from_ndarray(turned, frame.format.name)
+    copy_colour_tags(result, frame)
+    return result
 
 
 def _first_number(source: str) -> int:

@@ -1,9 +1,10 @@
-"""Results written as they come, under no temporary name: standard output, named pipes, URLs."""
+"""Destinations of results: muxers by file names; standard output, named pipes and URLs."""
 
 from __future__ import annotations
 
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import urlsplit
@@ -12,19 +13,65 @@ import av
 import av.container
 
 from nlens_video.core.errors import OutputError
-from nlens_video.video.output.muxers import Muxer, muxer, nothing_writes
 from nlens_video.video.output.still_sink import EXTENSIONS
 
 _BY_SCHEME = {"rtmp": "flv", "rtsp": "rtsp", "tcp": "mpegts", "udp": "mpegts"}
-"""Containers of protocols whose addresses have no extension."""
+"""Containers of protocols whose URLs have no extension."""
 _CAMERAS = "/dev/video"
+_SOUND_ONLY = ("mp3", "flac")
+"""Muxers whose default video codec is for covers only."""
 _MP4_FAMILY = (".mp4", ".mov", ".m4v", ".3gp")
-_UNSOUGHT = {"movflags": "frag_keyframe+delay_moov+default_base_moof"}
-"""MP4 and MOV in parts: nothing can be written into their beginning later."""
+_FRAGMENTED = {"movflags": "frag_keyframe+delay_moov+default_base_moof"}
+"""Fragmented MP4 and MOV: a pipe cannot be rewound to write the index."""
+
+
+@dataclass(frozen=True, slots=True)
+class Muxer:
+    """A muxer.
+
+    Attributes:
+        name: FFmpeg's.
+        video_codec: its default codec of pictures; `none` where it holds none.
+    """
+
+    name: str
+    video_codec: str
+
+    def check_video(self, spec: str) -> None:
+        """Refuse a container without pictures for a result.
+
+        Raises:
+            OutputError: it holds sound only.
+        """
+        if self.video_codec == "none" or self.name in _SOUND_ONLY:
+            kind = f"{Path(spec).suffix} files hold"
+            raise OutputError(f"{spec}: {kind} no video; try .mp4, .mov, .mkv, .webm, .png")
+
+
+NUT = Muxer("nut", "rawvideo")
+"""Muxer of standard output."""
+
+
+def muxer(spec: str) -> Muxer:
+    """The muxer of a file's name; no file is made.
+
+    Raises:
+        OutputError: nothing writes such files.
+    """
+    try:
+        with av.open(f"file:{spec}", "w") as container:
+            return Muxer(container.format.name, container.default_video_codec)
+    except ValueError as error:
+        raise nothing_writes(spec) from error
+
+
+def nothing_writes(spec: str) -> OutputError:
+    """Error of a file's name without a muxer."""
+    return OutputError(f"{spec}: nothing writes this extension; try .mp4, .mov, .mkv, .webm, .png")
 
 
 def is_stream(spec: str) -> bool:
-    """Whether a result is written as it comes: it is no regular file, nor will it be one."""
+    """Whether a result is a standard stream, a URL, a device or a pipe, not a regular file."""
     if spec == "-" or "://" in spec or spec.startswith(_CAMERAS):
         return True
     path = Path(spec)
@@ -33,10 +80,10 @@ def is_stream(spec: str) -> bool:
 
 
 class StreamOutput:
-    """A container that is written as it comes.
+    """A container that is written sequentially.
 
     Args:
-        spec: for which `is_stream` holds.
+        spec: a name for which `is_stream` is true.
 
     Attributes:
         container: FFmpeg's.
@@ -48,7 +95,7 @@ class StreamOutput:
     def __init__(self, spec: str) -> None:
         self._file: BinaryIO | None = None
         try:
-            self.container = self._opened(spec)
+            self.container = self._open(spec)
         except ValueError as error:
             raise OutputError(
                 f"{spec}: nothing says which container to write; end it in .mkv, .ts or .flv, or "
@@ -58,11 +105,11 @@ class StreamOutput:
             raise OutputError(f"{spec}: cannot be written ({error.strerror})") from error
 
     def close(self) -> None:
-        """Let go of a pipe, so that its reader sees the end."""
+        """Close a pipe, so that its reader sees the end."""
         if self._file is not None:
             self._file.close()
 
-    def _opened(self, spec: str) -> av.container.OutputContainer:
+    def _open(self, spec: str) -> av.container.OutputContainer:
         if spec == "-":
             if sys.stdout is None:
                 raise OutputError("standard output: is closed; give OUT a name, or pipe it on")
@@ -75,26 +122,24 @@ class StreamOutput:
                 f"| ffmpeg -i - -pix_fmt yuv420p -f v4l2 {spec}"
             )
         suffix = Path(spec).suffix.lower()
-        options = _UNSOUGHT if suffix in _MP4_FAMILY else {}
-        found = muxer(spec) if suffix else Muxer("nut", "rawvideo")
-        if found is None:
-            raise OutputError(nothing_writes(spec))
-        # opened here: waiting for the reader of a named pipe must not keep Ctrl-C from being heard
+        options = _FRAGMENTED if suffix in _MP4_FAMILY else {}
+        found = muxer(spec) if suffix else NUT
+        # opened here, where Ctrl-C interrupts the wait for the reader of a named pipe
         self._file = Path(spec).open("wb")
         return av.open(_Pipe(self._file), "w", format=found.name, container_options=options)
 
 
 class _Pipe:
-    """What FFmpeg writes to: an interrupt ends a write that a stalled reader blocks.
+    """File that FFmpeg writes to; an interrupt ends a write that a stalled reader blocks.
 
-    PyAV loses what is raised here, so the interrupt is left for `signals.check` to raise.
+    PyAV loses exceptions that are raised here: `signals.check` raises the interrupt.
     """
 
     def __init__(self, pipe: BinaryIO) -> None:
         self._pipe = pipe
 
     def write(self, data: bytes) -> int:
-        """Write all of it, nowhere once the run is interrupted."""
+        """Write all bytes; after an interrupt, discard them."""
         try:
             self._pipe.write(data)
         except KeyboardInterrupt:

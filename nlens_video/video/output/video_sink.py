@@ -1,4 +1,4 @@
-"""Encoding into a container: exact timing, tags and the source's other streams carried over."""
+"""Encoding of video into a container, with exact times, tags and the source's other streams."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import av
 import av.container
@@ -18,16 +16,15 @@ from av.video.stream import VideoStream
 
 from nlens_video.core import signals
 from nlens_video.core.color import FULL_RANGE
-from nlens_video.core.errors import InputError, OutputError, ReaderGone
+from nlens_video.core.errors import OutputError, ReaderGone
 from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, remove_stale
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
-from nlens_video.video.output.carried_streams import Carried, sample_entry, set_tags
+from nlens_video.video.interfaces import Sink
+from nlens_video.video.output.carried_streams import CarriedStreams, sample_entry, set_tags
 from nlens_video.video.output.containers import holds_video
-from nlens_video.video.output.encoder_clock import encoder_clock
-from nlens_video.video.output.encoding import Encoding, choose_encoding
-from nlens_video.video.output.muxers import SOUND_ONLY, no_pictures, nothing_writes
-from nlens_video.video.output.stream_output import StreamOutput, is_stream
-from nlens_video.video.pixels.convert import picture_frame
+from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
+from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
+from nlens_video.video.pixels.picture import picture_frame
 
 _PLAYABLE = {
     "flush_packets": "1",
@@ -35,22 +32,20 @@ _PLAYABLE = {
     "movflags": "hybrid_fragmented+delay_moov", "frag_duration": "500000",
     "cluster_time_limit": "500",  # Matroska
 }  # fmt: skip
-"""Options of containers that can be played as far as they are written: parts of half a second."""
+"""Options of containers that are playable while they are written: fragments of half a second."""
 
 
-class VideoSink:
-    """A video file, or a stream that is written as it comes.
+class VideoSink(Sink):
+    """A video file, or a stream that is written sequentially; arguments as `open_sink`.
 
     Attributes:
         encoding: encoder, pixel format, options.
-        kept: the partial file that an aborted run has left, where that was asked for.
     """
 
     def __init__(
         self, spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
         pix_fmt: str | None = None, keep_partial: bool = False,
     ) -> None:  # fmt: skip
-        self.kept: Path | None = None
         self._info = info
         self._spec = spec
         self._path = None if is_stream(spec) else Path(spec)
@@ -60,48 +55,36 @@ class VideoSink:
         self._open = True
         self._committed = False
         self._written = 0
-        found = self._rescued()
+        rescued = self._rescued()
         self._container = self._open_container()
         try:
             if self._direct is not None and self._container.format.name == "nut" and codec is None:
                 codec = "rawvideo"
             name, default = self._container.format.name, self._container.default_video_codec
-            if default == "none" or name in SOUND_ONLY:
-                raise OutputError(no_pictures(spec))
+            Muxer(name, default).check_video(spec)
             self.encoding = choose_encoding(
                 info, partial(holds_video, name), name, default=default,
                 codec=codec, crf=crf, pix_fmt=pix_fmt,
             )  # fmt: skip
             self._stream = self._add_video(self.encoding)
-            self._carried = Carried(self._container, info)
+            self._carried = CarriedStreams(self._container, info)
         except BaseException:
             self._discard()
             raise
-        self._notes = (*self.encoding.reasons, *self._carried.notes, *found)
+        self._notes = (*self.encoding.reasons, *self._carried.notes, *rescued)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What differs from the source so far, and why."""
+        """Differences from the source so far, with reasons."""
         count = self._carried.left_out
         lost = f"{count} damaged packets of sound or other streams were left out"
         return (*self._notes, *((lost,) if count else ()))
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    def close(self) -> None:
+        """Discard the result, or keep what is written where that was requested."""
         if self._committed:
             return
-        if (
-            self._keep
-            and self._open
-            and self._written
-            and self._path is not None
-            and self._partial is not None
-        ):
+        if self._keep and self._open and self._written and self._path and self._partial:
             with contextlib.suppress(OutputError):
                 self._finish()
                 self.kept = kept_name(self._path)
@@ -112,7 +95,7 @@ class VideoSink:
         """Encode one frame at its own time.
 
         Raises:
-            OutputError: the disk is full, the encoder refuses.
+            OutputError: the disk is full, or the encoder refuses the frame.
         """
         encoded = picture_frame(frame.picture, self.encoding.pixel_format)
         self._clock.stamp(encoded, frame)
@@ -124,9 +107,9 @@ class VideoSink:
         signals.check()  # FFmpeg loses an interrupt that arrives while it writes
 
     def write_packet(self, packet: Packet) -> None:
-        """Carry over a packet of another stream; one that was dropped, or after the end: nothing.
+        """Write a packet of another stream, unless the stream is left out or has ended.
 
-        One that is damaged, or whose time steps back, is left out and counted.
+        Damaged packets, and those whose time steps back, are left out and counted.
 
         Raises:
             OutputError: the disk is full, or the container refuses it.
@@ -138,14 +121,14 @@ class VideoSink:
         signals.check()
 
     def commit(self) -> None:
-        """Finish the file and give it its name.
+        """Finish the file and rename it to its final name.
 
         Raises:
             OutputError: it cannot be written.
         """
         self._finish()
         signals.check()
-        if self._path is not None and self._partial is not None:
+        if self._path and self._partial:
             publish(self._partial, self._path)
         self._committed = True
 
@@ -159,7 +142,7 @@ class VideoSink:
                 self._direct.close()
 
     def _rescued(self) -> tuple[str, ...]:
-        """What killed runs have left: the last of it is kept where that is asked for."""
+        """Remove files of killed runs, or keep the last of them where that was requested."""
         if self._path is None:
             return ()
         notes: tuple[str, ...] = ()
@@ -205,11 +188,11 @@ class VideoSink:
             options["avoid_negative_ts"] = "disabled"
         if self._keep:
             options |= _PLAYABLE
-        # a name with a colon in it is no protocol
+        # file: a name with a colon is no protocol
         try:
             return av.open(f"file:{self._partial}", "w", container_options=options)
         except ValueError as error:
-            raise OutputError(nothing_writes(self._spec)) from error
+            raise nothing_writes(self._spec) from error
         except (av.FFmpegError, OSError) as error:
             raise OutputError(f"{self._spec}: cannot be written ({error.strerror})") from error
 
@@ -217,8 +200,7 @@ class VideoSink:
         info = self._info
         rate = info.average_rate or Fraction(25)
         stream = self._container.add_stream(encoding.codec, rate, dict(encoding.options))
-        if not isinstance(stream, VideoStream):
-            raise InputError(f"{encoding.codec} is no video encoder")
+        assert isinstance(stream, VideoStream)
         context = stream.codec_context
         stream.width, stream.height = info.stored_size
         stream.pix_fmt = encoding.pixel_format
@@ -245,7 +227,7 @@ class VideoSink:
         return stream
 
     def _set_colour(self, stream: VideoStream) -> None:
-        """The source's own tags; where RGB becomes YUV, those that `converted` writes."""
+        """The source's tags; after a conversion from RGB to YUV those of `converted`."""
         tags, context = self._info.frame_tags, stream.codec_context
         was = self._info.tags.matrix == "gbr"
         becomes = av.VideoFormat(self.encoding.pixel_format).is_rgb

@@ -1,4 +1,7 @@
-"""Decoding a box to light and compositing over it, as `blend_ref` defines it, by tables."""
+"""Compiled kernels that decode samples to light and composite over them, with tabulated curves.
+
+`blend_ref` defines the results.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +12,24 @@ import numba
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32
-from nlens_video.video.pixels.sample_tables import (
-    Axis,
-    Plane,
-    Samples,
-    Tables,
-    display_table,
-    tables,
-)
+from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_table, tables
 
-# numba's cache on disk is renewed when this file changes, and only then: a number compiled in from
-# `blend_samples` would go stale, so it stands here too, and a test holds the two together
+# numba's cache on disk depends on this file alone: constants imported from `samples` would become
+# stale, so they are repeated here; a test compares both
 STEPS_BITS, FIRST_OCTAVE = 7, -40
 _SHIFT = 23 - STEPS_BITS
 _FIRST_PIECE = (127 + FIRST_OCTAVE) << STEPS_BITS
 _SMALLEST = np.float32(2.0**FIRST_OCTAVE)
 _MASK = np.int32((1 << _SHIFT) - 1)
 _FRACTION = np.float32(2.0**-_SHIFT)
-SIDE = 3  # samples across and down that stand for a part; with 2, a pan is followed half as well
+SIDE = 3  # samples across and down of a mean; with 2, pans are measured half as precisely
 _inline = numba.njit(inline="always")
 
 
+# numba infers the types of the kernels' arguments
 @_inline
 def _look_up(table, value):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """A table at a value of any sign: the float's own exponent and mantissa are the position."""
+    """A table at a value of any sign: the float's exponent and mantissa are the position."""
     size = abs(value)
     if size < _SMALLEST:
         result = table[0] + (table[1] - table[0]) * (size / _SMALLEST)
@@ -74,7 +71,6 @@ def _linear(planes, axes, corner, rgb_from_codes, to_linear, to_bt709, to_displa
                 out[i, j, k] = value
 
 
-# numba infers the types of arguments, here as of all kernels of this file
 @_inline
 def _mean(plane, rows, columns, i, j):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     total = np.float32(0)
@@ -114,8 +110,8 @@ def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN
     plane[y, x] = value
 
 
-# numba infers the types of its arguments; one function, because an array handed from kernel to
-# kernel for each pixel is counted each time, which takes longer than blending it
+# one function: passing an array from kernel to kernel for each pixel updates its reference count,
+# which takes longer than the blend
 def _over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
     """`blend_ref.over`; `before` holds first component and alpha of the box as they were."""
     first, second, third = planes
@@ -198,9 +194,6 @@ def _over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # ty
             _put(third, row, column, c + change_c / total, peak)
 
 
-_Axis = tuple[int, int, int, Float32]
-
-
 @cache
 def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     """The kernel for one type of samples; strides are free, so that one serves all layouts."""
@@ -220,12 +213,12 @@ def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     return compiled
 
 
-def _axis(axis: Axis) -> _Axis:
+def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
     return axis.step, axis.phase, axis.first, np.array(axis.weights, np.float32)
 
 
 def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
-    maps: Tables = tables(samples.coding)
+    maps = tables(samples.coding)
     out = np.empty((box.height, box.width, 3), np.float32)
     _compiled(_linear, samples.planes[0].dtype.name)(
         samples.planes, (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),
@@ -240,8 +233,8 @@ def linear(samples: Samples, box: Box) -> Float32:
 
 
 def reduced(samples: Samples, width: int, height: int) -> Float32:
-    """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes from each part."""
-    maps: Tables = tables(samples.coding)
+    """Scene-linear BT.709 RGB (height, width, 3), each of the mean of nine codes of its cell."""
+    maps = tables(samples.coding)
     out = np.empty((height, width, 3), np.float32)
     _compiled(_reduced, samples.planes[0].dtype.name)(
         samples.planes, maps.rgb_from_codes, maps.to_linear, maps.to_bt709, out
@@ -257,18 +250,15 @@ def srgb(samples: Samples, box: Box) -> Float32:
 def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
     """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame.
 
-    With `of_plate` its colours are shares of the plate's own light.
+    With `of_plate` its colours are multiples of the plate's own light.
     """
     if box.empty:
         return
-    maps: Tables = tables(samples.coding)
+    maps = tables(samples.coding)
     first = samples.planes[0]
     rows, columns = slice(box.y0, box.y1), slice(box.x0, box.x1)
     alpha: Plane = np.empty((0, 0), first.dtype) if samples.alpha is None else samples.alpha
-    before = (
-        np.array(first[rows, columns], order="C"),
-        np.array(alpha[rows, columns], order="C"),
-    )
+    before = tuple(np.array(one[rows, columns], order="C") for one in (first, alpha))
     _compiled(_over, first.dtype.name)(
         samples.planes, alpha, (samples.associated, of_plate), before,
         (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),

@@ -1,16 +1,23 @@
-"""Decoding a box to light and compositing over it, in the slow, obvious way: defines `blend`."""
+"""NumPy reference of `blend`: decodes samples to light and composites over them."""
 
 from __future__ import annotations
+
+from copy import deepcopy
 
 import numpy as np
 
 from nlens_video.core.color import primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Float64
-from nlens_video.video.pixels.sample_tables import Axis, Coding, Plane, Samples
+from nlens_video.video.pixels.samples import (
+    Axis,
+    Coding,
+    Plane,
+    Samples,
+)
 
 
 def linear(samples: Samples, box: Box) -> Float64:
-    """Scene-linear BT.709 RGB (h, w, 3) of a box inside the frame; chroma is that of the cell."""
+    """Scene-linear BT.709 RGB (h, w, 3) of a box inside the frame; chroma is not interpolated."""
     out = np.empty((box.height, box.width, 3))
     to_linear = transfer(samples.coding.tags.transfer).to_linear
     back = np.linalg.inv(primaries_from_bt709(samples.coding.tags.primaries))
@@ -22,7 +29,7 @@ def linear(samples: Samples, box: Box) -> Float64:
 
 
 def reduced(samples: Samples, width: int, height: int) -> Float64:
-    """Scene-linear BT.709 RGB (height, width, 3): of each part the mean codes of nine samples.
+    """Scene-linear BT.709 RGB (height, width, 3), each of the mean of nine codes of its cell.
 
     They lie in the middle of its thirds, across and down.
     """
@@ -43,20 +50,12 @@ def reduced(samples: Samples, width: int, height: int) -> Float64:
 def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
     """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame.
 
-    A sample changes by the change of the codes of the pixels under its filter. A chroma sample
-    whose own cell the layer does not touch stays, and all pixels under the filter of one are
-    composited over that sample's own chroma: so an opaque layer replaces it completely. With
-    `of_plate` the layer's colours are shares of the plate's own light.
+    A chroma sample changes by the filtered change of the codes of the pixels under its filter, all
+    of them composited over that sample's own chroma: an opaque layer replaces it completely. It
+    stays where the layer does not touch its cell. With `of_plate` the layer's colours are multiples
+    of the plate's own light.
     """
-    before = tuple(plane.copy() for plane in samples.planes)
-    old = Samples(
-        (before[0], before[1], before[2]),
-        None if samples.alpha is None else samples.alpha.copy(),
-        samples.across,
-        samples.down,
-        samples.coding,
-        samples.associated,
-    )
+    old = deepcopy(samples)
     touched = set()
     for y in range(box.y0, box.y1):
         for x in range(box.x0, box.x1):
@@ -68,15 +67,10 @@ def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -
             change = _change(old, (x, y), cell, layer, of_plate=of_plate)
             _put(samples.planes[0], y, x, change[0], samples.coding)
             if samples.alpha is not None and old.alpha is not None:
-                free = (1.0 - layer[3]) * (1.0 - old.alpha[y, x] / (samples.coding.peak or 1.0))
                 full = samples.coding.peak or 1.0
-                _put(
-                    samples.alpha,
-                    y,
-                    x,
-                    (1.0 - free) * full - float(old.alpha[y, x]),
-                    samples.coding,
-                )
+                free = (1.0 - layer[3]) * (1.0 - old.alpha[y, x] / full)
+                rise = (1.0 - free) * full - float(old.alpha[y, x])
+                _put(samples.alpha, y, x, rise, samples.coding)
     for row, column in touched:
         change = _filtered(old, box, rgba, (row, column), of_plate=of_plate)
         for plane, delta in zip(samples.planes[1:], change, strict=True):
@@ -126,7 +120,7 @@ def _rgb(coding: Coding, codes: Float64) -> Float64:
 def _change(
     old: Samples, place: tuple[int, int], cell: tuple[int, int], layer: Float64, *, of_plate: bool
 ) -> Float64:
-    """Change (3,) of the codes of a pixel, were its chroma that of `cell`."""
+    """Change (3,) of the codes of a pixel with the chroma of `cell`."""
     coding, (x, y) = old.coding, place
     curve = transfer(coding.tags.transfer)
     plate = _rgb(coding, _codes(old, x, y, cell))
@@ -142,7 +136,7 @@ def _change(
     if covered > 0.0 and not old.associated:
         light = light / covered
     coded = curve.to_coded(light)
-    if coding.bits:  # codes past black and white stay where the plate has them, and grow nowhere
+    if coding.bits:  # codes beyond black and white stay, and do not grow
         coded = np.clip(coded, np.minimum(plate, 0.0), np.maximum(plate, 1.0))
     return np.asarray(coding.codes_from_rgb @ (coded - plate))
 

@@ -1,4 +1,4 @@
-"""Pictures that composite on their own samples: FFmpeg's frames and NumPy arrays."""
+"""Pictures that are composited on in their own samples: FFmpeg's frames and NumPy arrays."""
 
 from __future__ import annotations
 
@@ -8,97 +8,89 @@ import av
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.color import ColorTags
+from nlens_video.core.color import ColorTags, transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.video.pixels import blend
-from nlens_video.video.pixels.pixel_formats import unpacked
-from nlens_video.video.pixels.sample_tables import Plane, Samples
-from nlens_video.video.pixels.sample_views import array_samples, frame_samples, frame_tags
+from nlens_video.video.pixels.pixel_formats import converted, copy_colour_tags, unpacked
+from nlens_video.video.pixels.samples import (
+    Plane,
+    Samples,
+    array_samples,
+    frame_samples,
+    frame_tags,
+)
 
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
 """Tags of an array that carries none: display-coded sRGB."""
+_SRGB_TRC = 13
 
 
-class _Blended:
-    """The half of a `Picture` that only needs samples."""
+class _SamplesPicture:
+    """A `Picture` that is defined by its samples."""
 
-    def _samples(self) -> Samples:
+    def samples(self) -> Samples:
+        """Upright views of the samples."""
         raise NotImplementedError
 
-    def _mix(self, other: Picture, share: float) -> None:
-        if not isinstance(other, _Blended):
-            raise TypeError(f"{type(other).__name__} has no samples")
-        mine, theirs = self._samples(), other._samples()
-        for own, its in zip(
-            (*mine.planes, mine.alpha), (*theirs.planes, theirs.alpha), strict=True
-        ):
-            if own is None or its is None:
-                continue
-            moved = np.float32(share) * (its.astype(np.float32) - own)
-            if own.dtype.kind == "u":
-                moved = np.rint(moved)
-            own[...] = (own + moved).astype(own.dtype)
+    def _make_writable(self) -> None:
+        """Prepare the samples for writing."""
 
     def srgb(self) -> Float32:
         """The whole picture, display-coded sRGB in [0, 1], (H, W, 3)."""
-        samples = self._samples()
+        samples = self.samples()
         height, width = samples.planes[0].shape
         return blend.srgb(samples, Box(0, 0, width, height))
 
     def linear(self, box: Box) -> Float32:
         """Scene-linear BT.709 RGB (h, w, 3) of a box that lies inside the frame."""
-        samples = self._samples()
+        samples = self.samples()
         _check(samples, box)
         return blend.linear(samples, box)
 
     def reduced(self, width: int, height: int) -> Float32:
         """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes, for measurements."""
-        return blend.reduced(self._samples(), width, height)
+        return blend.reduced(self.samples(), width, height)
+
+    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
+        self._make_writable()
+        samples = self.samples()
+        _check(samples, box, rgba)
+        blend.over(samples, box, rgba, of_plate=of_plate)
+
+    def mix(self, other: Picture, share: float) -> None:
+        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
+        if not isinstance(other, _SamplesPicture):
+            raise TypeError(f"{type(other).__name__} has no samples")
+        self._make_writable()
+        mine, theirs = self.samples(), other.samples()
+        for own, its in zip(
+            (*mine.planes, mine.alpha), (*theirs.planes, theirs.alpha), strict=True
+        ):
+            if own is None or its is None:
+                continue
+            change = np.float32(share) * (its.astype(np.float32) - own)
+            if own.dtype.kind == "u":
+                change = np.rint(change)
+            own[...] = (own + change).astype(own.dtype)
 
 
-def copied(frame: av.VideoFrame) -> av.VideoFrame:
-    """A frame with samples of its own."""
-    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
-    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
-        rows, own = _rows(theirs), _rows(mine)
-        height, width = np.minimum(rows.shape, own.shape)
-        own[:height, :width] = rows[:height, :width]
-    take_tags(copy, frame)
-    return copy
-
-
-def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
-    """Give a frame the time and the colour tags of the one it was made from."""
-    made.pts = frame.pts
-    if frame.time_base is not None:  # frames that no decoder has made have none
-        made.time_base = frame.time_base
-    made.colorspace, made.color_range = frame.colorspace, frame.color_range
-    made.color_primaries, made.color_trc = frame.color_primaries, frame.color_trc
-
-
-def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
-    """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
-    return np.frombuffer(memoryview(plane), np.uint8).reshape(
-        -1, plane.line_size or plane.buffer_size
-    )
-
-
-class AvPicture(_Blended):
+class AvPicture(_SamplesPicture):
     """One of FFmpeg's frames, seen upright.
 
-    The frame is unpacked into a working format where it is in none; `frame` is then that copy. It
-    is made writable only when something is composited on it.
+    A frame in another format than a working format is unpacked; `frame` is then that copy. It is
+    made writable only for compositing.
 
     Args:
         frame: the frame; composited in place.
-        tags: what the samples mean; default: what the frame's own tags say.
+        tags: colour tags; default: those of the frame.
         rotation: counter-clockwise turn that makes it upright, a multiple of 90 [deg]; default:
             the frame's display matrix.
         centred_chroma: whether chroma at half the width lies between two luma columns, as in
             JPEG; default: on the left one, as in nearly all video of either range.
 
     Raises:
-        InputError: the pixel format is one that nothing is known about.
+        InputError: the pixel format is not supported.
     """
 
     def __init__(
@@ -113,29 +105,26 @@ class AvPicture(_Blended):
     @property
     def width(self) -> int:
         """Columns as displayed [px]."""
-        return self.frame.height if self._lies else self.frame.width
+        return self.frame.height if self._turns % 2 else self.frame.width
 
     @property
     def height(self) -> int:
         """Rows as displayed [px]."""
-        return self.frame.width if self._lies else self.frame.height
+        return self.frame.width if self._turns % 2 else self.frame.height
 
     @property
-    def _lies(self) -> bool:
-        return round(self.rotation / 90) % 2 == 1
+    def _turns(self) -> int:
+        return round(self.rotation / 90)
 
-    def _samples(self) -> Samples:
+    def samples(self) -> Samples:
+        """Upright views of the frame's samples."""
         return frame_samples(
-            self.frame, self.tags, round(self.rotation / 90), centred_chroma=self.centred_chroma
-        )
+            self.frame, self.tags, self._turns, centred_chroma=self.centred_chroma
+        )  # fmt: skip
 
-    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
-        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
-        # The decoder predicts later frames from this buffer: without a copy they would be damaged.
+    def _make_writable(self) -> None:
+        # the decoder predicts later frames from this buffer: writing to it would damage them
         self.frame.make_writable()
-        samples = self._samples()
-        _check(samples, box, rgba)
-        blend.over(samples, box, rgba, of_plate=of_plate)
 
     def copy(self) -> AvPicture:
         """The same picture with samples of its own."""
@@ -144,14 +133,9 @@ class AvPicture(_Blended):
             centred_chroma=self.centred_chroma,
         )  # fmt: skip
 
-    def mix(self, other: Picture, share: float) -> None:
-        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
-        self.frame.make_writable()
-        self._mix(other, share)
 
-
-class ArrayPicture(_Blended):
-    """A NumPy picture, as OpenCV and image loops hold it; composited in place.
+class ArrayPicture(_SamplesPicture):
+    """A NumPy picture, as in OpenCV or an image loop; composited in place.
 
     Args:
         array: (H, W), (H, W, 3) or (H, W, 4) of uint8, uint16 or float32.
@@ -186,27 +170,17 @@ class ArrayPicture(_Blended):
         """Rows [px]."""
         return int(self.array.shape[0])
 
-    def _samples(self) -> Samples:
+    def samples(self) -> Samples:
+        """Views of the array."""
         return self._views
-
-    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
-        """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
-        _check(self._views, box, rgba)
-        blend.over(self._views, box, rgba, of_plate=of_plate)
 
     def copy(self) -> ArrayPicture:
         """The same picture with samples of its own."""
-        return ArrayPicture(
-            self.array.copy(), self.order, self.tags, associated=self.associated
-        )  # fmt: skip
-
-    def mix(self, other: Picture, share: float) -> None:
-        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
-        self._mix(other, share)
+        return ArrayPicture(self.array.copy(), self.order, self.tags, associated=self.associated)
 
 
 def _check(samples: Samples, box: Box, rgba: Float32 | None = None) -> None:
-    """The kernels do not look where they write, so this does."""
+    """Refuse what the kernels, which do not check bounds, cannot process."""
     height, width = samples.planes[0].shape
     if box.intersection(Box(0, 0, width, height)) != box and not box.empty:
         raise ValueError(f"{box} does not lie inside the frame of {width}x{height}")
@@ -214,3 +188,89 @@ def _check(samples: Samples, box: Box, rgba: Float32 | None = None) -> None:
         raise ValueError(f"{rgba.shape = } does not fit {box}")
     if rgba is not None and not np.isfinite(rgba).all():
         raise ValueError("the layer holds values that are not finite")
+
+
+def copied(frame: av.VideoFrame) -> av.VideoFrame:
+    """A frame with samples of its own."""
+    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
+    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
+        rows, own = _rows(theirs), _rows(mine)
+        height, width = np.minimum(rows.shape, own.shape)
+        own[:height, :width] = rows[:height, :width]
+    take_tags(copy, frame)
+    return copy
+
+
+def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
+    """Copy the time and the colour tags of a frame to one that was made from it."""
+    made.pts = frame.pts
+    if frame.time_base is not None:  # frames that no decoder has made have none
+        made.time_base = frame.time_base
+    copy_colour_tags(made, frame)
+
+
+def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
+    """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
+    return np.frombuffer(memoryview(plane), np.uint8).reshape(
+        -1, plane.line_size or plane.buffer_size
+    )
+
+
+def picture_frame(picture: Picture, pixel_format: str) -> av.VideoFrame:
+    """The picture as a stored (not upright) frame; the same frame where the format fits."""
+    if isinstance(picture, AvPicture):
+        frame, tags = picture.frame, picture.tags
+    elif isinstance(picture, ArrayPicture):
+        keeps = any(part.is_alpha for part in av.VideoFormat(pixel_format).components)
+        frame, tags = _array_frame(picture, alpha=keeps), None
+    else:
+        raise TypeError(f"{type(picture).__name__} has no samples")
+    return frame if frame.format.name == pixel_format else converted(frame, pixel_format, tags)
+
+
+def picture_channels(picture: Picture) -> dict[str, Float32]:
+    """The whole picture as scene-linear channels for OpenEXR."""
+    if isinstance(picture, ArrayPicture) and picture.tags.transfer == "linear":
+        array = np.atleast_3d(picture.array)
+        if picture.order == "bgr" and array.shape[2] > 1:
+            array = array[..., (2, 1, 0, 3)[: array.shape[2]]]
+        if array.shape[2] == 4 and not picture.associated:
+            array = np.concatenate([array[..., :3] * array[..., 3:], array[..., 3:]], axis=2)
+        return {name: np.asarray(array[..., i]) for i, name in enumerate("RGBA"[: array.shape[2]])}
+    light = picture.linear(Box(0, 0, picture.width, picture.height))
+    return {name: np.ascontiguousarray(light[..., i]) for i, name in enumerate("RGB")}
+
+
+def _array_frame(picture: ArrayPicture, *, alpha: bool) -> av.VideoFrame:
+    """An RGB array as a frame; light becomes 16-bit sRGB, clipped to [0, 1].
+
+    FFmpeg's alpha is straight; without alpha, associated colours are those over black.
+    """
+    array, tags = picture.array, picture.tags
+    if picture.associated:
+        array = _straight(array) if alpha else array[..., :3]
+    if array.dtype == np.float32:
+        array = _coded(array, tags)
+    deep = array.dtype == np.uint16
+    if array.ndim == 2:
+        name = "gray16le" if deep else "gray"
+    else:
+        array = array if picture.order == "rgb" else array[..., (2, 1, 0, 3)[: array.shape[2]]]
+        kind = "rgba" if array.shape[2] == 4 else "rgb"
+        name = {"rgb": ("rgb24", "rgb48le"), "rgba": ("rgba", "rgba64le")}[kind][deep]
+    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(array), name)
+    frame.color_trc, frame.color_primaries, frame.color_range = _SRGB_TRC, 1, 2
+    return frame
+
+
+def _straight(array: Plane) -> Plane:
+    cover = np.where(array[..., 3:] > 0, array[..., 3:], 1)
+    return np.concatenate([array[..., :3] / cover, array[..., 3:]], axis=2)
+
+
+def _coded(array: Plane, tags: ColorTags) -> Plane:
+    values = array.astype(np.float64)
+    colour = values[..., :3] if values.ndim == 3 else values
+    if tags.transfer == "linear":
+        colour[...] = transfer("iec61966-2-1").to_coded(colour)
+    return np.asarray(np.clip(values, 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)

@@ -1,4 +1,4 @@
-"""Which pixel formats are worked on as they are, and which are first unpacked without loss."""
+"""Pixel formats: layouts of the working formats, lossless unpacking of others, conversion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nlens_video.core.errors import InputError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelLayout:
-    """Where the samples of a pixel format lie.
+    """Layout of the samples of a working format.
 
     Attributes:
         family: kind of samples.
@@ -82,14 +82,14 @@ WORKING_FORMATS = {
     **dict.fromkeys(("x2rgb10le", "x2bgr10le"), "gbrp10le"),
     "xyz12le": "rgb48le",
 }
-"""Formats that are unpacked first, and into what; big-endian ones go to their twin."""
+"""Working format of packed formats; big-endian ones are converted to little-endian first."""
 
 
 def working_format(name: str) -> str:
-    """The format in which a picture of a pixel format is worked on; lossless to get to.
+    """The working format of a pixel format, into which it is converted without loss.
 
     Raises:
-        InputError: no way is known.
+        InputError: it is not supported.
     """
     if layout(name) is not None:
         return name
@@ -106,7 +106,7 @@ def working_format(name: str) -> str:
 
 @lru_cache(maxsize=256)
 def layout(name: str) -> PixelLayout | None:
-    """Where the samples of a format lie; None where it is not worked on as it is."""
+    """Layout of a working format; None for other formats."""
     if match := _YUV.fullmatch(name):
         kind, sampling, bits = match.groups()
         step_x, step_y = _STEPS[sampling]
@@ -150,10 +150,10 @@ def _packed(name: str) -> PixelLayout:
 
 
 def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
-    """The frame in its working format, itself where it is in one.
+    """The frame in its working format; the same frame where it is in one.
 
     Raises:
-        InputError: no way is known.
+        InputError: its format is not supported.
     """
     target = working_format(frame.format.name)
     return frame if target == frame.format.name else converted(frame, target)
@@ -167,24 +167,27 @@ def resized(frame: av.VideoFrame, width: int, height: int) -> av.VideoFrame:
         width=width, height=height, src_colorspace=matrix, dst_colorspace=matrix,
         src_color_range=span, dst_color_range=span, interpolation=_SWS,
     )  # fmt: skip
-    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
-        setattr(result, name, getattr(frame, name))
+    copy_colour_tags(result, frame)
     return result
 
 
-def converted(
-    frame: av.VideoFrame, target: str, tags: ColorTags | None = None
-) -> av.VideoFrame:  # fmt: skip
-    """The frame in another pixel format, with its time kept.
+def copy_colour_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
+    """Copy the colour tags of a frame to one that was made from it."""
+    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
+        setattr(made, name, getattr(frame, name))
 
-    Between two YUV formats or two RGB formats samples are moved and rescaled, matrix and range
-    stay. From YUV to RGB goes by `tags`; from RGB to YUV by BT.709 in limited range, or for
-    `yuvj` by BT.601 in full range as in JPEG, and the result is tagged so.
+
+def converted(frame: av.VideoFrame, target: str, tags: ColorTags | None = None) -> av.VideoFrame:
+    """The frame in another pixel format, at its own time.
+
+    Between two YUV or two RGB formats matrix and range stay. YUV to RGB uses `tags`; RGB to YUV
+    uses BT.709 in limited range, or for `yuvj` BT.601 in full range as in JPEG, and tags the result
+    so.
 
     Args:
         frame: any.
         target: FFmpeg's name of a pixel format.
-        tags: what the frame's samples mean; needed from YUV to RGB.
+        tags: colour tags of the frame; needed from YUV to RGB.
     """
     was, becomes = av.VideoFormat(frame.format.name).is_rgb, av.VideoFormat(target).is_rgb
     matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1

@@ -14,8 +14,7 @@ from hard.fuzz.mutate import changed_json, changed_text, damaged, json_bytes
 
 from nlens_video.core.errors import OutputError
 from nlens_video.video.info import Packet
-from nlens_video.video.input.source import Source
-from nlens_video.video.output.sink import Sink
+from nlens_video.video.interfaces import Sink, Source
 
 Mutate = Callable[[bytes, random.Random, bytes], bytes]
 
@@ -164,7 +163,7 @@ def _copy(source: Source, sink: Sink) -> None:
 
 
 def _use_chunk(path: Path) -> None:
-    from nlens_video.video.chunks.chunk_file import ChunkFile
+    from nlens_video.video.chunk_file import ChunkFile
 
     for _ in ChunkFile(path).frames():
         pass

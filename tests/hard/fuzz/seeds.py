@@ -19,9 +19,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.pipeline_file import shipped_pipelines
 from nlens_video.run.frame_range import ChunkRange
 from nlens_video.stages.r_lens_track import FitTrack, Keyframe
-from nlens_video.video.chunks.chunk_id import ChunkMark
-from nlens_video.video.chunks.chunk_queue import ChunkFeed
-from nlens_video.video.chunks.chunk_writer import ChunkWriter
+from nlens_video.video.chunk_file import ChunkWriter
+from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
 from nlens_video.video.exr import write_layers
 from nlens_video.video.input.source import open_source
 

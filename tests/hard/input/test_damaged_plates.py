@@ -14,10 +14,11 @@ from support.clips import copy, noise_frame, read_times, write_clip, write_plate
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError
+from nlens_video.video import exr
 from nlens_video.video.exr import write_layers
-from nlens_video.video.input import exr_source, source
+from nlens_video.video.input import source
+from nlens_video.video.input.repair import SourceClock
 from nlens_video.video.input.source import open_source
-from nlens_video.video.input.source_clock import SourceClock
 
 FRAMES = 60
 EACH_SEVENTH = r"if(mod(n\,7)\,-1\,40)"  # packet, and of it about each fortieth byte
@@ -116,7 +117,7 @@ def test_damaged_openexr_files_are_skipped_and_leave_a_gap(tmp_path, monkeypatch
     kept = [0, 1, 2, *range(5, 12)]
     assert frames == [(at, number, number) for at, number in enumerate(kept)]
     assert (plate.damaged, plate.warnings()) == (2, ())
-    monkeypatch.setattr(exr_source, "MOST_UNREADABLE", 2)
+    monkeypatch.setattr(exr, "MOST_UNREADABLE", 2)
     with open_source(str(tmp_path / "p_%02d.exr")) as plate:
         assert sum(1 for _ in plate) == 3
     assert plate.warnings() == ("given up after 2 unreadable files in a row",)
@@ -171,7 +172,7 @@ def test_run_over_a_damaged_plate_writes_the_intact_frames_and_reports_it(tmp_pa
 def clock(length_s=None):
     frames = noise_frame(16, 16, "gray")
     from nlens_video.video.info import SourceInfo
-    from nlens_video.video.pixels.sample_views import frame_tags
+    from nlens_video.video.pixels.samples import frame_tags
 
     return SourceClock(
         SourceInfo(

@@ -52,7 +52,7 @@ from nlens_video.scene.gltf import animation_kernels
 from nlens_video.scene.gltf.materials import Image
 from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.video.pixels import blend, blend_ref
-from nlens_video.video.pixels.sample_views import array_samples
+from nlens_video.video.pixels.samples import array_samples
 
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)

@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 from support.clips import noise_frame, write_clip
 
+from nlens_video.video.info import advanced_timecode, part_of
 from nlens_video.video.input.source import open_source
-from nlens_video.video.part import advanced_timecode, part_of
 
 NTSC = Fraction(30000, 1001)
 

@@ -1,1 +1,0 @@
-"""Chunks: lossless parts of a result that are merged later."""

@@ -1,0 +1,184 @@
+"""Repair of irregular sources: time stamps, frames of another form, truncated files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import av
+import av.container
+from av.stream import Stream
+
+from nlens_video.video.info import Packet, SourceInfo, is_cover
+from nlens_video.video.pixels.pixel_formats import converted, resized
+from nlens_video.video.pixels.samples import frame_tags
+
+_BACK_S = 1
+"""Time stamps that step back by more restart, as in concatenated recordings [s]."""
+_AHEAD_S = 10
+"""Time stamps further beyond the stated length are wrong [s]."""
+_LONGEST_PAUSE_S = 24 * 3600
+"""Between two frames of a source without a stated length [s]."""
+_SHARE = Fraction(1, 20)
+"""Part of the stated length that a complete file may lack: lengths are often rounded [1]."""
+_SLACK_S = Fraction(1, 5)
+
+
+class SourceClock:
+    """Monotonic presentation times: a frame's own, or one frame after the last where that is wrong.
+
+    Args:
+        info: the source.
+
+    Attributes:
+        time_base: seconds per tick [s].
+        repaired: frames whose time stamp was replaced [1].
+    """
+
+    def __init__(self, info: SourceInfo) -> None:
+        self.time_base = info.time_base
+        self.repaired = 0
+        self._step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
+        self._length_s = info.duration_s
+        self._shift = 0
+        self._first: int | None = None
+        self._last = 0
+
+    def tick(self, pts: int | None) -> int:
+        """The frame's pts, later than that of the frame before [ticks]."""
+        if self._first is None:
+            self.repaired += pts is None
+            self._first = self._last = pts or 0
+        else:
+            self._last = self._after(pts)
+        return self._last
+
+    def _after(self, pts: int | None) -> int:
+        following = self._last + self._step
+        if pts is None:
+            self.repaired += 1
+            return following
+        if self._is_leap(pts + self._shift):
+            # one wrong time stamp, or an offset of all that follow, until unshifted ones fit again
+            self._shift = 0 if not self._is_leap(pts) else following - pts
+            self.repaired += 1
+        elif pts + self._shift <= self._last:
+            self.repaired += 1
+        return max(pts + self._shift, self._last + 1)
+
+    def _is_leap(self, pts: int) -> bool:
+        """Whether a time stamp is implausibly far from the last frame's."""
+        distance_s = (pts - self._last) * self.time_base
+        if self._length_s is None:
+            return not -_BACK_S < distance_s < _LONGEST_PAUSE_S
+        beyond_s = (pts - (self._first or 0)) * self.time_base - Fraction(self._length_s)
+        return distance_s <= -_BACK_S or (distance_s > _AHEAD_S and beyond_s > _AHEAD_S)
+
+    def missing_before(self, pts: int) -> int:
+        """Number of frames that fit between the last frame and `pts`; call before `tick` [1]."""
+        if self._first is None or self._is_leap(pts + self._shift):
+            return 0
+        return max(0, round((pts + self._shift - self._last) / self._step) - 1)
+
+    def seconds(self, pts: int) -> float:
+        """Time since the first frame [s]."""
+        return float((pts - (self._first or 0)) * self.time_base)
+
+    def notes(self) -> tuple[str, ...]:
+        """A note on replaced time stamps."""
+        if not self.repaired:
+            return ()
+        frames = "frame" if self.repaired == 1 else "frames"
+        return (
+            f"{self.repaired} {frames} without a time stamp that makes sense: "
+            "each follows the last",
+        )
+
+
+class Conform:
+    """Converts every frame to the size and pixel format of the first.
+
+    Args:
+        first: the source's first frame.
+    """
+
+    def __init__(self, first: av.VideoFrame) -> None:
+        self._changed = 0
+        self._size = (first.width, first.height)
+        self._format = first.format.name
+        self._example = ""
+
+    def __call__(self, frame: av.VideoFrame, index: int) -> av.VideoFrame:
+        """The frame, or a converted copy."""
+        size, name = (frame.width, frame.height), frame.format.name
+        if (size, name) == (self._size, self._format):
+            return frame
+        self._changed += 1
+        self._example = self._example or f"from frame {index} on, {size[0]}x{size[1]} {name}"
+        made = frame if size == self._size else resized(frame, *self._size)
+        if name != self._format:
+            made = converted(made, self._format, frame_tags(frame))
+        made.pts, made.time_base, made.duration = frame.pts, frame.time_base, frame.duration
+        return made
+
+    def notes(self) -> tuple[str, ...]:
+        """A note on converted frames."""
+        if not self._changed:
+            return ()
+        width, height = self._size
+        return (
+            f"{self._changed} frames had another form ({self._example}) and were converted to "
+            f"{width}x{height} {self._format}",
+        )
+
+
+class Completeness:
+    """Detects truncated files: compares the stated duration with the times of the packets.
+
+    Frame counts do not serve: edit lists, variable rates and a later start make counts differ in
+    complete files. All streams count, as any of them may be the longest.
+
+    Args:
+        container: the file.
+        streams: those whose packets are read.
+    """
+
+    def __init__(self, container: av.container.InputContainer, streams: Sequence[Stream]) -> None:
+        timed = [one for one in streams if one.type != "attachment" and not is_cover(one)]
+        known = [end for end in map(_end_s, timed) if end is not None]
+        whole = container.duration
+        self._stated_s = Fraction(whole, av.time_base) if whole else None
+        if len(known) == len(timed):
+            self._stated_s = max(known)
+        self._last_s: dict[int, Fraction] = {}
+        self._reached_s = self._longest_s = Fraction(0)
+
+    def count(self, packet: Packet) -> None:
+        """Count a packet."""
+        if packet.pts is None or not packet.time_base:
+            return
+        start_s = packet.pts * Fraction(packet.time_base)
+        last_s = self._last_s.get(packet.stream.index, start_s)
+        self._longest_s = max(self._longest_s, start_s - last_s)
+        self._last_s[packet.stream.index] = max(last_s, start_s)
+        end_s = start_s + (packet.duration or 0) * Fraction(packet.time_base)
+        self._reached_s = max(self._reached_s, end_s)
+
+    def notes(self) -> tuple[str, ...]:
+        """A note on a truncated file; call after its last packet."""
+        if self._stated_s is None:
+            return ()
+        slack_s = max(self._stated_s * _SHARE, 2 * self._longest_s, _SLACK_S)
+        if self._reached_s >= self._stated_s - slack_s:
+            return ()
+        return (
+            f"the source says that it lasts {float(self._stated_s):.2f} s and ends after "
+            f"{float(self._reached_s):.2f} s: it is cut short or damaged",
+        )
+
+
+def _end_s(stream: Stream) -> Fraction | None:
+    """End of a stream by its header [s]."""
+    if stream.duration is None or stream.time_base is None:
+        return None
+    return ((stream.start_time or 0) + stream.duration) * Fraction(stream.time_base)
