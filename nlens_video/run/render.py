@@ -25,7 +25,7 @@ from nlens_video.run.preflight import check_settings, check_shot, check_written,
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunk_queue import ChunkFeed
-from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.info import SourceFrame, SourceInfo, part_of
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.interfaces import Sink, Source
 
