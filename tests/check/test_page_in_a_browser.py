@@ -1,12 +1,7 @@
 """The page of a check in a real browser: on a phone, on a desk, on paper."""
 
-import json
-import re
-import shutil
-import subprocess
-from html import unescape
-
 import pytest
+from support.browser import chromium, seen
 
 from nlens_video.check.findings import Verdict, at
 from nlens_video.check.page import write_page
@@ -33,15 +28,6 @@ addEventListener("load", () => {
 </script></body>"""
 
 
-def chromium(folder, *words):
-    return subprocess.run(
-        [shutil.which("chromium"), "--headless", "--no-sandbox", "--disable-gpu",
-         "--allow-file-access-from-files", "--proxy-server=127.0.0.1:9",
-         f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=10000", *words],
-        capture_output=True, text=True, timeout=120, check=True,
-    ).stdout  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("browser")
@@ -58,10 +44,9 @@ def folder(tmp_path_factory):
 def test_findings_table_fits_at_every_window_width(folder, width, least):
     harness = folder / f"look{width}.html"
     harness.write_text(LOOK.replace("WIDTH", str(width)))
-    told = chromium(folder, "--window-size=1500,1000", "--dump-dom", harness.as_uri())
-    seen = json.loads(unescape(re.search(r'data-seen="([^"]*)"', told).group(1)))
-    assert seen["overflow"] <= 0 and seen["broken"] == 0
-    assert seen["found"] >= least
+    page = seen(harness, "--window-size=1500,1000")
+    assert page["overflow"] <= 0 and page["broken"] == 0
+    assert page["found"] >= least
 
 
 @pytest.mark.slow

@@ -23,12 +23,9 @@ pytestmark = pytest.mark.needs_gl
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shot")
-    shots.write_video(folder / "in.mp4")
+    slide = {"end": (0.3, 0.0, -2.6), "seconds": 0.5}
+    folder = shots.write_shot(tmp_path_factory.mktemp("shot"), **slide)
     shots.write_video(folder / "long.mp4", frames=100)
-    shots.write_png(folder / "plate.png")
-    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
-    shots.fit_json(folder / "fit.json")
     return folder
 
 
@@ -107,8 +104,7 @@ def test_two_runs_give_identical_pictures(files, tmp_path):
         assert run.returncode == 0, run.stderr
     first, second = shots.read_planes(tmp_path / "a.mkv"), shots.read_planes(tmp_path / "b.mkv")
     assert (tmp_path / "a.mkv.json").read_text() == (tmp_path / "b.mkv.json").read_text()
-    for (_, a), (_, b) in zip(first, second, strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+    shots.assert_same_frames(first, second)
 
 
 @pytest.mark.slow
@@ -206,8 +202,7 @@ def test_object_out_of_view_leaves_the_plate_unchanged(files, tmp_path):
     outcome = json.loads(run.stdout)
     assert outcome["fit"] is None and outcome["composited"] == 0
     before, after = shots.read_planes(tmp_path / "in.mkv"), shots.read_planes(tmp_path / "out.mkv")
-    for (_, a), (_, b) in zip(before, after, strict=True):
-        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+    shots.assert_same_frames(before, after)
 
 
 def test_effects_none_composites_the_sharp_object(files, tmp_path):
@@ -505,109 +500,67 @@ def test_completion_script_names_the_program(shell):
     assert run.returncode == 0 and "nlens-video" in run.stdout
 
 
+STILL = ["plate.png", "anim.glb", "out.png"]
+NOT_FINITE = '{{"slope": 3.0, "intercept": 1.0, "width": 9, "height": 9, "n": {}}}'
+REFUSED = {
+    "unknown option": (2, [*STILL, "--colour"], "--colour"),
+    "missing argument": (2, ["in.mp4", "anim.glb"], "OUT"),
+    "range that ends before it begins": (2, [*STILL, "--range", "9:4"], "A:B"),
+    "range beyond the end": (2, ["in.mp4", "anim.glb", "o.mp4", "--range", "90:99"], "no such fr"),
+    "unknown preset": (2, [*STILL, "--preset", "cinematic"], "standard"),
+    "unknown effect": (2, [*STILL, "--effects", "glitter"], "defocus"),
+    "device that is not there": (2, [*STILL, "--device", "cuda"], "cpu"),
+    "negative time budget": (2, [*STILL, "--budget-ms", "-3"], "positive"),
+    "missing plate": (3, ["none.mp4", "anim.glb", "out.mp4"], "none.mp4"),
+    "plate that is not a video": (3, ["text.mp4", "anim.glb", "out.mp4"], "text.mp4"),
+    "file that is not glTF": (4, ["plate.png", "bad.glb", "out.png"], "bad.glb"),
+    "scene without a camera": (4, ["plate.png", "nocam.glb", "out.png"], "camera"),
+    "plate without texture": (5, ["grey.png", "anim.glb", "out.png"], "--fallback constant"),
+    "ground plane out of view": (5, [*STILL, "--ground-y", "50"], "--ground-y"),
+    "invalid fit file": (5, [*STILL, "--fit", "steep.json"], "slope"),
+    "fit file with NaN": (5, [*STILL, "--fit", "NaN.json"], '"n"'),
+    "fit file with 1e999": (5, [*STILL, "--fit", "1e999.json"], '"n"'),
+    "fit file with -Infinity": (5, [*STILL, "--fit", "-Infinity.json"], '"n"'),
+    "missing output folder": (6, ["plate.png", "anim.glb", "no/out.png"], "no"),
+    "missing folder of the fit": (6, [*STILL, "--save-fit", "no/fit.json"], "no"),
+    "output that is the plate": (6, ["plate.png", "anim.glb", "plate.png"], "plate"),
+}
+
+
+@pytest.fixture(scope="module")
+def faulty(files, tmp_path_factory):
+    """The files of a run, and unusable ones beside them."""
+    folder = tmp_path_factory.mktemp("faulty")
+    for name in ("in.mp4", "plate.png", "anim.glb"):
+        (folder / name).symlink_to(files / name)
+    (folder / "text.mp4").write_text("not a video at all")
+    (folder / "bad.glb").write_bytes(b"glTF but not really")
+    shots.cube_glb(folder / "nocam.glb", camera=False)
+    shots.write_png(folder / "grey.png", shots.grey())
+    (folder / "steep.json").write_text('{"slope": "steep"}')
+    for number in ("NaN", "1e999", "-Infinity"):
+        (folder / f"{number}.json").write_text(NOT_FINITE.format(number))
+    return folder
+
+
 class TestExitCodes:
-    def test_exit_code_2_for_an_unknown_option(self, files):
-        assert "--colour" in one_line(nlens("a", "b", "c", "--colour"), 2)
+    @pytest.mark.parametrize("case", REFUSED)
+    def test_refused_run_has_its_exit_code_and_one_line(self, faulty, monkeypatch, case):
+        code, arguments, expected = REFUSED[case]
+        monkeypatch.chdir(faulty)
+        before = sorted(faulty.iterdir())
+        assert expected in one_line(nlens(*arguments), code)
+        assert sorted(faulty.iterdir()) == before
 
-    def test_exit_code_2_for_a_missing_argument(self, files):
-        assert "OUT" in one_line(nlens(files / "in.mp4", files / "anim.glb"), 2)
-
-    @pytest.mark.parametrize(
-        ("words", "expected"),
-        [
-            (["--range", "9:4"], "A:B"),
-            (["--preset", "cinematic"], "standard"),
-            (["--effects", "glitter"], "defocus"),
-            (["--device", "cuda"], "cpu"),
-            (["--budget-ms", "-3"], "positive"),
-        ],
-    )
-    def test_exit_code_2_for_an_invalid_value(self, files, tmp_path, words, expected):
-        run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png", *words)
-        assert expected in one_line(run, 2)
-
-    def test_exit_code_3_for_a_missing_plate(self, files, tmp_path):
-        run = nlens(tmp_path / "none.mp4", files / "anim.glb", tmp_path / "out.mp4")
-        assert "none.mp4" in one_line(run, 3)
-
-    def test_exit_code_3_for_a_plate_that_is_not_a_video(self, files, tmp_path):
-        (tmp_path / "in.mp4").write_text("not a video at all")
-        one_line(nlens(tmp_path / "in.mp4", files / "anim.glb", tmp_path / "out.mp4"), 3)
-
-    def test_exit_code_4_for_a_file_that_is_not_gltf(self, files, tmp_path):
-        (tmp_path / "bad.glb").write_bytes(b"glTF but not really")
-        run = nlens(files / "plate.png", tmp_path / "bad.glb", tmp_path / "out.png")
-        assert "bad.glb" in one_line(run, 4)
-
-    def test_exit_code_4_for_a_scene_without_a_camera(self, files, tmp_path):
-        shots.cube_glb(tmp_path / "nocam.glb", camera=False)
-        run = nlens(files / "plate.png", tmp_path / "nocam.glb", tmp_path / "out.png")
-        assert "camera" in one_line(run, 4)
-
-    def test_exit_code_5_for_a_plate_without_texture_to_read_blur_from(self, files, tmp_path):
-        shots.write_png(
-            tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
-        )
-        run = nlens(tmp_path / "grey.png", files / "anim.glb", tmp_path / "out.png")
-        assert "--fallback constant" in one_line(run, 5)
-        assert not (tmp_path / "out.png").exists()
-
-    def test_exit_code_5_for_a_ground_plane_out_of_view(self, files, tmp_path):
+    def test_constant_fallback_replaces_a_fit_that_cannot_be_found(self, faulty, tmp_path):
         run = nlens(
-            files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--ground-y", "50"
-        )
-        assert "--ground-y" in one_line(run, 5)
-
-    def test_exit_code_5_for_an_invalid_fit_file(self, files, tmp_path):
-        (tmp_path / "fit.json").write_text('{"slope": "steep"}')
-        run = nlens(
-            files / "plate.png", files / "anim.glb", tmp_path / "out.png",
-            "--fit", tmp_path / "fit.json",
-        )  # fmt: skip
-        assert "slope" in one_line(run, 5)
-
-    def test_constant_fallback_replaces_a_fit_that_cannot_be_found(self, files, tmp_path):
-        shots.write_png(
-            tmp_path / "grey.png", np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
-        )
-        run = nlens(
-            tmp_path / "grey.png", files / "anim.glb", tmp_path / "out.png",
+            faulty / "grey.png", faulty / "anim.glb", tmp_path / "out.png",
             "--fallback", "constant", "--json",
         )  # fmt: skip
         assert run.returncode == 0, run.stderr
         outcome = json.loads(run.stdout)
         assert outcome["fit"]["slope"] == 0 and outcome["fit"]["sign"] == "assumed"
         assert any("constant CoC" in note for note in outcome["notes"])
-
-    def test_exit_code_2_for_a_range_beyond_the_end(self, files, tmp_path):
-        run = nlens(files / "in.mp4", files / "anim.glb", tmp_path / "o.mp4", "--range", "90:99")
-        assert "no such frames" in one_line(run, 2)
-        assert not list(tmp_path.iterdir())
-
-    def test_exit_code_6_before_the_run_for_a_missing_folder_of_the_fit(self, files, tmp_path):
-        run = nlens(
-            files / "plate.png", files / "anim.glb", tmp_path / "o.png",
-            "--save-fit", tmp_path / "no" / "fit.json",
-        )  # fmt: skip
-        assert "no" in one_line(run, 6)
-        assert not list(tmp_path.iterdir())
-
-    @pytest.mark.parametrize("number", ["NaN", "1e999", "-Infinity"])
-    def test_exit_code_5_for_a_fit_file_with_a_number_that_is_not_finite(
-        self, files, tmp_path, number
-    ):
-        (tmp_path / "fit.json").write_text(
-            f'{{"slope": 3.0, "intercept": 1.0, "width": 9, "height": 9, "n": {number}}}'
-        )
-        run = nlens(
-            files / "plate.png", files / "anim.glb", tmp_path / "out.png",
-            "--fit", tmp_path / "fit.json",
-        )  # fmt: skip
-        assert '"n"' in one_line(run, 5)
-
-    def test_exit_code_6_for_a_missing_output_folder(self, files, tmp_path):
-        run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "no" / "out.png")
-        one_line(run, 6)
 
     @pytest.mark.parametrize("option", [None, "--save-fit", "--timings"])
     def test_exit_code_6_instead_of_replacing_a_pipe_by_a_file(self, files, tmp_path, option):
@@ -617,10 +570,6 @@ class TestExitCodes:
         given = [files / "plate.png", files / "anim.glb", out, "--fit", files / "fit.json"]
         assert "is a device or a pipe; give the name" in one_line(nlens(*given, *more), 6)
         assert list(tmp_path.iterdir()) == [pipe] and pipe.is_fifo()
-
-    def test_exit_code_6_for_an_output_that_is_the_plate(self, files):
-        run = nlens(files / "plate.png", files / "anim.glb", files / "plate.png")
-        one_line(run, 6)
 
     @pytest.mark.parametrize(
         ("option", "name", "what"),

@@ -14,12 +14,7 @@ pytestmark = pytest.mark.needs_gl
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shot")
-    shots.write_video(folder / "in.mp4", frames=3)
-    shots.write_png(folder / "plate.png")
-    shots.cube_glb(folder / "anim.glb")
-    shots.fit_json(folder / "fit.json")
-    return folder
+    return shots.write_shot(tmp_path_factory.mktemp("shot"), 3)
 
 
 def words(shot, out, *more, plate="plate.png"):

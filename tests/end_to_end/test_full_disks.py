@@ -17,12 +17,8 @@ BESIDE = {"--report": "report", "--timings": "t.json", "--save-fit": "fit.json",
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shot")
-    shots.write_video(folder / "in.mp4", frames=6)
-    shots.write_png(folder / "plate.png")
-    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
-    shots.fit_json(folder / "fit.json")
-    return folder
+    slide = {"end": (0.3, 0.0, -2.6), "seconds": 0.5}
+    return shots.write_shot(tmp_path_factory.mktemp("shot"), 6, **slide)
 
 
 @pytest.fixture

@@ -18,16 +18,13 @@ pytestmark = pytest.mark.needs_gl
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shot")
-    shots.write_video(folder / "in.mp4", frames=12)
-    shots.write_png(folder / "plate.png")
-    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
+    slide = {"end": (0.3, 0.0, -2.6), "seconds": 0.5}
+    folder = shots.write_shot(tmp_path_factory.mktemp("shot"), **slide)
     shots.cube_glb(folder / "bare.glb", camera=False)
     shots.cube_glb(folder / "behind.glb", start=(0.0, 0.0, 30.0))
     shots.cube_glb(folder / "left.glb", start=(-60.0, 0.0, -2.6), end=(-50.0, 0.0, -2.6))
     shots.cube_glb(folder / "leaves.glb", end=(60.0, 0.0, -1.6), seconds=0.2)
     shots.cube_glb(folder / "near.glb", start=(-2.7, 0.0, -2.6))
-    shots.fit_json(folder / "fit.json")
     (folder / "bad.json").write_text('{"slope": "steep"}')
     return folder
 

@@ -1,13 +1,12 @@
 import base64
 import json
 import re
-import shutil
-import subprocess
 from collections import Counter
 from html import unescape
 from urllib.parse import unquote
 
 import pytest
+from support.browser import chromium
 from support.command import nlens, one_line
 from support.page_reader import read
 from support.study_answers import write_folder
@@ -76,16 +75,11 @@ def take_part(page, person):
     with_person = page.with_name(f"{person}.html")
     script = PERSON.replace("PERSON", person)
     with_person.write_text(page.read_text().replace("</body>", script + "</body>"))
-    run = subprocess.run(
-        [shutil.which("chromium"), "--headless", "--no-sandbox", "--disable-gpu",
-         f"--user-data-dir={page.parent / 'profile'}", "--virtual-time-budget=20000",
-         "--dump-dom", with_person.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    log = json.loads(unescape(re.search(r'data-log="([^"]*)"', run.stdout).group(1)))
+    dumped = chromium(page.parent, "--dump-dom", with_person.as_uri())
+    log = json.loads(unescape(re.search(r'data-log="([^"]*)"', dumped).group(1)))
     kept = {}
     for ending in ("json", "csv"):
-        link = re.search(rf'<a id="{ending}"[^>]*>', run.stdout).group(0)
+        link = re.search(rf'<a id="{ending}"[^>]*>', dumped).group(0)
         assert f'download="answers-{person}.{ending}"' in link
         address = re.search(r'href="data:[^,]*,([^"]*)"', link).group(1)
         kept[ending] = page.parent / f"{person}.{ending}"

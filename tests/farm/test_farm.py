@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support import shots
 
@@ -27,23 +26,13 @@ FRAMES = 12
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("farm")
-    shots.write_video(folder / "in.mp4", FRAMES)
-    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5), seconds=0.4)
-    return folder
+    slide = {"start": (-0.2, 0, -1.6), "end": (0.3, 0, -1.5), "seconds": 0.4}
+    return shots.write_shot(tmp_path_factory.mktemp("farm"), FRAMES, fit=False, **slide)
 
 
 def words(folder, out, *more):
     given = [str(folder / "in.mp4"), str(folder / "anim.glb"), str(folder / out)]
     return [*given, "--preset", "realtime", "--codec", "ffv1", *more]
-
-
-def same(first, second):
-    one, other = shots.read_planes(first), shots.read_planes(second)
-    assert [pts for pts, _ in one] == [pts for pts, _ in other] and len(one) == FRAMES
-    for (_, planes), (_, also) in zip(one, other, strict=True):
-        for plane, found in zip(planes, also, strict=True):
-            np.testing.assert_array_equal(plane, found)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +67,7 @@ def test_farm_with_a_killed_worker_equals_the_single_run_bit_for_bit(shot, whole
     assert killed is not None
     (note,) = json.loads(said)["notes"]
     assert re.match(r"frames \d+ to \d+ of .*in\.mp4: done again \(", note)
-    same(whole, shot / "out.mkv")
+    shots.assert_same_frames(whole, shot / "out.mkv")
     assert len(list((shot / "chunks").glob("[!.]*.nut"))) == 4
     assert not children_at_work(shot / "chunks")
     assert shots.audio_packets(shot / "out.mkv") == shots.audio_packets(whole) != []
@@ -131,7 +120,7 @@ def test_job_renders_only_missing_chunks(shot, whole):
         run_job(run, shot / "loop", 0.2, loop, lambda done, total: told.append((done, total)))
     assert rendered == [0, 5, 10]
     assert told == [(0, 12), (5, 12), (10, 12), (12, 12), (12, 12)]
-    same(whole, shot / "loop.mkv")
+    shots.assert_same_frames(whole, shot / "loop.mkv")
     next((shot / "loop").glob("*-00000005-*.nut")).unlink()
     run_job(run, shot / "loop", 0.2, loop, lambda done, total: None)
     assert rendered == [0, 5, 10, 5]
@@ -156,8 +145,8 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
     assert main(["farm", "--jobs", str(jobs), "--workers", "2", "--chunk", "10"]) == 3
     said = capfd.readouterr().err
     assert said.count("merged") == 2 and "gone.mp4: no such file" in said
-    same(whole, shot / "one.mkv")
-    same(whole, shot / "two.mkv")
+    shots.assert_same_frames(whole, shot / "one.mkv")
+    shots.assert_same_frames(whole, shot / "two.mkv")
     assert not (shot / "none.mkv").exists()
     left = sorted(path.name for path in shot.iterdir() if path.name.endswith(".chunks"))
     assert left == ["none.mkv.chunks"]  # what failed can go on there

@@ -4,7 +4,6 @@ import subprocess
 import sys
 
 import fsspec
-import numpy as np
 import pytest
 from support import shots
 
@@ -31,10 +30,8 @@ def own_temporaries(tmp_path_factory, monkeypatch):
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("store")
-    shots.write_video(folder / "in.mp4", FRAMES)
-    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5), seconds=0.4)
-    return folder
+    slide = {"start": (-0.2, 0, -1.6), "end": (0.3, 0, -1.5), "seconds": 0.4}
+    return shots.write_shot(tmp_path_factory.mktemp("store"), FRAMES, fit=False, **slide)
 
 
 def words(shot, out):
@@ -46,13 +43,6 @@ def words(shot, out):
 def whole(shot):
     assert main([*words(shot, shot / "whole.mkv"), "-q"]) == 0
     return shots.read_planes(shot / "whole.mkv")
-
-
-def same(found, expected):
-    assert [pts for pts, _ in found] == [pts for pts, _ in expected] and len(found) == FRAMES
-    for (_, planes), (_, also) in zip(found, expected, strict=True):
-        for plane, other in zip(planes, also, strict=True):
-            np.testing.assert_array_equal(plane, other)
 
 
 def urls(folder):
@@ -125,7 +115,7 @@ def test_farm_through_a_url_equals_the_single_run_and_leaves_no_local_files(
                 break
             answers = [task.work(bench, *task.arguments) for task in tasks]
     assert (merged.frames, merged.chunks) == (FRAMES, 3)
-    same(shots.read_planes(tmp_path / "out.mkv"), whole)
+    shots.assert_same_frames(shots.read_planes(tmp_path / "out.mkv"), whole)
     files, folder = fsspec.core.url_to_fs(url)
     assert len(files.ls(folder)) == 4  # three chunks and the fit
     assert not [path for path in own_temporaries.rglob("*.nut")]
@@ -138,7 +128,7 @@ def test_farm_of_two_processes_sharing_a_url_equals_the_single_run(shot, whole, 
     command += ["--workers", "2", "--chunk", "0.12", "--chunks", f"file://{tmp_path}/url", "-q"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=200)
     assert ran.returncode == 0, ran.stderr
-    same(shots.read_planes(tmp_path / "out.mkv"), whole)
+    shots.assert_same_frames(shots.read_planes(tmp_path / "out.mkv"), whole)
     assert len(list((tmp_path / "url").glob("*.nut"))) == 4
 
 

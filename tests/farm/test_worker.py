@@ -5,7 +5,6 @@ import time
 from contextlib import closing
 from dataclasses import dataclass, replace
 
-import numpy as np
 import pytest
 from support import shots
 
@@ -23,11 +22,8 @@ FRAMES = 14
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("open")
-    shots.write_video(folder / "in.mp4", FRAMES)
-    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5), seconds=0.5)
-    shots.fit_json(folder / "fit.json")
-    return folder
+    slide = {"start": (-0.2, 0, -1.6), "end": (0.3, 0, -1.5), "seconds": 0.5}
+    return shots.write_shot(tmp_path_factory.mktemp("open"), FRAMES, **slide)
 
 
 def words(shot, out):
@@ -51,13 +47,6 @@ def marks(run, *spans):
     return [replace(known, first=first, end=end) for first, end in spans]
 
 
-def same(found, expected):
-    assert [pts for pts, _ in found] == [pts for pts, _ in expected]
-    for (_, planes), (_, also) in zip(found, expected, strict=True):
-        for plane, other in zip(planes, also, strict=True):
-            np.testing.assert_array_equal(plane, other)
-
-
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_alternating_chunks_of_two_open_runs_equal_the_single_run(shot, run, whole, tmp_path):
@@ -74,7 +63,7 @@ def test_alternating_chunks_of_two_open_runs_equal_the_single_run(shot, run, who
     first.close()
     second.close()
     merge(run.source, [tmp_path], run.output)
-    same(shots.read_planes(shot / "out.mkv"), whole)
+    shots.assert_same_frames(shots.read_planes(shot / "out.mkv"), whole)
 
 
 @pytest.mark.slow
@@ -140,7 +129,7 @@ def test_merge_proceeds_while_chunks_are_still_being_rendered(shot, run, whole, 
     bench.prepare(run, Folder(tmp_path), 1.0)
     merging.join(60)
     assert looks and not merging.is_alive()
-    same(shots.read_planes(tmp_path / "followed.mkv"), whole)
+    shots.assert_same_frames(shots.read_planes(tmp_path / "followed.mkv"), whole)
 
 
 @pytest.mark.needs_gl

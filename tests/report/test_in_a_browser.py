@@ -1,13 +1,7 @@
 """The report in a real browser: on a phone, by keyboard, with the network cut off."""
 
-import json
-import re
-import shutil
-import subprocess
-from html import unescape
-
 import pytest
-from support import shots
+from support import browser, shots
 
 from nlens_video.cli.main import main
 
@@ -65,14 +59,7 @@ def seen(folder):
     def look(width):
         harness = folder / f"look{width}.html"
         harness.write_text(LOOK.replace("WIDTH", str(width)))
-        run = subprocess.run(
-            [shutil.which("chromium"), "--headless", "--no-sandbox", "--disable-gpu",
-             "--allow-file-access-from-files", "--proxy-server=127.0.0.1:9",  # nothing is fetched
-             f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=10000",
-             "--dump-dom", harness.as_uri()],
-            capture_output=True, text=True, timeout=120, check=True,
-        )  # fmt: skip
-        return json.loads(unescape(re.search(r'data-seen="([^"]*)"', run.stdout).group(1)))
+        return browser.seen(harness)
 
     return {width: look(width) for width in (360, 1200)}
 

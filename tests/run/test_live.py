@@ -18,11 +18,8 @@ FRAMES, RATE = 50, 25
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("live")
-    shots.write_video(folder / "in.mp4", frames=12)
-    shots.cube_glb(folder / "anim.glb", end=(0.2, 0.0, -2.0), seconds=2.0)
-    shots.fit_json(folder / "fit.json")
-    return folder
+    slide = {"end": (0.2, 0.0, -2.0), "seconds": 2.0}
+    return shots.write_shot(tmp_path_factory.mktemp("live"), **slide)
 
 
 def produce(pipe):

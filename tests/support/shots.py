@@ -150,6 +150,17 @@ def fit_json(path: Path, width=WIDTH, height=HEIGHT) -> Path:
     return path
 
 
+def write_shot(folder: Path, frames=12, *, still=True, fit=True, **cube) -> Path:
+    """The files of a run: `in.mp4`, `anim.glb`, and unless left out `plate.png` and `fit.json`."""
+    write_video(folder / "in.mp4", frames)
+    cube_glb(folder / "anim.glb", **cube)
+    if still:
+        write_png(folder / "plate.png")
+    if fit:
+        fit_json(folder / "fit.json")
+    return folder
+
+
 def read_planes(path: Path):
     """Decoded planes of each frame, and its pts: [(pts, [plane, ...])]."""
     frames = []
@@ -162,6 +173,16 @@ def read_planes(path: Path):
                 planes.append(rows[:, : component.width].copy())
             frames.append((frame.pts, planes))
     return frames
+
+
+def assert_same_frames(one, other):
+    """Two videos, as paths or as `read_planes` gives them, have equal times and equal samples."""
+    one, other = (
+        read_planes(video) if isinstance(video, Path) else video for video in (one, other)
+    )
+    assert [pts for pts, _ in one] == [pts for pts, _ in other] != []
+    for (_, planes), (_, also) in zip(one, other, strict=True):
+        assert all(map(np.array_equal, planes, also))
 
 
 def audio_packets(path: Path):

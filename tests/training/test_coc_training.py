@@ -6,21 +6,6 @@ pytestmark = pytest.mark.needs_torch
 
 
 @pytest.fixture(scope="module")
-def photos(tmp_path_factory):
-    """A folder of photographs: sharp noise, a few sizes."""
-    from models.coc.textures import Photos, noise
-
-    folder = tmp_path_factory.mktemp("photos")
-    (folder / "sharp").mkdir()
-    rng = np.random.default_rng(5)
-    for index in range(6):
-        field = noise(rng, 900, 0.7)
-        code = np.uint8(np.clip(128 + 40 * field, 0, 255))
-        cv2.imwrite(str(folder / "sharp" / f"{index}.png"), np.repeat(code[..., None], 3, -1))
-    return Photos.load(folder, held_out=False)
-
-
-@pytest.fixture(scope="module")
 def reservoir(photos, tmp_path_factory):
     from models.coc.data import Reservoir
     from models.coc.scene import draw_scene

@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 
@@ -6,20 +5,6 @@ pytestmark = [
     pytest.mark.needs_torch,
     pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning"),
 ]
-
-
-@pytest.fixture(scope="module")
-def photos(tmp_path_factory):
-    """A folder of photographs: sharp noise."""
-    from models.coc.textures import Photos, noise
-
-    folder = tmp_path_factory.mktemp("photos")
-    (folder / "sharp").mkdir()
-    rng = np.random.default_rng(5)
-    for index in range(6):
-        code = np.uint8(np.clip(128 + 40 * noise(rng, 900, 0.7), 0, 255))
-        cv2.imwrite(str(folder / "sharp" / f"{index}.png"), np.repeat(code[..., None], 3, -1))
-    return Photos.load(folder, held_out=False)
 
 
 @pytest.fixture(scope="module")

@@ -96,21 +96,12 @@ def pieces(shot):
     return sorted((shot / "pieces").iterdir())
 
 
-def same(first, second):
-    one, other = shots.read_planes(first), shots.read_planes(second)
-    assert len(one) == len(other) == FRAMES
-    for (pts, planes), (also_pts, also_planes) in zip(one, other, strict=True):
-        assert pts == also_pts
-        for plane, also in zip(planes, also_planes, strict=True):
-            np.testing.assert_array_equal(plane, also)
-
-
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_merged_chunks_equal_the_single_run_bit_for_bit(shot, whole, pieces):
     out = shot / "merged.mkv"
     assert merged(shot, out, pieces[::-1], "--codec", "ffv1") == 0
-    same(whole, out)
+    shots.assert_same_frames(whole, out)
     assert shots.audio_packets(out) == shots.audio_packets(whole) != []
     with av.open(str(out)) as container:
         assert container.metadata["title"] == "a title"
@@ -256,7 +247,7 @@ def test_documented_chunk_loop_equals_the_single_run(shot, tmp_path):
     subprocess.run(["bash", "-c", head + script], cwd=tmp_path, check=True)
     given = [str(tmp_path / name) for name in ("in.mp4", "anim.glb", "one.mkv")]
     assert main([*given, "--codec", "ffv1", "-q"]) == 0
-    same(tmp_path / "one.mkv", tmp_path / "out.mkv")
+    shots.assert_same_frames(tmp_path / "one.mkv", tmp_path / "out.mkv")
 
 
 CARRIED = [name for name in sorted(av.video.format.names) if layout(name) is not None]

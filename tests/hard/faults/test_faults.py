@@ -34,11 +34,8 @@ FULL = "File too large"
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shot")
-    shots.write_video(folder / "in.mp4", 30)
-    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5))
-    shots.fit_json(folder / "fit.json")
-    return folder
+    slide = {"start": (-0.2, 0, -1.6), "end": (0.3, 0, -1.5)}
+    return shots.write_shot(tmp_path_factory.mktemp("shot"), 30, **slide)
 
 
 def words(shot, out, *more):

@@ -197,11 +197,8 @@ sys.exit(main(sys.argv[2:]))
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shot")
-    shots.write_video(folder / "in.mp4", 12)
-    shots.cube_glb(folder / "anim.glb", start=(-0.2, 0, -1.6), end=(0.3, 0, -1.5))
-    shots.fit_json(folder / "fit.json")
-    return folder
+    slide = {"start": (-0.2, 0, -1.6), "end": (0.3, 0, -1.5)}
+    return shots.write_shot(tmp_path_factory.mktemp("shot"), **slide)
 
 
 def composited(shot, out: Path, *, renderer, losses="0"):

@@ -1,0 +1,19 @@
+"""Photographs that both trainings draw from."""
+
+import cv2
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def photos(tmp_path_factory):
+    """A folder of photographs: sharp noise."""
+    from models.coc.textures import Photos, noise
+
+    folder = tmp_path_factory.mktemp("photos")
+    (folder / "sharp").mkdir()
+    rng = np.random.default_rng(5)
+    for index in range(6):
+        code = np.uint8(np.clip(128 + 40 * noise(rng, 900, 0.7), 0, 255))
+        cv2.imwrite(str(folder / "sharp" / f"{index}.png"), np.repeat(code[..., None], 3, -1))
+    return Photos.load(folder, held_out=False)
