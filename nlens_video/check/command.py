@@ -1,4 +1,4 @@
-"""`nlens-video check OUT --against IN`: both read once, side by side."""
+"""`nlens-video check OUT --plate IN`: reads result and plate once, side by side, and judges."""
 
 from __future__ import annotations
 
@@ -11,22 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video.check.findings import KINDS, Finding, Verdict
-from nlens_video.check.frame_features import FrameFeatures, frame_features
-from nlens_video.check.frame_pairing import pair_frames
+from nlens_video.check.frames import FrameFeatures, find_range, frame_features, pair_frames
 from nlens_video.check.judge import (
     judge_frames,
     judge_object,
     judge_plate,
     judge_sound,
+    median_bends,
     objects_among,
-    restless,
     shadows_among,
 )
-from nlens_video.check.measure import Measures, Measuring
-from nlens_video.check.offset import find_range as range_of
+from nlens_video.check.measure import Measures, Measuring, SoundPair
 from nlens_video.check.regions import Track
-from nlens_video.check.sound import SoundPair
+from nlens_video.check.verdict import Verdict, write_page
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import SourceSettings
@@ -38,109 +35,120 @@ from nlens_video.video.input.source import open_source
 from nlens_video.video.interfaces import Source
 
 FINDINGS = 1
-"""Exit code of a comparison that went well and found something wrong."""
-_SHOWN = 8  # findings of each kind that the table names; JSON and report have all
+"""Exit code of a check that succeeded and found faults."""
 _ROUNDING_S = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A comparison: the verdict, and the series that it was made from."""
+    """A check: the verdict, and the tracks of the objects for its charts."""
 
     verdict: Verdict
     objects: list[Track]
-    measures: Measures
 
 
 def check(
-    result: str, plate: SourceSettings, *, find_range: bool, objects: int, report: Path | None,
+    result: str, plate: SourceSettings, *, search_range: bool, objects: int, report: Path | None,
     as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Compare a result with its plate, print the findings and write the report.
+    """Compare a result with its plate, print the findings and write the page.
 
     Args:
-        result: what `render` has written.
-        plate: what it was made from, with the same range.
-        find_range: whether the range is not known and is to be found by the pictures.
-        objects: how many separate regions the composite changes.
-        report: folder of the page with plots.
+        result: written by `render`.
+        plate: its plate, with the same range.
+        search_range: whether the range is unknown and found by the pictures.
+        objects: number of separate regions that the composite changes.
+        report: folder of the page with charts.
         as_json: print everything as JSON.
         quiet: print nothing but JSON.
 
     Returns:
-        0 where nothing is wrong, 1 where something was found.
+        0 where nothing is wrong, `FINDINGS` otherwise.
 
     Raises:
         InputError: one of the two cannot be read, or their frames differ in size.
-        OutputError: the report cannot be written.
+        OutputError: the page cannot be written.
     """
     if report is not None:
         check_target_folder(report)
-    checked = compare(result, plate, objects=objects, find_range=find_range)
+    checked = compare(result, plate, objects=objects, search_range=search_range)
     try:
         if as_json:
             print_out(json.dumps(checked.verdict.as_json(), indent=2) + "\n")
         elif not quiet:
-            print_out("\n".join(table(checked.verdict)) + "\n")
-    finally:  # findings and page: each is given whatever becomes of the other
+            print_out("\n".join(checked.verdict.as_text()) + "\n")
+    finally:  # the page is written even where printing fails
         if report is not None:
-            from nlens_video.check.page import write_page
-
             write_page(report, checked.verdict, checked.objects)
     return 0 if checked.verdict.fine else FINDINGS
 
 
 def compare(
-    result: str, plate: SourceSettings, *, objects: int = 1, find_range: bool = False
+    result: str, plate: SourceSettings, *, objects: int = 1, search_range: bool = False
 ) -> Checked:
-    """Read both, side by side.
-
-    Args:
-        result: what `render` has written.
-        plate: what it was made from.
-        objects: how many separate regions the composite changes.
-        find_range: whether the plate's range is found by the result's first picture.
+    """Read both side by side and judge; arguments as of `check`.
 
     Raises:
         InputError: one of the two cannot be read, or their frames differ in size.
         UsageError: the plate has no frames in the range.
     """
-    assumed = range_of(result, plate) if find_range else None
+    assumed = find_range(result, plate) if search_range else None
     if assumed is not None:
         plate = replace(plate, frames=assumed)
     with open_source(plate.spec, **plate.hints) as given, open_source(result) as made:
         _check_sizes(given, made)
-        sound = _sound(given, made)
-        read = (
-            _Reading(given, plate.frames, sound, from_plate=True),
-            _Reading(made, (0, None), sound, from_plate=False),
+        bases = (given.info.time_base, made.info.time_base)
+        measuring = Measuring(float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S)
+        codecs = [
+            [one.codec for one in source.info.copied if one.type == "audio"]
+            for source in (given, made)
+        ]
+        sound = [SoundPair(codecs=pair) for pair in zip(*codecs, strict=False)]
+        readers = (
+            _Reader(given, plate.frames, sound, from_plate=True),
+            _Reader(made, (0, None), sound, from_plate=False),
         )
-        measuring = Measuring(_tick_s(given, made))
-        looks = (read[0].looks(), read[1].looks())
-        with closing(looks[0]), closing(looks[1]):
-            for met in pair_frames(*looks):
+        frames = (readers[0].features(), readers[1].features())
+        with closing(frames[0]), closing(frames[1]):
+            for pair in pair_frames(*frames):
                 signals.check()
-                measuring.take(met)
-        missing = max(0, _audio_count(given) - _audio_count(made))
-    if not read[0].count:
+                measuring.add(pair)
+    if not readers[0].count:
         begin, end = plate.frames
         raise UsageError(f"--range {begin}:{end or ''}: {plate.spec} has no such frames")
-    tracks = objects_among(measuring.measures, objects)
-    counts = (read[1].count, read[0].count)
-    verdict = _verdict(result, plate.spec, counts, measuring.measures, tracks, sound, missing)
-    if find_range:
-        told = _range_note(assumed, counts, measuring.measures)
-        verdict = replace(verdict, notes=(*told, *verdict.notes))
-    return Checked(
-        verdict=verdict,
-        objects=tracks,
-        measures=measuring.measures,
+    measures = measuring.measures
+    tracks = objects_among(measures, objects)
+    found = judge_frames(measures)
+    for track in tracks:
+        found += judge_object(track)
+    found += judge_plate(measures, tracks)
+    found += judge_sound(sound, max(0, len(codecs[0]) - len(codecs[1])))
+    largest = max(tracks, key=lambda one: sum(one.area), default=None)
+    bends = (0.0, 0.0) if largest is None else median_bends(largest)
+    counts = (readers[1].count, readers[0].count)
+    range_note = _range_note(assumed, counts, measures) if search_range else ()
+    verdict = Verdict(
+        result=result,
+        plate=plate.spec,
+        frames=counts,
+        object_frames=len({index for track in tracks for index in track.frames}),
+        measures={
+            "encoding_level": float(np.median(measures.noise)) if measures.noise else 0.0,
+            "worst_time_ms": 1e3 * measures.worst_late_s,
+            "sharpness_bend": bends[0],
+            "coverage_bend": bends[1],
+            "sound_shift_ms": 1e3
+            * max((shift for one in sound for shift in one.shifts_s), default=0.0, key=abs),
+        },
+        findings=tuple(found),
+        notes=(*range_note, *_notes(tracks, measures)),
     )
+    return Checked(verdict=verdict, objects=tracks)
 
 
 @dataclass(slots=True)
-class _Reading:
-    """One source on its way through: its frames measured, its audio handed on."""
+class _Reader:
+    """Reads one source: yields the features of its frames, passes its audio to `sound`."""
 
     source: Source
     frames: tuple[int, int | None]
@@ -150,7 +158,7 @@ class _Reading:
     first_pts: int | None = None
     streams: list[int] = field(default_factory=list)
 
-    def looks(self) -> Generator[FrameFeatures]:
+    def features(self) -> Generator[FrameFeatures]:
         """The frames, numbered from 0."""
         self.streams = [one.index for one in self.source.info.copied if one.type == "audio"]
         early: list[Packet] = []
@@ -163,72 +171,23 @@ class _Reading:
                 self.first_pts = item.pts
                 first_s = float(item.pts * item.time_base)
             for packet in early:
-                self._take(packet, first_s)
+                self._add_sound(packet, first_s)
             early.clear()
-            look = frame_features(item, self.first_pts)
+            features = frame_features(item, self.first_pts)
             self.count += 1
-            yield look
+            yield features
         for packet in early:
-            self._take(packet, first_s)
+            self._add_sound(packet, first_s)
 
-    def _take(self, packet: Packet, first_s: float) -> None:
+    def _add_sound(self, packet: Packet, first_s: float) -> None:
         number = packet.stream_index
         place = self.streams.index(number) if number in self.streams else len(self.sound)
         if place < len(self.sound):
-            self.sound[place].take(packet, first_s, from_plate=self.from_plate)
+            self.sound[place].add(packet, first_s, from_plate=self.from_plate)
 
 
-def table(verdict: Verdict) -> list[str]:
-    """The verdict in a few lines: one for each kind, then what was found."""
-    made, given = verdict.frames
-    lines = [
-        f"{verdict.result} against {verdict.plate}: {made} frames of {given}, "
-        f"{verdict.object_frames} with an object"
-    ]
-    for kind, words in KINDS.items():
-        found = verdict.of(kind)
-        lines.append(f"{'ok  ' if not found else f'{len(found):<4d}'}{words}")
-        lines += [f"      {one.text}" for one in found[:_SHOWN]]
-        if len(found) > _SHOWN:
-            lines.append(f"      and {len(found) - _SHOWN} more; --json names all")
-    lines += [f"note: {note}" for note in verdict.notes]
-    return lines
-
-
-def _verdict(
-    result: str, plate: str, counts: tuple[int, int], measures: Measures, objects: list[Track],
-    sound: list[SoundPair], missing: int,
-) -> Verdict:  # fmt: skip
-    found: list[Finding] = judge_frames(measures)
-    for track in objects:
-        found += judge_object(track)
-    found += judge_plate(measures, objects)
-    found += judge_sound(sound, missing)
-    seen = {index for track in objects for index in track.frames}
-    largest = max(objects, key=lambda one: sum(one.area), default=None)
-    calm = restless(largest) if largest is not None else (0.0, 0.0)
-    return Verdict(
-        result=result,
-        plate=plate,
-        frames=counts,
-        object_frames=len(seen),
-        measures={
-            "encoding_level": float(np.median(measures.noise)) if measures.noise else 0.0,
-            "worst_time_ms": 1e3 * measures.worst_late_s,
-            "sharpness_bend": calm[0],
-            "coverage_bend": calm[1],
-            "sound_shift_ms": 1e3
-            * max((max(one.shifts_s, key=abs) for one in sound), default=0.0, key=abs),
-        },
-        findings=tuple(found),
-        notes=_notes(objects, measures),
-    )
-
-
-def _notes(objects: list[Track], measures: Measures) -> tuple[str, ...]:
-    notes = []
-    if not objects:
-        notes.append("no object was found: the result shows the plate alone")
+def _notes(objects: list[Track], measures: Measures) -> list[str]:
+    notes = [] if objects else ["no object was found: the result shows the plate alone"]
     for shadow in shadows_among(measures, objects):
         x, y, width, height = shadow.box_px
         notes.append(
@@ -236,14 +195,14 @@ def _notes(objects: list[Track], measures: Measures) -> tuple[str, ...]:
             "with less light: taken for the object's shadow"
         )
     if measures.tracks.crowded:
-        notes.append("so many places differ that only the first 64 are listed")
-    return tuple(notes)
+        notes.append("more than 64 regions differ; only the first 64 are listed")
+    return notes
 
 
 def _range_note(
     assumed: tuple[int, int] | None, counts: tuple[int, int], measures: Measures
 ) -> tuple[str, ...]:
-    """What was assumed of the range that nobody gave."""
+    """The range that was assumed, or that would explain a result which ends early."""
     made, given = counts
     if assumed is not None:
         first, end = assumed
@@ -263,17 +222,3 @@ def _check_sizes(given: Source, made: Source) -> None:
             f"{result.name} has {result.width}x{result.height} pixels, {plate.name} has "
             f"{plate.width}x{plate.height}; give the plate that the result was made from"
         )
-
-
-def _tick_s(given: Source, made: Source) -> float:
-    bases = (given.info.time_base, made.info.time_base)
-    return float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S
-
-
-def _audio_count(source: Source) -> int:
-    return sum(one.type == "audio" for one in source.info.copied)
-
-
-def _sound(given: Source, made: Source) -> list[SoundPair]:
-    codecs = [[one.codec for one in s.info.copied if one.type == "audio"] for s in (given, made)]
-    return [SoundPair(codecs=pair) for pair in zip(*codecs, strict=False)]

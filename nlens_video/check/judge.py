@@ -1,12 +1,17 @@
-"""From measures to findings: what is wrong, where, by how much."""
+"""Findings from measures: thresholds on times, object, plate and sound."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.check.findings import Finding, at, runs
-from nlens_video.check.measure import LEAST_TOLERANCE, NOISE_FACTOR, Measures
+from nlens_video.check.measure import (
+    LEAST_TOLERANCE,
+    NOISE_FACTOR,
+    SOUND_LIMIT_S,
+    Measures,
+    SoundPair,
+)
 from nlens_video.check.regions import SECTORS, Track
 from nlens_video.check.series import (
     flicker,
@@ -16,50 +21,49 @@ from nlens_video.check.series import (
     standard_error,
     steps,
 )
-from nlens_video.check.sound import LIMIT_S, SoundPair
+from nlens_video.check.verdict import Finding, at, runs
 from nlens_video.core.layers import Float64
 
 Frames = npt.NDArray[np.int64]
-STEP = 0.08  # change of level from one frame to the next, as a share [1]
-POP = 0.15  # jump of sharpness or coverage that a single frame may make, as a share [1]
-FLICKER = 0.015  # amplitude that they may go up and down by, as a share [1]
-_SMALL = 0.13  # and that divided by the root of the object's blocks, where it has few
-_DIMMED = 0.9  # of its frames on which a shadow is one, and has its object [1]
-_WHOLE_PLATE = 3.0  # median difference that no sensible encoding makes [level]
-_STILL = 0.75  # change of a still block of the result from frame to frame, at most [level]
+_STEP = 0.08  # limit of a lasting change within one frame, as a share [1]
+_POP = 0.15  # limit of a jump of sharpness or coverage on a single frame, as a share [1]
+_FLICKER = 0.015  # limit of the amplitude of flicker, as a share [1]
+_SMALL = 0.13  # the same limit times the root of the number of blocks, for small objects
+_SHADOW = 0.9  # share of a shadow's frames on which it is one, and has an object [1]
+_WHOLE_PLATE = 3.0  # median difference above that of any sensible encoding [level]
+_STILL = 0.75  # largest change of a still block of the result from frame to frame [level]
 
 
 def judge_frames(measures: Measures) -> list[Finding]:
-    """Frames that are missing, too many, or show another moment."""
-    found = [
-        at("frames", None, last - first + 1, f"dropped: the result has no frame for {_input(span)}")
-        for span in runs(measures.dropped)
-        for first, last in [span]
-    ]
-    found += [
-        at("frames", span, span[1] - span[0] + 1, "added: the input has no frame at that time")
-        for span in runs(measures.added)
-    ]
+    """Frames that are dropped, added, repeated, or shown at another time."""
+    found = []
+    for first, last in runs(measures.dropped):
+        which = f"frame {first}" if first == last else f"frames {first} to {last}"
+        words = f"dropped: the result has no frame for the input's {which}"
+        found.append(at("frames", None, last - first + 1, words))
+    for span in runs(measures.added):
+        words = "added: the input has no frame at that time"
+        found.append(at("frames", span, span[1] - span[0] + 1, words))
     for step, words in ((-1, "repeated: shows the plate of the frame before"),
                         (1, "dropped: shows the plate of the frame after")):  # fmt: skip
         for span in runs(index for index, shift in measures.shifted if shift == step):
             found.append(at("frames", span, span[1] - span[0] + 1, words))
     for span in runs(index for index, _ in measures.late):
-        worst = max((off for i, off in measures.late if span[0] <= i <= span[1]), key=abs)
+        worst = max((late for i, late in measures.late if span[0] <= i <= span[1]), key=abs)
         direction = "late" if worst > 0 else "early"
         found.append(at("time", span, worst, f"shown {1e3 * abs(worst):.1f} ms {direction}"))
     return found
 
 
 def tolerance(measures: Measures) -> float:
-    """Difference of a block that encoding may make, over all frames [level]."""
+    """Difference of a block that encoding alone may make, over all frames [level]."""
     if not measures.noise:
         return 0.0
     return LEAST_TOLERANCE + NOISE_FACTOR * float(np.median(measures.noise))
 
 
 def objects_among(measures: Measures, count: int) -> list[Track]:
-    """The tracks that are objects: at most `count` at a time, those that cover most."""
+    """The tracks of objects: the largest ones, at most `count` on a frame."""
     chosen: list[Track] = []
     least = tolerance(measures)
     for track in measures.tracks.all():
@@ -73,19 +77,19 @@ def objects_among(measures: Measures, count: int) -> list[Track]:
 
 
 def shadows_among(measures: Measures, objects: list[Track]) -> list[Track]:
-    """The tracks that only take light from the plate, always beside an object."""
+    """The tracks of shadows: the plate with less light, on frames with an object."""
     shown = {index for track in objects for index in track.frames}
     return [
         track
         for track in measures.tracks.all()
         if not any(track is one for one in objects)
-        and sum(track.dimmed) >= _DIMMED * len(track.dimmed)
-        and sum(index in shown for index in track.frames) >= _DIMMED * len(track.frames)
+        and sum(track.shadowed) >= _SHADOW * len(track.shadowed)
+        and sum(index in shown for index in track.frames) >= _SHADOW * len(track.frames)
     ]
 
 
 def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
-    """Changes away from the objects."""
+    """Changes of the plate away from the objects."""
     found = []
     least = tolerance(measures)
     shadows = shadows_among(measures, objects)
@@ -121,25 +125,27 @@ def judge_object(track: Track) -> list[Finding]:
         at("pop", gap, 1.0, "the object is missing")
         for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
     ]
-    limit = flicker_limit(track)
-    least = STEP * limit / FLICKER  # few blocks change by more of themselves
-    for name, (values, bent, error) in _series(track, span).items():
-        for first, last, amplitude in flicker(bent, limit, error):
-            frames_hit = (int(span[first]), int(span[last]))
+    # an object of few blocks varies more
+    blocks = max(float(np.median(np.array(track.area))), 1.0)
+    limit = max(_FLICKER, _SMALL / float(np.sqrt(blocks)))
+    step_limit = _STEP * limit / _FLICKER
+    for name, (values, bend, error) in _series(track, span).items():
+        for first, last, amplitude in flicker(bend, limit, error):
             words = f"{name} of the object goes up and down by {amplitude:.1%} (limit {limit:.1%})"
-            found.append(at("flicker", frames_hit, amplitude, words))
-        for place, jump in outliers(bent, POP, error):
+            found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
+        jumps = outliers(bend, _POP, error)
+        for place, jump in jumps:
             index = int(span[place])
-            words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {POP:.0%})"
+            words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {_POP:.0%})"
             found.append(at("pop", (index, index), jump, words))
-        jumped = {place for place, _ in outliers(bent, POP, error)}
-        for place, size in steps(values, least):
+        jumped = {place for place, _ in jumps}
+        for place, size in steps(values, step_limit):
             if not jumped & {place - 1, place}:
                 index = int(span[place])
                 words = (
                     f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
                 )
-                found.append(at("pop", (index, index), size, f"{words} (limit {least:.0%})"))
+                found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
     motion = _on(span, frames, np.array(track.motion))
     for first, last in freezes(np.nan_to_num(motion), _STILL):
         found.append(
@@ -151,15 +157,10 @@ def judge_object(track: Track) -> list[Finding]:
     return found
 
 
-def flicker_limit(track: Track) -> float:
-    """Amplitude below which an object of that size is steady, as a share [1]."""
-    return max(FLICKER, _SMALL / float(np.sqrt(max(np.median(np.array(track.area)), 1.0))))
-
-
 def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Float64]]:
-    """Values, bend and its standard error of the two series, on every frame of the span.
+    """Log of sharpness and coverage on every frame of the span, its bend and standard error.
 
-    How much of an object that touches the frame's edge is covered is the edge's doing: not judged.
+    Coverage is not judged where the object touches the frame's edge, which crops it.
     """
     frames = np.array(track.frames, np.int64)
     sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
@@ -176,37 +177,31 @@ def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Flo
     }
 
 
-def restless(track: Track) -> tuple[float, float]:
+def median_bends(track: Track) -> tuple[float, float]:
     """Median |bend| of an object's sharpness and coverage, as shares [1]."""
     series = _series(track, np.arange(track.first, track.last + 1)).values()
-    sharpness, coverage = (float(np.median(np.abs(bent))) for _, bent, _ in series)
+    sharpness, coverage = (float(np.median(np.abs(bend))) for _, bend, _ in series)
     return sharpness, coverage
 
 
 def judge_sound(pairs: list[SoundPair], missing: int) -> list[Finding]:
-    """Sound that is missing, moved, or of another length."""
+    """Sound that is missing, shifted, or of another length."""
     found = []
     if missing:
         found.append(at("sound", None, missing, f"{missing} audio stream(s) of the input missing"))
     for number, pair in enumerate(pairs):
         start, end, most = pair.shifts_s
-        for off, words in ((start, "starts"), (end, "ends"), (most, "lies at most")):
-            if abs(off) > LIMIT_S:
-                direction = "late" if off > 0 else "early"
-                text = f"audio {number} {words} {1e3 * abs(off):.0f} ms {direction}"
-                found.append(at("sound", None, off, f"{text} (limit {1e3 * LIMIT_S:.0f} ms)"))
+        for shift, words in ((start, "starts"), (end, "ends"), (most, "lies at most")):
+            if abs(shift) > SOUND_LIMIT_S:
+                direction = "late" if shift > 0 else "early"
+                text = f"audio {number} {words} {1e3 * abs(shift):.0f} ms {direction}"
+                limit = f"(limit {1e3 * SOUND_LIMIT_S:.0f} ms)"
+                found.append(at("sound", None, shift, f"{text} {limit}"))
     return found
 
 
 def _on(span: Frames, frames: Frames, values: Float64) -> Float64:
-    """Values on every frame of the span, NaN where the region was not seen."""
+    """Values on every frame of the span, NaN where the region was not found."""
     whole = np.full((len(span), *values.shape[1:]), np.nan)
     whole[frames - span[0]] = values
     return whole
-
-
-def _input(span: tuple[int, int]) -> str:
-    first, last = span
-    return (
-        f"the input's frame {first}" if first == last else f"the input's frames {first} to {last}"
-    )

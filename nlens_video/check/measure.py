@@ -1,43 +1,50 @@
-"""The frames of plate and result measured against each other, one pair at a time."""
+"""Measures of a result against its plate: frames pair by pair, audio packet by packet.
+
+Memory grows by a few numbers a frame.
+"""
 
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from dataclasses import dataclass, field
+from zlib import crc32
 
 import numpy as np
 
-from nlens_video.check.frame_features import FrameFeatures, block_mean
-from nlens_video.check.frame_pairing import Pair, Unpaired
+from nlens_video.check.frames import FrameFeatures, Pair, Unpaired, block_mean, block_rms
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.video.info import Packet
 
-LEAST_TOLERANCE = 1.5  # what converting and rounding does to a block's mean [level]
-NOISE_FACTOR = 6.0  # blocks of much texture are encoded that much worse than the middle one
+LEAST_TOLERANCE = 1.5  # change of a block's mean by conversion and rounding [level]
+NOISE_FACTOR = 6.0  # by which encoding changes textured blocks more than the median one
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
-_LEAST_BLOCKS = 1.5  # of a sector that says something about the object's detail [block]
-_STRONG = 24.0  # a block that differs by this much counts whole as the object's [level]
-_DARKEST = 0.1  # what the deepest shadow leaves of a code value [1]
-_TINT = 0.06  # a shadow may have the sky's hue, not the lamp's [1]
+_LEAST_BLOCKS = 1.5  # of a sector that is large enough to measure the object's detail [block]
+_STRONG = 24.0  # difference of a block that the object covers wholly [level]
+_DARKEST = 0.1  # remaining share of a code value in the deepest shadow [1]
+_TINT = 0.06  # change of hue by a shadow, which has the sky's light and not the lamp's [1]
 _MOST = 0.9  # of the region's blocks [1]
-_CLEARER = 0.6  # another frame of the plate fits so much better than the one of this time [1]
-_LEAST_GAIN = 0.3  # and by at least this [level]
+_CLEARER = 0.6  # misfit of a neighbouring frame of the plate against that of the paired one [1]
+_LEAST_GAIN = 0.3  # least difference of these misfits [level]
+
+SOUND_LIMIT_S = 0.04
+"""Shift of sound against picture that viewers begin to notice (EBU R37)."""
 
 
 @dataclass(slots=True)
 class Measures:
-    """What the pairs have shown so far.
+    """Measures of all pairs.
 
     Attributes:
         tracks: the regions in which the result differs.
         dropped: indices of the plate's frames that the result lacks.
-        added: indices of the result's frames that the plate does not have.
+        added: indices of the result's frames that the plate lacks.
         shifted: index of each result's frame that shows another frame of the plate, and how many
             frames later that one lies.
-        late: index of each result's frame shown at another time than the plate's, and by how
-            much [s].
-        noise: median difference of a block of each pair: what encoding has done [level].
-        worst_late_s: largest shift of a frame's time [s].
+        late: index and delay of each result's frame shown at another time than the plate's [s].
+        noise: median difference of a block of each pair, which is due to encoding [level].
+        worst_late_s: largest delay of a frame [s].
         pairs: compared so far [1].
     """
 
@@ -52,10 +59,10 @@ class Measures:
 
 
 class Measuring:
-    """Takes pairs in order; keeps one frame of the result and a few numbers for each.
+    """Measures pairs in order; keeps one frame of the result.
 
     Args:
-        tick_s: what the two containers' clocks may round a time by [s].
+        tick_s: rounding of times by the clocks of both containers [s].
     """
 
     def __init__(self, tick_s: float) -> None:
@@ -63,41 +70,43 @@ class Measuring:
         self._tick_s = tick_s
         self._last: FrameFeatures | None = None
 
-    def take(self, met: Pair | Unpaired) -> None:
-        """Measure the next pair, or count a frame that has no partner."""
-        found = self.measures
-        if isinstance(met, Unpaired):
-            (found.dropped if met.dropped else found.added).append(met.index)
+    def add(self, pair: Pair | Unpaired) -> None:
+        """Measure the next pair, or count a frame without a partner."""
+        measures = self.measures
+        if isinstance(pair, Unpaired):
+            (measures.dropped if pair.dropped else measures.added).append(pair.index)
             return
-        found.pairs += 1
-        found.worst_late_s = max(found.worst_late_s, met.off_s, key=abs)
-        if abs(met.off_s) > self._tick_s:
-            found.late.append((met.result.index, met.off_s))
-        shift = _shift(met)
+        measures.pairs += 1
+        measures.worst_late_s = max(measures.worst_late_s, pair.delay_s, key=abs)
+        if abs(pair.delay_s) > self._tick_s:
+            measures.late.append((pair.result.index, pair.delay_s))
+        shift = _shift(pair)
         if shift:
-            found.shifted.append((met.result.index, shift))
+            measures.shifted.append((pair.result.index, shift))
         else:
-            self._differences(met)
-        self._last = met.result
+            self._compare(pair)
+        self._last = pair.result
 
-    def _differences(self, pair: Pair) -> None:
+    def _compare(self, pair: Pair) -> None:
         difference = np.abs(pair.result.colour - pair.plate.colour).max(axis=2)
         noise = float(np.median(difference))
         self.measures.noise.append(noise)
         tolerance = LEAST_TOLERANCE + NOISE_FACTOR * noise
-        seen = self.measures.tracks.follow(pair.result.index, difference, tolerance)
-        anything: Mask = np.zeros(difference.shape, bool)
-        for track in seen:
-            anything |= track.mask
-        gain = _detail_gain(pair, ~anything)
-        moved = None if self._last is None else _moved(pair.result, self._last)
-        for track in seen:
-            _append(track, pair.result, difference, gain, moved)
-            track.dimmed.append(_dimmed(pair, track.mask, tolerance))
+        tracks = self.measures.tracks.follow(pair.result.index, difference, tolerance)
+        changed: Mask = np.zeros(difference.shape, bool)
+        for track in tracks:
+            changed |= track.mask
+        gain = _detail_gain(pair, ~changed)
+        motion = None
+        if self._last is not None:
+            motion = block_mean(np.abs(pair.result.luma - self._last.luma))
+        for track in tracks:
+            _append(track, pair.result, difference, gain, motion)
+            track.shadowed.append(_is_shadow(pair, track.mask, tolerance))
 
 
 def _append(
-    track: Track, result: FrameFeatures, difference: Float32, gain: float, moved: Float32 | None
+    track: Track, result: FrameFeatures, difference: Float32, gain: float, motion: Float32 | None
 ) -> None:
     weight = np.float32(track.mask) * np.clip(difference / np.float32(_STRONG), 0.0, 1.0)
     area = float(weight.sum())
@@ -107,14 +116,13 @@ def _append(
     track.sharpness.append(float(np.log(_FLAT + inside)))
     track.sectors.extend(_by_sector(weight, detail))
     solid = weight >= 0.5 * weight.max()
-    track.motion.append(float("nan") if moved is None else float(moved[solid].mean()))
+    track.motion.append(float("nan") if motion is None else float(motion[solid].mean()))
 
 
-def _dimmed(pair: Pair, mask: Mask, tolerance: float) -> bool:
-    """Whether a region shows the plate itself with less light: a shadow, not a thing.
+def _is_shadow(pair: Pair, mask: Mask, tolerance: float) -> bool:
+    """Whether a region is the plate with less light.
 
-    Code values are compared, so a share of the light that is lost takes about the same share of
-    luma, of the colour differences and of the detail.
+    A loss of light reduces code values of luma, colour differences and detail by about one factor.
     """
     plate, result = pair.plate.colour[mask], pair.result.colour[mask]
     kept = result[:, 0] / np.maximum(plate[:, 0], 1.0)
@@ -132,8 +140,7 @@ def _dimmed(pair: Pair, mask: Mask, tolerance: float) -> bool:
 def _by_sector(weight: Float32, detail: Float32) -> Float64:
     """Log of the detail in each sector round the middle, NaN where the object has too few blocks.
 
-    What the lens does to the object it does to all sectors; the plate behind its outline, and the
-    encoder, do something else to each.
+    The lens changes all sectors alike; the plate behind the outline and the encoder do not.
     """
     rows, columns = np.indices(weight.shape)
     total = max(float(weight.sum()), 1e-6)
@@ -148,7 +155,7 @@ def _by_sector(weight: Float32, detail: Float32) -> Float64:
 
 
 def _detail_gain(pair: Pair, plate: Mask) -> float:
-    """How much of the plate's own detail encoding has kept: frames differ in that."""
+    """Share of the plate's detail that is left after encoding, which varies between frames."""
     if not plate.any():
         return 1.0
     before = float(pair.plate.detail[plate].sum())
@@ -156,26 +163,81 @@ def _detail_gain(pair: Pair, plate: Mask) -> float:
     return max(after, 1e-3) / max(before, 1e-3)
 
 
-def _moved(now: FrameFeatures, before: FrameFeatures) -> Float32:
-    return block_mean(np.abs(now.luma - before.luma))
-
-
 def _misfit(result: FrameFeatures, plate: FrameFeatures) -> float:
     """Difference of two frames [level].
 
     Median over the blocks, so that an object on less than half of them does not count.
     """
-    return float(np.median(np.sqrt(block_mean(np.square(result.luma - plate.luma)))))
+    return float(np.median(block_rms(result, plate)))
 
 
 def _shift(pair: Pair) -> int:
-    """1 where the result shows the plate's next frame, -1 its last one, 0 where its own."""
+    """1 where the result shows the plate's next frame, -1 its previous one, 0 where its own."""
     own = _misfit(pair.result, pair.plate)
     best, shift = own, 0
     for neighbour, step in ((pair.before, -1), (pair.after, 1)):
         if neighbour is None:
             continue
-        off = _misfit(pair.result, neighbour)
-        if off < min(best, _CLEARER * own, own - _LEAST_GAIN):
-            best, shift = off, step
+        misfit = _misfit(pair.result, neighbour)
+        if misfit < min(best, _CLEARER * own, own - _LEAST_GAIN):
+            best, shift = misfit, step
     return shift
+
+
+@dataclass(slots=True)
+class Sound:
+    """One audio stream of one source, in seconds after that source's first frame.
+
+    Attributes:
+        start_s: of its first packet, None before it [s].
+        end_s: of its last packet [s].
+        waiting: times and checksums of packets without a counterpart yet.
+    """
+
+    start_s: float | None = None
+    end_s: float = 0.0
+    waiting: deque[tuple[float, int]] = field(default_factory=deque)
+
+
+@dataclass(slots=True)
+class SoundPair:
+    """An audio stream of the plate and its counterpart in the result.
+
+    Attributes:
+        codecs: FFmpeg's names, plate and result.
+        plate: of the plate.
+        result: of the result.
+        shift_s: largest shift of a packet against its counterpart, signed [s].
+        changed: packets whose bytes differ, where both have one codec [1].
+    """
+
+    codecs: tuple[str, str]
+    plate: Sound = field(default_factory=Sound)
+    result: Sound = field(default_factory=Sound)
+    shift_s: float = 0.0
+    changed: int = 0
+
+    def add(self, packet: Packet, first_s: float, *, from_plate: bool) -> None:
+        """Count one packet."""
+        ticks = packet.pts if packet.pts is not None else packet.dts
+        if ticks is None or packet.time_base is None:
+            return
+        sound = self.plate if from_plate else self.result
+        moment = float(ticks * packet.time_base) - first_s
+        sound.start_s = moment if sound.start_s is None else min(sound.start_s, moment)
+        sound.end_s = max(sound.end_s, moment + float((packet.duration or 0) * packet.time_base))
+        if self.codecs[0] != self.codecs[1]:
+            return
+        sound.waiting.append((moment, crc32(bytes(packet))))
+        while self.plate.waiting and self.result.waiting:
+            ours, theirs = self.result.waiting.popleft(), self.plate.waiting.popleft()
+            self.changed += ours[1] != theirs[1]
+            self.shift_s = max(self.shift_s, ours[0] - theirs[0], key=abs)
+
+    @property
+    def shifts_s(self) -> tuple[float, float, float]:
+        """Delay of the result's sound at its start, at its end, and the largest one [s]."""
+        start = (self.result.start_s or 0.0) - (self.plate.start_s or 0.0)
+        end = self.result.end_s - self.plate.end_s
+        same = self.codecs[0] == self.codecs[1] and not self.changed
+        return start, end, self.shift_s if same else 0.0

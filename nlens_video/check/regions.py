@@ -1,4 +1,4 @@
-"""Where the result differs from the plate, followed from frame to frame."""
+"""Regions in which the result differs from the plate, tracked from frame to frame."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.check.frame_features import BLOCK_PX
+from nlens_video.check.frames import BLOCK_PX
 from nlens_video.core.layers import Float32
 
 Mask = npt.NDArray[np.bool_]
-LEAST_BLOCKS = 3  # connected ones; a single block may be one bad spell of the encoder
+_LEAST_BLOCKS = 3  # connected ones; a single block may be an artefact of the encoder
 SECTORS = 8
 _GAP_SHARE = 0.02  # parts nearer to each other than that are one region [frame width]
 _PATIENCE = 3  # frames without its region after which a track ends
@@ -22,22 +22,21 @@ _MOST_TRACKS = 64
 
 @dataclass(slots=True)
 class Track:
-    """One region through the frames in which it was seen.
+    """One region over time; its arrays have an element for each frame on which it was found.
 
     Attributes:
-        first: index of the result's first frame that has it.
-        mask: its blocks on the last frame that has it, (h, w).
-        frames: index of each frame that has it.
-        area: its coverage on each of them, blocks of strong difference [block].
-        whole: whether it stays clear of the frame's edge, on each of them.
-        sharpness: log of its detail over the plate's own gain of detail [1].
+        first: index of the first of these frames in the result.
+        mask: its blocks on the last of these frames, (h, w).
+        frames: index of the frame.
+        area: coverage, in blocks of strong difference [block].
+        whole: whether it stays clear of the frame's edge.
+        sharpness: log of its detail over the plate's gain of detail [1].
         sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a
             sector is too small [1].
         motion: mean change of its luma since the frame before, NaN on its first [level].
-        dimmed: whether it is the plate with less light, as under a shadow, on each of them.
-        worst: largest difference of a block so far [level].
+        shadowed: whether it is the plate with less light.
+        worst: largest difference of a block [level].
         box: first column and row, end column and row of all its blocks [block].
-        last: index of the last frame that has it.
     """
 
     first: int
@@ -48,23 +47,23 @@ class Track:
     sharpness: array[float] = field(default_factory=lambda: array("d"))
     sectors: array[float] = field(default_factory=lambda: array("d"))
     motion: array[float] = field(default_factory=lambda: array("d"))
-    dimmed: array[int] = field(default_factory=lambda: array("b"))
+    shadowed: array[int] = field(default_factory=lambda: array("b"))
     worst: float = 0.0
     box: tuple[int, int, int, int] = (1 << 30, 1 << 30, 0, 0)
 
     @property
     def last(self) -> int:
-        """Index of the last frame that has it."""
+        """Index of the last frame on which it was found."""
         return self.frames[-1] if self.frames else self.first
 
     @property
     def box_px(self) -> tuple[int, int, int, int]:
-        """Left, top, width and height of all that it has covered [px]."""
+        """Left, top, width and height of all its blocks [px]."""
         x0, y0, x1, y1 = (BLOCK_PX * edge for edge in self.box)
         return x0, y0, x1 - x0, y1 - y0
 
     def add(self, index: int, mask: Mask, worst: float) -> None:
-        """The region on one more frame."""
+        """Add the region on one more frame."""
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         x0, y0, x1, y1 = self.box
         self.box = (
@@ -86,14 +85,16 @@ class Tracks:
         self.crowded = False
 
     def follow(self, index: int, difference: Float32, tolerance: float) -> list[Track]:
-        """The tracks that have a region on this frame.
+        """Add the regions of a frame; returns their tracks.
 
         Args:
             index: of the result's frame.
             difference: of each block from the plate's, (h, w) [level].
-            tolerance: what re-encoding alone may do to a block [level].
+            tolerance: difference of a block that encoding alone may make [level].
         """
-        self._end(index - _PATIENCE)
+        oldest = index - _PATIENCE
+        self.ended += [one for one in self.alive if one.last < oldest]
+        self.alive = [one for one in self.alive if one.last >= oldest]
         found: dict[int, tuple[Track, Mask]] = {}
         for mask in regions(difference > tolerance):
             track = self._nearest(mask) or self._begin(index, mask)
@@ -106,7 +107,7 @@ class Tracks:
         return [track for track, _ in found.values()]
 
     def all(self) -> list[Track]:
-        """Every track, those of the most blocks first."""
+        """All tracks, the largest first."""
         return sorted((*self.ended, *self.alive), key=lambda one: -sum(one.area))
 
     def _begin(self, index: int, mask: Mask) -> Track | None:
@@ -119,29 +120,25 @@ class Tracks:
 
     def _nearest(self, mask: Mask) -> Track | None:
         """The largest track that the region continues."""
-        wide = spread(mask)
+        wide = _dilated(mask)
         near = [one for one in self.alive if (one.mask & wide).any()]
         return max(near, key=lambda one: sum(one.area), default=None)
 
-    def _end(self, index: int) -> None:
-        self.ended += [one for one in self.alive if one.last < index]
-        self.alive = [one for one in self.alive if one.last >= index]
-
 
 def regions(changed: Mask) -> list[Mask]:
-    """The connected regions of changed blocks, gaps closed; largest first."""
-    _, labels = cv2.connectedComponents(spread(changed).astype(np.uint8), connectivity=8)
+    """Connected regions of changed blocks, gaps closed; largest first."""
+    _, labels = cv2.connectedComponents(_dilated(changed).astype(np.uint8), connectivity=8)
     parts = []
     for label in np.unique(labels[changed]):
         part = changed & (labels == label)
         connected = cv2.connectedComponentsWithStats(part.astype(np.uint8), connectivity=8)[2]
-        if int(connected[1:, cv2.CC_STAT_AREA].max()) >= LEAST_BLOCKS:
+        if int(connected[1:, cv2.CC_STAT_AREA].max()) >= _LEAST_BLOCKS:
             parts.append(part)
     return sorted(parts, key=lambda part: -int(part.sum()))
 
 
-def spread(mask: Mask) -> Mask:
-    """A mask and what lies near it."""
+def _dilated(mask: Mask) -> Mask:
+    """The mask, dilated."""
     reach = max(1, round(_GAP_SHARE * mask.shape[1]))
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)

@@ -1,4 +1,7 @@
-"""Jumps and flicker of a series: how far each value lies from its neighbours' mean."""
+"""Jumps, steps, flicker and freezes of time series.
+
+The bend of a value is its difference from the mean of both neighbours.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,15 @@ import numpy as np
 
 from nlens_video.core.layers import Float64
 
-_WINDOW = 4  # frames to either side that say how restless a series is
-
-_LEAST_STRETCH = 6  # frames that go up and down; fewer may do so by chance
+_WINDOW = 4  # frames to either side to which a value is compared
+_LEAST_RUN = 6  # frames of flicker; fewer may go up and down by chance
 
 
 def second_difference(values: Float64) -> Float64:
-    """Each value minus the mean of its two neighbours: minus half the second difference.
+    """The bend: each value minus the mean of its neighbours, minus half the second difference.
 
-    A steady change gives 0, a single value off by e gives e with -e/2 on both sides, values off by
-    +a and -a in turn give 2 a. The ends give 0, neighbours of what is not a number no number.
+    A linear change gives 0, a single value off by e gives e with -e/2 on both sides, values off by
+    +a and -a in turn give 2 a. The ends give 0; NaN spreads to its neighbours.
 
     Args:
         values: (n,) or (n, parts), NaN where there is none.
@@ -23,31 +25,31 @@ def second_difference(values: Float64) -> Float64:
     Returns:
         The same shape, in the unit of the values.
     """
-    bent = np.zeros(values.shape)
+    bend = np.zeros(values.shape)
     if len(values) > 2:
-        bent[1:-1] = values[1:-1] - 0.5 * (values[:-2] + values[2:])
-    return bent
+        bend[1:-1] = values[1:-1] - 0.5 * (values[:-2] + values[2:])
+    return bend
 
 
-def standard_error(bent: Float64) -> Float64:
-    """How far the bend of a whole can be trusted, judged by how its parts differ.
+def standard_error(bend: Float64) -> Float64:
+    """Standard error of the bend of a whole, from the spread of its parts.
 
     Args:
-        bent: bend of each part, (n, parts), NaN where there is none.
+        bend: of each part, (n, parts), NaN where there is none.
 
     Returns:
         Standard error of the parts' mean, (n,), 0 where none is known.
     """
-    known = np.isfinite(bent)
-    filled = np.where(known.any(axis=1, keepdims=True), bent, 0.0)
+    known = np.isfinite(bend)
+    filled = np.where(known.any(axis=1, keepdims=True), bend, 0.0)
     middle = np.nanmedian(filled, axis=1, keepdims=True)
     spread = 1.4826 * np.nanmedian(np.abs(filled - middle), axis=1)
     return np.asarray(spread / np.sqrt(np.maximum(known.sum(axis=1), 1)), np.float64)
 
 
-def restlessness(bent: Float64) -> Float64:
-    """Median of |bend| round each value, (n,); itself and what it bends beside it are left out."""
-    size = np.abs(bent)
+def _surrounding_bend(bend: Float64) -> Float64:
+    """Median |bend| round each value, (n,), without itself and the neighbours that it bends."""
+    size = np.abs(bend)
     result = np.zeros(len(size))
     for at in range(len(size)):
         around = (*size[max(0, at - _WINDOW) : max(0, at - 1)], *size[at + 2 : at + _WINDOW + 1])
@@ -55,31 +57,31 @@ def restlessness(bent: Float64) -> Float64:
     return result
 
 
-def outliers(bent: Float64, limit: float, error: Float64 | float = 0.0) -> list[tuple[int, float]]:
-    """Single values that jump out: position and how far, the farthest of neighbours only.
+def outliers(bend: Float64, limit: float, error: Float64 | float = 0.0) -> list[tuple[int, float]]:
+    """Jumps of single values: position and size, the largest of neighbours only.
 
     Args:
-        bent: bend of the series, (n,).
-        limit: the least jump; four times the restlessness around is asked for as well.
-        error: standard error of the bends, two of which are asked for as well.
+        bend: of the series, (n,).
+        limit: least jump, beyond four times the bend around it and two standard errors.
+        error: standard error of the bend.
     """
-    size = np.abs(bent)
-    least = limit + 4.0 * restlessness(bent) + 2.0 * np.broadcast_to(error, bent.shape)
+    size = np.abs(bend)
+    least = limit + 4.0 * _surrounding_bend(bend) + 2.0 * np.broadcast_to(error, bend.shape)
     return [
-        (at, float(bent[at]))
+        (at, float(bend[at]))
         for at in range(1, len(size) - 1)
         if size[at] > least[at] and size[at] >= size[at - 1 : at + 2].max()
     ]
 
 
 def steps(values: Float64, limit: float) -> list[tuple[int, float]]:
-    """Where a series goes to another level within one frame: position and how far.
+    """Lasting changes of level within one frame: position and size.
 
-    What comes back with the next frame is a jump (`outliers`), not a step.
+    A change that is undone on the next frame is a jump (`outliers`), not a step.
 
     Args:
         values: (n,), NaN where there is none.
-        limit: the least step; three times how unevenly it goes around is asked for as well.
+        limit: least step, beyond three times the deviation of the changes around it.
     """
     change = np.diff(values, prepend=np.nan)
     found = []
@@ -99,31 +101,31 @@ def steps(values: Float64, limit: float) -> list[tuple[int, float]]:
 
 
 def flicker(
-    bent: Float64, limit: float, error: Float64 | float = 0.0
+    bend: Float64, limit: float, error: Float64 | float = 0.0
 ) -> list[tuple[int, int, float]]:
-    """Stretches whose values go up and down: first and last position, median amplitude.
+    """Runs of values that go up and down: first and last position, median amplitude.
 
     Args:
-        bent: bend of the series, (n,).
-        limit: the least amplitude, half of what a value differs from its neighbours.
-        error: standard error of the bends; one and a half of it make no flicker.
+        bend: of the series, (n,).
+        limit: least amplitude, half of a value's difference from its neighbours.
+        error: standard error of the bend; 1.5 of it are no flicker.
     """
-    calm = 0.5 * restlessness(bent)
-    doubt = 0.75 * restlessness(np.broadcast_to(np.asarray(error, np.float64), bent.shape))
-    restless = np.flatnonzero(calm > np.maximum(limit, doubt))
-    stretches = np.split(restless, np.flatnonzero(np.diff(restless) > 1) + 1)
+    amplitude = 0.5 * _surrounding_bend(bend)
+    doubt = 0.75 * _surrounding_bend(np.broadcast_to(np.asarray(error, np.float64), bend.shape))
+    unsteady = np.flatnonzero(amplitude > np.maximum(limit, doubt))
+    found = np.split(unsteady, np.flatnonzero(np.diff(unsteady) > 1) + 1)
     return [
-        (int(one[0]), int(one[-1]), float(np.median(calm[one])))
-        for one in stretches
-        if len(one) >= _LEAST_STRETCH
+        (int(run[0]), int(run[-1]), float(np.median(amplitude[run])))
+        for run in found
+        if len(run) >= _LEAST_RUN
     ]
 
 
 def freezes(motion: Float64, still: float) -> list[tuple[int, int]]:
-    """Where what moves before and after stands still: first and last position, five at most.
+    """Runs of at most five still values between moving ones: first and last position.
 
     Args:
-        motion: change since the value before, (n,), NaN where there is none [level].
+        motion: change since the value before, (n,) [level].
         still: change that the encoder alone makes [level].
     """
     found, at, count = [], 1, len(motion)

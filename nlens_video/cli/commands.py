@@ -40,7 +40,7 @@ def _check(args: argparse.Namespace) -> int:
 
     plate = to_settings.source_settings(args)
     return check(
-        args.result, plate, find_range=args.range is None, objects=args.objects,
+        args.result, plate, search_range=args.range is None, objects=args.objects,
         report=args.report, as_json=args.json, quiet=args.quiet,
     )  # fmt: skip
 

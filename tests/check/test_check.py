@@ -278,7 +278,7 @@ def test_result_of_a_given_range_is_compared_with_that_range(source, tmp_path):
 
 def test_range_of_a_result_is_detected_and_noted(source, tmp_path):
     result = part_of(source, tmp_path / "part.mp4", 9, 17)
-    verdict = found(result, source, find_range=True)
+    verdict = found(result, source, search_range=True)
     assert verdict.frames == (8, 8) and [one.kind for one in verdict.findings] == ["sound"]
     assert "taken for the result of --range 9:17" in verdict.notes[0]
 
@@ -291,20 +291,20 @@ def test_range_is_detected_on_a_static_plate_with_one_moving_light(tmp_path):
         return np.clip(picture + noise, 0, 1).astype(np.float32)
 
     plate = takes.encode(tmp_path / "in.mp4", [lights(n) for n in range(takes.FRAMES)])
-    verdict = found(part_of(plate, tmp_path / "part.mp4", 9, 17), plate, find_range=True)
+    verdict = found(part_of(plate, tmp_path / "part.mp4", 9, 17), plate, search_range=True)
     assert "taken for the result of --range 9:17" in verdict.notes[0]
     assert [one.kind for one in verdict.findings] == ["sound"]
 
 
 def test_truncated_result_is_reported_with_the_range_that_would_explain_it(source, tmp_path):
-    verdict = found(part_of(source, tmp_path / "part.mp4", 0, 17), source, find_range=True)
+    verdict = found(part_of(source, tmp_path / "part.mp4", 0, 17), source, search_range=True)
     assert any("frames 17 to" in text for text in texts(verdict))
     assert "--range 0:17" in verdict.notes[0]
 
 
 def test_complete_result_is_compared_from_its_first_frame(source, tmp_path):
     result = takes.composite(source, tmp_path / "whole.mp4")
-    verdict = found(result, source, find_range=True)
+    verdict = found(result, source, search_range=True)
     assert texts(verdict) == [] and verdict.notes == ()
 
 

@@ -3,8 +3,7 @@
 import pytest
 from support.browser import chromium, seen
 
-from nlens_video.check.findings import Verdict, at
-from nlens_video.check.page import write_page
+from nlens_video.check.verdict import Verdict, at, write_page
 
 pytestmark = pytest.mark.needs_chromium
 

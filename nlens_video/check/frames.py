@@ -1,0 +1,180 @@
+"""Frames of plate and result: their features, paired by time, and the plate's range of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import cv2
+import numpy as np
+
+from nlens_video.core import signals
+from nlens_video.core.layers import Float32
+from nlens_video.core.settings import SourceSettings
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.source import open_source
+from nlens_video.video.interfaces import Source
+
+BLOCK_PX = 8
+"""Edge of a block; those of common codecs, so that their noise averages out inside one [px]."""
+_BAND_PX = (1.0, 4.0)  # in finer detail, encoding noise is stronger than what the lens resolves
+_CHROMA = ((2, 1 / 1.8556), (0, 1 / 1.5748))  # of B - Y and R - Y, as BT.709 scales them
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_MOST = 10.0  # limit of a block's misfit: the object is in the result alone [level]
+_CLEARER = 0.97  # of the misfit of the plate's first frame: a still camera's frames differ little
+_FAR_CLEARER = 0.6  # of that misfit: a frame that matches so well is not mistaken for another
+_BEYOND = 50  # frames to search after such a match
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameFeatures:
+    """Features of one frame that the check compares.
+
+    Attributes:
+        index: position in its source.
+        time_s: since the source's first frame, exact [s].
+        luma: display-coded, 0 to 255, (H, W) [level].
+        colour: mean luma and both colour differences of each block, (h, w, 3) [level].
+        detail: mean of each block's absolute band-pass of the luma, (h, w) [level].
+    """
+
+    index: int
+    time_s: Fraction
+    luma: Float32
+    colour: Float32
+    detail: Float32
+
+
+def frame_features(frame: SourceFrame, first_pts: int) -> FrameFeatures:
+    """Measure one frame; `first_pts` is that of the source's first [ticks]."""
+    rgb = np.float32(255.0) * frame.picture.srgb()
+    luma: Float32 = np.ascontiguousarray(rgb @ _LUMA, np.float32)
+    fine, coarse = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in _BAND_PX)
+    return FrameFeatures(
+        index=frame.index,
+        time_s=(frame.pts - first_pts) * frame.time_base,
+        luma=luma,
+        colour=block_mean(
+            np.dstack([luma, *(scale * (rgb[..., at] - luma) for at, scale in _CHROMA)])
+        ),
+        detail=block_mean(np.abs(fine - coarse)),
+    )
+
+
+def block_mean(values: Float32) -> Float32:
+    """Mean of each whole block of (H, W) or (H, W, channels); a frame below one block is one."""
+    height, width = values.shape[:2]
+    rows, columns = max(1, height // BLOCK_PX), max(1, width // BLOCK_PX)
+    whole = values[: min(height, rows * BLOCK_PX), : min(width, columns * BLOCK_PX)]
+    means = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(means, np.float32)
+
+
+def block_rms(first: FrameFeatures, second: FrameFeatures) -> Float32:
+    """Root mean square difference in luma of each block, (h, w) [level]."""
+    return np.asarray(np.sqrt(block_mean(np.square(first.luma - second.luma))), np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """A frame of the result and the plate's frame of that time.
+
+    Attributes:
+        plate: the plate's frame.
+        result: the result's frame.
+        before: the plate's frame before, None at its beginning.
+        after: the plate's frame after, None at its end.
+    """
+
+    plate: FrameFeatures
+    result: FrameFeatures
+    before: FrameFeatures | None
+    after: FrameFeatures | None
+
+    @property
+    def delay_s(self) -> float:
+        """How much later the result's frame is shown [s]."""
+        return float(self.result.time_s - self.plate.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Unpaired:
+    """A frame without a partner: the plate's (`dropped`), or one that the result has added."""
+
+    index: int
+    dropped: bool
+
+
+def pair_frames(
+    plate: Iterator[FrameFeatures], result: Iterator[FrameFeatures]
+) -> Iterator[Pair | Unpaired]:
+    """Pair frames whose times differ by less than half a plate's frame; holds four at a time."""
+    before: FrameFeatures | None = None
+    now, after = next(plate, None), next(plate, None)
+    shown = next(result, None)
+    step = Fraction(1, 25)
+    while now is not None and shown is not None:
+        step = after.time_s - now.time_s if after is not None else step
+        if abs(shown.time_s - now.time_s) <= step / 2:
+            yield Pair(now, shown, before, after)
+            shown = next(result, None)
+        elif shown.time_s < now.time_s:
+            yield Unpaired(shown.index, dropped=False)
+            shown = next(result, None)
+            continue
+        else:
+            yield Unpaired(now.index, dropped=True)
+        before, now, after = now, after, next(plate, None)
+    while now is not None:
+        yield Unpaired(now.index, dropped=True)
+        now, after = after, next(plate, None)
+    while shown is not None:
+        yield Unpaired(shown.index, dropped=False)
+        shown = next(result, None)
+
+
+def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
+    """Range of the plate that a shorter result shows, found by the result's first frame.
+
+    Args:
+        result: written by `render`, possibly with `--range`.
+        plate: its plate, whose range is not used.
+
+    Returns:
+        First index and the one past the last; None where the result has as many frames as its
+        plate or begins with it, or where one of the two cannot be read twice.
+
+    Raises:
+        InputError: one of the two cannot be read.
+    """
+    if not (can_be_read_again(result) and can_be_read_again(plate.spec)):
+        return None
+    with open_source(result) as made, open_source(plate.spec, **plate.hints) as given:
+        frames, plate_frames = made.info.frame_count, given.info.frame_count
+        whole = frames is not None and plate_frames is not None and frames >= plate_frames
+        sizes = {(one.info.width, one.info.height) for one in (made, given)}
+        if whole or len(sizes) > 1:
+            return None
+        rest = iter(made)
+        frame = next(rest, None)
+        first = 0 if frame is None else _best_match(frame_features(frame, frame.pts), given)
+        return (first, first + 1 + sum(1 for _ in rest)) if first else None
+
+
+def _best_match(beginning: FrameFeatures, plate: Source) -> int:
+    """Index of the plate's frame that differs least; 0 unless it is clearly better than that."""
+    best, least, own = 0, 0.0, 0.0
+    for frame in plate:
+        signals.check()
+        # mean of the blocks, since a median would miss the little that moves
+        misfit = np.minimum(block_rms(beginning, frame_features(frame, frame.pts)), _MOST)
+        off = float(misfit.mean())
+        if frame.index == 0:
+            own = least = off
+        if off < least:
+            best, least = frame.index, off
+        if least < _FAR_CLEARER * own and frame.index >= best + _BEYOND:
+            break
+    return best if least < _CLEARER * own else 0
