@@ -19,12 +19,13 @@ from matplotlib.axes import Axes
 from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.values import LoopFrame, ShotValues
+from nlens_video.graph.base.values import ShotValues
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.session import open_session
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import Regression
+from nlens_video.video.info import SourceFrame
 from nlens_video.video.pixels.picture import ArrayPicture
 
 ROOT = Path(__file__).parents[1]
@@ -47,7 +48,7 @@ def first_frame() -> tuple[np.ndarray, ShotValues, DefocusedLayer, np.ndarray]:
         PlatePreview(lambda: (picture,)),
     )
     with session.render_context():
-        state = session.executor.begin_frame(LoopFrame(FRAME, 0.0, picture))
+        state = session.executor.begin_frame(SourceFrame(index=FRAME, picture=picture))
         session.executor.run(state, session.graph.nodes)
         defocused, blurred = state.values.defocused, state.values.blurred
         if defocused is None or blurred is None:

@@ -14,11 +14,11 @@ from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.session import Session, open_session
+from nlens_video.video.info import SourceFrame
 
 if TYPE_CHECKING:
     import av
@@ -91,7 +91,8 @@ class FrameLoop:
         """Composite in place, at a time of the animation [s]; None: frames so far / fps."""
         session = self._open(picture)
         time_s = self._count / self.fps if time is None else time
-        state = session.executor.begin_frame(LoopFrame(self._count, time_s, picture))
+        frame = SourceFrame(index=self._count, time_s=time_s, picture=picture)
+        state = session.executor.begin_frame(frame)
         session.executor.run(state, session.graph.nodes)
         self.last = picture
         self.profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)

@@ -23,7 +23,7 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
-from nlens_video.graph.pipeline_file import NodeSpec, PipelineFile
+from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.networks.device import DeviceChoice
 from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
@@ -264,7 +264,10 @@ def build(
             left_out.append((spec.name, f"not needed: {spec.fallback_for} runs"))
         else:
             try:
-                nodes.append(_node(spec, context, built))
+                key = (spec.name, repr(sorted(spec.options.items())))
+                if key not in built:
+                    built[key] = spec.type(context, **spec.options)
+                nodes.append(built[key])
             except Unavailable as reason:
                 left_out.append((spec.name, str(reason)))
                 missing[spec.name] = str(reason)
@@ -278,11 +281,3 @@ def build(
         left_out=tuple(left_out),
         notes=tuple(notes),
     )
-
-
-def _node(spec: NodeSpec, context: NodeContext, built: Built) -> Node:
-    key = (spec.name, repr(sorted(spec.options.items())))
-    if key not in built:
-        make: type[Node] = spec.type
-        built[key] = make(context, **spec.options)  # type: ignore[call-arg]  # each class its own
-    return built[key]

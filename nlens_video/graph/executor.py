@@ -14,10 +14,11 @@ from nlens_video.core.layers import Box, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.base.node import LANES, Lane, Node
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
-from nlens_video.graph.base.values import FrameValues, ShotValues, StreamFrame
+from nlens_video.graph.base.values import FrameValues, ShotValues
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.scheduler import Worker
 from nlens_video.stages.r_lens_track import FitTrack, LiveLens
+from nlens_video.video.info import SourceFrame
 
 _SHOT_PORTS = tuple(one.name for one in fields(ShotValues))
 
@@ -47,7 +48,7 @@ class FrameState:
         reusable: what the nodes of the other level have computed.
     """
 
-    frame: StreamFrame
+    frame: SourceFrame
     values: FrameValues
     carried_fit: bool = False
     started: bool = False
@@ -149,7 +150,7 @@ class GraphExecutor:
         self._track = self._live = None
         self.fit = fit
 
-    def begin_frame(self, frame: StreamFrame, following: tuple[Picture, ...] = ()) -> FrameState:
+    def begin_frame(self, frame: SourceFrame, following: tuple[Picture, ...] = ()) -> FrameState:
         """Start a frame: the ports that are given.
 
         Args:
@@ -163,7 +164,7 @@ class GraphExecutor:
         )
         return FrameState(frame, values)
 
-    def observe_skipped(self, frame: StreamFrame) -> None:
+    def observe_skipped(self, frame: SourceFrame) -> None:
         """Run stateful nodes on a frame before the range, so that a range equals the whole."""
         for node in self.graph.stateful:
             node.run(frame.picture)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
@@ -31,7 +31,6 @@ from nlens_video.stages.r_lens_track import (
 )
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
-from nlens_video.video.interfaces import Source
 
 _EVERY = 3  # frames between two signatures
 _SPACING_S = 0.16  # least time between two fits of one shot [s]
@@ -85,9 +84,17 @@ def lens_track_pass(
         seconds = frame_s(source.info) or 1 / 25
         every = settings.track_focus if isinstance(settings.track_focus, int) else None
         end = settings.source.frames[1]
-        counted = _CountedFrames(source, end)
-        requests = tuple(_fit_requests(counted.pictures(), seconds, every))
-    on_counted(counted.count)
+        count = 0
+
+        def pictures() -> Iterator[tuple[int, Picture]]:
+            nonlocal count
+            for frame in takewhile(lambda frame: end is None or frame.index < end, source):
+                signals.check()
+                count = frame.index + 1
+                yield frame.index, frame.picture
+
+        requests = tuple(_fit_requests(pictures(), seconds, every))
+    on_counted(count)
     if len(requests) < 2:
         return None
     keyframes = tuple(_keyframes(settings, requests))
@@ -96,28 +103,10 @@ def lens_track_pass(
     spacing = max(1, round(_SPACING_S / seconds))
     cuts = [after.index for before, after in pairwise(requests) if after.shot != before.shot]
     return FitTrack(
-        hold_segments(keyframes, spacing, counted.count),
+        hold_segments(keyframes, spacing, count),
         max(1.0, _SMOOTHING_S / seconds),
         tuple(cuts),
     )
-
-
-class _CountedFrames:
-    """The frames of a source up to an end, counted as they are read."""
-
-    def __init__(self, source: Source, end: int | None) -> None:
-        self._source = source
-        self._end = end
-        self.count = 0
-
-    def pictures(self) -> Iterator[tuple[int, Picture]]:
-        """Index and picture of each frame."""
-        for frame in self._source:
-            if self._end is not None and frame.index >= self._end:
-                return
-            signals.check()
-            self.count = frame.index + 1
-            yield frame.index, frame.picture
 
 
 def _fit_requests(

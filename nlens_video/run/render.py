@@ -25,7 +25,7 @@ from nlens_video.run.preflight import check_settings, check_shot, check_written,
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunk_queue import ChunkFeed
-from nlens_video.video.info import SourceFrame, SourceInfo, part_of
+from nlens_video.video.info import SourceInfo, part_of
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.interfaces import Sink, Source
 
@@ -135,7 +135,7 @@ def find_fit(
             seen += 1
             signals.check()
             session.executor.run(state, find_lens)
-            frame = cast("SourceFrame", state.frame)
+            frame = state.frame
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
             sidecars.frame(state, timing)
             if session.executor.fit is not None or seen >= search_frames:
@@ -209,7 +209,7 @@ def render(
             if not isinstance(item, FrameState):
                 sink.write_packet(cast("Packet", item))
                 continue
-            frame = cast("SourceFrame", item.frame)
+            frame = item.frame
             with profiler.timed(frame.index, "encode"):
                 sink.write(frame)
             timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.carried_fit)

@@ -119,7 +119,7 @@ class SourceInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SourceFrame:
-    """One frame of a source.
+    """One frame of a source; of a caller's own loop with index, time and picture alone.
 
     Attributes:
         index: position in the source, from 0.
@@ -132,11 +132,11 @@ class SourceFrame:
     """
 
     index: int
-    pts: int
-    time_base: Fraction
-    time_s: float
-    duration: int
     picture: Picture
+    time_s: float = 0.0
+    pts: int = 0
+    time_base: Fraction = Fraction(1)
+    duration: int = 0
     lost: int = 0
 
     @property

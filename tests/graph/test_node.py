@@ -108,13 +108,13 @@ def test_condition_is_false_on_a_frame_without_its_port():
     ],
 )
 def test_first_runnable_alternative_writes_the_port(ports, expected):
-    assert run([FromDefocused(), FromLayer()], values(**ports)) == expected
+    assert run([FromDefocused(None), FromLayer(None)], values(**ports)) == expected
 
 
 def test_operations_on_a_port_form_a_chain():
-    chain = [FromLayer(), Operation(), Operation()]
+    chain = [FromLayer(None), Operation(None), Operation(None)]
     assert run(chain, values(layer=1)) == "from the layer, changed, changed"
-    assert run([Operation()], values()) is None
+    assert run([Operation(None)], values()) is None
 
 
 def test_every_node_annotates_its_ports_with_their_types():

@@ -9,12 +9,12 @@ from nlens_video.effects.planner import decide
 from nlens_video.graph.base.context import NodeContext
 from nlens_video.graph.base.object_source import open_object
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import build, shadow_scene
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.scene.scene import Scene
+from nlens_video.video.info import SourceFrame
 from nlens_video.video.pixels.picture import ArrayPicture
 
 
@@ -40,7 +40,7 @@ def executor(context):
 
 def run(runner, level, index=0):
     picture = ArrayPicture(np.full((shots.HEIGHT, shots.WIDTH, 3), level, np.uint8), "rgb")
-    state = runner.begin_frame(LoopFrame(index, index / 25, picture))
+    state = runner.begin_frame(SourceFrame(index=index, time_s=index / 25, picture=picture))
     return runner.run(state, runner.graph.nodes).values
 
 

@@ -20,7 +20,6 @@ from nlens_video.effects.planner import DEFOCUS
 from nlens_video.evaluate.bench.case import Case
 from nlens_video.graph.base.node import OUT_OF_FOCUS, Node
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.values import LoopFrame
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import GraphExecutor
@@ -28,6 +27,7 @@ from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline, shipped
 from nlens_video.graph.session import open_session
 from nlens_video.stages.l_lens_sampling import view_count
 from nlens_video.stages.l_reblur import crop_to_frame
+from nlens_video.video.info import SourceFrame
 from nlens_video.video.pixels.picture import ArrayPicture
 
 LENS_VIEWS = (8, 32)
@@ -239,7 +239,7 @@ def opened(
 def one_frame(steps: GraphExecutor, case: Case, index: int) -> tuple[UInt8, dict[str, float]]:
     """The composite (H, W, 3), and what each node took [ms]."""
     codes = case.plate.copy()
-    state = steps.begin_frame(LoopFrame(index, 0.0, ArrayPicture(codes, "rgb")))
+    state = steps.begin_frame(SourceFrame(index=index, picture=ArrayPicture(codes, "rgb")))
     steps.run(state, steps.graph.nodes)
     return codes, steps.profiler.close_frame(index, index).nodes
 

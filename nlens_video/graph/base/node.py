@@ -14,6 +14,7 @@ from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 if TYPE_CHECKING:
     from nlens_video.core.layers import Box, DefocusedLayer
     from nlens_video.core.lens_fit import LensFit
+    from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
 
 Lane = Literal["render", "composite"]
@@ -54,12 +55,6 @@ def ports_of(function: Callable[..., object]) -> tuple[Port, ...]:
         for name, parameter in parameters.items()
         if name != "self"
     )
-
-
-@cache
-def output_type(function: Callable[..., object]) -> str:
-    """The return annotation of a callable, without None."""
-    return str(inspect.signature(function).return_annotation).removesuffix(_MISSING)
 
 
 def port_type(name: str) -> str:
@@ -169,10 +164,14 @@ class Node:
     stateful: ClassVar[bool] = False
     description: str = ""
 
+    def __init__(self, context: NodeContext) -> None:
+        """Construct the node; subclasses that need none of its dependencies inherit this."""
+
     def __init_subclass__(cls, **keywords: Any) -> None:  # noqa: ANN401  object's own signature
         super().__init_subclass__(**keywords)
         cls.inputs()
-        returned, wanted = output_type(cls.call_function()), port_type(cls.writes)
+        annotation = inspect.signature(cls.call_function()).return_annotation
+        returned, wanted = str(annotation).removesuffix(_MISSING), port_type(cls.writes)
         if returned != wanted:
             raise TypeError(
                 f"{cls.__name__} returns {returned}, but its port {cls.writes!r} is a {wanted}"

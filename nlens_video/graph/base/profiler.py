@@ -91,13 +91,6 @@ class Summary:
         return self.frames / self.wall_s if self.wall_s > 0 else 0.0
 
 
-@dataclass(slots=True)
-class Clock:
-    """A time that was taken [ms]."""
-
-    elapsed_ms: float = 0.0
-
-
 class Profiler:
     """Times nodes; the lanes' threads write to it side by side.
 
@@ -131,20 +124,6 @@ class Profiler:
             yield
         finally:
             self.add(index, node, 1e3 * (time.perf_counter() - start))
-
-    @contextmanager
-    def clock(self, *, waits: bool = False) -> Iterator[Clock]:
-        """Time a body before it is known which frame it belongs to.
-
-        Args:
-            waits: whether the body waits for something slower (a camera): only this thread's work
-                counts then.
-        """
-        read = time.thread_time if waits else time.perf_counter
-        clock = Clock()
-        start = read()
-        yield clock
-        clock.elapsed_ms = 1e3 * (read() - start)
 
     def add(self, index: int, node: str, elapsed_ms: float) -> None:
         """Add a time measured elsewhere [ms]."""

@@ -25,9 +25,7 @@ if TYPE_CHECKING:
     from nlens_video.stages.l_view_blend import ViewBlend
     from nlens_video.stages.p_projection import GroundProjection
     from nlens_video.stages.r_regression import Regression
-from typing import Protocol
-
-from nlens_video.core.layers import Picture
+    from nlens_video.video.info import SourceFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +72,7 @@ class FrameValues:
         blurred: the object's layer blurred by the lens; value of the chain of layer operations.
     """
 
-    frame: StreamFrame
+    frame: SourceFrame
     picture: Picture
     frame_box: Box
     following: tuple[Picture, ...] | None = None
@@ -108,41 +106,3 @@ class ShotValues:
 
 GIVEN = ("frame", "picture", "frame_box", "following", "fit")
 """Ports with a value before the first node runs."""
-
-
-class StreamFrame(Protocol):
-    """A frame of a source, as the graph takes it."""
-
-    @property
-    def index(self) -> int:
-        """Position in the stream."""
-        ...
-
-    @property
-    def number(self) -> int:
-        """Position with lost pictures counted, to match image sequences beside the stream."""
-        ...
-
-    @property
-    def time_s(self) -> float:
-        """Moment of the animation [s]."""
-        ...
-
-    @property
-    def picture(self) -> Picture:
-        """The plate; composited in place."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class LoopFrame:
-    """A frame of a caller's own loop."""
-
-    index: int
-    time_s: float
-    picture: Picture
-
-    @property
-    def number(self) -> int:
-        """Its index: no pictures are lost in a loop."""
-        return self.index

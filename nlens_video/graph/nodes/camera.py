@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from nlens_video.effects.measurement import Measurement
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.values import StreamFrame
     from nlens_video.graph.base.view import ScreenBounds, View
     from nlens_video.scene.scene import Scene
+    from nlens_video.video.info import SourceFrame
 
 _DISTORTION = "distortion"
 
@@ -87,9 +87,7 @@ class MatchExposure(Node):
 
     name, writes = "match-exposure", "blurred"
     effect, lane = EXPOSURE, "composite"
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "gains, where mid grey changes by 1 to 2 levels or more"
+    description = "gains, where mid grey changes by 1 to 2 levels or more"
 
     def __call__(self, blurred: BlurredLayer, exposure: Exposure) -> BlurredLayer:
         return match_exposure(blurred, exposure)
@@ -151,7 +149,7 @@ class Grain(Node):
         self._add = AddGrain(model)
         self.description = f"noise by level, temporal correlation {model.persistence:.0%}, numba"
 
-    def __call__(self, picture: Picture, blurred: BlurredLayer, frame: StreamFrame) -> BlurredLayer:
+    def __call__(self, picture: Picture, blurred: BlurredLayer, frame: SourceFrame) -> BlurredLayer:
         return self._add(picture, blurred, frame.index)
 
 

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.values import StreamFrame
     from nlens_video.graph.base.view import ScreenBounds
+    from nlens_video.video.info import SourceFrame
 
 
 class Composite(Node):
@@ -44,9 +44,7 @@ class Composite(Node):
 
     name, writes = "composite", "picture"
     lane = "composite"
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "premultiplied over, scene-linear"
+    description = "premultiplied over, scene-linear"
 
     def __call__(
         self, picture: Picture, blurred: BlurredLayer, foreground: Foreground | None
@@ -77,7 +75,7 @@ class OcclusionCueNode(Node):
 
     def __call__(
         self,
-        frame: StreamFrame,
+        frame: SourceFrame,
         picture: Picture,
         bounds: ScreenBounds,
         plate_coc: CocMap | None,

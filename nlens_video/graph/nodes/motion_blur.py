@@ -62,9 +62,7 @@ class SelectSamples(Node):
 
     name, writes = "select-samples", "moments"
     effect = MOTION_BLUR
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "temporal samples where parts of the object move differently"
+    description = "temporal samples where parts of the object move differently"
 
     def __call__(self, motion: Motion) -> Motion | None:
         return motion if len(motion.ways) > 1 else None
@@ -130,9 +128,7 @@ class MotionBlur(Node):
 
     name, writes = "motion-blur", "blurred"
     effect, lane, skip_if = MOTION_BLUR, "composite", "moments"
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "line filter along the mean motion"
+    description = "line filter along the mean motion"
 
     def __call__(self, blurred: BlurredLayer, motion: Motion, frame_box: Box) -> BlurredLayer:
         return motion_blurred(blurred, motion.ways[0], frame_box)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
-    from nlens_video.graph.base.values import StreamFrame
     from nlens_video.graph.base.view import ScreenBounds
+    from nlens_video.video.info import SourceFrame
 
 
 class EstimateLight(Node):
@@ -55,7 +55,7 @@ class ObjectBounds(Node):
         self._objects = context.objects
         self.description = "camera and depth bounds of the GLB"
 
-    def __call__(self, frame: StreamFrame, plate_light: Illumination | None) -> ScreenBounds | None:
+    def __call__(self, frame: SourceFrame, plate_light: Illumination | None) -> ScreenBounds | None:
         bounds = self._objects.locate(frame.number, frame.time_s)
         if bounds is None or plate_light is None:
             return bounds
@@ -110,7 +110,7 @@ class FitNode(Node):
         self,
         plate_coc: CocMap,
         ground: GroundProjection,
-        frame: StreamFrame,
+        frame: SourceFrame,
         bounds: ScreenBounds,
     ) -> FoundLens:
         try:

@@ -52,9 +52,7 @@ class ObjectCoc(Node):
 
     name, writes = "object-coc", "defocused"
     effect = DEFOCUS
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "slope * disparity + intercept"
+    description = "slope * disparity + intercept"
 
     def __call__(self, layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
         return object_coc(layer, fit)
@@ -193,9 +191,7 @@ class CropSharp(Node):
 
     name, writes = "crop-sharp", "blurred"
     lane = "composite"
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "the sharp layer, cropped to the frame"
+    description = "the sharp layer, cropped to the frame"
 
     def __call__(self, layer: ObjectLayer, frame_box: Box) -> BlurredLayer:
         return crop_to_frame(layer, frame_box)
@@ -230,9 +226,7 @@ class BlendViews(Node):
 
     name, writes = "blend-views", "blurred"
     effect, lane = DEFOCUS, "composite"
-
-    def __init__(self, context: NodeContext) -> None:
-        self.description = "L: mean of the aperture views where discs are small"
+    description = "L: mean of the aperture views where discs are small"
 
     def __call__(self, blurred: BlurredLayer, views: ViewBlend) -> BlurredLayer:
         return views.blend_into(blurred)
