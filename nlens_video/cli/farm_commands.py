@@ -9,8 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nlens_video.cli.console import Console
-from nlens_video.cli.existing_outputs import settle_existing
-from nlens_video.cli.path_guard import refuse_overwriting
+from nlens_video.cli.output_files import check_outputs
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
 from nlens_video.farm.chunk import render_chunk, render_locally
@@ -162,8 +161,7 @@ def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
         raise UsageError(f"--jobs {path}: two shots write {twice}; give each its own")
     try:
         farmed = [args for args, _ in shots]
-        refuse_overwriting(Namespace(command="farm", jobs=path), *farmed)
-        settle_existing(*farmed, overwrite=overwrite)
+        check_outputs(Namespace(command="farm", jobs=path), *farmed, overwrite=overwrite)
     except OutputError as error:
         raise OutputError(f"--jobs {path}: {error}") from error
     return runs

@@ -1,49 +1,48 @@
-"""The command line: parse, check files, run; errors become one line and an exit code."""
+"""The command line: parse, check files, run a command; errors become one line and an exit code."""
 
 from __future__ import annotations
 
-import argparse
-import contextlib
 import faulthandler
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nlens_video.cli.commands import COMPLETING, SIDE_COMMANDS, complete
-from nlens_video.cli.existing_outputs import settle_existing
-from nlens_video.cli.memory import require_memory
-from nlens_video.cli.path_guard import drop_protocol, refuse_overwriting
+from nlens_video.cli.doctor import require_memory
+from nlens_video.cli.output_files import check_outputs, drop_protocol
 from nlens_video.core import signals
-from nlens_video.core.errors import NlensError, ReaderGone
+from nlens_video.core.errors import NlensError, ReaderGone, UsageError
 from nlens_video.core.stdio import (
     escape_controls,
     prepare_streams,
+    print_out,
     redirect_library_stdout,
     redirect_to_devnull,
     standard_error,
 )
-from nlens_video.options import parser, to_settings
+from nlens_video.options import to_settings
+from nlens_video.options.parser import parse, parser_of
+from nlens_video.options.table import COMMANDS
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Console
 
 INTERRUPTED = 130
 _LIGHT = ("doctor", "completion", "study")  # load no library that aborts without memory
+_COMPLETING = "_ARGCOMPLETE"  # environment variable: the shell asks for completions
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
-    if COMPLETING in os.environ:
-        complete()
+    if _COMPLETING in os.environ:
+        _complete()
     prepare_streams()
     argv = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(sys.__stderr__)  # a crash in a library names the line that called it
-    with _interruptible():
+    with signals.interruptible():
         code = _exit_code(argv)
     _exit_if_reader_blocks(code)
     return code
@@ -95,25 +94,6 @@ def _say(text: str, error: BaseException, *, trace: bool = False) -> None:
     standard_error().write(f"nlens-video: {escape_controls(' '.join(line.split()))}\n")
 
 
-@contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """SIGTERM and the like end a run as Ctrl-C does; a second one does not disturb the clean-up."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    signals.requested.clear()
-    before = {
-        number: signal.signal(number, signals.handler)
-        for number in signals.ENDING
-        if not signals.stays_ignored(number)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_IGN if signals.requested.is_set() else handler)
-
-
 def _exit_if_reader_blocks(code: int) -> None:
     """Exit at once where a read blocks (a camera that sends nothing): Python would wait for it."""
     scheduler = sys.modules.get("nlens_video.graph.scheduler")
@@ -124,14 +104,13 @@ def _exit_if_reader_blocks(code: int) -> None:
 
 
 def _run(argv: list[str]) -> int:
-    args = parser.parse(argv)
+    args = parse(argv)
     drop_protocol(args)
     if args.command not in _LIGHT:
         require_memory()
-    refuse_overwriting(args)
-    settle_existing(args, overwrite=getattr(args, "overwrite", False))
-    if args.command in SIDE_COMMANDS:
-        return SIDE_COMMANDS[args.command](args)
+    check_outputs(args, overwrite=getattr(args, "overwrite", False))
+    if args.command in _SIDE_COMMANDS:
+        return _SIDE_COMMANDS[args.command](args)
     from nlens_video.cli.console import Console
 
     console = Console(
@@ -145,25 +124,24 @@ def _run(argv: list[str]) -> int:
         return _dispatch(args, console)
 
 
-def _dispatch(args: argparse.Namespace, console: Console) -> int:
-    """The commands whose results the console shows."""
+def _dispatch(args: Namespace, console: Console) -> int:
+    """Run a command whose results the console shows."""
     if args.command == "place":
         from nlens_video.cli.placement_sheet import write_contact_sheet
 
         console.choices(args.output, write_contact_sheet(to_settings.place_settings(args)))
         return 0
-    if args.command == "merge":
-        from nlens_video.cli.farm_commands import run_merge
+    if args.command in ("merge", "farm"):
+        from nlens_video.cli import farm_commands
 
-        return run_merge(args, console)
-    if args.command == "farm" and args.jobs is not None:
-        from nlens_video.cli.farm_commands import run_jobs
-
-        return run_jobs(args, console)
+        if args.command == "merge":
+            return farm_commands.run_merge(args, console)
+        if args.jobs is not None:
+            return farm_commands.run_jobs(args, console)
     return _composite(args, console)
 
 
-def _composite(args: argparse.Namespace, console: Console) -> int:
+def _composite(args: Namespace, console: Console) -> int:
     """The commands that composite, or find the lens: `render`, `farm`, `fit`."""
     settings = to_settings.settings(args)
     if getattr(args, "plan", False):
@@ -171,34 +149,133 @@ def _composite(args: argparse.Namespace, console: Console) -> int:
 
         console.plan(plan(settings, all_reasons=args.verbose or args.json))
         return 0
-    if args.command == "farm":
-        from nlens_video.cli.farm_commands import run_farm
+    if args.command == "farm" or (args.command == "render" and (args.resume or args.as_chunk)):
+        from nlens_video.cli import farm_commands
 
-        return run_farm(args, settings, console)
+        if args.command == "farm":
+            return farm_commands.run_farm(args, settings, console)
+        if args.resume:
+            return farm_commands.run_resumable(args, settings, console)
+        return farm_commands.run_chunk(settings, Path(args.output), console)
+    from nlens_video.run.observers import check_sidecars
+    from nlens_video.run.render import find_fit, render
+
     if args.command == "fit":
-        from nlens_video.run.observers import check_sidecars
-        from nlens_video.run.render import find_fit
-
         found = find_fit(settings)
         console.fit(found)
         check_sidecars(str(found.path), found.missing)
         return 0
-    if args.resume:
-        from nlens_video.cli.farm_commands import run_resumable
-
-        return run_resumable(args, settings, console)
-    if args.as_chunk:
-        from nlens_video.cli.farm_commands import run_chunk
-
-        return run_chunk(settings, Path(args.output), console)
-    from nlens_video.run.observers import check_sidecars
-    from nlens_video.run.render import render
-
     with console.progress_bar() as on_progress:
         outcome = render(settings, on_progress)
     console.outcome(outcome)
     check_sidecars(outcome.output, outcome.missing)
     return 0
+
+
+def _doctor(args: Namespace) -> int:
+    from nlens_video.cli.doctor import examine
+
+    return examine(as_json=args.json)
+
+
+def _evaluate(args: Namespace) -> int:
+    if args.what == "composite":
+        from nlens_video.evaluate.composite.composite import evaluate_composite as evaluate
+    elif args.what == "scene":
+        from nlens_video.evaluate.composite.scene import evaluate_scene as evaluate
+    elif args.what == "sequences":
+        from nlens_video.evaluate.composite.sequences import evaluate_sequences as evaluate
+    else:
+        from nlens_video.evaluate.coc.protocol import evaluate_coc as evaluate
+    evaluate(args.folder, args.out, as_json=args.json, quiet=args.quiet)
+    return 0
+
+
+def _check(args: Namespace) -> int:
+    from nlens_video.check.command import check
+
+    plate = to_settings.source_settings(args)
+    return check(
+        args.result, plate, search_range=args.range is None, objects=args.objects,
+        report=args.report, as_json=args.json, quiet=args.quiet,
+    )  # fmt: skip
+
+
+def _bench(args: Namespace) -> int:
+    from nlens_video.evaluate.bench.bench import bench
+
+    bench(args.folder, args.out, quick=args.quick, as_json=args.json, quiet=args.quiet)
+    return 0
+
+
+def _study(args: Namespace) -> int:
+    from nlens_video.evaluate.study.analysis import analyse_answers
+    from nlens_video.evaluate.study.page import make_demo, make_study
+
+    if args.what == "make" and args.demo == (args.folder is not None):
+        raise UsageError("study make: give either a FOLDER of pictures or --demo, then OUT.html")
+    if args.what == "make" and args.demo:
+        make_demo(args.page)
+    elif args.what == "make":
+        make_study(args.folder, args.page, args.choices, args.things)
+    else:
+        analyse_answers(args.answers, args.reference, as_json=args.json, quiet=args.quiet)
+    return 0
+
+
+def _completion(args: Namespace) -> int:
+    from argcomplete.shell_integration import shellcode
+
+    print_out(shellcode(["nlens-video"], shell=args.shell))
+    return 0
+
+
+def _graph(args: Namespace) -> int:
+    from nlens_video.graph.diagram import dot, mermaid
+    from nlens_video.graph.pipeline_file import load_pipeline
+
+    pipeline = load_pipeline(args.preset)
+    print_out(dot(pipeline) if args.dot else mermaid(pipeline))
+    for note in () if args.quiet else pipeline.notes:
+        standard_error().write(f"{'note':7}{note}\n")
+    return 0
+
+
+_SIDE_COMMANDS: dict[str, Callable[[Namespace], int]] = {
+    "doctor": _doctor,
+    "evaluate": _evaluate,
+    "check": _check,
+    "bench": _bench,
+    "study": _study,
+    "graph": _graph,
+    "completion": _completion,
+}
+
+
+def _complete() -> None:
+    """Print the completions of the word under the cursor for the shell, and end the process."""
+    import argcomplete
+    from argcomplete.completers import FilesCompleter
+
+    line = os.environ.get("COMP_LINE", "")
+    typed = line.split()
+    named = len(typed) > 2 or (len(typed) == 2 and line.endswith(" "))
+    command = typed[1] if named else ""
+    if command not in COMMANDS:
+        parser: ArgumentParser = parser_of("render")
+        first = next(action for action in parser._actions if not action.option_strings)
+        files = FilesCompleter()
+
+        def plate_or_command(**about: str) -> Iterable[str]:
+            return [*COMMANDS, *files(**about)]
+
+        # argcomplete looks for this attribute, which argparse's actions do not declare
+        first.completer = plate_or_command  # type: ignore[attr-defined]
+    else:
+        parser = ArgumentParser("nlens-video")
+        below = parser.add_subparsers()
+        below.add_parser(command, parents=[parser_of(command)], add_help=False)
+    argcomplete.autocomplete(parser)
 
 
 if __name__ == "__main__":

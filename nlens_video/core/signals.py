@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 ENDING = tuple(
@@ -23,11 +25,6 @@ def handler(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
-def stays_ignored(number: signal.Signals) -> bool:
-    """Whether the parent process had a signal ignored, as `nohup` does with SIGHUP."""
-    return number.name == "SIGHUP" and signal.getsignal(number) is signal.SIG_IGN
-
-
 def check() -> None:
     """Raise the interrupt if a termination signal has arrived.
 
@@ -36,3 +33,25 @@ def check() -> None:
     """
     if requested.is_set():
         raise KeyboardInterrupt
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """SIGTERM and the like end a run as Ctrl-C does; a second one does not disturb the clean-up.
+
+    A SIGHUP that the parent process had ignored, as `nohup` does, stays ignored.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    requested.clear()
+    before = {number: signal.getsignal(number) for number in ENDING}
+    if before.get(getattr(signal, "SIGHUP", None)) is signal.SIG_IGN:
+        del before[signal.SIGHUP]
+    for number in before:
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, signal.SIG_IGN if requested.is_set() else earlier)

@@ -1,7 +1,7 @@
 """Every option of every command: a new option is one row here.
 
 Parsers (`options.parser_of`), settings (`to_settings`), the parameters of a `Compositor` and the
-files that a command reads and writes (`cli.path_guard`) are derived from these rows.
+files that a command reads and writes (`cli.output_files`) are derived from these rows.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 import pytest
 from support.command import nlens, one_line
 
-from nlens_video.cli.path_guard import file_options
+from nlens_video.cli.output_files import file_options
 from nlens_video.options.files import CHUNKS
 
 RUN = (

@@ -13,7 +13,7 @@ from support import shots
 from support.command import nlens
 from support.terminal import program
 
-from nlens_video.cli.memory import address_space
+from nlens_video.cli.doctor import address_space
 
 pytestmark = pytest.mark.needs_gl
 

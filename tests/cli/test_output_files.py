@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from nlens_video.cli.path_guard import file_options
+from nlens_video.cli.output_files import file_options
 from nlens_video.options.parser import parser_of
 from nlens_video.options.readers import path, word
 from nlens_video.options.table import COMMANDS, JOBS

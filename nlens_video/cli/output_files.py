@@ -1,13 +1,18 @@
-"""Refuses commands that would write over a file that they read, or write one file twice.
+"""Which files commands may write: none that they read, none twice, existing ones only on purpose.
 
-Which values name files is a column of the option table (`options.files`).
+Which values name files is a column of the option table (`options.files`). As FFmpeg does, a command
+on a terminal asks before it replaces a file; `-y` answers. A script may run the same command again;
+there only a write-protected file, and a report's page that another program has written, are
+refused.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
+import os
 import re
+import sys
+from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +20,8 @@ from typing import Literal
 from urllib.parse import unquote
 
 from nlens_video.core.errors import OutputError
-from nlens_video.options.files import Files
+from nlens_video.core.stdio import escape_controls, standard_error
+from nlens_video.options.files import PAGE, Files
 from nlens_video.options.option import Option
 from nlens_video.options.table import JOBS, ROWS
 from nlens_video.video.named_files import NamedFiles, local_path
@@ -23,6 +29,10 @@ from nlens_video.video.named_files import NamedFiles, local_path
 _URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')
 _LISTS = {".m3u8", ".m3u", ".mpd", ".ffconcat", ".txt", ".sdp"}
 _MOST_LIST_BYTES = 1 << 20
+GENERATOR = "nlens-video"
+"""Content of the `meta` element `generator` in the pages that are written here."""
+_OUR_PAGES = (f'name="generator" content="{GENERATOR}"', '<p class="eyebrow">nlens-video')
+_MOST_PAGE_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +64,7 @@ def file_options(command: str) -> Iterator[tuple[Option, Files]]:
     )
 
 
-def uses(args: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
+def uses(args: Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
     """The files that a parsed command line names, to be read or to be written."""
     for option, files in file_options(_form(args)):
         if files.role != role or not files.holds(args):
@@ -75,7 +85,7 @@ def uses(args: argparse.Namespace, role: Literal["reads", "writes"]) -> Iterator
             )
 
 
-def drop_protocol(args: argparse.Namespace) -> None:
+def drop_protocol(args: Namespace) -> None:
     """Replace `file:p.mp4`, FFmpeg's form of a path, by that path, in place."""
     for attribute in {option.attribute for option, _ in file_options(_form(args))}:
         value = getattr(args, attribute, None)
@@ -90,22 +100,29 @@ def _bare(given: str | Path) -> str | Path:
     return given if path is None else type(given)(path)
 
 
-def _form(args: argparse.Namespace) -> str:
+def _form(args: Namespace) -> str:
     """The form of a command that has options of its own, else the command."""
     if args.command == "farm" and args.jobs is not None:
         return JOBS
     return f"study {args.what}" if args.command == "study" else str(args.command)
 
 
-def refuse_overwriting(*commands: argparse.Namespace) -> None:
-    """Check that commands write no file that they read, and none twice.
+def check_outputs(*commands: Namespace, overwrite: bool) -> None:
+    """Check that commands write no file that they read, none twice, and may replace existing ones.
 
     Args:
         commands: parsed command lines; several where they run together.
+        overwrite: whether existing files may be replaced without asking.
 
     Raises:
-        OutputError: they do.
+        OutputError: they may not run.
     """
+    _refuse_collisions(commands)
+    if not overwrite:
+        _settle_existing(commands)
+
+
+def _refuse_collisions(commands: tuple[Namespace, ...]) -> None:
     taken = _Taken()
     for args in commands:
         for read in (*uses(args, "reads"), *_named_inside(args)):
@@ -153,7 +170,7 @@ def _line(written: Use, other: Use) -> str:
     return f"{written.name} {written.given}: is {other.name} as well; give it another name"
 
 
-def _named_inside(args: argparse.Namespace) -> Iterator[Use]:
+def _named_inside(args: Namespace) -> Iterator[Use]:
     """Files that are read because a scene or a playlist names them."""
     scene, plate = getattr(args, "glb", None), getattr(args, "input", None)
     if scene is not None:
@@ -195,3 +212,72 @@ def _listed(plate: Path) -> Iterator[Path]:
             path = local_path(name) if name else None
             if path is not None and len(name) < 255 and (plate.parent / path).is_file():
                 yield plate.parent / path
+
+
+def _settle_existing(commands: tuple[Namespace, ...]) -> None:
+    existing = [
+        one
+        for args in commands
+        if not getattr(args, "plan", False)
+        for use in uses(args, "writes")
+        for one in _existing(use)
+    ]
+    if existing and all(one is not None and one.isatty() for one in (sys.stdin, sys.stderr)):
+        _ask(existing)
+        return
+    for name, reason in existing:
+        if reason:
+            raise OutputError(
+                f"{name}: {reason}; give -y (--overwrite) to replace it, or another name"
+            )
+
+
+def _existing(use: Use) -> Iterator[tuple[str, str]]:
+    """What would be replaced, and why it must not be unasked; empty where it may."""
+    if use.derived or (use.folder and use.files.inside != PAGE):
+        return  # all names in such a folder are this program's
+    files = [path for path in use.files.existing() if path.is_file() and path.stat().st_size]
+    if not files:
+        return
+    name = str(files[0]) if len(files) == 1 else f"{use.given} ({len(files)} files)"
+    if any(map(_protected, files)):
+        yield name, "is write-protected"
+    elif use.folder and not all(map(_is_our_page, files)):
+        yield name, "was not written by nlens-video"
+    elif not use.folder:
+        yield name, ""
+
+
+def _protected(path: Path) -> bool:
+    """Whether the file is write-protected; root may write it all the same."""
+    return not path.stat().st_mode & 0o222 or not os.access(path, os.W_OK)
+
+
+def _is_our_page(path: Path) -> bool:
+    try:
+        if path.stat().st_size > _MOST_PAGE_BYTES:
+            return False
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return any(mark in text for mark in _OUR_PAGES)
+
+
+def _ask(existing: list[tuple[str, str]]) -> None:
+    """Ask once for all files.
+
+    Raises:
+        OutputError: the answer is no.
+    """
+    names = ", ".join(f"{name} {reason}".strip() for name, reason in existing)
+    exists = " exists" if len(existing) == 1 else " exist"
+    if all(reason for _, reason in existing):
+        exists = ""
+    error = standard_error()
+    error.write(f"nlens-video: {escape_controls(names)}{exists}; replace? [y/N] ")
+    error.flush()
+    answer = sys.stdin.readline()
+    if not answer.endswith("\n"):
+        error.write("\n")
+    if answer.strip().lower() not in ("y", "yes"):
+        raise OutputError(f"{existing[0][0]}: exists, and is kept; give another name, or -y")
