@@ -1,4 +1,4 @@
-"""The command line as a user or a script calls it: real files, real codecs, a process each."""
+"""The command line on real files, and as a process of its own."""
 
 import contextlib
 import itertools

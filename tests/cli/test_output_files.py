@@ -1,4 +1,4 @@
-"""The option table says of every option that may name a file what is done with the file."""
+"""The option table states of every path option whether the file is read or written."""
 
 import argparse
 from pathlib import Path

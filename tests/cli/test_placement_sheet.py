@@ -1,4 +1,4 @@
-"""Objects without a camera: the words that place them, and the contact sheet of choices."""
+"""Placement of objects without a camera, and the contact sheet of placements."""
 
 import json
 import shlex

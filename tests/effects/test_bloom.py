@@ -1,4 +1,4 @@
-"""Halos round the object's highlights."""
+"""Bloom: halos around the object's highlights."""
 
 import numpy as np
 import pytest

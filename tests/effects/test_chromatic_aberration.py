@@ -1,4 +1,4 @@
-"""Lateral chromatic aberration of the object, against shapes that are drawn displaced."""
+"""Lateral chromatic aberration of the object against shapes drawn with displaced channels."""
 
 import numpy as np
 import pytest

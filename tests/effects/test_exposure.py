@@ -1,4 +1,4 @@
-"""The plate's exposure over a shot, and the object that follows it."""
+"""Exposure changes of the plate over a shot, applied to the object."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Grain: measured on known noise, made again within a tenth of it."""
+"""Grain: measured on known noise, and added to the object within a tenth of it."""
 
 import json
 

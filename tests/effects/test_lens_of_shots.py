@@ -1,4 +1,4 @@
-"""Effects of the lens, found on shots that are known to have them, and not on clean ones."""
+"""Lens effects detected on shots that are known to have them, and not on clean ones."""
 
 import pytest
 from support.effects.shot_table import CLEAN, MIXED, SINGLE, judge

@@ -1,4 +1,4 @@
-"""Motion blur: against hand-worked kernels and against hundreds of moments."""
+"""Motion blur against hand-worked kernels and hundreds of shutter samples."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Real things in front: against the layers that the plate was made of, and hand-worked values."""
+"""Foreground occlusion against the layers that the plate is made of, and hand-worked values."""
 
 import math
 

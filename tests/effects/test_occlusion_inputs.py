@@ -1,4 +1,4 @@
-"""Holdout, occlusion and reflection as a user calls them: the command, on real files."""
+"""Holdout, occlusion and reflection options on whole runs of the command."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Effects that a scene calls for and that a pipeline has no node for."""
+"""Planned effects for which a pipeline has no node."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The mirror image in the ground: against the mirrored geometry itself, and hand-worked values."""
+"""Ground reflection against mirrored geometry and hand-worked values."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The grammar of `--effects`, and what it makes of the shot's own decisions."""
+"""The grammar of `--effects`, and how it changes the automatic choice of effects."""
 
 import pytest
 

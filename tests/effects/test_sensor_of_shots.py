@@ -1,4 +1,4 @@
-"""Grain, softness and a pan's smear, found on shots that are known to have them."""
+"""Grain, softness and shutter angle measured on shots that are known to have them."""
 
 import pytest
 from support.effects.sensor_rows import SENSOR_ROWS

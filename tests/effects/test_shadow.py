@@ -1,4 +1,4 @@
-"""The shadow on the ground: place, depth, blur and reach against hand-worked values."""
+"""Ground shadow: position, density, blur and reach against hand-worked values."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The shadow of what moves while the shutter is open: its mean over that time, and its price."""
+"""Motion blur of shadows: the mean over the shutter time, and the number of samples it takes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The shutter read off a panning camera's smear; and that smear is no defocus."""
+"""Shutter angle measured from the motion blur of a panning camera, which is not defocus."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Floor softness: measured on known blur, given to an object that is too sharp."""
+"""Softness of the plate: measured on known blur, and applied to an object that is too sharp."""
 
 import cv2
 import numpy as np

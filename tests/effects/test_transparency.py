@@ -1,4 +1,4 @@
-"""Shadows of what is not opaque, and of what rests: holes, glass, nothing cast twice."""
+"""Shadows of transparent and of static objects: alpha masks, blended panes, reuse over frames."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Alpha of the plate reaches the result wherever container and codec have room for it."""
+"""Alpha of the plate is kept where container and codec support it."""
 
 import av
 import numpy as np

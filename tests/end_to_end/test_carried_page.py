@@ -1,4 +1,4 @@
-"""docs/carried.md says what happens: one column of its table is tried again."""
+"""docs/carried.md: one column of its table is checked against real runs."""
 
 import sys
 

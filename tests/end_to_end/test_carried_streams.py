@@ -1,4 +1,4 @@
-"""The other streams and what is said of them, against the ffmpeg program's `-map 0 -c copy`."""
+"""Other streams and their metadata, against ffmpeg's `-map 0 -c copy`."""
 
 from pathlib import Path
 

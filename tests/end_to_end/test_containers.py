@@ -1,4 +1,4 @@
-"""Containers and codecs: what the ffmpeg program copies into a container keeps its codec here."""
+"""Codecs that ffmpeg can copy into a container are kept."""
 
 import itertools
 

@@ -1,4 +1,4 @@
-"""Every command and every word of its help, once with sense and with nonsense."""
+"""Every option of every command, once with a valid and once with an invalid value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is there already: replaced with its rights, asked about on a terminal, or left alone."""
+"""Existing output files: replaced with their permissions, asked about on a terminal, or kept."""
 
 import os
 import stat
@@ -17,7 +17,7 @@ def shot(tmp_path_factory):
     return shots.write_shot(tmp_path_factory.mktemp("shot"), 3)
 
 
-def words(shot, out, *more, plate="plate.png"):
+def arguments(shot, out, *more, plate="plate.png"):
     return [
         shot / plate, shot / "anim.glb", out, "--fit", shot / "fit.json", "--effects", "defocus",
         "--preset", "draft", *more,
@@ -33,14 +33,14 @@ def mode(path):
 )
 def test_rerun_in_a_script_overwrites_and_keeps_permissions(shot, tmp_path, plate, out):
     report = ["--report", tmp_path / "r", "--save-fit", tmp_path / "f.json"]
-    assert nlens(*words(shot, tmp_path / out, *report, plate=plate)).returncode == 0
+    assert nlens(*arguments(shot, tmp_path / out, *report, plate=plate)).returncode == 0
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert len(files) >= 3
     for number, path in enumerate(files):
         path.chmod(0o640 + number % 2)
     rights = {path: mode(path) for path in files}
     inodes = {path: path.stat().st_ino for path in files}
-    run = nlens(*words(shot, tmp_path / out, *report, plate=plate))
+    run = nlens(*arguments(shot, tmp_path / out, *report, plate=plate))
     assert run.returncode == 0, run.stderr
     assert {path: mode(path) for path in files} == rights
     assert all(path.stat().st_ino != inodes[path] for path in files)  # replaced, not written into
@@ -51,7 +51,7 @@ def test_file_replaced_by_root_keeps_its_owner(shot, tmp_path):
     out = tmp_path / "out.png"
     out.write_bytes(b"of somebody")
     os.chown(out, 12345, 23456)
-    assert nlens(*words(shot, out)).returncode == 0
+    assert nlens(*arguments(shot, out)).returncode == 0
     assert (out.stat().st_uid, out.stat().st_gid) == (12345, 23456)
 
 
@@ -62,10 +62,10 @@ def test_write_protected_file_is_kept_unless_overwriting_is_requested(shot, tmp_
     target.chmod(0o444)
     plate, glb = shot / "plate.png", shot / "anim.glb"
     given = {
-        "render": words(shot, target),
+        "render": arguments(shot, target),
         "fit": ["fit", plate, glb, target],
         "place": ["place", plate, glb, target],
-    }.get(command, words(shot, tmp_path / "o.png", command, target))
+    }.get(command, arguments(shot, tmp_path / "o.png", command, target))
     line = one_line(nlens(*given), 6)
     assert f"{target}: is write-protected; give -y (--overwrite) to replace it" in line
     assert target.read_text() == "kept" and not (tmp_path / "o.png").exists()
@@ -78,7 +78,7 @@ def test_html_page_of_another_program_is_not_overwritten(shot, tmp_path, command
     page = tmp_path / "site" / "index.html"
     page.parent.mkdir()
     page.write_text("<html><title>My holidays</title></html>")
-    given = words(shot, tmp_path / "o.png", "--report", page.parent)
+    given = arguments(shot, tmp_path / "o.png", "--report", page.parent)
     if command == "check":
         plate = shot / "plate.png"
         given = ["check", plate, "--against", plate, "--report", page.parent]
@@ -94,7 +94,7 @@ def test_plan_does_not_ask_about_overwriting(shot, tmp_path):
     out = tmp_path / "out.png"
     out.write_text("kept")
     out.chmod(0o444)
-    assert nlens(*words(shot, out, "--plan")).returncode == 0
+    assert nlens(*arguments(shot, out, "--plan")).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_plan_does_not_ask_about_overwriting(shot, tmp_path):
 def test_terminal_user_is_asked_before_a_file_is_replaced(shot, tmp_path, keys, code, replaced):
     out = tmp_path / "out.png"
     out.write_text("kept")
-    with Terminal(program(*words(shot, out, "--save-fit", tmp_path / "f.json"))) as terminal:
+    with Terminal(program(*arguments(shot, out, "--save-fit", tmp_path / "f.json"))) as terminal:
         terminal.wait_for("replace? [y/N]")
         assert "out.png exists; replace? [y/N]" in terminal.text.replace("\r\n", "")
         terminal.type(keys)
@@ -122,7 +122,7 @@ def test_terminal_user_is_asked_before_a_file_is_replaced(shot, tmp_path, keys, 
 def test_y_option_replaces_without_asking(shot, tmp_path):
     out = tmp_path / "out.png"
     out.write_text("kept")
-    with Terminal(program(*words(shot, out, "-y"))) as terminal:
+    with Terminal(program(*arguments(shot, out, "-y"))) as terminal:
         assert terminal.end() == 0, terminal.screen
     assert "replace?" not in terminal.text
 
@@ -137,7 +137,7 @@ class TestLinks:
             target.write_text("of yesterday")
             target.chmod(0o600)
         link.symlink_to("data/0af3")
-        run = nlens(*words(shot, link, plate=plate))
+        run = nlens(*arguments(shot, link, plate=plate))
         assert run.returncode == 0, run.stderr
         assert link.is_symlink() and target.stat().st_size > 1000
         assert mode(target) == 0o600 or not there
@@ -148,7 +148,7 @@ class TestLinks:
         (tmp_path / "data").mkdir()
         for name in ("f.json", "t.json", "index.html"):
             (tmp_path / name).symlink_to(tmp_path / "data" / name)
-        run = nlens(*words(
+        run = nlens(*arguments(
             shot, tmp_path / "o.png", "--save-fit", tmp_path / "f.json", "--timings",
             tmp_path / "t.json", "--report", tmp_path,
         ))  # fmt: skip
@@ -160,7 +160,7 @@ class TestLinks:
         (tmp_path / "data").mkdir()
         (tmp_path / "data" / "first").write_text("old")
         (tmp_path / "o_0000.png").symlink_to("data/first")
-        run = nlens(*words(shot, tmp_path / "o_%04d.png", plate="in.mp4"))
+        run = nlens(*arguments(shot, tmp_path / "o_%04d.png", plate="in.mp4"))
         assert run.returncode == 0, run.stderr
         assert (tmp_path / "o_0000.png").is_symlink()
         assert (tmp_path / "data" / "first").read_bytes()[1:4] == b"PNG"
@@ -188,7 +188,7 @@ class TestLinks:
     )
     def test_dangling_symbolic_link_is_refused_before_the_run(self, shot, tmp_path, to, words_):
         (tmp_path / "out.png").symlink_to(to)
-        assert words_ in one_line(nlens(*words(shot, tmp_path / "out.png")), 6)
+        assert words_ in one_line(nlens(*arguments(shot, tmp_path / "out.png")), 6)
         assert [path.name for path in tmp_path.iterdir()] == ["out.png"]
 
     @pytest.mark.needs_mount
@@ -196,8 +196,8 @@ class TestLinks:
         with small_disk(tmp_path / "other", 4096) as disk:
             (tmp_path / "out.mp4").symlink_to(disk / "out.mp4")
             (tmp_path / "o_0001.png").symlink_to(disk / "one.png")
-            assert nlens(*words(shot, tmp_path / "out.mp4", plate="in.mp4")).returncode == 0
-            assert nlens(*words(shot, tmp_path / "o_%04d.png", plate="in.mp4")).returncode == 0
+            assert nlens(*arguments(shot, tmp_path / "out.mp4", plate="in.mp4")).returncode == 0
+            assert nlens(*arguments(shot, tmp_path / "o_%04d.png", plate="in.mp4")).returncode == 0
             assert len(shots.read_planes(disk / "out.mp4")) == 3
             assert sorted(path.name for path in disk.iterdir()) == ["one.png", "out.mp4"]
 
@@ -205,9 +205,9 @@ class TestLinks:
 @pytest.mark.needs_mount
 def test_read_only_disk_is_refused_before_the_run(shot, tmp_path):
     with small_disk(tmp_path / "disk", 64, options="ro") as disk:
-        line = one_line(nlens(*words(shot, disk / "out.png")), 6)
+        line = one_line(nlens(*arguments(shot, disk / "out.png")), 6)
         assert "cannot be written to" in line
         for option in ("--report", "--aov"):
-            given = words(shot, tmp_path / "o.png", option, disk / "r")
+            given = arguments(shot, tmp_path / "o.png", option, disk / "r")
             assert "cannot be" in one_line(nlens(*given), 6)
     assert not (tmp_path / "o.png").exists()

@@ -1,4 +1,4 @@
-"""A disk that runs full: what is complete stays, the rest leaves nothing, one line says which."""
+"""Full disks: complete files are kept, incomplete ones removed, one line names them."""
 
 import json
 import subprocess

@@ -34,7 +34,7 @@ NAMES = {
 FOLDERS = {"render --as-chunk": {"output": "chunks"}, "farm": {"chunks": "chunks"}}
 
 
-def words(form, folder, **changed):
+def arguments(form, folder, **changed):
     """A command line in which every word that names a file names one in `folder`."""
     names = {**NAMES, **FOLDERS.get(form, {}), **changed}
     return [
@@ -80,7 +80,7 @@ def pairs():
 def test_output_that_is_also_an_input_is_refused(tmp_path, form, written, read):
     before = inputs(tmp_path)
     name = "plates/stimuli.csv" if read == "folder" else NAMES[read]
-    line = one_line(nlens(*words(form, tmp_path, **{written: name})), 6)
+    line = one_line(nlens(*arguments(form, tmp_path, **{written: name})), 6)
     assert "as well; give it another name" in line
     assert contents(tmp_path) == before
 
@@ -89,7 +89,7 @@ def test_output_that_is_also_an_input_is_refused(tmp_path, form, written, read):
 def test_report_over_an_input_is_refused(tmp_path, form):
     before = inputs(tmp_path)
     (tmp_path / "in.mp4").rename(tmp_path / "index.html")
-    line = one_line(nlens(*words(form, tmp_path, input="index.html", report=".")), 6)
+    line = one_line(nlens(*arguments(form, tmp_path, input="index.html", report=".")), 6)
     assert "is the folder of the plate as well; give another folder" in line
     assert len(contents(tmp_path)) == len(before)
 
@@ -112,7 +112,7 @@ def test_output_folder_that_holds_an_input_is_refused(tmp_path, form, written, r
         (tmp_path / "both" / "bench.md").symlink_to(tmp_path / "plates" / "bg.png")
         given = {written: "both"}
     before = contents(tmp_path)
-    line = one_line(nlens(*words(form, tmp_path, **given)), 6)
+    line = one_line(nlens(*arguments(form, tmp_path, **given)), 6)
     assert "is the folder of" in line
     assert contents(tmp_path) == before
 
@@ -121,13 +121,13 @@ def test_side_files_of_the_result_may_not_be_inputs(tmp_path):
     """The part that an interrupted run has kept, and the lens that lies among its chunks."""
     inputs(tmp_path)
     (tmp_path / "in.mp4").rename(tmp_path / "out.partial.mp4")
-    kept = nlens(*words("render", tmp_path, input="out.partial.mp4"))
+    kept = nlens(*arguments("render", tmp_path, input="out.partial.mp4"))
     assert "the part that --keep-partial keeps" in one_line(kept, 6)
     assert "is the plate as well" in kept.stderr
     (tmp_path / "out.mp4.chunks").mkdir()
     fit = f"out.mp4.chunks/fit-{'0' * 16}.json"
     (tmp_path / fit).write_text("{}")
-    resumed = nlens(*words("render", tmp_path, fit=fit), "--resume")
+    resumed = nlens(*arguments("render", tmp_path, fit=fit), "--resume")
     assert "is the folder of --fit as well" in one_line(resumed, 6)
 
 

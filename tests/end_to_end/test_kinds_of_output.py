@@ -1,4 +1,4 @@
-"""What OUT's extension stands for: sound alone is refused at once, animations are written."""
+"""Output formats by the extension of OUT."""
 
 import av
 import pytest

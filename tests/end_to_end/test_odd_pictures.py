@@ -1,4 +1,4 @@
-"""Pictures of odd sizes, rates and formats: the result is what the ffmpeg program can read."""
+"""Odd frame sizes, rates and pixel formats: the result is readable by ffmpeg."""
 
 from fractions import Fraction
 

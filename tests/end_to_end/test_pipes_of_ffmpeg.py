@@ -1,4 +1,4 @@
-"""The `ffmpeg` program on both sides of a pipe: what it writes is read, what it reads is right."""
+"""The `ffmpeg` program on both sides of a pipe."""
 
 import numpy as np
 import pytest

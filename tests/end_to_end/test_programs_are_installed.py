@@ -1,4 +1,4 @@
-"""`make test` needs programs of the system: it names those that it may not install itself."""
+"""`make test` lists the system programs that it needs and cannot install."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""What can be known of a run before its plate is decoded is told then; frames as previews."""
+"""Errors that are found before the plate is decoded, and runs on a single frame."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A file that is whole is never called cut short, however odd; one that is cut short is."""
+"""Truncated files are reported, and complete ones never are."""
 
 import pytest
 from support.programs import made

@@ -1,4 +1,4 @@
-"""Folders and files that a user may not write, or not read: one line, and before any work."""
+"""Folders and files without permissions are refused in one line before the run."""
 
 import os
 

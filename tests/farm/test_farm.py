@@ -30,14 +30,14 @@ def shot(tmp_path_factory):
     return shots.write_shot(tmp_path_factory.mktemp("farm"), FRAMES, fit=False, **slide)
 
 
-def words(folder, out, *more):
+def arguments(folder, out, *more):
     given = [str(folder / "in.mp4"), str(folder / "anim.glb"), str(folder / out)]
     return [*given, "--preset", "realtime", "--codec", "ffv1", *more]
 
 
 @pytest.fixture(scope="module")
 def whole(shot):
-    assert main([*words(shot, "whole.mkv"), "-q"]) == 0
+    assert main([*arguments(shot, "whole.mkv"), "-q"]) == 0
     return shot / "whole.mkv"
 
 
@@ -51,7 +51,7 @@ def children_at_work(chunks):
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_farm_with_a_killed_worker_equals_the_single_run_bit_for_bit(shot, whole):
-    command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, "out.mkv")]
+    command = [sys.executable, "-m", "nlens_video", "farm", *arguments(shot, "out.mkv")]
     command += ["--workers", "2", "--chunk", "0.12", "--chunks", str(shot / "chunks"), "--json"]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     killed = None
@@ -107,7 +107,7 @@ def test_termination_signal_is_handled_during_and_after_a_ray_session():
 @pytest.mark.needs_gl
 def test_job_renders_only_missing_chunks(shot, whole):
     """With a plain loop in place of a cluster."""
-    run = settings(parse(["farm", *words(shot, "loop.mkv")]))
+    run = settings(parse(["farm", *arguments(shot, "loop.mkv")]))
     rendered = []
 
     def loop(known, marks, folder, on_done):
@@ -187,7 +187,7 @@ def test_gpu_worker_is_placed_only_where_the_cluster_declares_a_gpu(
         says = ""
     monkeypatch.setenv("RAY_OVERRIDE_RESOURCES", f'{{"GPU": {declared}}}')
     chunks = ["--chunks", str(shot / "gpu")]
-    command = ["farm", *words(shot, "gpu.mkv"), "--workers", "1", *chunks]
+    command = ["farm", *arguments(shot, "gpu.mkv"), "--workers", "1", *chunks]
     assert main([*command, "--device", "cuda", "-q"]) == (2 if says else 0)
     said = capfd.readouterr().err
     assert says in said and said.count("nlens-video: ") == bool(says)
@@ -196,7 +196,7 @@ def test_gpu_worker_is_placed_only_where_the_cluster_declares_a_gpu(
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("focus", ["auto", "off"])  # counted by the look for a change, or alone
 def test_frame_count_of_a_plate_equals_the_decoded_frames(shot, focus, tmp_path):
-    run = settings(parse(["farm", *words(shot, "no.mkv"), "--track-focus", focus]))
+    run = settings(parse(["farm", *arguments(shot, "no.mkv"), "--track-focus", focus]))
     store = Folder(tmp_path)
     first = prepare(run, store, 0.2)
     assert first == prepare(run, store, 0.2)  # the fit is there: another way to count
@@ -213,7 +213,7 @@ def test_chunk_ranges_cover_every_frame_once():
 
 def test_farm_refuses_options_of_single_runs(shot, tmp_path):
     for more in (["--range", "2:4"], ["--timings", "t.json"], ["--report", "r"]):
-        run = settings(parse(["farm", *words(shot, "no.mkv", *more)]))
+        run = settings(parse(["farm", *arguments(shot, "no.mkv", *more)]))
         with pytest.raises(UsageError, match=f"{more[0]}: chunks are made of all frames"):
             run_job(run, tmp_path, 1.0, None, None)
     assert not list(Path(tmp_path).iterdir())

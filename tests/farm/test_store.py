@@ -34,14 +34,14 @@ def shot(tmp_path_factory):
     return shots.write_shot(tmp_path_factory.mktemp("store"), FRAMES, fit=False, **slide)
 
 
-def words(shot, out):
+def arguments(shot, out):
     given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(out)]
     return [*given, "--preset", "realtime", "--codec", "ffv1"]
 
 
 @pytest.fixture(scope="module")
 def whole(shot):
-    assert main([*words(shot, shot / "whole.mkv"), "-q"]) == 0
+    assert main([*arguments(shot, shot / "whole.mkv"), "-q"]) == 0
     return shots.read_planes(shot / "whole.mkv")
 
 
@@ -103,7 +103,7 @@ def test_farm_through_a_url_equals_the_single_run_and_leaves_no_local_files(
 ):
     """The farm's own tasks, done one after the other by one worker in this process."""
     url = urls(tmp_path)[which]
-    run = absolute(settings(parse(["farm", *words(shot, tmp_path / "out.mkv")])))
+    run = absolute(settings(parse(["farm", *arguments(shot, tmp_path / "out.mkv")])))
     asked = plan(Shot(settings=run, store=store_of(url), chunk_s=0.2), Progress(1, lambda *a: None))
     bench, answers = Worker(), None
     with store_of(url).held():
@@ -124,7 +124,7 @@ def test_farm_through_a_url_equals_the_single_run_and_leaves_no_local_files(
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_farm_of_two_processes_sharing_a_url_equals_the_single_run(shot, whole, tmp_path):
-    command = [sys.executable, "-m", "nlens_video", "farm", *words(shot, tmp_path / "out.mkv")]
+    command = [sys.executable, "-m", "nlens_video", "farm", *arguments(shot, tmp_path / "out.mkv")]
     command += ["--workers", "2", "--chunk", "0.12", "--chunks", f"file://{tmp_path}/url", "-q"]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=200)
     assert ran.returncode == 0, ran.stderr

@@ -26,19 +26,19 @@ def shot(tmp_path_factory):
     return shots.write_shot(tmp_path_factory.mktemp("open"), FRAMES, **slide)
 
 
-def words(shot, out):
+def arguments(shot, out):
     given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(out), "--codec", "ffv1"]
     return [*given, "--fit", str(shot / "fit.json")]
 
 
 @pytest.fixture(scope="module")
 def run(shot):
-    return settings(parse(["farm", *words(shot, shot / "out.mkv")]))
+    return settings(parse(["farm", *arguments(shot, shot / "out.mkv")]))
 
 
 @pytest.fixture(scope="module")
 def whole(shot):
-    assert main([*words(shot, shot / "whole.mkv"), "-q"]) == 0
+    assert main([*arguments(shot, shot / "whole.mkv"), "-q"]) == 0
     return shots.read_planes(shot / "whole.mkv")
 
 
@@ -69,15 +69,15 @@ def test_alternating_chunks_of_two_open_runs_equal_the_single_run(shot, run, who
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_worker_keeps_its_run_open_and_restarts_for_an_earlier_chunk(run, tmp_path):
-    bench = Worker()
+    chunk_worker = Worker()
     late, early, missing = marks(run, (5, 7), (2, 4), (40, 50))
     before = threading.active_count()
-    bench.chunk(run, None, (late,), Folder(tmp_path))
-    bench.chunk(run, None, (early, late), Folder(tmp_path))  # of which one is there
+    chunk_worker.chunk(run, None, (late,), Folder(tmp_path))
+    chunk_worker.chunk(run, None, (early, late), Folder(tmp_path))  # of which one is there
     assert sorted(path.name for path in tmp_path.iterdir()) == [early.file_name, late.file_name]
     with pytest.raises(UsageError, match="ends before frame 40"):
-        bench.chunk(run, None, (missing,), Folder(tmp_path))
-    bench.prepare(run, Folder(tmp_path), 1.0)  # something else: the run is closed
+        chunk_worker.chunk(run, None, (missing,), Folder(tmp_path))
+    chunk_worker.prepare(run, Folder(tmp_path), 1.0)  # something else: the run is closed
     assert threading.active_count() == before
 
 
@@ -122,11 +122,11 @@ def test_merge_proceeds_while_chunks_are_still_being_rendered(shot, run, whole, 
         args=(run.source, parts, Folder(tmp_path), output, lambda: looks.append(time.monotonic())),
     )
     merging.start()
-    bench = Worker()
+    chunk_worker = Worker()
     for mark in parts[::-1]:
         assert merging.is_alive() and not (tmp_path / "followed.mkv").exists()
-        bench.chunk(run, None, (mark,), Folder(tmp_path))
-    bench.prepare(run, Folder(tmp_path), 1.0)
+        chunk_worker.chunk(run, None, (mark,), Folder(tmp_path))
+    chunk_worker.prepare(run, Folder(tmp_path), 1.0)
     merging.join(60)
     assert looks and not merging.is_alive()
     shots.assert_same_frames(shots.read_planes(tmp_path / "followed.mkv"), whole)
@@ -135,8 +135,8 @@ def test_merge_proceeds_while_chunks_are_still_being_rendered(shot, run, whole, 
 @pytest.mark.needs_gl
 def test_cancelled_merge_leaves_no_file(run, tmp_path):
     parts = marks(run, (0, 2), (2, 14))
-    with closing(Worker()) as bench:
-        bench.chunk(run, None, (parts[0],), Folder(tmp_path))
+    with closing(Worker()) as chunk_worker:
+        chunk_worker.chunk(run, None, (parts[0],), Folder(tmp_path))
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))
     looked = []
 
@@ -153,8 +153,8 @@ def test_cancelled_merge_leaves_no_file(run, tmp_path):
 @pytest.mark.needs_gl
 def test_merge_refuses_a_file_whose_content_does_not_match_its_name(run, tmp_path):
     one, other = marks(run, (0, 2), (2, 14))
-    with closing(Worker()) as bench:
-        bench.chunk(run, None, (one,), Folder(tmp_path))
+    with closing(Worker()) as chunk_worker:
+        chunk_worker.chunk(run, None, (one,), Folder(tmp_path))
     (tmp_path / other.file_name).write_bytes((tmp_path / one.file_name).read_bytes())
     assert not Folder(tmp_path).has(other.file_name)  # there it would be rendered again
     output = replace(run.output, spec=str(tmp_path / "never.mkv"))

@@ -1,4 +1,4 @@
-"""`--hold-budget` on real runs: rungs change without a jump, and only where they must."""
+"""`--adaptive-quality` on real runs: level changes are invisible and happen only when needed."""
 
 import json
 
@@ -30,7 +30,7 @@ def render(shot, out, *words):
 
 
 @pytest.fixture(scope="module")
-def held(shot, tmp_path_factory):
+def adaptive_run(shot, tmp_path_factory):
     """A run whose budget no rung meets."""
     folder = tmp_path_factory.mktemp("out")
     words = ("--hold-budget", "--budget-ms", "0.01", "--timings", folder / "t.json")
@@ -39,15 +39,15 @@ def held(shot, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_timings_name_the_quality_level_of_each_frame(held):
-    rungs = [row["rung"] for row in held[1]["frames"]]
-    assert list(dict.fromkeys(rungs)) == ["standard", "realtime", "draft"]
-    assert rungs == sorted(rungs, key=["standard", "realtime", "draft"].index)
+def test_timings_name_the_quality_level_of_each_frame(adaptive_run):
+    levels = [row["rung"] for row in adaptive_run[1]["frames"]]
+    assert list(dict.fromkeys(levels)) == ["standard", "realtime", "draft"]
+    assert levels == sorted(levels, key=["standard", "realtime", "draft"].index)
 
 
 @pytest.mark.slow
-def test_change_of_quality_level_is_invisible_to_the_quality_check(held, shot):
-    verdict = compare(str(held[0]), SourceSettings(spec=str(shot[0]))).verdict
+def test_change_of_quality_level_is_invisible_to_the_quality_check(adaptive_run, shot):
+    verdict = compare(str(adaptive_run[0]), SourceSettings(spec=str(shot[0]))).verdict
     assert [one.text for one in verdict.findings if one.kind in ("pop", "flicker", "plate")] == []
 
 

@@ -1,4 +1,4 @@
-"""The budget's controller on simulated times: what it does depends on nothing else."""
+"""The controller of adaptive quality on simulated frame times."""
 
 import numpy as np
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Notes on options whose effect the pipeline has no node for."""
+"""Notes on options whose effect the pipeline lacks."""
 
 import pytest
 from support import shots

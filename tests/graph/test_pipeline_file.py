@@ -1,4 +1,4 @@
-"""Pipeline files: today's form, the form before 1.0, and what is wrong in one line."""
+"""Pipeline files: the current format, the format before 1.0, and errors in one line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The light estimated from the plate is a value of the graph; the renderer keeps none of it."""
+"""Light estimated from the plate is a value of the graph and not a state of the renderer."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The blur of one view over its cell of the aperture: against its definition, and what it keeps."""
+"""Gather over a cell of the aperture against its reference, and its invariants."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the running sums of a row come to."""
+"""Normalisation of the scatter's running sums."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The layered scatter: its reference, its fast version, and what both promise."""
+"""The layered scatter: the fast version against its reference, and the invariants of both."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Apertures that are not round: the fast scatter against its reference, and what shapes promise."""
+"""Apertures that are not round: the fast scatter against its reference, and its invariants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scatter's spreading in torch: the same as the kernel's; run on the CPU here."""
+"""The scatter in torch, on the CPU, against the compiled kernel."""
 
 import importlib.util
 

@@ -1,4 +1,4 @@
-"""Sharing work: all of it is done once, on threads that stay, in any process."""
+"""The thread pool: every item is processed once, on persistent threads, in any process."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The words of the command line: what was meant by those that are not known."""
+"""Parsing of the command line: suggestions, former names, abbreviations."""
 
 import pytest
 from support.command import nlens, one_line

@@ -1,4 +1,4 @@
-"""How light of small pictures compares, against sorting."""
+"""Exposure change of small pictures against its reference."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What only the OpenGL renderer can run into: threads, drivers, devices."""
+"""Failures of the OpenGL renderer: threads, drivers, devices."""
 
 import threading
 

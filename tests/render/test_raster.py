@@ -1,4 +1,4 @@
-"""The software rasteriser's hot loops against their slow definitions."""
+"""The software rasteriser's kernels against their references."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Which renderer draws, and that the machine's lack of OpenGL stops nobody."""
+"""Selection of the renderer, with and without OpenGL."""
 
 import os
 import subprocess

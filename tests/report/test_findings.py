@@ -1,4 +1,4 @@
-"""Even picks and timing bins: bounded, even, and nothing lost."""
+"""Evenly picked frames and timing bins: bounded in number, without loss of time."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The report: one page that holds together alone, says what is missing, and stays small."""
+"""The report: one self-contained page that states what is missing and stays small."""
 
 import copy
 import json

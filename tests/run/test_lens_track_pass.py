@@ -111,7 +111,7 @@ def pulled(tmp_path_factory):
     return folder
 
 
-def words(folder, *more):
+def arguments(folder, *more):
     return [
         str(folder / "in_%04d.png"), str(folder / "anim.glb"), str(folder / "out_%04d.png"),
         "--input-rate", "25", *more,
@@ -120,7 +120,7 @@ def words(folder, *more):
 
 @pytest.mark.slow
 def test_focus_pull_is_tracked(pulled):
-    track = lens_track_pass(settings(parse(words(pulled))))
+    track = lens_track_pass(settings(parse(arguments(pulled))))
     assert track is not None
     there = 0.55  # a disparity of the ground in view
     values = np.array([track.at(index).coc_px(np.float32(there)) for index in range(40)])
@@ -134,16 +134,16 @@ def test_constant_focus_is_not_tracked(pulled, tmp_path):
     for index in range(12):
         shots.write_png(tmp_path / f"in_{index:04d}.png", shot(shots.plate(), seed=index).array)
     shots.cube_glb(tmp_path / "anim.glb")
-    assert lens_track_pass(settings(parse(words(tmp_path)))) is None
-    assert lens_track_pass(settings(parse(words(pulled, "--track-focus", "off")))) is None
+    assert lens_track_pass(settings(parse(arguments(tmp_path)))) is None
+    assert lens_track_pass(settings(parse(arguments(pulled, "--track-focus", "off")))) is None
     given = shots.fit_json(tmp_path / "fit.json")
-    assert lens_track_pass(settings(parse(words(pulled, "--fit", str(given))))) is None
+    assert lens_track_pass(settings(parse(arguments(pulled, "--fit", str(given))))) is None
 
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_command_tracks_focus_and_reports_it(pulled, capsys):
-    assert main(words(pulled, "--json", "--preset", "realtime")) == 0
+    assert main(arguments(pulled, "--json", "--preset", "realtime")) == 0
     outcome = json.loads(capsys.readouterr().out)
     assert any("the lens changes" in note for note in outcome["notes"])
     first, last = (cv2.imread(str(pulled / "out_%04d.png") % at) for at in (0, 39))
@@ -153,11 +153,11 @@ def test_command_tracks_focus_and_reports_it(pulled, capsys):
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_saved_focus_track_reproduces_the_tracking_run(pulled, tmp_path):
-    plate, glb, _ = words(pulled)[:3]
+    plate, glb, _ = arguments(pulled)[:3]
     kept = tmp_path / "fit.json"
     rate = ("--input-rate", "25", "-q")
     assert main(["fit", plate, glb, str(kept), "--track-focus", "auto", *rate]) == 0
-    followed = lens_track_pass(settings(parse(words(pulled))))
+    followed = lens_track_pass(settings(parse(arguments(pulled))))
     assert FitTrack.load(kept) == followed
     assert LensFit.load(kept) == followed.at(0)
     double = followed.for_width(2 * shots.WIDTH, 2 * shots.HEIGHT)

@@ -1,4 +1,4 @@
-"""Accessors: every packing of numbers that glTF allows, and none that it does not."""
+"""Accessors: every packing of numbers that glTF allows; others are refused."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Nodes of a scene in compiled steps are where their definition puts them."""
+"""Compiled animation and node transforms against their references."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Draco meshes: the same triangles as without it, and broken data that harm nobody."""
+"""Draco meshes: the same triangles as without compression, and damaged data."""
 
 import importlib.util
 

@@ -1,4 +1,4 @@
-"""Environment maps: what becomes a light, what stays around, and what cannot be read."""
+"""Environment maps: extracted lights, remaining ambient light, and files that cannot be read."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Files that lie, are cut, or would grow without bound: one line, in bounded time and memory."""
+"""Hostile scene files are refused in one line, in bounded time and memory."""
 
 import copy
 import io

@@ -1,4 +1,4 @@
-"""What holds an object without moving its vertices holds it whole, and is looked at first."""
+"""Bounding hulls of deforming objects enclose every vertex and cull before deformation."""
 
 from itertools import pairwise
 

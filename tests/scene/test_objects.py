@@ -1,4 +1,4 @@
-"""Several objects in one file: which of them stands for the fit, and which hides which."""
+"""Several objects in one file: the footprint for the fit, and mutual occlusion."""
 
 import numpy as np
 import pytest

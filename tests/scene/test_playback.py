@@ -1,4 +1,4 @@
-"""Which animation plays, and when."""
+"""Selection of animations, their speed, offset and loop."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Files with several scenes and several cameras: which is shown, which one moves."""
+"""Files with several scenes and cameras: which ones are used."""
 
 import numpy as np
 import pytest

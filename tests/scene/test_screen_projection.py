@@ -1,4 +1,4 @@
-"""Bounds on the screen of all that lies in the hull of some points."""
+"""Screen bounds of everything within the convex hull of a set of points."""
 
 import numpy as np
 import pytest

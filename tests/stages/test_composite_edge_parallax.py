@@ -1,4 +1,4 @@
-"""What a half-hidden lens sees past a blurred edge, against an aperture sampled point by point."""
+"""Edge parallax: a half-occluded lens at a blurred edge, against a sampled aperture."""
 
 import math
 from dataclasses import replace
@@ -112,7 +112,7 @@ def looking_down(pitch=0.35):
     )
 
 
-def looked_at(disparity, wall_beyond=0.0):
+def visible_ground(disparity, wall_beyond=0.0):
     """What a plate says of the ground; a wall of another blur hides what is farther off."""
     expected = np.abs(FIT.coc_px(disparity.astype(np.float32))).astype(np.float64)
     said = np.where(disparity > wall_beyond, expected, expected + 9.0)
@@ -121,19 +121,19 @@ def looked_at(disparity, wall_beyond=0.0):
 
 def test_ground_is_visible_as_far_as_the_plate_has_its_coc():
     disparity = np.random.default_rng(2).uniform(0.05, 0.9, 4000)
-    assert [share for _, share in looked_at(disparity)] == [1.0] * 8
-    fit = replace(FIT, ground_seen=looked_at(disparity, wall_beyond=0.4))
+    assert [share for _, share in visible_ground(disparity)] == [1.0] * 8
+    fit = replace(FIT, ground_seen=visible_ground(disparity, wall_beyond=0.4))
     share = fit.ground_share(np.float32([0.0, 0.1, 0.2, 0.6, 0.8]))
     assert share.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
     assert not replace(FIT, ground_seen=()).ground_share(np.float32([0.1, 0.5])).any()
 
 
 def test_ground_at_one_distance_gives_a_single_visibility_sample():
-    assert len(looked_at(np.full(100, 0.5))) == 1
+    assert len(visible_ground(np.full(100, 0.5))) == 1
 
 
 def test_ground_visibility_is_saved_with_the_fit():
-    fit = replace(FIT, ground_seen=looked_at(np.linspace(0.05, 0.9, 400), wall_beyond=0.3))
+    fit = replace(FIT, ground_seen=visible_ground(np.linspace(0.05, 0.9, 400), wall_beyond=0.3))
     again = LensFit.from_json(fit.to_json())
     assert again == fit
     assert fit.for_width(240, 180).ground_seen == fit.ground_seen

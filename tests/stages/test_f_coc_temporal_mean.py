@@ -1,4 +1,4 @@
-"""Several frames of the plate: averaged where nothing moves, left alone where something does."""
+"""Temporal mean of plate frames: static areas are averaged, moving ones are kept."""
 
 import numpy as np
 import pytest

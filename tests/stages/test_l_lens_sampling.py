@@ -1,4 +1,4 @@
-"""The sampled lens: where its views stand, what they add up to, and how fast that is right."""
+"""The sampled lens: positions and weights of the views, their sum, and its convergence."""
 
 import dataclasses
 import math

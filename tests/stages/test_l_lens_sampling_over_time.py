@@ -1,4 +1,4 @@
-"""The sampled lens from frame to frame: nothing pops, and the frame's size changes nothing."""
+"""The sampled lens from frame to frame: no flicker, and no dependence on the frame's size."""
 
 import dataclasses
 

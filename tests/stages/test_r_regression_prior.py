@@ -1,4 +1,4 @@
-"""An estimate that is drawn to the training pictures' blur, and what the picture itself says."""
+"""Removal of the training prior from the estimated CoC."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from nlens_video.stages.r_regression import FitLens, remove_prior
 PRIOR = CocPrior(mean=2.3, deviation=1.0)
 
 
-def believed(said, wide, prior=PRIOR):
+def posterior(said, wide, prior=PRIOR):
     """Median and mean absolute error of what a network believes: evidence times prior."""
     precision = 1 / wide**2 + 1 / prior.deviation**2
     mean = (np.log1p(said) / wide**2 + prior.mean / prior.deviation**2) / precision
@@ -22,7 +22,7 @@ def believed(said, wide, prior=PRIOR):
 
 @given(said=st.floats(0.3, 60.0), wide=st.floats(0.02, 1.0))
 def test_removing_the_prior_recovers_the_likelihood(said, wide):
-    coc, sigma = believed(np.array([said]), wide)
+    coc, sigma = posterior(np.array([said]), wide)
     found, error = remove_prior(coc, sigma, PRIOR)
     assert found[0] == pytest.approx(said, rel=1e-6, abs=1e-6)
     assert error[0] == pytest.approx(wide / np.sqrt(2) * (1 + said), rel=1e-6)
@@ -51,7 +51,7 @@ def test_debiased_estimate_is_finite_for_any_input(coc, sigma):
 def test_uncertain_estimates_do_not_flatten_the_slope():
     plane = ground()
     said = np.abs(40.0 * (plane.disparity - 0.45))
-    coc, sigma = believed(said, 0.5)
+    coc, sigma = posterior(said, 0.5)
     shrunk = CocMap(coc_px=np.float32(coc), sigma_px=np.float32(sigma))
     flat = FitLens()(shrunk, plane).fit.slope
     whole = CocMap(coc_px=np.float32(coc), sigma_px=np.float32(sigma), prior=PRIOR)

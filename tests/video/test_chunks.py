@@ -66,7 +66,7 @@ def shot(tmp_path_factory):
     return varied(tmp_path_factory.mktemp("shot"))
 
 
-def words(folder, out, *more):
+def arguments(folder, out, *more):
     return [
         str(folder / "in.mp4"), str(folder / "anim.glb"), str(out),
         "--fit", str(folder / "fit.json"), "--preset", "realtime", "-q", *more,
@@ -75,7 +75,7 @@ def words(folder, out, *more):
 
 def chunked(folder, chunks, *ranges):
     for text in ranges:
-        assert main(words(folder, chunks, "--as-chunk", "--range", text)) == 0
+        assert main(arguments(folder, chunks, "--as-chunk", "--range", text)) == 0
 
 
 def merged(folder, out, chunks, *more):
@@ -86,7 +86,7 @@ def merged(folder, out, chunks, *more):
 @pytest.fixture(scope="module")
 def whole(shot):
     out = shot / "whole.mkv"
-    assert main(words(shot, out, "--codec", "ffv1")) == 0
+    assert main(arguments(shot, out, "--codec", "ffv1")) == 0
     return out
 
 
@@ -114,13 +114,13 @@ def test_merged_chunks_equal_the_single_run_bit_for_bit(shot, whole, pieces):
 def test_exposure_tracking_in_a_range_equals_that_of_the_whole_run(shot, whole):
     """Brighter light on the object, counted from the plate's first frame and not the range's."""
     part, plain = shot / "part.mkv", shot / "plain.mkv"
-    assert main(words(shot, part, "--codec", "ffv1", "--range", "11:")) == 0
+    assert main(arguments(shot, part, "--codec", "ffv1", "--range", "11:")) == 0
     for before, after in zip(
         shots.read_planes(whole)[11][1], shots.read_planes(part)[0][1], strict=True
     ):
         np.testing.assert_array_equal(before, after)
     unfollowed = ("--codec", "ffv1", "--effects", "defocus", "--range", "11:")
-    assert main(words(shot, plain, *unfollowed)) == 0
+    assert main(arguments(shot, plain, *unfollowed)) == 0
     assert (shots.read_planes(plain)[0][1][0] != shots.read_planes(part)[0][1][0]).any()
 
 
@@ -135,8 +135,8 @@ def test_every_effect_in_a_range_equals_that_of_the_whole_run(shot, tmp_path, su
     shots.cube_glb(tmp_path / "anim.glb", sun=sun, **slide)
     asked = ("--codec", "ffv1", "--preset", "standard", "--occlusion", "auto")
     asked += ("--reflect", "0.3") if sun else ()
-    assert main(words(tmp_path, tmp_path / "all.mkv", *asked)) == 0
-    assert main(words(tmp_path, tmp_path / "part.mkv", *asked, "--range", "10:12")) == 0
+    assert main(arguments(tmp_path, tmp_path / "all.mkv", *asked)) == 0
+    assert main(arguments(tmp_path, tmp_path / "part.mkv", *asked, "--range", "10:12")) == 0
     both = zip(
         shots.read_planes(tmp_path / "all.mkv")[10:],
         shots.read_planes(tmp_path / "part.mkv"),
@@ -150,7 +150,7 @@ def test_every_effect_in_a_range_equals_that_of_the_whole_run(shot, tmp_path, su
 @pytest.mark.needs_gl
 def test_existing_chunk_is_not_rendered_again(shot, pieces, capsys):
     before = pieces[0].stat()
-    again = words(shot, shot / "pieces", "--as-chunk", "--range", "0:5", "--json")
+    again = arguments(shot, shot / "pieces", "--as-chunk", "--range", "0:5", "--json")
     assert main(again) == 0
     assert json.loads(capsys.readouterr().out) == {"chunk": str(pieces[0]), "outcome": None}
     assert pieces[0].stat().st_mtime_ns == before.st_mtime_ns
@@ -162,7 +162,7 @@ def test_chunk_name_depends_on_content_and_not_on_paths(shot, pieces, tmp_path):
         (tmp_path / name).write_bytes((shot / name).read_bytes())
     chunked(tmp_path, tmp_path / "chunks", "5:6")
     assert [path.name for path in (tmp_path / "chunks").iterdir()] == [pieces[1].name]
-    assert main(words(tmp_path, tmp_path / "chunks", "--as-chunk", "--range", "5:6",
+    assert main(arguments(tmp_path, tmp_path / "chunks", "--as-chunk", "--range", "5:6",
                       "--ground-y", "0.01")) == 0  # fmt: skip
     assert len(list((tmp_path / "chunks").iterdir())) == 2
 
@@ -189,7 +189,7 @@ def test_merge_refuses_overlapping_mismatched_or_damaged_chunks(shot, pieces, tm
     (more,) = (tmp_path / "more").iterdir()
     assert merged(shot, out, [*pieces, more]) == 2
     assert "overlap: both hold frame 4" in one_line(capsys)
-    assert main(words(shot, tmp_path / "other", "--as-chunk", "--range", "5:6",
+    assert main(arguments(shot, tmp_path / "other", "--as-chunk", "--range", "5:6",
                       "--effects", "defocus")) == 0  # fmt: skip
     (other,) = (tmp_path / "other").iterdir()
     assert merged(shot, out, [pieces[0], other, pieces[2]]) == 2

@@ -1,4 +1,4 @@
-"""An encoder's result is that of its frames, not of what memory held before it was asked for."""
+"""An encoder's output does not depend on uninitialised memory."""
 
 import hashlib
 import os

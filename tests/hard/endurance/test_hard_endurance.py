@@ -1,4 +1,4 @@
-"""Streams that go on and on: the suite runs a short one, `stream.py` the long one."""
+"""Long streams: the suite runs a short one, `stream.py` the long one."""
 
 import json
 from functools import cache

@@ -1,4 +1,4 @@
-"""What a run meets outside itself: full disks, folders that cannot be written to, odd names."""
+"""Faults outside the program: full disks, unwritable folders, unusual names."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def shot(tmp_path_factory):
     return shots.write_shot(tmp_path_factory.mktemp("shot"), 30, **slide)
 
 
-def words(shot, out, *more):
+def arguments(shot, out, *more):
     given = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(out)]
     return [*given, "--fit", str(shot / "fit.json"), "--preset", "realtime", "-q", *more]
 
@@ -56,7 +56,9 @@ def small_files():
 
 @pytest.mark.parametrize("more", [(), ("--keep-partial",), ("--resume",)])
 def test_disk_full_midway_is_a_one_line_error_without_a_result(shot, tmp_path, more):
-    done = run(words(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more), preexec_fn=small_files)
+    done = run(
+        arguments(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more), preexec_fn=small_files
+    )
     assert done.returncode == 6, done.stderr
     assert done.stderr.count("\n") == 1
     assert "cannot be written" in done.stderr
@@ -64,7 +66,7 @@ def test_disk_full_midway_is_a_one_line_error_without_a_result(shot, tmp_path, m
     assert left == ({"out.mp4.chunks"} if more == ("--resume",) else set())
     if left:
         assert "the same command goes on" in done.stderr
-        assert main(words(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more)) == 0
+        assert main(arguments(shot, tmp_path / "out.mp4", "--codec", "ffv1", *more)) == 0
         assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
 
 
@@ -85,14 +87,14 @@ def test_out_of_memory_is_a_one_line_error_without_a_result(shot, tmp_path):
 
 
 def test_full_disk_leaves_no_file_of_an_image_sequence(shot, tmp_path):
-    done = run(words(shot, tmp_path / "o_%03d.png"), preexec_fn=small_files)
+    done = run(arguments(shot, tmp_path / "o_%03d.png"), preexec_fn=small_files)
     assert (done.returncode, done.stderr.count("\n")) == (6, 1), done.stderr
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("out", ["/proc/out.mp4", "/proc/o_%03d.png", "/proc/version/out.mp4"])
 def test_unwritable_location_is_a_one_line_error(shot, out, capsys):
-    assert main(words(shot, out)) == 6
+    assert main(arguments(shot, out)) == 6
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and out in said
 
@@ -157,7 +159,7 @@ def test_encoder_failure_in_a_run_is_a_one_line_error_without_a_result(
         return sink
 
     monkeypatch.setattr(preflight_module, "open_sink", opened)
-    assert main(words(shot, tmp_path / "out.mkv", *more)) == 6
+    assert main(arguments(shot, tmp_path / "out.mkv", *more)) == 6
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "out.mkv: cannot be written" in said
     left = [path.name for path in tmp_path.iterdir()]
@@ -272,6 +274,6 @@ def test_concurrent_runs_do_not_share_chunks_and_other_files_are_kept(tmp_path):
 
 def test_options_of_single_runs_are_refused_with_resume(shot, tmp_path, capsys):
     for more in (["--report", str(tmp_path / "r")], ["--range", "2:4"]):
-        assert main(words(shot, tmp_path / "out.mp4", "--resume", *more)) == 2
+        assert main(arguments(shot, tmp_path / "out.mp4", "--resume", *more)) == 2
         assert f"{more[0]}: chunks are made of all frames" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""A run that is killed outright leaves no broken result, and the next one goes on from there."""
+"""A killed run leaves no damaged result, and the next run resumes it."""
 
 import pytest
 from hard.faults.kills import Executioner, make_shot

@@ -1,4 +1,4 @@
-"""A run writes its result and what was asked for beside it, and nothing anywhere else."""
+"""A run writes its result and the requested side files, and nothing else."""
 
 import os
 import subprocess

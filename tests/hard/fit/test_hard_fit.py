@@ -1,4 +1,4 @@
-"""Fits on samples of which most are wrong, or which tell two lenses alike."""
+"""Fits on samples with many outliers or of ambiguous sign."""
 
 import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly

@@ -1,4 +1,4 @@
-"""Footprints of hardly a pixel, of one value, of no value, and cut by the frame."""
+"""Footprints of a few pixels, of constant CoC, of invalid confidence, and cut by the frame."""
 
 import numpy as np
 from hard.catalogue import Outcome, at_most, case, exactly

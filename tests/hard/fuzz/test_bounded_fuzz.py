@@ -1,4 +1,4 @@
-"""Some seconds of the long run (`make fuzz`), and what it once found."""
+"""A few seconds of `make fuzz`, and the failures that it has found."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Each kind of file in the place of each other: it is read, or refused in one line."""
+"""Every type of file in the place of every other is read or refused in one line."""
 
 import contextlib
 import io

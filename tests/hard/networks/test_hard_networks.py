@@ -1,4 +1,4 @@
-"""The shipped networks, and an int8 one, on input that no training picture looked like."""
+"""The shipped networks, and an int8 one, on input far from the training data."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Plates on which there is nothing to see, or more than a screen can show."""
+"""Plates without texture, and plates of extreme contrast."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Every kernel counts in float32; here is how far each is from float64."""
+"""Error of every float32 kernel against float64."""
 
 import copy
 import math

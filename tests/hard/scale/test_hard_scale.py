@@ -1,4 +1,4 @@
-"""Scene units from micrometres to megametres: the picture must not know them."""
+"""Scene units from micrometres to megametres give the same picture."""
 
 import numpy as np
 import pytest
