@@ -68,13 +68,7 @@ def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> d
 
 
 def rms_within(coc: Float32, truth: Float32, mask: Bool) -> float:
-    """Root mean square error over part of the frame, nan where that is empty [px].
-
-    Args:
-        coc: estimated diameter, both signed or both not (H, W) [px].
-        truth: true diameter (H, W) [px].
-        mask: pixels that count, such as those that the object covers wholly (H, W).
-    """
+    """RMSE of a CoC map against the truth (H, W) over a mask, nan where that is empty [px]."""
     return _rms(np.asarray(coc, np.float64)[mask] - truth[mask]) if mask.any() else math.nan
 
 
@@ -128,11 +122,7 @@ class Interval:
 
 
 def over_scenes(figures: Iterable[tuple[str, float]]) -> Interval:
-    """Student's interval of the mean over scenes, each scene the mean of its plates.
-
-    Args:
-        figures: scene and figure of each plate; what is not finite is left out.
-    """
+    """Student's interval of the mean over scenes, each the mean of its plates' finite figures."""
     by_scene: dict[str, list[float]] = defaultdict(list)
     for scene, figure in figures:
         if math.isfinite(figure):
@@ -147,12 +137,7 @@ def over_scenes(figures: Iterable[tuple[str, float]]) -> Interval:
 
 
 def psnr(picture: UInt8, truth: UInt8) -> float:
-    """Peak signal-to-noise ratio over all channels, infinite for equal pictures [dB].
-
-    Args:
-        picture: code values (..., C).
-        truth: code values (..., C).
-    """
+    """Peak signal-to-noise ratio of code values (..., C), infinite for equal pictures [dB]."""
     return psnr_of_error(picture.astype(np.float64) - truth)
 
 
@@ -167,20 +152,14 @@ def ssim(picture: UInt8, truth: UInt8) -> float:
 
     Windows of 7 x 7 equal weights, sample covariance, windows that lie within the picture: what
     scikit-image computes by default, and the paper's figures with it.
-
-    Args:
-        picture: code values (h, w, C), h and w at least 7.
-        truth: code values (h, w, C).
     """
     return float(ssim_map(picture, truth).mean())
 
 
 def ssim_map(picture: UInt8, truth: UInt8) -> Float64:
-    """Structural similarity of each window that lies within the picture (h - 6, w - 6, C) [1].
+    """Structural similarity of each window within the picture (h - 6, w - 6, C) [1].
 
-    Args:
-        picture: code values (h, w, C), h and w at least 7.
-        truth: code values (h, w, C).
+    Both pictures are code values (h, w, C), h and w at least 7.
     """
     if min(truth.shape[:2]) < WINDOW:
         raise ValueError(f"{truth.shape[:2]} pixels: SSIM needs {WINDOW} each way")

@@ -39,15 +39,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bar:
-    """A compositing method.
-
-    Attributes:
-        name: of its row.
-        psnr_db: mean over scenes [dB].
-        gain_db: over naive, mean over scenes [dB].
-        plates_db: each plate's PSNR [dB].
-        plate_gains_db: each plate's gain over naive [dB].
-    """
+    """A compositing method: PSNR and gain over naive, over scenes and of each plate [dB]."""
 
     name: str
     psnr_db: Interval
@@ -58,13 +50,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlateErrors:
-    """Errors of a CoC estimate on a grid of one plate; all arrays (N,) [px].
-
-    Attributes:
-        error_px: estimate - truth.
-        sigma_px: expected error.
-        true_coc_px: true diameter.
-    """
+    """Estimate - truth, its expected error and the true diameter on one plate, all (N,) [px]."""
 
     error_px: Float32
     sigma_px: Float32

@@ -11,7 +11,7 @@ from support.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, write_rendered
 from nlens_video.core.layers import Box
 from nlens_video.evaluate.bench import bench
 from nlens_video.evaluate.bench.case import built_case, plate_case
-from nlens_video.evaluate.bench.measure import Effort, OneCase, RungRun
+from nlens_video.evaluate.bench.measure import Effort, figures
 from nlens_video.evaluate.bench.methods import all_rungs
 from nlens_video.evaluate.bench.scenes import write_scenes
 from nlens_video.evaluate.plates import load_plate
@@ -119,10 +119,7 @@ def test_bench_uses_the_lens_of_the_plates_ground_truth(tmp_path):
 def test_bench_figures_agree_with_a_hand_calculation(tmp_path):
     case = plate_case(load_plate(write_rendered(tmp_path / "one_a")))
     times = tuple(float(ms) for ms in range(1, 22))
-    run = RungRun(
-        cases={"one_a": OneCase(picture=case.plate, blur_ms=times)}, startup_s=2.0, peak_mib=300.0
-    )
-    found = run.figures(case)
+    found = figures(case, case.plate, times)
     assert (found["median_ms"], found["p95_ms"]) == (11.0, 20.0)
     rows, columns = np.nonzero(cv2.imread(str(tmp_path / "one_a/object_rgba.png"), -1)[..., 3])
     box = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]

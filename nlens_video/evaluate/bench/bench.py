@@ -30,12 +30,9 @@ def bench(
 ) -> None:
     """Measure every rung on the built-in scenes and on plates.
 
-    Args:
-        plates: folder of plates rendered with and without their object; None for none.
-        out: gets `bench.md`, a CSV for each table and `bench.png`; made where it is missing.
-        quick: a truth of fewer views, fewer frames.
-        as_json: print all figures as JSON instead of tables.
-        quiet: print nothing but JSON.
+    `plates` is a folder of plates rendered with and without their object, None for none; `quick`
+    takes a truth of fewer views and fewer frames; `out` gets `bench.md`, a CSV for each table and
+    `bench.png`.
 
     Raises:
         NlensError: a rung's process was ended.
@@ -64,7 +61,7 @@ def bench(
             run = run_apart(rung, cases, effort)
             for table, held in measured:
                 for case in filter(rung.can_run, held):
-                    table.add(rung.name, case.name, run.figures(case))
+                    table.add(rung.name, case.name, run[case.name])
     tables = [table for table, _ in measured]
     ours = {rung.name for rung in rungs if rung.rival is None}
     panels = [(table.title, list(_points(table, ours))) for table in tables]

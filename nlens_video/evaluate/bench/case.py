@@ -58,13 +58,7 @@ class Case:
 
 
 def built_case(scene: BuiltScene, size: tuple[int, int], views: int) -> Case:
-    """Make a scene's truth: the mean of what many points of the lens see.
-
-    Args:
-        scene: one of `write_scenes`.
-        size: columns and rows of its frame [px].
-        views: points of the lens [1].
-    """
+    """Make the truth of a scene of `write_scenes`: the mean of views from points of the lens."""
     loaded = Scene.load(scene.glb)
     frame = Box(0, 0, *size)
     camera = loaded.camera(0.0, *size)

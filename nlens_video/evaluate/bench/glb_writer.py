@@ -47,12 +47,9 @@ class TexturedMesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
-    """A joint of a skeleton at rest and as it is posed.
+    """A joint: its place at rest (3,) [scene unit], its pose as a quaternion (x, y, z, w).
 
-    Attributes:
-        at: where it lies at rest (3,) [scene unit].
-        parent: number of the joint it hangs on, before this one; None for the root.
-        turn: quaternion (x, y, z, w) of its pose.
+    The parent is the number of a joint before this one, None for the root.
     """
 
     at: Float64
@@ -155,13 +152,9 @@ class GlbWriter:
 def write_glb(
     path: Path, surfaces: Sequence[TexturedMesh], yfov: float, joints: Sequence[Joint] = ()
 ) -> None:
-    """Write surfaces, a camera at the origin that looks along -z, and two lights.
+    """Write surfaces, two lights, and a camera of `yfov` [rad] at the origin that looks along -z.
 
-    Args:
-        path: the file.
-        surfaces: what is seen.
-        yfov: vertical field of view [rad].
-        joints: the skeleton that carries them, none if nothing is carried.
+    `joints` are the skeleton that carries the surfaces, none if nothing is carried.
     """
     glb = GlbWriter()
     glb.document["extensionsUsed"] = ["KHR_materials_unlit", "KHR_lights_punctual"]

@@ -24,6 +24,7 @@ from nlens_video.evaluate.bench.case import Case
 from nlens_video.evaluate.bench.methods import Rung, one_frame, opened
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import GraphExecutor
+from nlens_video.kernels.thread_pool import processors
 from nlens_video.render.select import renderer_choice
 
 _WARM_UP = 2  # frames that load, compile and fill caches
@@ -51,46 +52,11 @@ FULL = Effort(size=(960, 512), views=1024, frames=40, seconds=4.0)
 QUICK = Effort(size=(960, 512), views=256, frames=12, seconds=1.5)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OneCase:
-    """What a rung made of a case.
-
-    Attributes:
-        picture: display-coded RGB (H, W, 3).
-        blur_ms: what the reblur took on each timed frame [ms].
-    """
-
-    picture: UInt8
-    blur_ms: tuple[float, ...]
+Figures = dict[str, float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RungRun:
-    """What a rung made of all its cases, in the process that ran nothing else.
-
-    Attributes:
-        cases: by name.
-        startup_s: from the start of the process to its first frame, loading included [s].
-        peak_mib: most memory that the process held, nan where the system does not say [MiB].
-    """
-
-    cases: dict[str, OneCase]
-    startup_s: float
-    peak_mib: float
-
-    def figures(self, case: Case) -> dict[str, float]:
-        """All figures of one case, by name."""
-        one = self.cases[case.name]
-        return case.score(one.picture) | {
-            "median_ms": float(np.median(one.blur_ms)),
-            "p95_ms": float(np.percentile(one.blur_ms, 95)),
-            "startup_s": self.startup_s,
-            "peak_mib": self.peak_mib,
-        }
-
-
-def run_apart(rung: Rung, cases: Sequence[Case], effort: Effort) -> RungRun:
-    """Run a rung in a process of its own.
+def run_apart(rung: Rung, cases: Sequence[Case], effort: Effort) -> dict[str, Figures]:
+    """Figures of a rung by case, measured in a process that runs nothing else.
 
     Raises:
         NlensError: the rung cannot run, or its process was ended.
@@ -99,7 +65,7 @@ def run_apart(rung: Rung, cases: Sequence[Case], effort: Effort) -> RungRun:
     deaf = (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches it too; the parent ends it
     with ProcessPoolExecutor(1, fresh, signal.signal, deaf) as pool:
         try:
-            return pool.submit(run_rung, rung, cases, effort, time.time()).result()
+            return pool.submit(_run, rung, cases, effort, time.time()).result()
         except KeyboardInterrupt:
             for child in multiprocessing.active_children():
                 child.terminate()
@@ -111,27 +77,28 @@ def run_apart(rung: Rung, cases: Sequence[Case], effort: Effort) -> RungRun:
             ) from error
 
 
-def run_rung(rung: Rung, cases: Sequence[Case], effort: Effort, started: float) -> RungRun:
-    """Run a rung here.
-
-    Args:
-        rung: what runs.
-        cases: on what.
-        effort: how often.
-        started: when its process was asked for, as `time.time()` [s].
-    """
-    startup = 0.0
-    made: dict[str, OneCase] = {}
+def _run(rung: Rung, cases: Sequence[Case], effort: Effort, started: float) -> dict[str, Figures]:
+    startup_s = 0.0
+    made: list[tuple[Case, UInt8, list[float]]] = []
     for case in cases:
-        profiler = Profiler()
-        with opened(rung, case, profiler, case.fit) as steps:
+        with opened(rung, case, Profiler(), case.fit) as steps:
             picture = one_frame(steps, case, 0)[0]
-            startup = startup or time.time() - started
-            made[case.name] = OneCase(picture=picture, blur_ms=_timed(steps, case, effort))
-    return RungRun(cases=made, startup_s=startup, peak_mib=_peak_mib())
+            startup_s = startup_s or time.time() - started
+            made.append((case, picture, _timed(steps, case, effort)))
+    shared = {"startup_s": startup_s, "peak_mib": _peak_mib()}  # before scoring needs memory
+    return {case.name: figures(case, picture, ms) | shared for case, picture, ms in made}
 
 
-def _timed(steps: GraphExecutor, case: Case, effort: Effort) -> tuple[float, ...]:
+def figures(case: Case, picture: UInt8, blur_ms: Sequence[float]) -> Figures:
+    """Accuracy of a picture (H, W, 3), median and 95th percentile of the reblur's times [ms]."""
+    return case.score(picture) | {
+        "median_ms": float(np.median(blur_ms)),
+        "p95_ms": float(np.percentile(blur_ms, 95)),
+    }
+
+
+def _timed(steps: GraphExecutor, case: Case, effort: Effort) -> list[float]:
+    """What the reblur took on each timed frame [ms]."""
     times: list[float] = []
     blurs = {
         node.name
@@ -147,7 +114,7 @@ def _timed(steps: GraphExecutor, case: Case, effort: Effort) -> tuple[float, ...
         enough = len(times) >= _FEWEST and time.perf_counter() > end
         if enough or len(times) == max(_FEWEST, effort.frames):
             break
-    return tuple(times)
+    return times
 
 
 def _peak_mib() -> float:
@@ -161,11 +128,10 @@ def _peak_mib() -> float:
 
 def machine() -> dict[str, str]:
     """Processor, cores, load, renderer and versions in words; nothing that names the machine."""
-    affinity = getattr(os, "sched_getaffinity", None)
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
     return {
         "processor": _processor(),
-        "cores": str(len(affinity(0)) if affinity else os.cpu_count() or 1),
+        "cores": str(processors()),
         "load at the start": load,
         "renderer": renderer_choice(),
         "system": f"{platform.system()} {platform.machine()}",

@@ -46,14 +46,7 @@ class SceneModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltScene:
-    """A scene of `bench` on disk.
-
-    Attributes:
-        name: of its column.
-        about: what is hard about it.
-        glb: the file.
-        fit: its lens, in the pixels of the frame.
-    """
+    """A scene of `bench` on disk, what is hard about it, and its lens in the frame's pixels."""
 
     name: str
     about: str
@@ -62,12 +55,7 @@ class BuiltScene:
 
 
 def write_scenes(folder: Path, size: tuple[int, int]) -> list[BuiltScene]:
-    """Write the scenes' files.
-
-    Args:
-        folder: where to.
-        size: columns and rows of the frame; 960x512 or a fraction of both [px].
-    """
+    """Write the scenes' files for frames of 960x512 pixels, or a fraction of both."""
     scenes = []
     for name, (about, draw) in _SCENES.items():
         drawn = draw()
@@ -80,11 +68,7 @@ def write_scenes(folder: Path, size: tuple[int, int]) -> list[BuiltScene]:
 
 
 def plate(size: tuple[int, int]) -> UInt8:
-    """A softly blurred plate of many sizes of detail, display-coded RGB (H, W, 3).
-
-    Args:
-        size: columns and rows [px].
-    """
+    """A softly blurred plate with detail of every size, display-coded RGB (H, W, 3)."""
     rng = np.random.default_rng(7)
     light = np.full((size[1], size[0], 3), 0.3, np.float32)
     for octave in range(2, 7):

@@ -26,13 +26,7 @@ _AROUND, _UP = 48, 24  # facets of a ball
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A point of the scene: where the picture shows it, and how blurred.
-
-    Attributes:
-        x: column [px].
-        y: row [px].
-        coc_px: signed diameter of its CoC [px].
-    """
+    """A point of the scene by its column, row and signed CoC diameter in the picture [px]."""
 
     x: float
     y: float
@@ -86,13 +80,9 @@ def _tiled(tiles: Float32, side: int) -> Float32:
 def sheet(
     points: Float64, pixels: UInt8, tile: float, axes: tuple[int, int] = (0, 1)
 ) -> TexturedMesh:
-    """A flat textured quadrilateral that glows: it casts and takes no shadow.
+    """A flat quadrilateral of corners (4, 3) that glows: it casts and takes no shadow.
 
-    Args:
-        points: its corners in turn (4, 3) [scene unit].
-        pixels: of its texture, display-coded RGB (h, w, 3), which tiles.
-        tile: side of the texture [scene unit].
-        axes: coordinates along which the texture lies.
+    Its texture, display-coded `pixels` (h, w, 3), repeats every `tile` scene units along two axes.
     """
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     return TexturedMesh(points=points, uv=points[:, axes] / tile, faces=faces, texture=pixels)
@@ -101,24 +91,14 @@ def sheet(
 def card(
     optics: SceneLens, corners: Sequence[Place], seed: int, tile: float = 0.25
 ) -> TexturedMesh:
-    """A flat textured card that glows.
-
-    Args:
-        optics: the scene's lens.
-        corners: four in turn; the CoC must be affine in x and y, or the card is not flat.
-        seed: of its texture.
-        tile: side of the texture [scene unit].
-    """
+    """A sheet between four places, whose CoC must be affine in x and y, or it is not flat."""
     return sheet(np.array([optics.point(corner) for corner in corners]), texture(seed), tile)
 
 
 def rectangle(left: Place, right: Place, rows: tuple[float, float]) -> list[Place]:
-    """Corners of an upright rectangle whose CoC changes from left to right only.
+    """Corners of an upright rectangle between two columns, its CoC the same along each.
 
-    Args:
-        left: column and CoC of the left side.
-        right: column and CoC of the right side.
-        rows: top and bottom [px].
+    Top and bottom are `rows` [px]; those of the two places are not used.
     """
     top, bottom = rows
     ways = ((left, bottom), (right, bottom), (right, top), (left, top))
@@ -126,12 +106,9 @@ def rectangle(left: Place, right: Place, rows: tuple[float, float]) -> list[Plac
 
 
 def ball(middle: Float64, radius: float, pixels: UInt8) -> TexturedMesh:
-    """A ball that lights shine on.
+    """A ball about a centre (3,) [scene unit]; lights shine on it.
 
-    Args:
-        middle: its centre (3,) [scene unit].
-        radius: of it [scene unit].
-        pixels: of its texture, display-coded RGB (h, w, 3), its rows from pole to pole.
+    Rows of its texture, display-coded `pixels` (h, w, 3), lie from pole to pole.
     """
     turn, rise = np.meshgrid(
         np.linspace(0, 2 * math.pi, _AROUND + 1), np.linspace(0, math.pi, _UP + 1)

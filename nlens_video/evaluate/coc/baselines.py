@@ -52,12 +52,7 @@ _MIN_SAMPLES = 48
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SparseBlur:
-    """Blur where it can be read.
-
-    Attributes:
-        sigma_px: sigma of the Gaussian blur (H, W), any number where it is not known [px].
-        known: pixels at which it is known (H, W).
-    """
+    """Sigma of a Gaussian blur (H, W) [px], any number where it is not `known` (H, W)."""
 
     sigma_px: Float32
     known: Bool
@@ -156,12 +151,7 @@ class Quadratic:
 
     @classmethod
     def fit(cls, blur: SparseBlur, disparity: Float32) -> Quadratic:
-        """The polynomial of a plate; no blur at all where it is known nowhere.
-
-        Args:
-            blur: what the polynomial is fitted on.
-            disparity: true disparity, 0 to 1 (H, W) [1].
-        """
+        """The polynomial of a plate of disparity 0 to 1 (H, W); 0 where no blur is known."""
         if blur.known.sum() < _COEFFICIENTS:
             return cls(np.zeros(_COEFFICIENTS))
         powers = _powers(disparity[blur.known])

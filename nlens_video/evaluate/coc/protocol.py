@@ -36,7 +36,10 @@ Fit = Callable[[CocMap, GroundProjection], LensFit]
 
 
 def evaluate_coc(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
-    """Measure every plate of a folder; `out` gets `coc.md`, a CSV for each table and plots.
+    """Measure every plate of a folder.
+
+    `folder` holds a folder for each plate (see `plates`), or is one itself; `out` gets `coc.md`, a
+    CSV for each table and plots.
 
     Raises:
         InputError: no plate, or one that cannot be read.

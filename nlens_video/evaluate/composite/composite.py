@@ -70,12 +70,9 @@ Intervals = Mapping[tuple[str, str], Interval]
 def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
     """Composite on every plate of a folder by every method.
 
-    Args:
-        folder: one with a folder for each plate (see `plates`), or a plate itself; each also holds
-            `gt_noshadow.png` and `object.exr`.
-        out: gets `composite.md`, a CSV for each table and `composite.png`; made where missing.
-        as_json: print all figures as JSON instead of tables.
-        quiet: print nothing but JSON.
+    `folder` holds a folder for each plate (see `plates`), or is one itself; each also holds
+    `gt_noshadow.png` and `object.exr`. `out` gets `composite.md`, a CSV for each table and
+    `composite.png`.
 
     Raises:
         InputError: no plate, or one that cannot be read.

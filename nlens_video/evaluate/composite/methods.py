@@ -107,28 +107,16 @@ def _nearest(known: Bool) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodInputs:
-    """What a method is given of the lens.
+    """What a method is given of the lens."""
 
-    Attributes:
-        fit: the lens, None to find it.
-        defocus: gives the object its CoC in the place of a lens, None for the lens.
-        rms_px: error of the object's CoC where no fit tells it [px].
-    """
-
-    fit: LensFit | None = None
-    defocus: ObjectCoc | None = None
-    rms_px: float | None = None
+    fit: LensFit | None = None  # None to find it
+    defocus: ObjectCoc | None = None  # gives the object its CoC in the place of a lens
+    rms_px: float | None = None  # error of the object's CoC where no fit tells it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """A way to composite.
-
-    Attributes:
-        name: of its row.
-        rung: how it blurs.
-        inputs: what it is given on a plate.
-    """
+    """A way to composite: how it blurs, and what it is given on a plate."""
 
     name: str
     rung: Rung

@@ -7,14 +7,12 @@ much nearer to the truth it brings the ground.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, UInt8
-from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
@@ -44,12 +42,9 @@ _STRENGTHS = np.arange(0.5, 1.55, 0.1)
 def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
     """Render the object of every plate and cast its shadow.
 
-    Args:
-        folder: one with a folder for each plate (see `plates`), or a plate itself; those that also
-            hold `gt.png`, `bg_depth.exr`, `gt_noshadow.png` and `object.exr` tell of the shadow.
-        out: gets `scene.md` and a CSV for each table; made where missing.
-        as_json: print all figures as JSON instead of tables.
-        quiet: print nothing but JSON.
+    `folder` holds a folder for each plate (see `plates`), or is one itself; the shadow is measured
+    on those that also hold `gt.png`, `bg_depth.exr`, `gt_noshadow.png` and `object.exr`. `out` gets
+    `scene.md` and a CSV for each table.
 
     Raises:
         InputError: no plate, or one that cannot be read.
@@ -102,6 +97,8 @@ def _shadow_figures(plate: Plate) -> dict[str, dict[str, float]]:
     Raises:
         InputError: a file that is there cannot be read or does not fit the others.
     """
+    from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+
     folder = plate.folder
     if not ((folder / TRUTH).is_file() and (folder / DEPTH).is_file()):
         return {}
@@ -114,47 +111,30 @@ def _shadow_figures(plate: Plate) -> dict[str, dict[str, float]]:
     if not region.any():
         return {}
 
-    def figures(picture: UInt8, strength: float) -> dict[str, float]:
+    moment = Moment(Casters.of(plate.scene.pose(0.0), {}), plate.camera)
+    darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
+    base = psnr(without[region], truth[region])
+
+    def figures(light: Illumination, strength: float) -> dict[str, float]:
+        picture = without.copy()
+        shadow = CastShadow(strength=strength)([moment], light, plate.ground_y, case.fit)
+        if shadow is not None:
+            darken(ArrayPicture(picture, "rgb"), shadow, frame)
         psnr_db = psnr(picture[region], truth[region])
         left = _light(picture, region) / _light(truth, region)
         return {"gain_db": psnr_db - base, "psnr_db": psnr_db, "left": left, "strength": strength}
 
-    def cast(light: Illumination) -> Callable[[float], dict[str, float]]:
-        draw = _caster(plate, case.fit, without, light)
-        return lambda strength: figures(draw(strength), strength)
-
-    base = psnr(without[region], truth[region])
     environment = load_environment(folder / MAP, 0.0, 0.0) if (folder / MAP).is_file() else None
-    given = SceneLight(plate.scene.light_count, environment)
-    by_light = cast(given.on_ground(plate.scene.pose(0.0).lights))
+    lights = plate.scene.pose(0.0).lights
+    given = SceneLight(plate.scene.light_count, environment).on_ground(lights)
     plate_light = Illumination.of_plate(ArrayPicture(case.plate, "rgb").linear(frame))
-    by_guess = cast(SceneLight(0).on_ground((), plate_light))
+    by_strength = [figures(given, strength) for strength in _STRENGTHS.tolist()]
     return {
         NONE: {"gain_db": 0.0, "psnr_db": base},
-        GIVEN: by_light(1.0),
-        BEST: max(map(by_light, _STRENGTHS.tolist()), key=lambda found: found["psnr_db"]),
-        GUESSED: by_guess(1.0),
+        GIVEN: figures(given, 1.0),
+        BEST: max(by_strength, key=lambda found: found["psnr_db"]),
+        GUESSED: figures(SceneLight(0).on_ground((), plate_light), 1.0),
     }
-
-
-def _caster(
-    plate: Plate, fit: LensFit, without: UInt8, light: Illumination
-) -> Callable[[float], UInt8]:
-    """A function that gives the picture (H, W, 3) with a shadow of some strength."""
-    from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-
-    frame = Box(0, 0, without.shape[1], without.shape[0])
-    moment = Moment(Casters.of(plate.scene.pose(0.0), {}), plate.camera)
-    darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
-
-    def picture(strength: float) -> UInt8:
-        shadow = CastShadow(strength=strength)([moment], light, plate.ground_y, fit)
-        codes = without.copy()
-        if shadow is not None:
-            darken(ArrayPicture(codes, "rgb"), shadow, frame)
-        return codes
-
-    return picture
 
 
 def _light(picture: UInt8, region: Bool) -> float:

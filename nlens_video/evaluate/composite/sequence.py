@@ -20,13 +20,13 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Float32, UInt8
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.evaluate.plates import find_folders, read_codes
+from nlens_video.evaluate.plates import read_codes
 from nlens_video.video.exr import read_layer
 
 MARK = "gt_patch"
 _PLATE = "bg.mp4"
 _LAYERS = "object/%04d.exr"
-_PARTS = (_PLATE, "object.glb", "object", "params.json")
+PARTS = (_PLATE, "object.glb", "object", "params.json")
 _SOLID = 0.98  # coverage from which on a pixel has one depth
 
 
@@ -45,16 +45,6 @@ class Sequence:
     fit: LensFit
     rate: str
     frames: int
-
-    @property
-    def name(self) -> str:
-        """Name of its folder."""
-        return self.folder.name
-
-    @property
-    def glb(self) -> Path:
-        """The object."""
-        return self.folder / "object.glb"
 
     @property
     def layers(self) -> str:
@@ -109,15 +99,6 @@ class Sequence:
                 f"{self.folder / _PLATE}: {written} frames, params.json tells of {self.frames}"
             )
         return str(folder / "%04d.png")
-
-
-def find_sequences(folder: Path) -> list[Path]:
-    """The sequences of a folder, by name; the folder may be one itself.
-
-    Raises:
-        InputError: there is none, or one lacks a file.
-    """
-    return find_folders(folder, "sequence", MARK, _PARTS)
 
 
 def load_sequence(folder: Path) -> Sequence:

@@ -17,9 +17,9 @@ from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Float32, Float64, UInt8
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.evaluate.composite.sequence import Sequence, find_sequences, load_sequence
+from nlens_video.evaluate.composite.sequence import MARK, PARTS, Sequence, load_sequence
 from nlens_video.evaluate.metrics import psnr, psnr_of_error
-from nlens_video.evaluate.plates import read_codes
+from nlens_video.evaluate.plates import find_folders, read_codes
 from nlens_video.evaluate.report import Column, Report, Table, csv_lines, prepare_folder, track
 from nlens_video.run.render import render
 
@@ -61,11 +61,8 @@ class FrameFigures:
 def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
     """Composite every sequence with the lens found, with the true one, and without blur.
 
-    Args:
-        folder: one with a folder for each sequence (see `sequence`), or a sequence itself.
-        out: gets `sequences.md`, `sequences.csv` and `sequence_frames.csv`; made where missing.
-        as_json: print all figures as JSON instead of a table.
-        quiet: print nothing but JSON.
+    `folder` holds a folder for each sequence (see `sequence`), or is one itself; `out` gets
+    `sequences.md`, `sequences.csv` and `sequence_frames.csv`.
 
     Raises:
         InputError: no sequence, or one that cannot be read.
@@ -73,7 +70,7 @@ def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: 
         LensFitError: a sequence does not tell its lens.
         OutputError: `out` cannot be written.
     """
-    found = find_sequences(folder)
+    found = find_folders(folder, "sequence", MARK, PARTS)
     prepare_folder(out, plots=False)
     table, frames = _sequences_table(), list[list[object]]()
     for path in track(found, "compositing sequences", quiet=quiet):
@@ -82,10 +79,10 @@ def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: 
         if not any(math.isfinite(frame.detail) for frame in made[TRUE]):
             raise InputError(f"{path}: its truth is empty on every frame")
         for row, measured in made.items():
-            table.add(row, sequence.name, over_sequence(measured, made[TRUE]))
+            table.add(row, path.name, over_sequence(measured, made[TRUE]))
             for index, frame in enumerate(measured):
                 figures = (f if math.isfinite(f) else math.nan for f in astuple(frame))
-                frames.append([row, sequence.name, index, *figures])
+                frames.append([row, path.name, index, *figures])
     columns = ["row", "sequence", "frame", *(field.name for field in fields(FrameFigures))]
     names = ", ".join(table.plates())
     Report(
@@ -111,7 +108,7 @@ def _composites(sequence: Sequence) -> Iterator[tuple[str, list[FrameFigures]]]:
             pictures.mkdir()
             settings = Settings(
                 source=SourceSettings(spec=plate, input_rate=sequence.rate),
-                scene=ObjectSettings(glb=sequence.glb, layers=sequence.layers),
+                scene=ObjectSettings(glb=sequence.folder / "object.glb", layers=sequence.layers),
                 output=OutputSettings(spec=str(pictures / "%04d.png")),
                 effects=effects,
                 fit=fit,

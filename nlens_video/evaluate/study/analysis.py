@@ -22,15 +22,7 @@ _NEEDED = ("participant", "file", "method", "virtual", "chosen")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What a participant answered to a picture.
-
-    Attributes:
-        participant: the code.
-        file: of the picture.
-        method: what put the virtual object in.
-        virtual: the answer that names it.
-        chosen: what was taken for virtual; empty for "No".
-    """
+    """Which objects of a picture a participant took for virtual; none for "No"."""
 
     participant: str
     file: str
@@ -70,13 +62,7 @@ class MethodResult:
 
 
 def analyse_answers(paths: Sequence[Path], reference: str, *, as_json: bool, quiet: bool) -> None:
-    """Print the failure rates of the methods.
-
-    Args:
-        paths: files that the page saved.
-        reference: the method that the others are tested against.
-        as_json: print JSON instead of a table.
-        quiet: print nothing but JSON.
+    """Print the failure rates of the methods, each tested against the reference.
 
     Raises:
         InputError: answers cannot be read.
@@ -131,11 +117,7 @@ def read_answers(paths: Sequence[Path]) -> list[Answer]:
 
 
 def analyse(answers: Sequence[Answer], reference: str) -> list[MethodResult]:
-    """Failure rate of each method and how surely it differs from the reference's.
-
-    Args:
-        answers: of all participants.
-        reference: the method that the others are tested against.
+    """Failure rate of each method, and the test of its difference from the reference's.
 
     Raises:
         UsageError: no answer is about the reference.
@@ -165,14 +147,10 @@ def analyse(answers: Sequence[Answer], reference: str) -> list[MethodResult]:
 
 
 def two_proportion_test(one: tuple[int, int], other: tuple[int, int]) -> tuple[float, float]:
-    """Two-proportion z-test, pooled, two-sided.
+    """Two-proportion z-test, pooled, two-sided, of two pairs of failures and trials.
 
     Its square is Pearson's chi-squared of the 2 x 2 table without continuity correction, which is
     how scipy has it.
-
-    Args:
-        one: failures and trials.
-        other: failures and trials.
 
     Returns:
         z, positive where `one` fails more often, and p; nan where all trials ended alike.

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Box, Float32, ObjectLayer, UInt8
+from nlens_video.core.layers import Box, Float32, UInt8
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.case import Case
 from nlens_video.evaluate.bench.glb_writer import TexturedMesh, write_glb
@@ -46,14 +46,13 @@ _FOCUSES = {"front": 0.75, "middle": 1.15, "back": 1.8}  # depth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Plate:
-    """A plate, its lens, and the depth and sharp picture that Blind Augmentation is given."""
+    """A plate, its lens, and Blind Augmentation's model of it."""
 
     aperture: str
     focus: str
     fit: LensFit
     codes: UInt8
-    sharp: UInt8
-    coc_px: Float32
+    blind: BlindAugmentation
 
 
 def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -> list[Stimulus]:
@@ -94,10 +93,9 @@ def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]
     camera = scene.camera(0.0, *size)
     with choose_renderer(scene) as renderer:
         seen = renderer.render(0.0, camera)
-        if seen is None:
-            raise RuntimeError("the table lies out of view")
-        depth = _on_frame(seen, frame)
-        sharp = _coded(seen.box, seen.rgba, frame)
+        if seen is None or seen.box != frame:
+            raise RuntimeError("the room does not fill the frame")
+        sharp = _coded(seen.rgba)
         for aperture, strength in _APERTURES.items():
             for focus, at in _FOCUSES.items():
                 slope = strength * size[0] / SIZE[0]
@@ -106,10 +104,10 @@ def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]
                 )
                 shot = LensSetup(time_s=0.0, camera=camera, fit=fit, frame=frame)
                 lens = lens_views(renderer, shot, bare_points(views))
-                yield _Plate(
-                    aperture=aperture, focus=focus, fit=fit, sharp=sharp,
-                    codes=_coded(lens.box, lens.rgba, frame), coc_px=fit.coc_px(1.0 / depth),
-                )  # fmt: skip
+                codes = _coded(lens.rgba)
+                blur = nearest_blur(*(np.float32(1 / 255) * one for one in (codes, sharp)))
+                blind = BlindAugmentation(blur, fit.coc_px(1.0 / seen.depth), fit)
+                yield _Plate(aperture=aperture, focus=focus, fit=fit, codes=codes, blind=blind)
 
 
 def _composites(plate: _Plate, glb: Path) -> Iterator[tuple[str, UInt8]]:
@@ -120,11 +118,9 @@ def _composites(plate: _Plate, glb: Path) -> Iterator[tuple[str, UInt8]]:
         region=Box(0, 0, width, height),
     )  # fmt: skip
     ours = next(rung for rung in preset_rungs() if rung.name == DEFAULT)
-    rgb, sharp = (np.float32(1 / 255) * codes for codes in (plate.codes, plate.sharp))
-    blind = BlindAugmentation(nearest_blur(rgb, sharp), plate.coc_px, plate.fit)
     for method, rung, fit, defocus in (
         ("naive", rival_rung("naive"), plate.fit, None),
-        ("blind augmentation", rival_rung("layered Gaussian"), plate.fit, blind),
+        ("blind augmentation", rival_rung("layered Gaussian"), plate.fit, plate.blind),
         ("ours", ours, None, None),
     ):
         with opened(rung, case, Profiler(), fit, defocus) as steps:
@@ -149,18 +145,10 @@ def _room() -> list[TexturedMesh]:
     ]
 
 
-def _on_frame(seen: ObjectLayer, frame: Box) -> Float32:
-    """Depth (H, W); the room fills the frame."""
-    depth = np.full((frame.height, frame.width), np.inf, np.float32)
-    held = seen.box.intersection(frame)
-    depth[held.slices_in(frame)] = seen.depth[held.slices_in(seen.box)]
-    return depth
-
-
-def _coded(box: Box, rgba: Float32, frame: Box) -> UInt8:
-    held = box.intersection(frame)
-    codes = np.zeros((frame.height, frame.width, 3), np.uint8)
-    ArrayPicture(codes, "rgb").over(held, np.ascontiguousarray(rgba[held.slices_in(box)]))
+def _coded(rgba: Float32) -> UInt8:
+    """Code values (H, W, 3) of scene-linear light (H, W, 4)."""
+    codes = np.zeros((*rgba.shape[:2], 3), np.uint8)
+    ArrayPicture(codes, "rgb").over(Box(0, 0, rgba.shape[1], rgba.shape[0]), rgba)
     return codes
 
 

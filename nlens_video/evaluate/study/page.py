@@ -97,13 +97,7 @@ def _check_pictures(folder: Path, stimuli: list[Stimulus]) -> None:
 def study_page(
     folder: Path, stimuli: Sequence[Stimulus], choices: Sequence[str], things: str
 ) -> str:
-    """The page as text; everything that came from outside is escaped.
-
-    Args:
-        folder: of the pictures.
-        stimuli: what is shown, each once, in an order of each participant's own.
-        choices: answers beside "No".
-        things: what is looked for, in the plural.
+    """The page as text, everything from outside escaped; arguments as of `make_study`.
 
     Raises:
         InputError: a picture cannot be read.
