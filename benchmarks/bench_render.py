@@ -16,8 +16,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
+import PIL.Image
 
 from nlens_video.core.layers import Float32
 from nlens_video.evaluate.bench.glb_writer import GlbWriter
@@ -64,10 +64,10 @@ def write_glb(path: Path, triangles: int, alpha_mode: str = "OPAQUE") -> Path:
     bind = np.tile(np.eye(4), (JOINTS, 1, 1))
     bind[:, 1, 3] = -heights
     coarse = np.random.default_rng(0).integers(60, 220, (64, 64, 3), np.uint8)
-    fine = cv2.resize(coarse, (1024, 1024), interpolation=cv2.INTER_CUBIC)
+    fine = PIL.Image.fromarray(coarse).resize((1024, 1024), PIL.Image.Resampling.BICUBIC)
     paint = {
         "pbrMetallicRoughness": {
-            "baseColorTexture": {"index": glb.texture(fine)},
+            "baseColorTexture": {"index": glb.texture(np.asarray(fine))},
             "metallicFactor": 0.1, "roughnessFactor": 0.5,
         },
         "alphaMode": alpha_mode,

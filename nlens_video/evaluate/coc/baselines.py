@@ -193,13 +193,13 @@ class Baseline:
 
     Attributes:
         name: of its row.
-        told: its inputs beside the plate, in words; empty if none.
+        given: its inputs beside the plate, in words; empty if none.
         estimate: unsigned CoC (H, W) [px], None on a plate that lacks what it needs.
         also_scaled: whether it is also shown with the factor that suits the truth best.
     """
 
     name: str
-    told: str = ""
+    given: str = ""
     estimate: Callable[[Plate], Float32 | None]
     also_scaled: bool = False
 
@@ -216,26 +216,27 @@ BASELINES = (
     ),
     Baseline(
         name="Blind Augmentation on edges",
-        told="the true depth of every pixel, and reads the blur at edges by the re-blur ratio",
+        given="the true depth of every pixel, and reads the blur at edges by the re-blur ratio",
         estimate=lambda plate: quadratic_coc(edge_blur(plate.rgb), plate.relative_disparity),
     ),
     Baseline(
         name="Blind Augmentation on the sharp picture",
-        told="the true depth of every pixel and the true sharp picture of the same view",
+        given="the true depth of every pixel and the true sharp picture of the same view",
         estimate=_from_sharp,
         also_scaled=True,
     ),
     Baseline(
         name="best constant",
-        told="the mean of the true CoC",
+        given="the mean of the true CoC",
         estimate=lambda plate: best_constant(plate.true_coc_px),
     ),
 )
 SCALED = ", best factor"
 NOTE = (
-    f"{'; '.join(f'{base.name} is told {base.told}' for base in BASELINES if base.told)}. With the "
-    "best factor its diameters are also scaled by the factor that suits the truth of that plate "
-    "best. A dash: no sharp picture was rendered. Our estimate and Zhuo & Sim are told nothing."
+    f"{'; '.join(f'{base.name} is given {base.given}' for base in BASELINES if base.given)}. With "
+    "the best factor its diameters are also scaled by the factor that suits the truth of that "
+    "plate best. A dash: no sharp picture was rendered. Our estimate and Zhuo & Sim are given the "
+    "plate alone."
 )
 
 

@@ -219,7 +219,7 @@ def _composites_table() -> Table:
             "PSNR and SSIM of 8-bit code values, in the tightest box around the sharp object; "
             "band: over the pixels around its outline that the true lens mixes with the plate. "
             "Time is that of the graph on one still, networks loaded and the lens found where it "
-            "is not told; the median over the plates, on a machine that may do other work. Means "
+            "is not given; the median over the plates, on a machine that may do other work. Means "
             "are over the plates on which a lens was found. The preset `reference` needs the GLB "
             "from several sides and is not among the rows.",
             ABOUT,
@@ -233,5 +233,5 @@ def _plates_coc_table() -> Table:
         title="CoC of the whole plate",
         columns=(Column("rmse_px", "RMSE [px]"),),
         detail="rmse_px",
-        notes=("The quadratic is told the true depth and the true sharp picture.",),
+        notes=("The quadratic is given the true depth and the true sharp picture.",),
     )

@@ -35,12 +35,13 @@ NAIVE, BLIND, GAUSSIAN = "naive", "Blind Augmentation, DoF only", "layered Gauss
 TRUE_FIT, TRUE_COC = f"{DEFAULT}, true fit", f"{DEFAULT}, true CoC"
 ABOUT = (
     f"{NAIVE}: the sharp object on the plate, in linear light. {BLIND} (Prakash et al. 2025): the "
-    "blur of the plate as a quadratic of disparity, and a Gaussian of each pixel's own sigma; told "
-    "the true depth of plate and object and, where it was rendered, the true sharp picture, which "
-    f"its networks would have to guess. {GAUSSIAN}: the same blur, told the object's true CoC. "
-    "The presets are told nothing: they find the lens on the plate. "
-    f"{TRUE_FIT}: told the line from disparity to CoC; what a preset lacks against it is the "
-    f"estimate's and the fit's error. {TRUE_COC}: told the CoC of each pixel; what it lacks is "
+    "blur of the plate as a quadratic of disparity, and a Gaussian of each pixel's own sigma; "
+    "given the true depth of plate and object and, where it was rendered, the true sharp picture, "
+    "which its networks would have to guess. "
+    f"{GAUSSIAN}: the same blur, given the object's true CoC. "
+    "The presets are given nothing: they find the lens on the plate. "
+    f"{TRUE_FIT}: given the line from disparity to CoC; what a preset lacks against it is the "
+    f"estimate's and the fit's error. {TRUE_COC}: given the CoC of each pixel; what it lacks is "
     "the blur's error."
 )
 _RIM_PX = 2.0  # of the renderer's reconstruction filter, on either side of a sharp outline

@@ -109,12 +109,12 @@ def load_sequence(folder: Path) -> Sequence:
     """
     path = folder / "params.json"
     try:
-        told: dict[str, Any] = json.loads(path.read_text())
-        width, height = map(int, told["resolution"])
-        rate = float(told["fps"])
+        described: dict[str, Any] = json.loads(path.read_text())
+        width, height = map(int, described["resolution"])
+        rate = float(described["fps"])
         lenses = {
             (float(one["focus_distance_m"]), float(one["coc_at_infinity_px"]))
-            for one in told["frames"]
+            for one in described["frames"]
         }
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(f"{path}: cannot be read as a sequence's description ({error})") from error
@@ -129,7 +129,7 @@ def load_sequence(folder: Path) -> Sequence:
             f"{rate:g}; expected numbers above 0"
         )
     fit = LensFit(slope=at_infinity * focus, intercept=-at_infinity, width=width, height=height)
-    return Sequence(folder=folder, fit=fit, rate=f"{rate:g}", frames=len(told["frames"]))
+    return Sequence(folder=folder, fit=fit, rate=f"{rate:g}", frames=len(described["frames"]))
 
 
 def _decoded(path: Path) -> Iterator[UInt8]:

@@ -30,7 +30,7 @@ _FINE_PX, _COARSE_PX = 1.0, 4.0  # sigmas between which the object's detail is m
 FOUND, TRUE, SHARP = "lens found", "true lens", "no blur"
 _ABOUT = (
     "Each sequence is composited three times by the command line's defaults with `--effects "
-    f"defocus` on its own layers: {FOUND}, on the plate; {TRUE}, told by `--fit`; {SHARP}, with "
+    f"defocus` on its own layers: {FOUND}, on the plate; {TRUE}, given by `--fit`; {SHARP}, with "
     "`--effects none`. PSNR of 8-bit code values within the object's reach, as the truth gives it; "
     f"where the truth has noise of its own, that sets the level: the means of squares of "
     f"{BLOCK_PX} px, in which noise averages out, show what else is wrong. Spread: standard "
@@ -165,7 +165,7 @@ def coc_rms(fit: LensFit | None, true: LensFit, disparity: Float32) -> float:
 
 
 def over_sequence(frames: list[FrameFigures], reference: list[FrameFigures]) -> dict[str, float]:
-    """The frames of a composite beside those of the one that knows the lens.
+    """The frames of a composite beside those of the one with the true lens.
 
     Args:
         frames: in order, at least one with the object in view.
