@@ -2,47 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Self
 
-from nlens_video.core.errors import NlensError, Note, SceneError
+from nlens_video.core.errors import NlensError, Note
 from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
-from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.screen_projection import extent
-
-# Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
-# tell 1e-4 of the far depth any more.
-_NEAR_SHARE = 1e-3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ViewSetup:
-    """Camera, box and depth range of one picture.
-
-    Attributes:
-        camera: where from, on which frame.
-        box: the part of the frame, perhaps beyond its borders.
-        near: depth of the near plane [scene unit].
-        far: a depth beyond the object's [scene unit].
-        nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
-    """
-
-    camera: Camera
-    box: Box
-    near: float
-    far: float
-    nearest: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,12 +58,7 @@ class BoxRenderer(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -268,32 +238,3 @@ def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object,
         lighting.ambient_rows().tobytes(),
         lighting.ambient is None,
     )
-
-
-def view_setup(
-    posed: PosedScene, camera: Camera, margin: int, *, nearest: bool
-) -> ViewSetup | None:
-    """The box that the object covers, with near and far depth; None if it is out of view."""
-    seen = extent(posed, camera)
-    lowest, highest = seen.nearest, seen.farthest
-    if not (math.isfinite(lowest) and math.isfinite(highest)):
-        raise SceneError("the object has no finite size at this time; check its scale")
-    far = highest * (1.0 + 1e-4)
-    if not far > 0.0:
-        return None
-    lowest *= 1.0 - 1e-4
-    near = max(lowest, _NEAR_SHARE * far)
-    limit = Box(0, 0, camera.width, camera.height).expanded(margin)
-    box = limit
-    if lowest >= near:  # else a triangle may cross the near plane and cover anything
-        box = _outward(seen.low, seen.high, limit)
-    if box.empty:
-        return None
-    return ViewSetup(camera=camera, box=box, near=near, far=far, nearest=nearest)
-
-
-def _outward(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:
-    """Whole pixels around a range of positions, one more on each side, inside `limit`."""
-    x0, y0 = (math.floor(min(max(v, -1e9), 1e9)) - 1 for v in low)
-    x1, y1 = (math.ceil(min(max(v, -1e9), 1e9)) + 1 for v in high)
-    return Box(x0, y0, x1, y1).intersection(limit)

@@ -1,14 +1,162 @@
-"""Drawing back end of a renderer, and the error by which it reports its loss."""
+"""Interface of a renderer's drawing back end: view, depth peeling, pictures, loss."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
-from nlens_video.core.layers import Float32
-from nlens_video.render.base.box_renderer import ViewSetup
-from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+import numpy as np
+
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Box, Float32
 from nlens_video.render.base.shader_inputs import Lighting
-from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.extent import extent
+from nlens_video.scene.gltf.meshes import Int32
+from nlens_video.scene.posed import PosedMesh, PosedScene
+
+# Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
+# tell 1e-4 of the far depth any more.
+_NEAR_SHARE = 1e-3
+_ALL = 2.0  # window depth beyond everything
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ViewSetup:
+    """Camera, box and depth range of one picture.
+
+    Attributes:
+        camera: where from, on which frame.
+        box: the part of the frame, perhaps beyond its borders.
+        near: depth of the near plane [scene unit].
+        far: a depth beyond the object's [scene unit].
+        nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
+    """
+
+    camera: Camera
+    box: Box
+    near: float
+    far: float
+    nearest: bool
+
+
+def view_setup(
+    posed: PosedScene, camera: Camera, margin: int, *, nearest: bool
+) -> ViewSetup | None:
+    """The box that the object covers, with near and far depth; None if it is out of view."""
+    seen = extent(posed, camera)
+    lowest, highest = seen.nearest, seen.farthest
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        raise SceneError("the object has no finite size at this time; check its scale")
+    far = highest * (1.0 + 1e-4)
+    if not far > 0.0:
+        return None
+    lowest *= 1.0 - 1e-4
+    near = max(lowest, _NEAR_SHARE * far)
+    limit = Box(0, 0, camera.width, camera.height).expanded(margin)
+    box = limit
+    if lowest >= near:  # else a triangle may cross the near plane and cover anything
+        box = _screen_box(seen.low, seen.high, limit)
+    if box.empty:
+        return None
+    return ViewSetup(camera=camera, box=box, near=near, far=far, nearest=nearest)
+
+
+def _screen_box(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:
+    """Whole pixels around a range of positions, one more on each side, inside `limit`."""
+    x0, y0 = (math.floor(min(max(v, -1e9), 1e9)) - 1 for v in low)
+    x1, y1 = (math.ceil(min(max(v, -1e9), 1e9)) + 1 for v in high)
+    return Box(x0, y0, x1, y1).intersection(limit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrontSurfaces:
+    """Nearest surfaces of a picture, on the region that is peeled.
+
+    Attributes:
+        depth: of them (height, width), +inf where nothing is [scene unit].
+        disparity_step: how much less disparity what lies behind them has, > 0 [1 / scene unit].
+        corner: column and row of the other picture's first pixel in this one [px].
+    """
+
+    depth: Float32
+    disparity_step: float
+    corner: tuple[int, int]
+
+    def step(self, near: float, far: float) -> float:
+        """The step as window depth, which is affine in disparity."""
+        return self.disparity_step * near * far / (far - near)
+
+    def limit(self, near: float, far: float) -> Float32:
+        """Window depth (height, width) from which a surface lies behind; beyond all where none."""
+        there = np.isfinite(self.depth)
+        disparity = np.divide(1.0, self.depth, where=there, out=np.zeros(there.shape))
+        window = (1.0 - near * disparity) * (far / (far - near)) + self.step(near, far)
+        return np.where(there, window, _ALL).astype(np.float32)
+
+    def most_disparity(self) -> Float32:
+        """Disparity (height, width) up to which a surface lies behind; 0 where nothing does."""
+        there = np.isfinite(self.depth)
+        disparity = np.divide(1.0, self.depth, where=there, out=np.zeros(there.shape))
+        return np.maximum(disparity - self.disparity_step, 0.0).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BehindPicture:
+    """What a picture's nearest surface hides.
+
+    Attributes:
+        rgba: premultiplied linear colour and alpha (height, width, 4).
+        depth: along the optical axis (height, width), +inf where nothing is [scene unit].
+        front_rgba: what the nearest surface alone gives to each pixel (height, width, 4).
+    """
+
+    rgba: Float32
+    depth: Float32
+    front_rgba: Float32
+
+
+def closed_bodies(meshes: Sequence[PosedMesh]) -> list[bool]:
+    """Whether each mesh is watertight with outward faces, alone or all of them together.
+
+    Exporters mark most materials double-sided, also those of closed bodies, whose inner side depth
+    peeling would otherwise find behind the front.
+
+    Args:
+        meshes: of one moment; they touch at the same places at all times.
+    """
+    parts = [(mesh.positions, _outward(mesh)) for mesh in meshes]
+    starts = np.cumsum([0] + [len(positions) for positions, _ in parts])
+    together = (
+        np.concatenate([positions for positions, _ in parts]),
+        np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=False)]),
+    )
+    if len(parts) > 1 and _closes(*together):
+        return [True] * len(parts)
+    return [_closes(*part) for part in parts]
+
+
+def _outward(mesh: PosedMesh) -> Int32:
+    return mesh.faces[:, ::-1] if mesh.mirrored else mesh.faces
+
+
+def _closes(positions: Float32, faces: Int32) -> bool:
+    # trimesh merges vertices closer than a fixed distance, so positions are scaled to unit size,
+    # by a power of two, which is exact
+    size = float(np.abs(positions).max(initial=0.0))
+    if not 0.0 < size < np.inf:
+        return False
+    import trimesh  # slow to load, and needed for depth peeling only
+
+    places = np.ldexp(positions.astype(np.float64), -math.frexp(size)[1])
+    merged = trimesh.Trimesh(places, faces, process=True)
+    corners = np.asarray(merged.faces)
+    # exporters put degenerate triangles (two equal corners) at the poles of a sphere
+    flat = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
+    merged.update_faces(~flat)
+    return bool(merged.is_volume)
 
 
 class DrawerLostError(Exception):

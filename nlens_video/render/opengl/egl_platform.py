@@ -1,4 +1,4 @@
-"""Headless OpenGL context (EGL), and the reasons why none can be created.
+"""Headless OpenGL context (EGL), why none can be created, and the drawing back end on it.
 
 Imported before pyrender and PyOpenGL, which read these variables once, on import.
 """
@@ -8,10 +8,13 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 
 from nlens_video.core.errors import NlensError
-from nlens_video.render.base.drawer import DrawerLostError
+from nlens_video.core.layers import Float32
+from nlens_video.render.base.drawer import BehindPicture, DrawerLostError, FrontSurfaces, ViewSetup
+from nlens_video.render.base.shader_inputs import Lighting
+from nlens_video.scene.posed import PosedScene
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 os.environ.setdefault("PYGLET_HEADLESS", "1")
@@ -19,6 +22,8 @@ os.environ.setdefault("PYGLET_HEADLESS", "1")
 from OpenGL import EGL, GL, arrays
 from OpenGL.error import Error as GlError
 from pyrender.platforms import egl
+
+from nlens_video.render.opengl.renderer import LinearRenderer
 
 _CODES = {
     int(code): code.name
@@ -159,3 +164,55 @@ def describe() -> str:
     """The renderer and version of the current context."""
     renderer, version = (GL.glGetString(name).decode() for name in (GL.GL_RENDERER, GL.GL_VERSION))
     return f"EGL, {renderer}, OpenGL {version}"
+
+
+class GlDrawer:
+    """A `Drawer` on OpenGL; for one thread only, the one that makes it.
+
+    Args:
+        posed: the object, at any moment.
+
+    Raises:
+        RuntimeError: OpenGL cannot start.
+        NlensError: it cannot hold the object.
+        DrawerLostError: its memory does not suffice.
+    """
+
+    def __init__(self, posed: PosedScene) -> None:
+        self._platform = open_platform()
+        try:
+            advice = "export it with smaller textures and meshes"
+            with self._platform.at_work("cannot hold the object", advice):
+                self._renderer = LinearRenderer(posed)
+        except BaseException:
+            self._platform.delete_context()
+            raise
+
+    def draw(
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
+    ) -> tuple[Float32, Float32]:
+        """See `Drawer`."""
+        with self._drawing(setup):
+            return self._renderer.draw(posed, setup, lighting)
+
+    def draw_behind(
+        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
+    ) -> BehindPicture | None:
+        """See `Drawer`."""
+        with self._drawing(setup):
+            return self._renderer.draw_behind(posed, setup, lighting, front)
+
+    def _drawing(self, setup: ViewSetup) -> AbstractContextManager[None]:
+        size = f"{setup.box.width}x{setup.box.height}"
+        return self._platform.at_work(
+            f"cannot draw a picture of {size} pixels", "use a smaller frame"
+        )
+
+    def close(self) -> None:
+        """Free the GPU objects and the context; those of a lost one are gone already."""
+        with (
+            suppress(DrawerLostError),
+            self._platform.at_work("cannot free its objects", "update the graphics driver"),
+        ):
+            self._renderer.delete()
+        self._platform.delete_context()

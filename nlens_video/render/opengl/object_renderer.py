@@ -13,9 +13,14 @@ from typing import TypeVar
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Float32
-from nlens_video.render.base.box_renderer import BoxRenderer, ViewSetup
-from nlens_video.render.base.drawer import Drawer, DrawerLostError
-from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.box_renderer import BoxRenderer
+from nlens_video.render.base.drawer import (
+    BehindPicture,
+    Drawer,
+    DrawerLostError,
+    FrontSurfaces,
+    ViewSetup,
+)
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
@@ -112,7 +117,7 @@ class PyrenderObjectRenderer(BoxRenderer):
 
 def _start(posed: PosedScene) -> Drawer:
     try:
-        from nlens_video.render.opengl.drawer import GlDrawer
+        from nlens_video.render.opengl.egl_platform import GlDrawer
 
         return GlDrawer(posed)
     except (ImportError, AttributeError, OSError, RuntimeError) as error:

@@ -7,7 +7,6 @@ writes 8-bit display-coded colour, squares alpha and ignores the alpha cutoff.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,40 +15,27 @@ from OpenGL import GL
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.render.base.closed_meshes import closed_bodies
-from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.drawer import (
+    BehindPicture,
+    FrontSurfaces,
+    ViewSetup,
+    closed_bodies,
+)
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS, Lighting
-from nlens_video.render.opengl.framebuffer import BehindTarget, FloatTarget
-from nlens_video.render.opengl.gpu_objects import GpuMaterial, GpuPrimitive, GpuTexture
-from nlens_video.scene.gltf.materials import Image, Material
+from nlens_video.render.opengl.gpu_objects import (
+    BehindTarget,
+    FloatTarget,
+    GpuMaterial,
+    GpuPrimitive,
+    GpuTexture,
+)
+from nlens_video.scene.gltf.materials import Image
+from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.posed import PosedScene
 
 _SHADERS = Path(__file__).parent / "shaders"
 _FRAME, _MATERIAL = 0, 1
 _LIMIT_UNIT = len(SLOTS)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GlView:
-    """View and projection of one picture.
-
-    Attributes:
-        camera_from_world: rigid (4, 4).
-        eye: the camera's place in the world (3,) [scene unit].
-        clip_from_camera: projection (4, 4); row 0 of the picture at clip y = -1.
-        near: depth of the near plane [scene unit].
-        far: depth of the far plane [scene unit].
-        width: columns [px].
-        height: rows [px].
-    """
-
-    camera_from_world: Float64
-    eye: Float64
-    clip_from_camera: Float64
-    near: float
-    far: float
-    width: int
-    height: int
 
 
 class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
@@ -90,39 +76,23 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         return {material: stride * index for index, material in enumerate(materials)}
 
     def draw(
-        self, posed: PosedScene, view: GlView, lighting: Lighting, *, nearest: bool = False
+        self, posed: PosedScene, view: ViewSetup, lighting: Lighting
     ) -> tuple[Float32, Float32]:
-        """Premultiplied linear RGBA (height, width, 4) and depth (height, width), +inf if empty.
-
-        Args:
-            posed: what is drawn.
-            view: from where.
-            lighting: what lights it.
-            nearest: take the depth of each pixel's nearest sample, which is quicker.
-        """
+        """See `Drawer`."""
         self._defines = lighting.defines
         self._take_up(posed, view, lighting)
         self._begin(self._target, view)
         self._draw_opaque()
         self._draw_blended(view)
-        self._resolve(self._target, view, "resolve_nearest" if nearest else "resolve")
-        return self._target.read(view.width, view.height)
+        self._resolve(self._target, view, "resolve_nearest" if view.nearest else "resolve")
+        return self._target.read(view.box.width, view.box.height)
 
     def draw_behind(
-        self, posed: PosedScene, view: GlView, lighting: Lighting, front: FrontSurfaces
+        self, posed: PosedScene, view: ViewSetup, lighting: Lighting, front: FrontSurfaces
     ) -> BehindPicture | None:
-        """What lies behind the nearest surfaces of the picture that `draw` has drawn last.
+        """See `Drawer`; `view` is a part of the picture, `posed` and `lighting` are its own.
 
         Blended materials are left out: light that comes through them is in that picture already.
-
-        Args:
-            posed: the same moment.
-            view: a part of that picture.
-            lighting: the same lights.
-            front: that picture's depth, and how far behind it begins.
-
-        Returns:
-            The picture, None where nothing is hidden.
         """
         self._defines = {**lighting.defines, "USE_BEHIND": 1}
         self._take_up(posed, view, lighting)
@@ -134,7 +104,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         if not self._behind.shows(lambda: self._draw_opaque(self._one_sided)):
             return None
         self._resolve(self._behind.target, view, "resolve")
-        rgba, depth = self._behind.target.read(view.width, view.height)
+        rgba, depth = self._behind.target.read(view.box.width, view.box.height)
         program = self._program("front", {})
         program._bind()
         number = program._program_id
@@ -142,22 +112,22 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glUniform2i(GL.glGetUniformLocation(number, "corner"), *front.corner)
         GL.glUniform1f(GL.glGetUniformLocation(number, "reach"), front.step(view.near, view.far))
         self._fill_view(program)
-        front_rgba, _ = self._behind.target.read(view.width, view.height)
+        front_rgba, _ = self._behind.target.read(view.box.width, view.box.height)
         return BehindPicture(rgba=rgba, depth=depth, front_rgba=front_rgba)
 
-    def _take_up(self, posed: PosedScene, view: GlView, lighting: Lighting) -> None:
+    def _take_up(self, posed: PosedScene, view: ViewSetup, lighting: Lighting) -> None:
         for primitive, mesh in zip(self._primitives, posed.meshes, strict=True):
             primitive.update(mesh)
-        rotation = view.camera_from_world.copy()
+        rotation = view.camera.camera_from_world.copy()
         rotation[:3, 3] = 0.0
-        block = lighting.frame_block(view.clip_from_camera @ rotation, view.eye)
+        block = lighting.frame_block(_projection(view) @ rotation, _eye(view))
         GL.glBindBufferBase(GL.GL_UNIFORM_BUFFER, _FRAME, self._blocks[_FRAME])
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
 
-    def _begin(self, target: FloatTarget, view: GlView) -> None:
+    def _begin(self, target: FloatTarget, view: ViewSetup) -> None:
         GL.glDepthMask(GL.GL_TRUE)
         GL.glColorMask(GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE, GL.GL_TRUE)
-        target.bind(view.width, view.height)
+        target.bind(view.box.width, view.box.height)
         GL.glEnable(GL.GL_MULTISAMPLE)
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDepthFunc(GL.GL_LEQUAL)
@@ -172,10 +142,10 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
                 both_sides = material.double_sided and primitive not in (one_sided or ())
                 self._draw_primitive(primitive, both_sides=both_sides)
 
-    def _draw_blended(self, view: GlView) -> None:
-        back = view.camera_from_world[2, :3]
+    def _draw_blended(self, view: ViewSetup) -> None:
+        back, eye = view.camera.camera_from_world[2, :3], _eye(view)
         depths = [
-            (primitive.depth_along(back, view.eye), primitive)
+            (primitive.depth_along(back, eye), primitive)
             for primitive in self._primitives
             if primitive.material.source.alpha_mode == "BLEND"
         ]
@@ -220,7 +190,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glFrontFace(GL.GL_CCW if primitive.mirrored else GL.GL_CW)
         primitive.draw()
 
-    def _resolve(self, target: FloatTarget, view: GlView, name: str) -> None:
+    def _resolve(self, target: FloatTarget, view: ViewSetup, name: str) -> None:
         program = self._program(name, {})
         program._bind()
         target.bind_resolved()
@@ -228,7 +198,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glUniform2f(GL.glGetUniformLocation(number, "clip_range"), view.near, view.far)
         size = GL.glGetUniformLocation(number, "size")
         if size >= 0:
-            GL.glUniform2i(size, view.width, view.height)
+            GL.glUniform2i(size, view.box.width, view.box.height)
         self._fill_view(program)
 
     def _fill_view(self, program: ShaderProgram) -> None:
@@ -276,3 +246,22 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
 
     def __del__(self) -> None:
         """Nothing: freeing needs the context, which only the owner can make current."""
+
+
+def _eye(view: ViewSetup) -> Float64:
+    """The camera's place in the world (3,) [scene unit]."""
+    return view.camera.world_from_camera[:3, 3]
+
+
+def _projection(view: ViewSetup) -> Float64:
+    """Clip space of a box of the frame (4, 4); row 0 of the box lies at clip y = -1."""
+    camera, box, near, far = view.camera, view.box, view.near, view.far
+    matrix = np.zeros((4, 4))
+    matrix[0, 0] = 2.0 * camera.fx / box.width
+    matrix[0, 2] = 1.0 - 2.0 * (camera.cx - box.x0) / box.width
+    matrix[1, 1] = -2.0 * camera.fy / box.height
+    matrix[1, 2] = 1.0 - 2.0 * (camera.cy - box.y0) / box.height
+    matrix[2, 2] = -(far + near) / (far - near)
+    matrix[2, 3] = -2.0 * far * near / (far - near)
+    matrix[3, 2] = -1.0
+    return matrix

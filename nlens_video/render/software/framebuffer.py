@@ -9,7 +9,7 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.render.base.box_renderer import ViewSetup
+from nlens_video.render.base.drawer import ViewSetup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.software import (
     alpha,

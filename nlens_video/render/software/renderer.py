@@ -13,8 +13,8 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, ObjectLayer
 from nlens_video.kernels.thread_pool import parallel_for, processors
-from nlens_video.render.base.box_renderer import BoxRenderer, ViewSetup, view_setup
-from nlens_video.render.base.peel_layer import BehindPicture, FrontSurfaces
+from nlens_video.render.base.box_renderer import BoxRenderer
+from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.software.framebuffer import Framebuffer, Rows
 from nlens_video.render.software.scene_buffers import SceneBuffers

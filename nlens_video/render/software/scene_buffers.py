@@ -111,7 +111,7 @@ class SceneBuffers:
     def outer_sides(self) -> npt.NDArray[np.uint8]:
         """`sides` without the back faces of closed bodies, which are never visible."""
         if self._closed is None:
-            from nlens_video.render.base.closed_meshes import (
+            from nlens_video.render.base.drawer import (
                 closed_bodies,  # here: it loads trimesh
             )
 

@@ -96,7 +96,7 @@ def test_opengl_context_lost_twice_falls_back_to_the_rasteriser(scene, kind):
 
 
 def test_pixels_read_after_a_context_loss_are_discarded(scene, monkeypatch):
-    from nlens_video.render.opengl.framebuffer import FloatTarget
+    from nlens_video.render.opengl.gpu_objects import FloatTarget
 
     with PyrenderObjectRenderer(scene) as renderer:
         undisturbed = pictures(renderer)
@@ -178,7 +178,7 @@ def test_device_reset_counts_as_a_context_loss(scene, monkeypatch):
 LOSING = """
 import sys
 from OpenGL import EGL
-from nlens_video.render.opengl.drawer import GlDrawer
+from nlens_video.render.opengl.egl_platform import GlDrawer
 from nlens_video.cli.main import main
 
 losses, calls, draw = set(map(int, sys.argv[1].split(","))), [], GlDrawer.draw

@@ -9,7 +9,7 @@ from support import shots
 from support.glb_builder import GlbBuilder
 
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.render.base.closed_meshes import closed_bodies
+from nlens_video.render.base.drawer import closed_bodies
 from nlens_video.scene import Scene
 
 TWOS = (2.0**-20, 2.0**-10, 2.0**10, 2.0**20)  # what a float is multiplied by without rounding
