@@ -13,9 +13,9 @@ PACKAGE = ROOT / "nlens_video"
 
 FOLDERS = """
 core
-kernels  kernels/scatter  kernels/reblur
-video/pixels  video  video/input  video/output
-scene/gltf  scene
+kernels  kernels/scatter
+video  video/pixels  video/input  video/output  video/chunks
+scene/animation  scene/gltf  scene
 render/base  render/software  render/opengl  render
 stages
 networks

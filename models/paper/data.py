@@ -19,7 +19,7 @@ from models.coc.textures import Photos
 from models.reblur.data import HELD_OUT_VIEWS, Reservoir
 from models.reblur.lens import CROP, GRID, Float32, pinhole, through_lens
 from models.reblur.shapes import CATEGORIES, draw_held_out, draw_object
-from nlens_video.kernels.reblur.paper_scatter import paper_scatter
+from nlens_video.kernels.scatter.paper_scatter import paper_scatter
 
 VIEWS = 64
 PARTS = {"light": 3, "radius": 1, "dilated": 1, "classical": 3, "truth": 3}

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from models.coc.textures import Photos
 from models.reblur.lens import CROP, GRID, Float32, Shape, pinhole, through_lens
 from models.reblur.shapes import CATEGORIES, draw_held_out, draw_object
-from nlens_video.kernels.reblur.coc_discontinuities import find_discontinuities
+from nlens_video.kernels.coc_discontinuities import find_discontinuities
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.stages.l_depth_order import CHANNELS, candidates, fade
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.pull_push import inpaint
-from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
+from nlens_video.kernels.coc_discontinuities import extend_nearest
+from nlens_video.kernels.depth_layers import inpaint
 from nlens_video.stages.composite import ForegroundMatte
 from nlens_video.stages.l_reblur import ScatterKernel
 

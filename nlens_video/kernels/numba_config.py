@@ -87,6 +87,27 @@ def truncated(value: float) -> int:
     return np.int64(np.int32(value))  # type: ignore[return-value]
 
 
+@inlined
+def exponent(value: float) -> float:
+    """`np.floor(np.log2(value))` of a positive, normal float32."""
+    bits = np.float32(value).view(np.int32)
+    return np.float32((bits >> np.int32(23)) - np.int32(127))  # type: ignore[return-value]
+
+
+@inlined
+def significand(value: float) -> float:
+    """`value / 2**exponent(value)` of a positive, normal float32, in [1, 2)."""
+    bits = np.float32(value).view(np.int32) & np.int32(0x7FFFFF)
+    return np.int32(bits | np.int32(127 << 23)).view(np.float32)  # type: ignore[return-value]
+
+
+@inlined
+def half_power(power: float) -> float:
+    """`0.5 ** power` of a whole number from 0 to 126, float32."""
+    bits = (np.int32(127) - np.int32(power)) << np.int32(23)
+    return np.int32(bits).view(np.float32)  # type: ignore[return-value]
+
+
 ENOUGH = 64 << 20
 """Free space that a folder must have; the kernels take about 10 MB [bytes]."""
 

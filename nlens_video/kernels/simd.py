@@ -2,8 +2,9 @@
 
 numba vectorises plain loops over long arrays only. Work on four numbers here and four there it does
 number by number, and sums over many steps it keeps in memory; these intrinsics keep both in vector
-registers. All LLVM code of the package is here and in `simd_operations`. Each docstring gives the
-NumPy expression that the intrinsic equals, and `tests/kernels/test_simd.py` compares both.
+registers. All LLVM code of the package is here. Each docstring gives the NumPy expression that the
+intrinsic equals, and `tests/kernels/test_simd.py` compares both. The last three are operations of
+single kernels: the scatter's spans, the rasteriser's runs, texel filtering.
 
 Arrays are contiguous; indices are flat and not negative, unless stated; nothing checks bounds.
 """
@@ -33,13 +34,9 @@ _init_model: Any = PrimitiveModel.__init__
 Emit = Callable[..., Any]
 Typed = tuple[Any, Emit]
 """What `numba.extending.intrinsic` expects: a signature, and a function that emits LLVM code."""
-_F32, _I32 = ir.FloatType(), ir.IntType(32)
-CONTRACT = ("contract",)  # a product and a sum may be rounded once (fused multiply-add)
-
-
-def instruction(definition: Callable[..., Typed]) -> Any:
-    """Make a definition an intrinsic, which kernels call and type checkers take as Any."""
-    return intrinsic(definition)
+DRAW_LANES = 16  # samples that `draw_samples` reads and writes, whatever `count` is
+_F32, _I16, _I32 = ir.FloatType(), ir.IntType(16), ir.IntType(32)
+_CONTRACT = ("contract",)  # a product and a sum may be rounded once (fused multiply-add)
 
 
 class _Vector(types.Type):
@@ -62,6 +59,11 @@ class _VectorModel(PrimitiveModel):
         _init_model(self, manager, kind, kind.llvm)
 
 
+def instruction(definition: Callable[..., Typed]) -> Any:
+    """Make a definition an intrinsic, which kernels call and type checkers take as Any."""
+    return intrinsic(definition)
+
+
 def of_values(emit: Emit) -> Emit:
     """Lower an intrinsic of numbers and vectors by `emit(builder, *values)`."""
 
@@ -78,9 +80,8 @@ def of_arrays(emit: Emit) -> Emit:
     """
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        def pointer(argument: int, index: Any, vector: Any) -> Any:
-            array = context.make_array(signature.args[argument])
-            data = array(context, builder, values[argument]).data
+        def pointer(n: int, index: Any, vector: Any) -> Any:
+            data = context.make_array(signature.args[n])(context, builder, values[n]).data
             return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
         result = emit(builder, pointer, *values)
@@ -91,8 +92,8 @@ def of_arrays(emit: Emit) -> Emit:
 
 def shuffle(builder: Any, one: Any, other: Any, lanes: Any) -> Any:
     """Emit `np.concatenate([one, other])[lanes]`."""
-    order = list(lanes)
-    return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(_I32, len(order)), order))
+    order = ir.Constant(ir.VectorType(_I32, len(lanes)), list(lanes))
+    return builder.shuffle_vector(one, other, order)
 
 
 def broadcast(builder: Any, value: Any, count: int) -> Any:
@@ -102,15 +103,9 @@ def broadcast(builder: Any, value: Any, count: int) -> Any:
     return shuffle(builder, one, one, [0] * count)
 
 
-@instruction
-def load_row4(_: Any, values: Any, index: Any) -> Typed:
-    """Row of four float32: `values[index]` of values (n, 4)."""
-
-    def emit(builder: Any, pointer: Any, _: Any, index: Any) -> Any:
-        first = builder.shl(index, index.type(2))
-        return builder.load(pointer(0, first, FLOAT4.llvm), align=4)
-
-    return FLOAT4(values, types.intp), of_arrays(emit)
+def _named(definition: Any, name: str) -> Any:
+    definition.__name__ = definition.__qualname__ = name
+    return instruction(definition)
 
 
 def _load(kind: _Vector, name: str) -> Any:
@@ -122,8 +117,7 @@ def _load(kind: _Vector, name: str) -> Any:
 
         return kind(values, types.intp), of_arrays(emit)
 
-    load.__name__ = load.__qualname__ = name
-    return instruction(load)
+    return _named(load, name)
 
 
 def _store(kind: _Vector, name: str) -> Any:
@@ -135,25 +129,23 @@ def _store(kind: _Vector, name: str) -> Any:
 
         return types.void(values, types.intp, numbers), of_arrays(emit)
 
-    store.__name__ = store.__qualname__ = name
-    return instruction(store)
+    return _named(store, name)
 
 
-load4, store4 = _load(FLOAT4, "load4"), _store(FLOAT4, "store4")
+def _splat(kind: _Vector, name: str) -> Any:
+    """Repeat a float32 number: `np.full(count, value)`."""
+
+    def splat(_: Any, value: Any) -> Typed:
+        emit = of_values(lambda builder, v: broadcast(builder, v, kind.llvm.count))
+        return kind(types.float32), emit
+
+    return _named(splat, name)
+
+
+load4, store4, splat = _load(FLOAT4, "load4"), _store(FLOAT4, "store4"), _splat(FLOAT4, "splat")
 load8 = _load(FLOAT8, "load8")
 load16, store16 = _load(FLOAT16, "load16"), _store(FLOAT16, "store16")
-
-
-@instruction
-def splat(_: Any, value: Any) -> Typed:
-    """`np.full(4, value)`, float32."""
-    return FLOAT4(types.float32), of_values(lambda builder, v: broadcast(builder, v, 4))
-
-
-@instruction
-def splat16(_: Any, value: Any) -> Typed:
-    """`np.full(16, value)`, float32."""
-    return FLOAT16(types.float32), of_values(lambda builder, v: broadcast(builder, v, 16))
+splat16 = _splat(FLOAT16, "splat16")
 
 
 @instruction
@@ -172,11 +164,8 @@ def pack4(_: Any, a: Any, b: Any, c: Any, d: Any) -> Typed:
 @instruction
 def lane(_: Any, numbers: Any, index: Any) -> Typed:
     """`numbers[index]`, float32."""
-
-    def emit(builder: Any, numbers: Any, index: Any) -> Any:
-        return builder.extract_element(numbers, builder.trunc(index, _I32))
-
-    return types.float32(numbers, types.intp), of_values(emit)
+    emit = of_values(lambda builder, v, index: builder.extract_element(v, index))
+    return types.float32(numbers, types.intp), emit
 
 
 @instruction
@@ -213,9 +202,9 @@ class _Arithmetic(ConcreteTemplate):
     cases = tuple(_signature(kind, kind, kind) for kind in (FLOAT4, FLOAT8, FLOAT16, DOUBLE8))
 
 
-def _define(symbol: object, instruction: str) -> None:
+def _define(symbol: object, operation: str) -> None:
     def emit(builder: Any, one: Any, other: Any) -> Any:
-        return getattr(builder, instruction)(one, other, flags=CONTRACT)
+        return getattr(builder, operation)(one, other, flags=_CONTRACT)
 
     _register(symbol)(_Arithmetic)
     for case in _Arithmetic.cases:
@@ -226,3 +215,86 @@ _define(operator.add, "fadd")
 _define(operator.sub, "fsub")
 _define(operator.mul, "fmul")
 _define(operator.truediv, "fdiv")
+
+
+@instruction
+def add_span_end(_: Any, sums: Any, at: Any, rgba: Any, x: Any, here: Any, further: Any) -> Typed:
+    """Add one end of a span to a difference buffer, between two columns.
+
+    With `light = [*rgba[x], 1, 0, 0, 0]`: `sums[at, :8] += here * light` and
+    `sums[at, 8:] += further * light`; sums (n, 16), rgba (w, 4), float32. The upper half counts one
+    column further on, so that neighbouring columns do not wait for each other's sums.
+    """
+
+    def emit(builder: Any, pointer: Any, *values: Any) -> None:
+        _, at, _, x, here, further = values
+        pixel = builder.load(pointer(2, builder.mul(x, x.type(4)), FLOAT4.llvm), align=4)
+        one = ir.Constant(pixel.type, [1.0, 0.0, 0.0, 0.0])
+        light = shuffle(builder, pixel, one, range(8))
+        place = pointer(0, builder.mul(at, at.type(16)), FLOAT16.llvm)
+        both = [builder.fmul(light, broadcast(builder, part, 8)) for part in (here, further)]
+        added = builder.fadd(
+            builder.load(place, align=4), shuffle(builder, both[0], both[1], range(16))
+        )
+        builder.store(added, place, align=4)
+
+    kinds = sums, types.intp, rgba, types.intp, types.float32, types.float32
+    return types.void(*kinds), of_arrays(emit)
+
+
+@instruction
+def draw_samples(
+    _: Any, disparity: Any, ids: Any, at: Any, count: Any, start: Any, slope: Any, number: Any
+) -> Typed:  # fmt: skip
+    """Depth test and write of a run of at most `DRAW_LANES` samples.
+
+    With `i = np.arange(min(count, 16))` and `mine = start + slope * i`: where
+    `mine >= disparity.flat[at + i]`, disparity becomes `mine` and `ids.flat[at + i]` `number`.
+    """
+
+    def emit(builder: Any, pointer: Any, *values: Any) -> None:
+        at, count, start, slope, number = values[2:]
+        ints = ir.VectorType(_I32, DRAW_LANES)
+        near, shown = pointer(0, at, FLOAT16.llvm), pointer(1, at, ints)
+        start, slope, count, number = (
+            broadcast(builder, value, DRAW_LANES) for value in (start, slope, count, number)
+        )
+        ramp = ir.Constant(FLOAT16.llvm, [float(i) for i in range(DRAW_LANES)])
+        mine = builder.fadd(start, builder.fmul(ramp, slope))
+        inside = builder.icmp_signed("<", ir.Constant(ints, list(range(DRAW_LANES))), count)
+        before = builder.load(near, align=4)
+        drawn = builder.and_(inside, builder.fcmp_ordered(">=", mine, before))
+        builder.store(builder.select(drawn, mine, before), near, align=4)
+        builder.store(builder.select(drawn, number, builder.load(shown, align=4)), shown, align=4)
+
+    kinds = disparity, ids, types.intp, types.int32, types.float32, types.float32, types.int32
+    return types.void(*kinds), of_arrays(emit)
+
+
+@instruction
+def bilinear4(_: Any, texels: Any, upper: Any, lower: Any, across: Any, down: Any) -> Typed:
+    """RGBA between four 16-bit texels, as float32 in [0, 1].
+
+    With `t = texels.reshape(-1, 4) / 65535`: `t[upper]` and `t[lower]` mixed by `down`, likewise
+    the texels to the right of them, `t[upper + 1]` and `t[lower + 1]`; both results by `across`.
+    """
+
+    def emit(builder: Any, pointer: Any, *values: Any) -> Any:
+        _, upper, lower, across, down = values
+
+        def pair(index: Any) -> Any:
+            first = builder.shl(index, index.type(2))
+            codes = builder.load(pointer(0, first, ir.VectorType(_I16, 8)), align=2)
+            return builder.uitofp(codes, FLOAT8.llvm)
+
+        def mix(one: Any, other: Any, part: Any) -> Any:
+            away = builder.fsub(other, one, flags=_CONTRACT)
+            return builder.fadd(one, builder.fmul(away, part, flags=_CONTRACT), flags=_CONTRACT)
+
+        both = mix(pair(upper), pair(lower), broadcast(builder, down, 8))
+        left, right = (shuffle(builder, both, both, range(k, k + 4)) for k in (0, 4))
+        mixed = mix(left, right, broadcast(builder, across, 4))
+        return builder.fmul(mixed, ir.Constant(FLOAT4.llvm, [1.0 / 65535.0] * 4))
+
+    kinds = texels, types.intp, types.intp, types.float32, types.float32
+    return FLOAT4(*kinds), of_arrays(emit)

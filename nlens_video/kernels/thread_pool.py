@@ -1,16 +1,22 @@
-"""Parallel loops over threads that release the interpreter's lock; one pool per process."""
+"""Parallel loops over threads that release the interpreter's lock, and scratch arrays of each."""
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import TypeVar
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 T = TypeVar("T")
 R = TypeVar("R")
+Band = tuple[int, int]
+"""First row, and the one past the last."""
 
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
@@ -24,6 +30,11 @@ def processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def bands(rows: int, height: int) -> list[Band]:
+    """Parts of `height` rows at most."""
+    return [(top, min(top + height, rows)) for top in range(0, rows, height)]
 
 
 def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | None = None) -> None:
@@ -95,3 +106,28 @@ def _forget() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
+
+
+class _Scratch(threading.local):
+    """Buffers of one thread by name."""
+
+    def __init__(self) -> None:
+        self.buffers: dict[str, npt.NDArray[np.uint8]] = {}
+
+
+_scratch = _Scratch()
+
+
+def scratch(
+    name: str, shape: tuple[int, ...], dtype: npt.DTypeLike = np.float32
+) -> npt.NDArray[Any]:
+    """An array of any content, good until this thread asks for the same name again.
+
+    It is reused from frame to frame, for page faults cost more than filling, and kept as large as
+    the largest asked for.
+    """
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    buffer = _scratch.buffers.get(name)
+    if buffer is None or buffer.size < size:
+        _scratch.buffers[name] = buffer = np.empty(size, np.uint8)
+    return buffer[:size].view(dtype).reshape(shape)

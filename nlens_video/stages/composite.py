@@ -15,8 +15,8 @@ import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.coc_discontinuities import extend_nearest
-from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
+from nlens_video.kernels.aperture_covariance import edge_parallax_layer
+from nlens_video.kernels.coc_discontinuities import extend_nearest
 from nlens_video.scene.camera import Camera
 
 LARGEST_PARALLAX_PX = 48

@@ -18,14 +18,14 @@ from functools import partial
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32
-from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
-from nlens_video.kernels.reblur.coc_discontinuities import (
+from nlens_video.kernels.aperture_covariance import aperture_covariance
+from nlens_video.kernels.coc_discontinuities import (
     CocDiscontinuities,
     HiddenSurface,
     extend_nearest,
     find_discontinuities,
 )
-from nlens_video.kernels.reblur.depth_layers import split_at_hidden, split_at_steps
+from nlens_video.kernels.depth_layers import split_at_hidden, split_at_steps
 from nlens_video.kernels.thread_pool import parallel_map
 from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.stages.l_reblur import Reach

@@ -18,12 +18,12 @@ import numpy as np
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture
-from nlens_video.kernels.reblur.subaperture_gather import (
+from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
+from nlens_video.kernels.scatter.subaperture_gather import (
     LARGEST_RADIUS_PX,
     gather_subaperture,
     subaperture_reach,
 )
-from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
 from nlens_video.stages.l_aperture_samples import LensPoints, lens_points

@@ -22,7 +22,7 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.coc_discontinuities import STEP_PX, extend_nearest
+from nlens_video.kernels.coc_discontinuities import STEP_PX, extend_nearest
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer

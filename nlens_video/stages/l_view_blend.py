@@ -18,10 +18,9 @@ import numpy as np
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture
-from nlens_video.kernels.reblur.coc_discontinuities import chamfer
-from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture, subaperture_reach
-from nlens_video.kernels.scatter.extend import Band, bands
-from nlens_video.kernels.thread_pool import parallel_for
+from nlens_video.kernels.coc_discontinuities import chamfer
+from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture, subaperture_reach
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for
 from nlens_video.stages.l_aperture_samples import points_around
 from nlens_video.stages.l_lens_sampling import LensSetup, lens_camera
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, object_coc

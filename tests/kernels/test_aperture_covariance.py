@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from support.definitions import covariance_by_points
 
-from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
+from nlens_video.kernels.aperture_covariance import aperture_covariance
 from nlens_video.stages.l_aperture_samples import even_points
 
 EVERYWHERE = np.ones((24, 32), np.bool_)

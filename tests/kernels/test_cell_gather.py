@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nlens_video.core.layers import Box
-from nlens_video.kernels.reblur.subaperture_gather import (
+from nlens_video.kernels.scatter.scatter import scatter
+from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref
+from nlens_video.kernels.scatter.subaperture_gather import (
     LARGEST_RADIUS_PX,
     gather_subaperture,
     subaperture_reach,
 )
-from nlens_video.kernels.reblur.subaperture_gather_ref import gather_subaperture_ref
-from nlens_video.kernels.scatter.scatter import scatter
 
 
 def card(height=40, width=50, *, coc=4.0):

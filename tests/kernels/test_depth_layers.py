@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.kernels.reblur.coc_discontinuities import (
+from nlens_video.kernels.coc_discontinuities import (
     BESIDE_PX,
     FULL_STEP_PX,
     SPARE_PX,
@@ -12,7 +12,7 @@ from nlens_video.kernels.reblur.coc_discontinuities import (
     extend_nearest,
     find_discontinuities,
 )
-from nlens_video.kernels.reblur.depth_layers import split_at_steps
+from nlens_video.kernels.depth_layers import split_at_steps
 
 OPAQUE = np.float32([0.4, 0.2, 0.1, 1.0])
 

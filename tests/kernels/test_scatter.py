@@ -12,13 +12,8 @@ from hypothesis import strategies as st
 from support.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.core.layers import Box
-from nlens_video.kernels.scatter import (
-    extend,
-    levels,
-    normalize,
-    optical_vignetting,
-    scatter_rows,
-)
+from nlens_video.kernels.scatter import extend, levels, normalize, scatter_rows
+from nlens_video.kernels.scatter import scatter as scatter_module
 from nlens_video.kernels.scatter.scatter import (
     DRAFT,
     FINE,
@@ -128,7 +123,7 @@ def test_scatter_of_a_mirrored_ramp_is_the_mirrored_scatter():
 
 @pytest.mark.parametrize(
     "module",
-    [optical_vignetting, extend, levels, normalize, scatter_rows],
+    [scatter_module, extend, levels, normalize, scatter_rows],
     ids=lambda module: module.__name__,
 )
 def test_kernels_use_no_constant_imported_from_another_module(module):

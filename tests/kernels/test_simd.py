@@ -5,13 +5,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from nlens_video.kernels.numba_config import kernel
+from nlens_video.kernels.numba_config import exponent, half_power, kernel, significand
 from nlens_video.kernels.simd import (
+    DRAW_LANES,
+    add_span_end,
+    bilinear4,
+    draw_samples,
     lane,
     load4,
     load8,
     load16,
-    load_row4,
     low4,
     pack4,
     select_gt,
@@ -22,22 +25,13 @@ from nlens_video.kernels.simd import (
     to_f32x8,
     to_f64,
 )
-from nlens_video.kernels.simd_operations import (
-    DRAW_LANES,
-    add_span_end,
-    bilinear4,
-    draw_samples,
-    exponent,
-    half_power,
-    significand,
-)
 
 NUMBERS = st.floats(-1000.0, 1000.0, width=32)
 
 
 @kernel
 def of_fours(values, factor, out):
-    one, other = load_row4(values, 1), load4(values, 2)
+    one, other = load4(values, 4), load4(values, 2)
     store4(out, 0, one + other)
     store4(out, 4, one - other)
     store4(out, 8, one * splat(factor))

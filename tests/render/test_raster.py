@@ -10,10 +10,9 @@ from support.rasteriser import SIZE, drawn, random_block, resolved, surface, tru
 
 from nlens_video.render.software import raster, reference_kernels
 from nlens_video.render.software import shading_block as at
-from nlens_video.render.software.depth_resolve import resolve_depth
+from nlens_video.render.software.deferred import resolve_depth
 from nlens_video.render.software.light import light
-from nlens_video.render.software.texture_atlas import Atlas
-from nlens_video.render.software.texture_sampling import sample_texture
+from nlens_video.render.software.textures import Atlas, sample_texture
 from nlens_video.scene.gltf.materials import Image
 
 

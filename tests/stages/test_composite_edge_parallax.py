@@ -17,7 +17,7 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
+from nlens_video.kernels.aperture_covariance import edge_parallax_layer
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.composite import edge_parallax

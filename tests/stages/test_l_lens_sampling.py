@@ -14,7 +14,7 @@ from support.lens_truth import psnr_over_plate
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Aperture
-from nlens_video.kernels.scatter.disc import coverage
+from nlens_video.kernels.scatter.disc import round_coverage
 from nlens_video.kernels.scatter.shape import contains
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
@@ -161,7 +161,7 @@ def test_card_facing_the_camera_is_blurred_by_the_exact_disc(renderer):
     layer = drawn.render(0.0, camera())
     sharp = np.zeros((HEIGHT, WIDTH, 4), np.float32)
     sharp[layer.box.slices_in(FRAME)] = layer.rgba
-    disc = coverage(5.0, 5.0).astype(np.float32)
+    disc = round_coverage(5.0, 5.0).astype(np.float32)
     assert psnr_over_plate(views, cv2.filter2D(sharp, -1, disc)) > 50.0
 
 

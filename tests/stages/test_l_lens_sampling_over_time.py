@@ -9,7 +9,7 @@ from support.glb_builder import GlbBuilder
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.kernels.reblur.subaperture_gather import LARGEST_RADIUS_PX
+from nlens_video.kernels.scatter.subaperture_gather import LARGEST_RADIUS_PX
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_aperture_samples import bare_points, lens_points

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from support.definitions import paper_scatter_by_pixels
 
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
-from nlens_video.kernels.reblur.paper_scatter import paper_scatter
+from nlens_video.kernels.scatter.paper_scatter import paper_scatter
 from nlens_video.networks import onnx_networks
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxPaperNetworks

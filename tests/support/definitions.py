@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from nlens_video.effects.shadow.coverage import edges_of, mark_covered
-from nlens_video.kernels.reblur.edge_parallax import free_table
+from nlens_video.kernels.aperture_covariance import free_table
 
 
 def bilinear(values, x, y):

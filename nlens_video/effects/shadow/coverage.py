@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Float64
 from nlens_video.kernels.numba_config import inlined, kernel, kernel_of
-from nlens_video.kernels.scratch_buffers import scratch
+from nlens_video.kernels.thread_pool import scratch
 
 Int32 = npt.NDArray[np.int32]
 Bits = npt.NDArray[np.uint8]

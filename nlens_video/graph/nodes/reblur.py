@@ -173,7 +173,7 @@ class PaperReblur(Node):
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
 
     def __init__(self, context: NodeContext) -> None:
-        from nlens_video.kernels.reblur.paper_scatter import paper_scatter
+        from nlens_video.kernels.scatter.paper_scatter import paper_scatter
         from nlens_video.networks.model_store import find_model
         from nlens_video.networks.onnx_networks import OnnxPaperNetworks
         from nlens_video.stages.l_paper import PaperReblur as Reblur

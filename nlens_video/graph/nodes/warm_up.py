@@ -102,6 +102,8 @@ def scatter_kernels() -> None:
 
 def cell() -> None:
     """The blur of small discs."""
+    from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
+
     sharp = sharp_layer()
     rgba = sharp.layer.rgba
     gather_subaperture(rgba, rgba[..., 3] > 0.0, np.clip(sharp.coc_px, -4.0, 4.0), FRAME)

@@ -18,11 +18,9 @@ from numba import njit
 
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.disc import MAX_COC_PX
-from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.thread_pool import parallel_for, run_all
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for, run_all, scratch
 
 Int32 = npt.NDArray[np.int32]
-Band = tuple[int, int]
 Made = tuple[Float32, Float32, Float32]
 
 SKEW_FADE_PX = 1.5
@@ -73,11 +71,6 @@ class SourceLayer:
     rgba: Float32
     radius_px: Float32
     skew: Float32
-
-
-def bands(rows: int, height: int) -> list[Band]:
-    """First row and the one past the last, of parts of `height` rows at most."""
-    return [(top, min(top + height, rows)) for top in range(0, rows, height)]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -17,13 +17,15 @@ import numpy.typing as npt
 from numba import njit
 
 from nlens_video.core.layers import Box, Float32
-from nlens_video.kernels.scatter.coarse_levels import above, gather_coarse
-from nlens_video.kernels.scatter.extend import BAND_ROWS, Band, SourceLayer, bands
-from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.thread_pool import run_all
+from nlens_video.kernels.scatter.extend import BAND_ROWS, SourceLayer
+from nlens_video.kernels.simd import load4, pack4, splat, store4
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for, run_all, scratch
 
 COARSE_FADE = 0.25
 """Share of a level's first radius over which discs go over to it [1]."""
+SUMS = 12
+"""Sums of a coarse pixel: premultiplied colour and alpha, mass, radius, signed radius, skew along
+columns and rows; the rest is 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,8 +35,7 @@ class Detail:
     Attributes:
         stamps_px: radius up to which discs are drawn pixel by pixel [px].
         spans_px: radius from which they are drawn row by row, above `stamps_px` [px].
-        coarse_px: radius from which they are drawn at the next level, on pixels twice as large
-            [px].
+        coarse_px: radius from which they are drawn at the next level [px].
     """
 
     stamps_px: float
@@ -63,8 +64,8 @@ Light = tuple[Float32, Float32]
 RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS = range(7)
 NUMBERS = 9
 """Signed radius, fitted half axis in columns, weights of span and stamp, skew, signed radius of the
-stamp; then column and row of the middle of the barrel, which `barrel` fills in. The other kernels
-hold these indices too."""
+stamp; then column and row of the barrel's middle, which `shape.vignette_discs` fills in. Other
+kernels hold these indices too: numba's cache follows changes of a kernel's own file only."""
 # `stamps_px`, `spans_px`, the aperture's furthest point [radius], `disc.SURPLUS`, width of a pixel
 # by its height.
 Rule = tuple[float, float, float, float, float]
@@ -86,6 +87,87 @@ class Level:
     box: Box
     light: Light
     rows: RowNumbers
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _above(radius: np.float32, start: np.float32, fade: np.float32) -> np.float32:
+    """How much of a disc is drawn at levels that start at a radius [1]."""
+    return min(max((radius - start) / (fade * start), np.float32(0.0)), np.float32(1.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(
+    layer: tuple[Float32, Float32, Float32], sums: Float32, places: npt.NDArray[np.int64],
+    corner: tuple[int, int], starts: tuple[float, float], band: Band,
+) -> None:  # fmt: skip
+    """Add rows of a layer to the sums of the coarser levels that its discs belong to.
+
+    Args:
+        layer: colours (h, w, 4), signed radii (h, w) and skews (2, h, w).
+        sums: of all levels (n, `SUMS`); set to 0 first, where the rows lie.
+        places: first pixel in `sums`, columns, first column and row of each level (L, 4).
+        corner: column and row of the layer's box in the frame [px].
+        starts: radius from which discs go over to the second level [px]; share of it over which.
+        band: first row and the one past the last.
+    """
+    colours, radii, skews = layer
+    width, last = radii.shape[1], len(places)
+    first, fade = np.float32(starts[0]), np.float32(starts[1])
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for k in range(last):
+        start, columns, _, top = places[k]
+        begin = ((band[0] + corner[1]) >> (k + 1)) - top
+        end = ((band[1] + corner[1] - 1) >> (k + 1)) - top + 1
+        sums[start + begin * columns : start + end * columns] = zero
+    for y in range(band[0], band[1]):
+        for x in range(width):
+            radius = abs(radii[y, x])
+            if not radius > first:
+                continue
+            level, begun = 1, first
+            while level < last and radius > begun + begun:
+                level, begun = level + 1, begun + begun
+            part = _above(radius, begun, fade)
+            light = load4(colours, 4 * (y * width + x))
+            disc = pack4(one, radius, radii[y, x], skews[0, y, x])
+            skew = pack4(skews[1, y, x], zero, zero, zero)
+            for k in range(2 if level > 1 and part < one else 1):
+                n = level - k
+                start, columns, left, top = places[n - 1]
+                row = ((y + corner[1]) >> n) - top
+                at = SUMS * (start + row * columns + ((x + corner[0]) >> n) - left)
+                share = splat(part if k == 0 else one - part)
+                store4(sums, at, load4(sums, at) + share * light)
+                store4(sums, at + 4, load4(sums, at + 4) + share * disc)
+                store4(sums, at + 8, load4(sums, at + 8) + share * skew)
+
+
+def _gather_coarse(
+    layer: SourceLayer,
+    corner: tuple[int, int],
+    boxes: list[Box],
+    starts: tuple[float, float],
+    threads: int | None,
+) -> list[Float32]:
+    """Sums (h, w, `SUMS`) of each coarser level's `boxes`, good until this thread asks again."""
+    if not boxes:
+        return []
+    counts = [box.width * box.height for box in boxes]
+    firsts = [sum(counts[:k]) for k in range(len(boxes))]
+    sums = scratch("coarse sums", (sum(counts), SUMS))
+    places = np.array(
+        [(first, box.width, box.x0, box.y0) for first, box in zip(firsts, boxes, strict=True)]
+    )
+    height = layer.radius_px.shape[0]
+    step = max(BAND_ROWS, 1 << len(boxes))  # rows of one coarse pixel stay together
+    edges = [0, *range(step - corner[1] % step, height, step), height]
+    source = (layer.rgba, layer.radius_px, layer.skew)
+    work = partial(_gather, source, sums, places, corner, starts)
+    parallel_for(work, zip(edges[:-1], edges[1:], strict=True), threads)
+    return [
+        sums[first : first + count].reshape(box.height, box.width, SUMS)
+        for first, count, box in zip(firsts, counts, boxes, strict=True)
+    ]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -133,7 +215,7 @@ def _fill_fine(
     layer: tuple[Float32, Float32], numbers: Float32, rows: RowNumbers, rule: Rule,
     starts: tuple[float, float], band: Band,
 ) -> None:  # fmt: skip
-    """Make rows of the first level from a layer's signed radii and skews."""
+    """Fill rows of the first level from a layer's signed radii and skews."""
     radii, skews = layer
     start, fade = np.float32(starts[0]), np.float32(starts[1])
     for y in range(band[0], band[1]):
@@ -141,7 +223,7 @@ def _fill_fine(
             radius = radii[y, x]
             mass = np.float32(0.0)
             if not math.isnan(radius):
-                mass = np.float32(1.0) - above(abs(radius), start, fade)
+                mass = np.float32(1.0) - _above(abs(radius), start, fade)
             numbers[y, SPAN, x] = mass
             numbers[y, RADIUS, x] = radius if mass > 0.0 else np.float32(0.0)
             numbers[y, ALONG, x] = skews[0, y, x]
@@ -153,16 +235,7 @@ def _fill_fine(
 def _fill_coarse(
     sums: Float32, light: Light, rows: RowNumbers, rule: Rule, size: int, band: Band
 ) -> None:
-    """Make rows of a coarser level: each pixel the mean of those of the layer that belong to it.
-
-    Args:
-        sums: of those (h, w, `coarse.SUMS`).
-        light: to fill in.
-        rows: to fill in.
-        rule: how a pixel's mass is weighed.
-        size: columns of the layer that make one of the level.
-        band: first row and the one past the last.
-    """
+    """Fill rows of a level of pixels `size` times as large, from its sums (h, w, `SUMS`)."""
     rgba, numbers = light
     # moving light to the middle of a block and back by interpolation spreads it already
     spread = np.float32(4.0 / 3.0 * (1.0 - 1.0 / (size * size)))
@@ -190,22 +263,15 @@ def make_levels(
     rule: Rule,
     threads: int | None,
 ) -> list[Level]:
-    """Make the levels that a layer's discs need, the coarsest first.
+    """Make the levels for discs up to `radius_px`, the coarsest first.
 
-    Args:
-        layer: the source.
-        corner: column and row of the layer's box in the frame [px].
-        radius_px: its largest radius [px].
-        detail: how fine levels are.
-        rule: how a pixel's mass is weighed.
-        threads: how many share the work at most.
+    `corner` is column and row of the layer's box in the frame [px].
     """
     height, width = layer.radius_px.shape
     whole = Box(corner[0], corner[1], corner[0] + width, corner[1] + height)
-    count = detail.levels(radius_px)
-    boxes = [on_level(whole, level) for level in range(1, count)]
+    boxes = [on_level(whole, level) for level in range(1, detail.levels(radius_px))]
     starts = detail.coarse_px, COARSE_FADE
-    gathered = gather_coarse(layer, corner, boxes, starts, threads)
+    gathered = _gather_coarse(layer, corner, boxes, starts, threads)
     levels: list[Level] = []
     jobs: list[Callable[[], None]] = []
     for level, (box, sums) in enumerate(zip(boxes, gathered, strict=True), 1):
@@ -223,12 +289,7 @@ def make_levels(
 
 def on_level(box: Box, level: int) -> Box:
     """The pixels of a level that cover a box of the frame [px of the level]."""
-    return Box(
-        box.x0 >> level,
-        box.y0 >> level,
-        ((box.x1 - 1) >> level) + 1,
-        ((box.y1 - 1) >> level) + 1,
-    )
+    return Box(box.x0 >> level, box.y0 >> level, -(-box.x1 >> level), -(-box.y1 >> level))
 
 
 def _empty(box: Box, level: int) -> tuple[Float32, RowNumbers]:

@@ -2,32 +2,41 @@
 
 Each row of a disc is a span: its ends go into a difference buffer, and one running sum (prefix sum)
 turns them into light. Small discs are stamped pixel by pixel, very large ones drawn at a coarser
-level (`levels`). Rows of the result are independent: any number of threads gives the same bits.
+level (`levels`). Optical vignetting (cat's eye) leaves the part of each disc that the lens barrel
+lets through. Rows of the result are independent: any number of threads gives the same bits.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from numba import njit
 
-from nlens_video.core.layers import Bool, Box, Float32, Float64
+from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.core.optics import ROUND, Aperture
-from nlens_video.kernels.scatter.disc import MAX_COC_PX, SURPLUS, fitted_radius, reach
-from nlens_video.kernels.scatter.extend import Silhouette, bands, lay_out, survey
-from nlens_video.kernels.scatter.levels import AXIS, Detail, Level, Rule, make_levels, on_level
-from nlens_video.kernels.scatter.normalize import normalise, reached_columns
-from nlens_video.kernels.scatter.optical_vignetting import vignette_discs
-from nlens_video.kernels.scatter.scatter_rows import scatter_rows
-from nlens_video.kernels.scatter.stamps import Discs
-from nlens_video.kernels.scatter.tables import SPAN_STEPS, DiscTables, tables
-from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.thread_pool import parallel_for
+from nlens_video.kernels.scatter.disc import (
+    MAX_COC_PX,
+    SPAN_STEPS,
+    SURPLUS,
+    DiscTables,
+    fitted_radius,
+    reach,
+    tables,
+)
+from nlens_video.kernels.scatter.extend import lay_out, survey
+from nlens_video.kernels.scatter.levels import Detail, Level, Rule, make_levels, on_level
+from nlens_video.kernels.scatter.normalize import (
+    Columns,
+    normalise,
+    reached_columns,
+    wanted_columns,
+)
+from nlens_video.kernels.scatter.scatter_rows import Discs, place_spans, scatter_rows
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for, scratch
 
-__all__ = ["DRAFT", "FINE", "blur_reach", "scatter"]
-
-Columns = tuple[Float64, Float64]
 Spread = Callable[[list[Level], Box, Discs, Columns, float, int | None], Float32]
 
 FINE = Detail(stamps_px=3.0, spans_px=4.0, coarse_px=16.0)
@@ -38,6 +47,8 @@ SKEW_REACH = 7.0 / 6.0
 """How many of its half axes a disc reaches at most when its light is skew [1]."""
 BAND_ROWS = 16
 """Rows that a thread takes at a time."""
+# `levels` has the same: a number from there would go stale in the cache.
+RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
 _SMALL_PX = 4096  # pixels of a level that are done before another thread would have begun
 
 
@@ -70,35 +81,6 @@ def _reach(largest_coc_px: float, pixel_aspect: float, discs: DiscTables, detail
 
 def _tables(aperture: Aperture, pixel_aspect: float, detail: Detail) -> DiscTables:
     return tables(aperture, pixel_aspect, detail.spans_px, detail.largest_px)
-
-
-def _columns(silhouette: Silhouette, shape: tuple[float, float, int], layer_box: Box) -> Columns:
-    """Which columns of each row of the layer's box the object reaches [px of the box]."""
-    rows = np.arange(layer_box.y0, layer_box.y1)
-    inside = (rows >= 0) & (rows < silhouette.last.shape[0])
-    first, last = np.zeros(rows.shape, np.int32), np.full(rows.shape, -1, np.int32)
-    radius = np.zeros(rows.shape, np.float32)
-    source = rows[inside]
-    first[inside] = silhouette.first[source] - layer_box.x0
-    last[inside] = np.where(
-        silhouette.last[source] >= 0, silhouette.last[source] - layer_box.x0, -1
-    )
-    radius[inside] = 0.5 * np.minimum(silhouette.largest_coc_px[source], MAX_COC_PX)
-    return reached_columns(first, last, radius, shape)
-
-
-def _within(columns: Columns, wanted: Bool, layer_box: Box) -> Columns:
-    """The columns of each row that are wanted as well [px of the box]."""
-    low, high = columns
-    first = np.full(low.shape, np.inf)
-    last = np.full(low.shape, -np.inf)
-    rows = np.arange(layer_box.y0, layer_box.y1)
-    inside = np.flatnonzero((rows >= 0) & (rows < wanted.shape[0]))
-    of_rows = wanted[rows[inside]]
-    inside, of_rows = inside[of_rows.any(axis=1)], of_rows[of_rows.any(axis=1)]
-    first[inside] = np.argmax(of_rows, axis=1) - layer_box.x0
-    last[inside] = wanted.shape[1] - 1 - np.argmax(of_rows[:, ::-1], axis=1) - layer_box.x0
-    return np.maximum(low, first), np.minimum(high, last)
 
 
 def scatter(
@@ -166,9 +148,9 @@ def scatter(
     outer = discs.outer * SKEW_REACH
     radius = 0.5 * min(largest, MAX_COC_PX)
     shape = (pixel_aspect, outer, detail.spread(radius))
-    columns = _columns(silhouette, shape, layer.box)
+    columns = reached_columns(silhouette, shape, layer.box)
     if wanted is not None:
-        columns = _within(columns, wanted, layer.box)
+        columns = wanted_columns(columns, wanted, layer.box)
     corner = (layer.box.x0 - frame.x0, layer.box.y0 - frame.y0)
     at = Box(target.x0 - frame.x0, target.y0 - frame.y0, target.x1 - frame.x0, target.y1 - frame.y0)
     fades = (detail.stamps_px, detail.spans_px)
@@ -183,12 +165,85 @@ def scatter(
     rim = discs.outer if aperture.cat_eye > 0.0 else 0.0
     if rim > 0.0:
         for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
-            vignette_discs(level, 1 << n, aperture, frame, compiled, threads)
+            _vignette_discs(level, 1 << n, aperture, frame, compiled, threads)
     sums = (spread or spread_levels)(levels, at, compiled, columns, rim, threads)
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
     view = out[target.y0 : target.y1, target.x0 : target.x1]
     parallel_for(partial(normalise, sums, columns, origin, view), bands(target.height, 32), threads)
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cut_discs(
+    numbers: Float32, discs: Discs, place: tuple[float, float, float], scale: tuple[float, float],
+    band: Band,
+) -> None:  # fmt: skip
+    """Compute the barrel's centre for rows of a level, and compensate the light that it blocks.
+
+    Args:
+        numbers: of the level (h, 9, w); the barrel's place is filled in, weights of spans grow,
+            radii of stamps, which stay round, shrink to the area that is left.
+        discs: tables.
+        place: column and row of the level's corner from the middle of the frame, size of its
+            pixels [px].
+        scale: centre of the barrel by distance from the middle of the frame [radius / px of the
+            frame's height]; width of a pixel by its height.
+        band: first row and the one past the last.
+    """
+    width = numbers.shape[2]
+    outer, reach = np.float32(discs[5]), discs[1].shape[0] // 2
+    whole, left = np.zeros(width, np.float32), np.zeros(width, np.float32)
+    ends = np.empty((3, width), np.float32)
+    for y in range(band[0], band[1]):
+        row = numbers[y]
+        down = (place[1] + (y + 0.5) * place[2]) * scale[0]
+        furthest = np.float32(0.0)
+        for x in range(width):
+            across = (place[0] + (x + 0.5) * place[2]) * scale[0] * scale[1]
+            side = row[AXIS, x] if row[RADIUS, x] <= 0.0 else -row[AXIS, x]
+            row[BARREL_X, x], row[BARREL_Y, x] = side * across, side * down * scale[1]
+            off = min(math.sqrt(across * across + down * down) / float(discs[5]), 2.0)
+            area = 2.0 * math.acos(0.5 * off) - 0.5 * off * math.sqrt(4.0 - off * off)
+            row[STAMP_RADIUS, x] = row[RADIUS, x] * math.sqrt(area / math.pi)
+            furthest = max(furthest, row[AXIS, x])
+        if furthest == 0.0:
+            continue
+        whole[:] = 0.0
+        left[:] = 0.0
+        rows = min(reach, math.ceil(float(furthest) * float(outer) * scale[1]))
+        for dy in range(-rows, rows + 1):
+            place_spans(ends, row, discs, (0, width - 1), dy, np.float32(0.0), 0.0)
+            for x in range(width):
+                whole[x] += ends[1, x] - ends[0, x]
+            place_spans(ends, row, discs, (0, width - 1), dy, np.float32(0.0), discs[5])
+            for x in range(width):
+                left[x] += ends[1, x] - ends[0, x]
+        for x in range(width):
+            if row[SPAN, x] > 0.0:
+                row[SPAN, x] *= whole[x] / max(left[x], np.float32(1e-6))
+
+
+def _vignette_discs(
+    level: Level,
+    size: int,
+    aperture: Aperture,
+    frame: Box,
+    discs: Discs,
+    threads: int | None,
+) -> None:
+    """Clip the discs of a level, in place, by the barrel (`shape.barrel_centre`).
+
+    `size` columns of the frame, of which only the size matters, make one of the level's.
+    """
+    aspect = discs[4]
+    per_px = -aperture.cat_eye / (0.5 * math.hypot(frame.width * aspect, frame.height))
+    place = (
+        level.box.x0 * size - 0.5 * frame.width,
+        level.box.y0 * size - 0.5 * frame.height,
+        float(size),
+    )
+    work = partial(_cut_discs, level.light[1], discs, place, (per_px, aspect))
+    parallel_for(work, bands(level.box.height, 2 * BAND_ROWS), threads)
 
 
 def spread_levels(

@@ -1,7 +1,8 @@
-"""The compiled loops of `scatter`: one level of the source, spread into rows of the result.
+"""The compiled loops of `scatter`: spans and stamps of one level, added to rows of the result.
 
-Nothing but functions from another file is compiled in: the cache on disk follows changes of this
-file only, so numbers of other files come as arguments.
+A span is a row of a disc. A stamp is a small disc, spread pixel by pixel: a column of stamps along
+a whole row at a time. Nothing but functions from another file is compiled in: the cache on disk
+follows changes of this file only, so numbers of other files come as arguments.
 """
 
 from __future__ import annotations
@@ -13,10 +14,9 @@ from numba import njit
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.numba_config import kernel
-from nlens_video.kernels.scatter.extend import Band
 from nlens_video.kernels.scatter.levels import Light, RowNumbers
-from nlens_video.kernels.scatter.stamps import Discs, add_stamps, add_to_sums, look_up
 from nlens_video.kernels.simd import (
+    add_span_end,
     lane,
     load4,
     load8,
@@ -26,10 +26,31 @@ from nlens_video.kernels.simd import (
     to_f32x8,
     to_f64,
 )
-from nlens_video.kernels.simd_operations import add_span_end
+from nlens_video.kernels.thread_pool import Band
 
 # `levels` has the same: a number from there would go stale in the cache.
-RADIUS, AXIS, SPAN, _, ALONG, DOWN, _, BARREL_X, BARREL_Y = range(9)
+RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
+
+# A plain tuple, though names would read better: numba's cache on disk holds on to named classes,
+# and fails when a later version of this file has none of that name. Tables of `disc.DiscTables`:
+# stamps, spans; entries per pixel of radius; where the discs before the focus start; width of a
+# pixel by its height; furthest point of the aperture [radius].
+Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
+
+
+@kernel
+def _look_up(
+    numbers: Float32, table: Float32, scale: np.float32, behind: int, out: Float32
+) -> None:
+    """Read a table (K,) at signed radii `numbers` times `scale`, those > 0 from `behind` on."""
+    for x in range(numbers.shape[0]):
+        place = abs(numbers[x]) * scale
+        entry = np.uint32(place)
+        part = place - np.float32(entry)
+        if numbers[x] > np.float32(0.0):
+            entry += np.uint32(behind)
+        low = table[entry]
+        out[x] = low + part * (table[entry + np.uint32(1)] - low)
 
 
 @kernel
@@ -56,12 +77,12 @@ def place_spans(
     starts, stops, weights = ends[0, start:stop], ends[1, start:stop], ends[2, start:stop]
     scale, rows = np.float32(steps[1]), np.float32(dy)
     zero, one, third = np.float32(0.0), np.float32(1.0), np.float32(1.0 / 3.0)
-    look_up(radii, table[1], scale, turned[1], stops)
+    _look_up(radii, table[1], scale, turned[1], stops)
     if outer == 1.0:  # round: all spans lie in the middle
         for x in range(radii.shape[0]):
             starts[x] = zero
     else:
-        look_up(radii, table[0], scale, turned[1], starts)
+        _look_up(radii, table[0], scale, turned[1], starts)
     if rim > 0.0:
         _cut_spans(ends, numbers, columns, dy, (rim, aspect))
     size = numbers[SPAN, start:stop]
@@ -107,12 +128,6 @@ def _add_spans(
             add_span_end(sums, x + edge + np.int32(first), rgba, x, weight - further, further)
             further = weight * (stop - last)
             add_span_end(sums, x + edge + np.int32(last), rgba, x, further - weight, -further)
-
-
-@kernel
-def _clear(numbers: Float32) -> None:
-    for i in range(numbers.shape[0]):
-        numbers[i] = 0.0
 
 
 @kernel
@@ -163,6 +178,64 @@ def _add_coarse(
         store4(sums, 5 * x + 1, others + far_part * load4(line, 5 * beside + 1))
 
 
+@kernel
+def _add_stamps(
+    spots: Float32, rgba: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int, int],
+    dy: int, scratch: Float32,
+) -> None:  # fmt: skip
+    """Add what stamps of a row give to the row of the result `dy` rows below it.
+
+    Args:
+        spots: sums of red, green, blue, alpha and weight to add to (5, n).
+        rgba: the row's light (w, 4).
+        numbers: the row's other numbers (9, w).
+        discs: tables.
+        columns: first and last column that take part, and how many columns stamps reach.
+        dy: rows [px].
+        scratch: (6, w), of any content.
+    """
+    stamps, _, steps, turned, _, outer = discs
+    row, middle = dy + stamps.shape[0] // 2, stamps.shape[1] // 2
+    start, stop = columns[0], columns[1] + 1
+    edge = (spots.shape[1] - rgba.shape[0]) // 2 + start
+    radii, along = numbers[STAMP_RADIUS, start:stop], numbers[ALONG, start:stop]
+    size, down = numbers[STAMP, start:stop], numbers[DOWN, start:stop]
+    weights, tables, pixels = scratch[4, start:stop], scratch[5, start:stop], rgba[start:stop]
+    scale, rows = np.float32(steps[0]), np.float32(dy)
+    count = radii.shape[0]
+    for c in range(4):
+        plane = scratch[c, start:stop]
+        for x in range(count):
+            plane[x] = pixels[x, c]
+    for dx in range(-columns[2], columns[2] + 1):
+        if dx < 0 and outer == 1.0:
+            continue  # round: as far to the right
+        _look_up(radii, stamps[row, middle + dx], scale, turned[0], tables)
+        for side in range(2 if dx > 0 and outer == 1.0 else 1):
+            column = -dx if side else dx
+            across = np.float32(column)
+            for x in range(count):
+                even = np.float32(1.0) + across * along[x] + rows * down[x]
+                weight = tables[x] * size[x] * even
+                weights[x] = weight if weight > np.float32(0.0) else np.float32(0.0)
+            first = edge + column
+            for c in range(4):
+                spot, plane = spots[c, first : first + count], scratch[c, start:stop]
+                for x in range(count):
+                    spot[x] += weights[x] * plane[x]
+            spot = spots[4, first : first + count]
+            for x in range(count):
+                spot[x] += weights[x]
+
+
+@kernel
+def _add_to_sums(spots: Float32, start: int, sums: Float32) -> None:
+    """Add the sums of stamps (5, n) of a row to `sums` (w, 5), `start` in the buffer."""
+    for x in range(sums.shape[0]):
+        for c in range(5):
+            sums[x, c] += spots[c, start + x]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def scatter_rows(
     light: Light, rows: RowNumbers, discs: Discs, columns: tuple[Float64, Float64],
@@ -206,21 +279,21 @@ def scatter_rows(
             of_row = numbers[source]
             if abs(dy) <= min(rows[0, source], span_rows):
                 if not with_spans:
-                    _clear(ends_of_row.reshape(-1))
+                    ends_of_row[:] = np.float32(0.0)
                     with_spans = True
                 part = (max(rows[1, source], least), min(rows[2, source], most))
                 place_spans(ends, of_row, discs, part, dy, np.float32(1.0), rim)
                 _add_spans(ends_of_row, ends, rgba[source], part, edge)
             if abs(dy) <= min(rows[3, source], stamp_rows):
                 if not with_stamps:
-                    _clear(spots.reshape(-1))
+                    spots[:] = np.float32(0.0)
                     with_stamps = True
                 wide = min(rows[4, source], stamps.shape[1] // 2)
                 stamped = (max(rows[5, source], least), min(rows[6, source], most), wide)
-                add_stamps(spots, rgba[source], of_row, discs, stamped, dy, for_stamps)
+                _add_stamps(spots, rgba[source], of_row, discs, stamped, dy, for_stamps)
         first = edge + origin[1]
         _finish(ends_of_row, first if with_spans else 0, sums[y])
         if with_stamps:
-            add_to_sums(spots, first, sums[y])
+            _add_to_sums(spots, first, sums[y])
         if line.shape[0] > 0:
             _add_coarse(coarse[0], line, (coarse[1], coarse[2]), y, sums[y])

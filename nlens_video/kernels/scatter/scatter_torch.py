@@ -27,8 +27,7 @@ from nlens_video.kernels.scatter.levels import (
     on_level,
 )
 from nlens_video.kernels.scatter.scatter import spread_levels
-from nlens_video.kernels.scatter.scatter_rows import BARREL_X, BARREL_Y
-from nlens_video.kernels.scatter.stamps import Discs
+from nlens_video.kernels.scatter.scatter_rows import BARREL_X, BARREL_Y, Discs
 
 Tensor = torch.Tensor
 

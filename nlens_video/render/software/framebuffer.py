@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.scratch_buffers import scratch
+from nlens_video.kernels.thread_pool import scratch
 from nlens_video.render.base.drawer import ViewSetup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.software import (
     alpha,
     deferred,
-    depth_resolve,
     raster,
     triangles,
 )
@@ -165,7 +164,7 @@ class Framebuffer:
 
     def measure(self, rows: Rows) -> None:
         """Depth of rows [first, last)."""
-        depth_resolve.resolve_depth(self._front(), *rows, self.least, self.depth)
+        deferred.resolve_depth(self._front(), *rows, self.least, self.depth)
 
     def _front(self) -> Float32:
         return self.front if len(self.blended) else self.disparity

@@ -16,12 +16,12 @@ from nlens_video.kernels.numba_config import f32, fastmath_kernel, inlined, kern
 from nlens_video.kernels.simd import (
     Float4,
     lane,
-    load_row4,
+    load4,
     splat,
 )
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.shading_block import Int32
-from nlens_video.render.software.texture_sampling import Run
+from nlens_video.render.software.textures import Run
 from nlens_video.render.software.triangles import FACING, PLANES, X0, Y0
 
 MeshBuffers = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]
@@ -48,17 +48,17 @@ def _of(values: Float32, corners: Corners, w: Float4) -> Float4:
     """The corners' rows of values (V, 4), weighted."""
     i, j, k = corners
     return (
-        load_row4(values, i) * splat(lane(w, 0))
-        + load_row4(values, j) * splat(lane(w, 1))
-        + load_row4(values, k) * splat(lane(w, 2))
+        load4(values, 4 * i) * splat(lane(w, 0))
+        + load4(values, 4 * j) * splat(lane(w, 1))
+        + load4(values, 4 * k) * splat(lane(w, 2))
     )
 
 
 @inlined
 def _weights(planes: Float32, t: int, x: float, y: float) -> tuple[Float4, Float4, Float4, float]:
     """Weights of a triangle's corners at a position, their change by a column and row, depth."""
-    start = t * (PLANES // 4)
-    a, b, c = load_row4(planes, start), load_row4(planes, start + 1), load_row4(planes, start + 2)
+    start = t * PLANES
+    a, b, c = load4(planes, start), load4(planes, start + 4), load4(planes, start + 8)
     dx, dy = x - planes[t, X0], y - planes[t, Y0]
     shares = a * splat(dx) + b * splat(dy) + c  # weights divided by depth; their sum, 1 / depth
     depth = _ONE / _sum(shares)

@@ -18,8 +18,7 @@ from nlens_video.render.software.interpolation import (
     view_vectors,
 )
 from nlens_video.render.software.shading_block import Int32
-from nlens_video.render.software.texture_atlas import Table, Texels
-from nlens_video.render.software.texture_sampling import Run, sample_texture
+from nlens_video.render.software.textures import Run, Table, Texels, sample_texture
 
 MaterialBuffers = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
 """Numbers of the materials (M, 56), their textures (M, 5), -1 for none, flags (M,), the atlas."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import inlined, kernel
-from nlens_video.kernels.simd_operations import DRAW_LANES, draw_samples
+from nlens_video.kernels.simd import DRAW_LANES, draw_samples
 from nlens_video.render.software.triangles import (
     Int32,
     Shape,

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Float64
 from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
-from nlens_video.render.software.texture_atlas import Atlas
+from nlens_video.render.software.textures import Atlas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

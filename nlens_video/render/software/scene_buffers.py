@@ -10,8 +10,9 @@ from nlens_video.render.base.shader_inputs import material_params, texture_uses
 from nlens_video.render.software.interpolation import MeshBuffers
 from nlens_video.render.software.material_eval import OPAQUE, UNLIT, MaterialBuffers
 from nlens_video.render.software.shading_block import Int32
-from nlens_video.render.software.texture_atlas import Atlas
-from nlens_video.scene.gltf.materials import Image, Material
+from nlens_video.render.software.textures import Atlas
+from nlens_video.scene.gltf.materials import Image
+from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.posed import PosedMesh, PosedScene
 
 _ORDER = ("OPAQUE", "MASK", "BLEND")

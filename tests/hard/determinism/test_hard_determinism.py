@@ -15,7 +15,7 @@ from hard.quality_levels import QUALITIES, Card, cards, lens_at, through
 from support.folders import TESTS
 
 from nlens_video import Compositor
-from nlens_video.kernels.reblur import aperture_covariance
+from nlens_video.kernels import aperture_covariance
 from nlens_video.kernels.scatter import extend, levels, scatter
 from nlens_video.networks import onnx_networks
 from nlens_video.networks.model_store import find_model

@@ -33,20 +33,17 @@ from nlens_video.effects.camera.grain_kernels import (
 )
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
 from nlens_video.effects.shadow.transparency import absorb, no_absorption
-from nlens_video.kernels.pull_push import inpaint
-from nlens_video.kernels.reblur.aperture_covariance import aperture_covariance
-from nlens_video.kernels.reblur.edge_parallax import edge_parallax_layer
-from nlens_video.kernels.reblur.paper_scatter import paper_scatter
-from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture
-from nlens_video.kernels.reblur.subaperture_gather_ref import gather_subaperture_ref
+from nlens_video.kernels.aperture_covariance import aperture_covariance, edge_parallax_layer
+from nlens_video.kernels.depth_layers import inpaint
+from nlens_video.kernels.scatter.paper_scatter import paper_scatter
 from nlens_video.kernels.scatter.scatter import scatter
-from nlens_video.kernels.scatter.scatter_ref import scatter_ref
+from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref, scatter_ref
+from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
 from nlens_video.render.software import raster, reference_kernels, shading_block
-from nlens_video.render.software.depth_resolve import resolve_depth
+from nlens_video.render.software.deferred import resolve_depth
 from nlens_video.render.software.light import light
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
-from nlens_video.render.software.texture_atlas import Atlas
-from nlens_video.render.software.texture_sampling import sample_texture
+from nlens_video.render.software.textures import Atlas, sample_texture
 from nlens_video.scene import Camera, Scene, screen_projection
 from nlens_video.scene.gltf import animation_kernels
 from nlens_video.scene.gltf.materials import Image
@@ -58,25 +55,24 @@ LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_rang
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
 COMPARED = {  # modules with compiled loops, by path within the package
     "scatter, round discs": "kernels/scatter/extend kernels/scatter/levels"
-        " kernels/scatter/coarse_levels kernels/scatter/scatter_rows kernels/scatter/normalize"
-        " kernels/scatter/stamps kernels/simd kernels/simd_operations",
+        " kernels/scatter/scatter_rows kernels/scatter/normalize kernels/simd",
     "scatter, seven blades": "kernels/scatter/extend kernels/scatter/scatter_rows",
-    "scatter, cat's eye, root mean square": "kernels/scatter/optical_vignetting",
-    "blur of a cell": "kernels/reblur/subaperture_gather",
-    "covariance over the aperture": "kernels/reblur/aperture_covariance",
-    "a half-hidden lens": "kernels/reblur/edge_parallax",
-    "the paper's scatter": "kernels/reblur/paper_scatter",
-    "pull-push": "kernels/pull_push",
-    "nodes of a scene": "scene/gltf/animation_kernels",
+    "scatter, cat's eye, root mean square": "kernels/scatter/scatter",
+    "blur of a cell": "kernels/scatter/subaperture_gather",
+    "covariance over the aperture": "kernels/aperture_covariance",
+    "a half-hidden lens": "kernels/aperture_covariance",
+    "the paper's scatter": "kernels/scatter/paper_scatter",
+    "pull-push": "kernels/depth_layers",
+    "nodes of a scene": "scene/animation/kernels",
     "projection of vertices": "scene/screen_projection",
     "disparity of samples": "render/software/raster render/software/triangles"
         " render/software/interpolation",
-    "depth of pixels": "render/software/depth_resolve",
+    "depth of pixels": "render/software/deferred",
     "light on a surface": "render/software/light",
-    "filtered textures": "render/software/texture_sampling",
+    "filtered textures": "render/software/textures",
     "a whole picture: colour": "render/software/material_eval render/software/deferred"
         " render/software/alpha",
-    "a whole picture: depth": "render/software/deferred render/software/depth_resolve",
+    "a whole picture: depth": "render/software/deferred",
     "cast triangles": "effects/shadow/coverage",
     "cast veils": "effects/shadow/transparency",
     "decoding": "video/pixels/blend",
@@ -87,7 +83,7 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "CoC of a depth": "",
 }  # fmt: skip
 WITHOUT_ARITHMETIC = {  # masks, copies, CoC discontinuities by definition, what compiles the others
-    "kernels/numba_config", "kernels/reblur/depth_layers", "kernels/reblur/coc_discontinuities",
+    "kernels/numba_config", "kernels/coc_discontinuities",
 }  # fmt: skip
 
 

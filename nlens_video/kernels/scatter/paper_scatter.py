@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.kernels.thread_pool import parallel_for
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for
 
 BAND_ROWS = 16
 """Rows of the result that a thread takes at a time."""
@@ -69,7 +69,7 @@ def _rows(
     rim: tuple[Float32, float, int],
     out: Float32,
     dilated: Float32,
-    band: tuple[int, int],
+    band: Band,
 ) -> None:
     """Rows `band[0]` to `band[1]` of the result."""
     height, width = radius.shape
@@ -106,9 +106,7 @@ def paper_scatter(
         raise ValueError(f"{light.shape = } must be (h, w, 3) and {radius_px.shape = } its (h, w)")
     if not (np.isfinite(radius_px).all() and (radius_px >= 0.0).all()):
         raise ValueError("radii must be finite and not negative")
-    height = light.shape[0]
     out, dilated = np.zeros_like(light), np.zeros_like(radius_px)
-    bands = [(top, min(top + BAND_ROWS, height)) for top in range(0, height, BAND_ROWS)]
     work = partial(_rows, light, radius_px, (_rim(), _RIM_PX, _STEPS), out, dilated)
-    parallel_for(work, bands, threads)
+    parallel_for(work, bands(light.shape[0], BAND_ROWS), threads)
     return out, dilated

@@ -2,7 +2,7 @@
 
 Discs are small, so each pixel gathers from its neighbours: sixteen columns at a time, whose sums
 stay in vector registers, from the nearest neighbour to the largest disc around. Defined by
-`subaperture_gather_ref`.
+`scatter_ref.gather_subaperture_ref`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,10 @@ import numpy as np
 from numba import njit
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64
-from nlens_video.kernels.scatter.disc import coverage, fitted_radius
+from nlens_video.kernels.scatter.disc import fitted_radius, round_coverage
 from nlens_video.kernels.scatter.extend import Int32
-from nlens_video.kernels.scratch_buffers import scratch
-from nlens_video.kernels.simd import (
-    load16,
-    select_gt,
-    splat16,
-    store16,
-)
+from nlens_video.kernels.simd import load16, select_gt, splat16, store16
+from nlens_video.kernels.thread_pool import scratch
 
 LARGEST_RADIUS_PX = 8.0
 """Largest radius that is gathered; beyond it a scatter costs less [px]."""
@@ -49,8 +44,8 @@ def ramp(distance: Float64, radius: float) -> Float64:
 def subaperture_table(pixel_aspect: float = 1.0) -> Float32:
     """Radius of the ramp, and one by its sum, of the disc of each nominal radius (2, K).
 
-    The ramp is as wide, by its second moment along columns, as `disc.coverage` of the radius that
-    suits sampled pictures; `STEPS` entries a pixel up to `LARGEST_RADIUS_PX`.
+    The ramp is as wide, by its second moment along columns, as `disc.round_coverage` of the radius
+    that suits sampled pictures; `STEPS` entries a pixel up to `LARGEST_RADIUS_PX`.
 
     Args:
         pixel_aspect: width of a pixel by its height, > 0 [1].
@@ -64,7 +59,7 @@ def subaperture_table(pixel_aspect: float = 1.0) -> Float32:
 
 
 def _disc_moment(radius: float) -> float:
-    weights = coverage(radius, radius).sum(axis=0)
+    weights = round_coverage(radius, radius).sum(axis=0)
     across = np.arange(len(weights)) - len(weights) // 2
     return float(weights @ (across * across))
 
@@ -156,7 +151,7 @@ def _lay_out(
         light: of the view.
         covered: where it is.
         coc_px: of it.
-        table: `cell_table`.
+        table: `subaperture_table`.
         place: row and column of the view at which the planes start, how far discs reach.
         planes: to fill in; where nothing is, it lies behind everything and spreads nothing.
         widest: largest radius of each tile of a row (h, tiles + 2), one more on each side [px].
