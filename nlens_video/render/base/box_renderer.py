@@ -6,7 +6,7 @@ import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 from nlens_video.core.errors import NlensError, Note
@@ -18,15 +18,6 @@ from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.screen_projection import extent
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Source:
-    """Inputs of a rendered picture."""
-
-    posed: PosedScene
-    setup: ViewSetup
-    lighting: Lighting
 
 
 class BoxRenderer(ABC):
@@ -50,8 +41,8 @@ class BoxRenderer(ABC):
         self._light = light or SceneLight(scene.light_count)
         self._posed: PosedScene | None = None
         self._last: tuple[tuple[object, ...], ObjectLayer] | None = None
-        self._sources: dict[int, _Source] = {}  # of the layers in use, by their identity
-        self._on_target: _Source | None = None  # of the picture that was drawn last
+        self._sources: dict[int, ViewSetup] = {}  # of the layers in use, by their identity
+        self._on_target: ViewSetup | None = None  # of the picture that was drawn last
         self.notes: list[str] = []
         self._closed = False
 
@@ -106,15 +97,15 @@ class BoxRenderer(ABC):
         key = (*_key(posed, camera, lighting), margin)
         if not nearest and self._last is not None and self._last[0] == key:
             return self._last[1]
-        setup = view_setup(posed, camera, margin, nearest=nearest)
-        if setup is None:
+        view = view_setup(posed, lighting, camera, margin, nearest=nearest)
+        if view is None:
             return None
-        rgba, depth = self._draw(posed, setup, lighting)
-        layer = ObjectLayer(box=setup.box, rgba=rgba, depth=depth)
-        self._on_target = source = _Source(posed=posed, setup=setup, lighting=lighting)
+        rgba, depth = self._draw(view)
+        layer = ObjectLayer(box=view.box, rgba=rgba, depth=depth)
+        self._on_target = view
         if not nearest:
             self._last = key, layer
-            self._sources[id(layer)] = source
+            self._sources[id(layer)] = view
             weakref.finalize(layer, self._sources.pop, id(layer), None)
         return layer
 
@@ -179,15 +170,14 @@ class BoxRenderer(ABC):
         if region.empty or region.intersection(front.box) != region:
             raise ValueError(f"{region} is not within {front.box}")
         if self._on_target is not source:
-            self._draw(source.posed, source.setup, source.lighting)
+            self._draw(source)
             self._on_target = source
         shown = FrontSurfaces(
             depth=front.depth[region.slices_in(front.box)],
             disparity_step=disparity_step,
             corner=(region.x0 - front.box.x0, region.y0 - front.box.y0),
         )
-        setup = replace(source.setup, box=region, nearest=False)
-        seen = self._draw_behind(source.posed, setup, source.lighting, shown)
+        seen = self._draw_behind(replace(source, box=region), shown)
         if seen is None:
             return None
         hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
@@ -197,15 +187,11 @@ class BoxRenderer(ABC):
         """Compile what drawing needs; by default nothing."""
 
     @abstractmethod
-    def _draw(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
+    def _draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""
 
     @abstractmethod
-    def _draw_behind(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
+    def _draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 
     def _moment(

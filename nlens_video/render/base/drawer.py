@@ -25,9 +25,11 @@ _ALL = 2.0  # window depth beyond everything
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ViewSetup:
-    """Camera, box and depth range of one picture.
+    """The object at one moment, its light, and the view of one picture.
 
     Attributes:
+        posed: the object.
+        lighting: what lights it.
         camera: where from, on which frame.
         box: the part of the frame, perhaps beyond its borders.
         near: depth of the near plane [scene unit].
@@ -35,6 +37,8 @@ class ViewSetup:
         nearest: whether depth may be that of a pixel's nearest sample, which is quicker.
     """
 
+    posed: PosedScene
+    lighting: Lighting
     camera: Camera
     box: Box
     near: float
@@ -43,7 +47,7 @@ class ViewSetup:
 
 
 def view_setup(
-    posed: PosedScene, camera: Camera, margin: int, *, nearest: bool
+    posed: PosedScene, lighting: Lighting, camera: Camera, margin: int, *, nearest: bool
 ) -> ViewSetup | None:
     """The box that the object covers, with near and far depth; None if it is out of view."""
     seen = extent(posed, camera)
@@ -61,7 +65,9 @@ def view_setup(
         box = _screen_box(seen.low, seen.high, limit)
     if box.empty:
         return None
-    return ViewSetup(camera=camera, box=box, near=near, far=far, nearest=nearest)
+    return ViewSetup(
+        posed=posed, lighting=lighting, camera=camera, box=box, near=near, far=far, nearest=nearest
+    )
 
 
 def _screen_box(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:
@@ -174,9 +180,7 @@ class DrawerLostError(Exception):
 class Drawer(Protocol):
     """Draws one object, moment by moment."""
 
-    def draw(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
+    def draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is.
 
         Raises:
@@ -185,9 +189,7 @@ class Drawer(Protocol):
         """
         ...
 
-    def draw_behind(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
+    def draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         """What lies behind a part of the picture that `draw` has drawn last; None for nothing.
 
         Raises:

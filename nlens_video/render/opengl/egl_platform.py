@@ -13,7 +13,6 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Float32
 from nlens_video.render.base.drawer import BehindPicture, DrawerLostError, FrontSurfaces, ViewSetup
-from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.posed import PosedScene
 
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
@@ -188,22 +187,18 @@ class GlDrawer:
             self._platform.delete_context()
             raise
 
-    def draw(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
+    def draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         """See `Drawer`."""
-        with self._drawing(setup):
-            return self._renderer.draw(posed, setup, lighting)
+        with self._drawing(view):
+            return self._renderer.draw(view)
 
-    def draw_behind(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
+    def draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         """See `Drawer`."""
-        with self._drawing(setup):
-            return self._renderer.draw_behind(posed, setup, lighting, front)
+        with self._drawing(view):
+            return self._renderer.draw_behind(view, front)
 
-    def _drawing(self, setup: ViewSetup) -> AbstractContextManager[None]:
-        size = f"{setup.box.width}x{setup.box.height}"
+    def _drawing(self, view: ViewSetup) -> AbstractContextManager[None]:
+        size = f"{view.box.width}x{view.box.height}"
         return self._platform.at_work(
             f"cannot draw a picture of {size} pixels", "use a smaller frame"
         )

@@ -21,7 +21,6 @@ from nlens_video.render.base.drawer import (
     FrontSurfaces,
     ViewSetup,
 )
-from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
@@ -48,28 +47,22 @@ class PyrenderObjectRenderer(BoxRenderer):
         self._lost = False
         self._thread = 0
 
-    def _draw(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
+    def _draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         def picture(drawer: Drawer) -> tuple[Float32, Float32]:
-            drawn = drawer.draw(posed, setup, lighting)
+            drawn = drawer.draw(view)
             self._drew_front = drawer
             return drawn
 
-        return self._with_recovery(posed, picture)
+        return self._with_recovery(view.posed, picture)
 
-    def _draw_behind(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
+    def _draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         def picture(drawer: Drawer) -> BehindPicture | None:
             if self._drew_front is not drawer and self._on_target is not None:
-                drawer.draw(
-                    posed, self._on_target.setup, lighting
-                )  # went with the context it was in
+                drawer.draw(self._on_target)  # went with the context it was in
                 self._drew_front = drawer
-            return drawer.draw_behind(posed, setup, lighting, front)
+            return drawer.draw_behind(view, front)
 
-        return self._with_recovery(posed, picture)
+        return self._with_recovery(view.posed, picture)
 
     def _with_recovery(self, posed: PosedScene, picture: Callable[[Drawer], Drawn]) -> Drawn:
         while True:

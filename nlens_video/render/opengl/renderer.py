@@ -21,7 +21,7 @@ from nlens_video.render.base.drawer import (
     ViewSetup,
     closed_bodies,
 )
-from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS, Lighting
+from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
 from nlens_video.render.opengl.gpu_objects import (
     BehindTarget,
     FloatTarget,
@@ -75,31 +75,27 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, data.nbytes, data, GL.GL_STATIC_DRAW)
         return {material: stride * index for index, material in enumerate(materials)}
 
-    def draw(
-        self, posed: PosedScene, view: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
+    def draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         """See `Drawer`."""
-        self._defines = lighting.defines
-        self._take_up(posed, view, lighting)
+        self._defines = view.lighting.defines
+        self._take_up(view)
         self._begin(self._target, view)
         self._draw_opaque()
         self._draw_blended(view)
         self._resolve(self._target, view, "resolve_nearest" if view.nearest else "resolve")
         return self._target.read(view.box.width, view.box.height)
 
-    def draw_behind(
-        self, posed: PosedScene, view: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
-        """See `Drawer`; `view` is a part of the picture, `posed` and `lighting` are its own.
+    def draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
+        """See `Drawer`.
 
         Blended materials are left out: light that comes through them is in that picture already.
         """
-        self._defines = {**lighting.defines, "USE_BEHIND": 1}
-        self._take_up(posed, view, lighting)
+        self._defines = {**view.lighting.defines, "USE_BEHIND": 1}
+        self._take_up(view)
         self._begin(self._behind.target, view)
         self._behind.bind_limit(front.limit(view.near, view.far), _LIMIT_UNIT)
         if self._one_sided is None:
-            closed = closed_bodies(posed.meshes)
+            closed = closed_bodies(view.posed.meshes)
             self._one_sided = frozenset(itertools.compress(self._primitives, closed))
         if not self._behind.shows(lambda: self._draw_opaque(self._one_sided)):
             return None
@@ -115,12 +111,12 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         front_rgba, _ = self._behind.target.read(view.box.width, view.box.height)
         return BehindPicture(rgba=rgba, depth=depth, front_rgba=front_rgba)
 
-    def _take_up(self, posed: PosedScene, view: ViewSetup, lighting: Lighting) -> None:
-        for primitive, mesh in zip(self._primitives, posed.meshes, strict=True):
+    def _take_up(self, view: ViewSetup) -> None:
+        for primitive, mesh in zip(self._primitives, view.posed.meshes, strict=True):
             primitive.update(mesh)
         rotation = view.camera.camera_from_world.copy()
         rotation[:3, 3] = 0.0
-        block = lighting.frame_block(_projection(view) @ rotation, _eye(view))
+        block = view.lighting.frame_block(_projection(view) @ rotation, _eye(view))
         GL.glBindBufferBase(GL.GL_UNIFORM_BUFFER, _FRAME, self._blocks[_FRAME])
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
 

@@ -18,10 +18,10 @@ from nlens_video.kernels.simd import DRAW_LANES, draw_samples
 from nlens_video.render.software.triangles import (
     Int32,
     Shape,
-    crossing_planes,
+    crossing,
     disparity_plane,
-    homogeneous,
     on_plane,
+    on_screen,
 )
 
 Samples = tuple[Float32, Int32, int, int]
@@ -153,21 +153,13 @@ def _fill_crossing(
 @kernel
 def covered(shape: Shape, t: int, line: int, width: int) -> tuple[int, int]:
     """Columns of a line that a triangle covers: the first, and one beyond the last."""
-    points, positions, faces, lens = shape
-    i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
-    a = points[i, 0], points[i, 1], points[i, 2]
-    b = points[j, 0], points[j, 1], points[j, 2]
-    c = points[k, 0], points[k, 1], points[k, 2]
+    a, b, c = on_screen(shape, t)
     if min(a[2], b[2], c[2]) > 0.0:
         low, high = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
         inside = low <= 0.25 * line + 0.125 < high
         return _covered(_sides(a, b, c), line, width) if inside else (0, 0)
-    _, planes = crossing_planes(
-        homogeneous(positions[i], lens),
-        homogeneous(positions[j], lens),
-        homogeneous(positions[k], lens),
-    )
-    return _covered_crossing(planes, 1.0 / lens[16], line, width)
+    _, planes = crossing(shape, t)
+    return _covered_crossing(planes, 1.0 / shape[3][16], line, width)
 
 
 @kernel
@@ -188,31 +180,23 @@ def fill(
             [1 / scene unit].
         ids: changed: triangle of each sample (4 h, width + PADDING).
     """
-    points, positions, faces, lens = shape
     picture = disparity.reshape(-1), ids.reshape(-1), width, disparity.shape[1]
     for n in range(len(drawn)):
         t = drawn[n]
         limits = max(first, spans[t, 0]), min(last, spans[t, 1])
         if limits[0] > limits[1]:
             continue
-        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
-        a = points[i, 0], points[i, 1], points[i, 2]
-        b = points[j, 0], points[j, 1], points[j, 2]
-        c = points[k, 0], points[k, 1], points[k, 2]
+        a, b, c = on_screen(shape, t)
         if min(a[2], b[2], c[2]) > 0.0:
             _fill(a, b, c, t, limits, picture)
         else:
-            _, planes = crossing_planes(
-                homogeneous(positions[i], lens),
-                homogeneous(positions[j], lens),
-                homogeneous(positions[k], lens),
-            )
-            _fill_crossing(planes, 1.0 / lens[16], t, limits, picture)
+            _, planes = crossing(shape, t)
+            _fill_crossing(planes, 1.0 / shape[3][16], t, limits, picture)
 
 
 @kernel
 def fill_behind(
-    drawn: Int32, rows: tuple[int, int], on_screen: tuple[Shape, Int32], most: Float32,
+    drawn: Int32, rows: tuple[int, int], drawn_shape: tuple[Shape, Int32], most: Float32,
     planes: Float32, disparity: Float32, ids: Int32,
 ) -> None:  # fmt: skip
     """Draw triangles on rows [first, last) where they lie behind others, as `fill` does.
@@ -220,24 +204,20 @@ def fill_behind(
     Args:
         drawn: the triangles, in the order in which they are drawn.
         rows: first row, and one beyond the last [px].
-        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
+        drawn_shape: the triangles on the screen, and first and last line of samples of each (F, 2).
         most: largest disparity that is drawn in each pixel (h, w) [1 / scene unit].
         planes: from `triangles.set_up` (F, 16).
         disparity: changed: of each sample (4 h, w + PADDING) [1 / scene unit].
         ids: changed: triangle of each sample (4 h, w + PADDING).
     """
-    shape, spans = on_screen
-    points, _, faces, _ = shape
+    shape, spans = drawn_shape
     width = most.shape[1]
     for n in range(len(drawn)):
         t = drawn[n]
         first, last = max(4 * rows[0], spans[t, 0]), min(4 * rows[1] - 1, spans[t, 1])
         if first > last:
             continue
-        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
-        a = points[i, 0], points[i, 1], points[i, 2]
-        b = points[j, 0], points[j, 1], points[j, 2]
-        c = points[k, 0], points[k, 1], points[k, 2]
+        a, b, c = on_screen(shape, t)
         before = min(a[2], b[2], c[2]) > 0.0
         plane, sides = disparity_plane(planes, t), _sides(a, b, c)
         for line in range(first, last + 1):

@@ -40,25 +40,21 @@ class Rasteriser:
         self._threads = threads
         self._object: SceneBuffers | None = None
 
-    def draw(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
+    def draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         """See `Drawer`."""
-        picture = Framebuffer.of(self.moved(posed), setup, lighting)
+        picture = Framebuffer(self.moved(view.posed), view)
         self._run(picture, *picture.steps)
         return picture.rgba, picture.depth
 
-    def draw_behind(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
+    def draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         """See `Drawer`."""
-        hidden = Framebuffer.of(self.moved(posed), setup, lighting, behind=True)
+        hidden = Framebuffer(self.moved(view.posed), view, behind=True)
         self._run(hidden, partial(hidden.see_behind, front.most_disparity()))
         if not hidden.shows_anything:
             return None
         self._run(hidden, hidden.light, hidden.measure)
         # The front picture is drawn again: keeping its samples would cost more memory than time.
-        before = Framebuffer.of(self.moved(posed), setup, lighting)
+        before = Framebuffer(self.moved(view.posed), view)
         blend = (before.blend,) if len(before.blended) else ()
         self._run(before, before.see, *blend)
         before.keep_nearest(front.disparity_step)
@@ -122,30 +118,33 @@ class SoftwareObjectRenderer(BoxRenderer):
         shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:
-            setup = view_setup(posed, cameras[at], margin, nearest=nearest)
-            if setup is None:
+            view = view_setup(posed, lighting, cameras[at], margin, nearest=nearest)
+            if view is None:
                 use(at, None)
                 return
-            picture = Framebuffer.of(shown, setup, lighting)
+            picture = Framebuffer(shown, view)
             for step in picture.steps:
-                step((0, setup.box.height))
-            use(at, ObjectLayer(box=setup.box, rgba=picture.rgba, depth=picture.depth))
+                step((0, view.box.height))
+            use(at, ObjectLayer(box=view.box, rgba=picture.rgba, depth=picture.depth))
 
         parallel_for(draw, range(len(cameras)), self._threads)
 
-    def _draw(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting
-    ) -> tuple[Float32, Float32]:
-        return self._drawer.draw(posed, setup, lighting)
+    def _draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
+        return self._drawer.draw(view)
 
-    def _draw_behind(
-        self, posed: PosedScene, setup: ViewSetup, lighting: Lighting, front: FrontSurfaces
-    ) -> BehindPicture | None:
-        return self._drawer.draw_behind(posed, setup, lighting, front)
+    def _draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
+        return self._drawer.draw_behind(view, front)
 
     def warm_up(self) -> None:
         """Compile the kernels that any object needs, or load them from numba's cache."""
-        _compile_kernels()
+        posed = PosedScene(0.0, (_triangle(),), ())
+        box = Box(0, 0, 8, 8)
+        camera = Camera(world_from_camera=np.eye(4), fx=8, fy=8, cx=0, cy=8, width=8, height=8)
+        view = ViewSetup(
+            posed=posed, lighting=Lighting((), None), camera=camera, box=box, near=0.5, far=2.0,
+            nearest=False,
+        )  # fmt: skip
+        Rasteriser(threads=1).draw(view)
 
     def close(self) -> None:
         """Free what it holds; may be called again."""
@@ -153,22 +152,12 @@ class SoftwareObjectRenderer(BoxRenderer):
         self._drawer.close()
 
 
-def _compile_kernels() -> None:
-    """Draw one triangle."""
+def _triangle() -> PosedMesh:
+    """A triangle before the camera."""
     corners = np.array([[0, 0, -1], [1, 0, -1], [0, 1, -1]], np.float32)
     geometry = Geometry(
         name="", positions=corners, normals=corners, faces=np.array([[0, 1, 2]], np.int32),
         uv=np.zeros((3, 4), np.float32), colors=None, material=Material(double_sided=True),
         flat=False, joints=None, weights=None, targets=None, target_normals=None,
     )  # fmt: skip
-    posed = PosedScene(0.0, (PosedMesh(geometry, corners, corners, mirrored=False),), ())
-    box = Box(0, 0, 8, 8)
-    camera = Camera(
-        world_from_camera=np.eye(4), fx=8, fy=8, cx=0, cy=8, width=box.width, height=box.height
-    )
-    setup = ViewSetup(camera=camera, box=box, near=0.5, far=2.0, nearest=False)
-    shown = SceneBuffers(posed)
-    shown.move(posed)
-    picture = Framebuffer.of(shown, setup, Lighting((), None))
-    for step in picture.steps:
-        step((0, box.height))
+    return PosedMesh(geometry, corners, corners, mirrored=False)

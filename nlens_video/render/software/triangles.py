@@ -53,8 +53,31 @@ def homogeneous(position: Float32, lens: Float64) -> Triple:
     return lens[12] * right + lens[14] * depth, lens[15] * depth - lens[13] * up, depth
 
 
+@inlined
+def on_screen(shape: Shape, t: int) -> tuple[Triple, Triple, Triple]:
+    """A triangle's corners (column, row, disparity); disparity 0 behind the near plane."""
+    points, faces = shape[0], shape[2]
+    i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+    return (
+        (points[i, 0], points[i, 1], points[i, 2]),
+        (points[j, 0], points[j, 1], points[j, 2]),
+        (points[k, 0], points[k, 1], points[k, 2]),
+    )
+
+
+@inlined
+def crossing(shape: Shape, t: int) -> tuple[float, tuple[Triple, Triple, Triple]]:
+    """`_crossing_planes` of a triangle in the world."""
+    _, positions, faces, lens = shape
+    return _crossing_planes(
+        homogeneous(positions[faces[t, 0]], lens),
+        homogeneous(positions[faces[t, 1]], lens),
+        homogeneous(positions[faces[t, 2]], lens),
+    )
+
+
 @kernel
-def crossing_planes(
+def _crossing_planes(
     a: Triple, b: Triple, c: Triple
 ) -> tuple[float, tuple[Triple, Triple, Triple]]:  # fmt: skip
     """Twice the homogeneous area, and the planes (a, b, c at the origin) of any triangle.
@@ -75,15 +98,9 @@ def crossing_planes(
 
 
 @inlined
-def _set_crossing(
-    row: Float32, positions: Float32, lens: Float64, corners: tuple[int, int, int]
-) -> float:
+def _set_crossing(row: Float32, shape: Shape, t: int) -> float:
     """Planes of a triangle through the near plane; twice its area, 0 where it has none."""
-    area, planes = crossing_planes(
-        homogeneous(positions[corners[0]], lens),
-        homogeneous(positions[corners[1]], lens),
-        homogeneous(positions[corners[2]], lens),
-    )
+    area, planes = crossing(shape, t)
     if area == 0.0:
         return 0.0
     for k in range(3):
@@ -120,13 +137,9 @@ def set_up(
     Returns:
         How many are kept.
     """
-    points, positions, faces, lens = shape
     count = 0
-    for t in range(len(faces)):
-        i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
-        a = points[i, 0], points[i, 1], points[i, 2]
-        b = points[j, 0], points[j, 1], points[j, 2]
-        c = points[k, 0], points[k, 1], points[k, 2]
+    for t in range(len(shape[2])):
+        a, b, c = on_screen(shape, t)
         mirrored = -1.0 if sides[t] & 2 else 1.0
         if min(a[2], b[2], c[2]) > 0.0:
             area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -142,7 +155,7 @@ def set_up(
         else:
             if max(a[2], b[2], c[2]) == 0.0:
                 continue
-            area = _set_crossing(planes[t], positions, lens, (i, j, k))
+            area = _set_crossing(planes[t], shape, t)
             facing = mirrored if area < 0.0 else -mirrored
             if area == 0.0 or (facing < 0.0 and not sides[t] & 1):
                 continue

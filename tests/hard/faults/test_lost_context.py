@@ -183,12 +183,12 @@ from nlens_video.cli.main import main
 
 losses, calls, draw = set(map(int, sys.argv[1].split(","))), [], GlDrawer.draw
 
-def losing(drawer, posed, setup, lighting):
+def losing(drawer, view):
     calls.append(None)
     if len(calls) in losses:
         drawer._platform.make_uncurrent()
         EGL.eglTerminate(drawer._platform._egl_display)
-    return draw(drawer, posed, setup, lighting)
+    return draw(drawer, view)
 
 GlDrawer.draw = losing
 sys.exit(main(sys.argv[2:]))
