@@ -11,7 +11,7 @@ import onnxruntime
 import pytest
 
 from nlens_video.core.errors import NlensError
-from nlens_video.networks import onnx_session
+from nlens_video.networks import onnx_networks
 from nlens_video.networks.device import DeviceChoice
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxCocNetwork, OnnxRepairNetwork
@@ -47,9 +47,9 @@ class SmallGpu(Real):
 @pytest.fixture
 def small_gpu(monkeypatch):
     SmallGpu.asked = 0
-    monkeypatch.setattr(onnx_session.onnxruntime, "InferenceSession", SmallGpu)
+    monkeypatch.setattr(onnx_networks.onnxruntime, "InferenceSession", SmallGpu)
     there = ["CUDAExecutionProvider", "CPUExecutionProvider"]
-    monkeypatch.setattr(onnx_session.onnxruntime, "get_available_providers", lambda: there)
+    monkeypatch.setattr(onnx_networks.onnxruntime, "get_available_providers", lambda: there)
     return DeviceChoice("cuda", "a test")
 
 
@@ -78,10 +78,10 @@ def test_network_that_does_not_load_on_the_gpu_is_loaded_on_the_cpu(small_gpu, m
     class Full(SmallGpu):
         def __init__(self, path, options, providers, **more):
             if "CUDAExecutionProvider" in providers:
-                raise onnx_session.states.RuntimeException("CUDA failure 2: out of memory ; GPU=0")
+                raise onnx_networks.states.RuntimeException("CUDA failure 2: out of memory ; GPU=0")
             super().__init__(path, options, providers, **more)
 
-    monkeypatch.setattr(onnx_session.onnxruntime, "InferenceSession", Full)
+    monkeypatch.setattr(onnx_networks.onnxruntime, "InferenceSession", Full)
     with OnnxCocNetwork(find_model("coc").path, device=small_gpu) as network:
         assert np.isfinite(network(PICTURE[:32, :32]).coc_px).all()
     assert len(small_gpu.notes) == 1 and "memory" in small_gpu.notes[0]
@@ -99,7 +99,7 @@ def test_other_gpu_failures_are_reported_with_their_message(small_gpu, monkeypat
     def fail(session, *given):
         if SmallGpu.asked and session.first:
             SmallGpu.first = False
-            raise onnx_session.states.EPFail("CUDA failure 719: unspecified launch failure")
+            raise onnx_networks.states.EPFail("CUDA failure 719: unspecified launch failure")
         return Real.run(session, *given)
 
     monkeypatch.setattr(SmallGpu, "first", True, raising=False)
