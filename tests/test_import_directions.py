@@ -14,8 +14,8 @@ PACKAGE = ROOT / "nlens_video"
 FOLDERS = """
 core
 kernels  kernels/scatter
-video  video/pixels  video/input  video/output  video/chunks
-scene/animation  scene/gltf  scene
+video/pixels  video  video/input  video/output
+scene/gltf  scene
 render/base  render/software  render/opengl  render
 stages
 networks

@@ -19,8 +19,8 @@ from nlens_video.core.box import Box
 from nlens_video.core.layers import BlurredLayer, DefocusedLayer, HiddenLayer, ObjectLayer
 from nlens_video.graph.base.node import Node
 from nlens_video.kernels import numba_config
-from nlens_video.kernels.reblur.subaperture_gather import gather_subaperture
 from nlens_video.kernels.scatter.scatter import scatter
+from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
 from nlens_video.video.pixels.picture import ArrayPicture
 
 _NOTICEABLE_S = 2.0
@@ -102,8 +102,6 @@ def scatter_kernels() -> None:
 
 def cell() -> None:
     """The blur of small discs."""
-    from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
-
     sharp = sharp_layer()
     rgba = sharp.layer.rgba
     gather_subaperture(rgba, rgba[..., 3] > 0.0, np.clip(sharp.coc_px, -4.0, 4.0), FRAME)

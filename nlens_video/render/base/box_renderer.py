@@ -17,7 +17,6 @@ from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
-from nlens_video.scene.screen_projection import extent
 
 
 class BoxRenderer(ABC):

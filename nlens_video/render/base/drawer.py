@@ -13,9 +13,9 @@ from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Box, Float32
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.extent import extent
 from nlens_video.scene.gltf.meshes import Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
+from nlens_video.scene.screen_projection import extent
 
 # Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
 # tell 1e-4 of the far depth any more.

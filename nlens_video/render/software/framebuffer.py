@@ -36,15 +36,14 @@ class Framebuffer:
 
     def __init__(self, shown: SceneBuffers, view: ViewSetup, *, behind: bool = False) -> None:
         lens = pinhole_params(view.camera, view.box, view.near)
-        numbers = lens.numbers()
-        width, height = lens.width, lens.height
+        width, height = view.box.width, view.box.height
         count = len(shown.faces)
         points = scratch("points", (len(shown.positions), 3), np.float64)
         planes = scratch("planes", (count, triangles.PLANES))
         kept = scratch("kept", (count,), np.int32)
         lines = triangles.SAMPLES * height
-        screen_projection.project(shown.positions, numbers, points)
-        self._shape: triangles.Shape = (points, shown.positions, shown.faces, numbers)
+        screen_projection.project(shown.positions, lens, points)
+        self._shape: triangles.Shape = (points, shown.positions, shown.faces, lens)
         self._spans: Int32 = scratch("spans", (count, 2), np.int32)
         sides = shown.outer_sides if behind else shown.sides
         found = triangles.set_up(self._shape, sides, width, lines, self._spans, planes, kept)
@@ -52,8 +51,8 @@ class Framebuffer:
         self.blended = blended[: 0 if behind else None]
         lighting = view.lighting
         ambient = lighting.ambient_rows()[: 0 if lighting.ambient is None else 9]
-        lamps = lighting.lamp_rows(lens.eye), lighting.suns, ambient
-        pinhole = np.array([*lens.axes.ravel(), lens.fx, lens.fy, lens.cx, lens.cy], np.float32)
+        lamps = lighting.lamp_rows(lens[9:12]), lighting.suns, ambient
+        pinhole = np.delete(lens[:16], slice(9, 12)).astype(np.float32)
         self._scene: deferred.ShadingInputs = (shown.mesh(planes), shown.paint, pinhole, lamps)
         stored = (lines, width + raster.PADDING)
         through = stored if len(self.blended) else (0, 0)

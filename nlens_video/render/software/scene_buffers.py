@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.render.base.drawer import closed_bodies
 from nlens_video.render.base.shader_inputs import material_params, texture_uses
 from nlens_video.render.software.interpolation import MeshBuffers
 from nlens_video.render.software.material_eval import OPAQUE, UNLIT, MaterialBuffers
 from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.textures import Atlas
-from nlens_video.scene.gltf.materials import Image
-from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.materials import Image, Material
 from nlens_video.scene.posed import PosedMesh, PosedScene
 
 _ORDER = ("OPAQUE", "MASK", "BLEND")
@@ -112,10 +112,6 @@ class SceneBuffers:
     def outer_sides(self) -> npt.NDArray[np.uint8]:
         """`sides` without the back faces of closed bodies, which are never visible."""
         if self._closed is None:
-            from nlens_video.render.base.drawer import (
-                closed_bodies,  # here: it loads trimesh
-            )
-
             posed = [mesh for mesh in self._meshes if mesh is not None]
             self._closed = np.array(closed_bodies(posed), bool)[self._mesh_of]
         return np.where(self._closed, self.sides & ~np.uint8(_BACK), self.sides)

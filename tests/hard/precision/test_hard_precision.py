@@ -63,7 +63,7 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "a half-hidden lens": "kernels/aperture_covariance",
     "the paper's scatter": "kernels/scatter/paper_scatter",
     "pull-push": "kernels/depth_layers",
-    "nodes of a scene": "scene/animation/kernels",
+    "nodes of a scene": "scene/gltf/animation_kernels",
     "projection of vertices": "scene/screen_projection",
     "disparity of samples": "render/software/raster render/software/triangles"
         " render/software/interpolation",
