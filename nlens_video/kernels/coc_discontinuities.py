@@ -43,9 +43,8 @@ class HiddenSurface:
 
 @njit(cache=True, nogil=True)
 def _find_steps(
-    coc: Float32, alpha: Float32, away: Float32, limits: tuple[float, float, float, float],
-    reach: Float32, split: Float32,
-) -> bool:  # fmt: skip
+    coc: Float32, alpha: Float32, away: Float32, reach: Float32, split: Float32
+) -> bool:
     """Mark both sides of every step with its reach [px] and the CoC half-way; whether there is one.
 
     Of several steps at one pixel the largest counts.
@@ -55,11 +54,9 @@ def _find_steps(
         alpha: of them.
         away: distance to the nearest hidden pixel, 0 where unknown: a surface that hides nothing
             is steep and no discontinuity [px].
-        limits: `STEP_PX`, `FULL_STEP_PX`, `SPARE_PX`, `BESIDE_PX`.
         reach: gets the reach where it is larger.
         split: gets the CoC half-way there.
     """
-    step_px, full_step_px, spare_px, beside_px = limits
     height, width = coc.shape
     largest = np.zeros((height, width), dtype=np.float32)
     found = False
@@ -73,13 +70,13 @@ def _find_steps(
                     continue
                 here, there = coc[y, x], coc[v, u]
                 step = abs(here - there)
-                if step < step_px:
+                if step < STEP_PX:
                     continue
                 found = True
-                share = min(1.0, (step - step_px) / (full_step_px - step_px))
-                radius = share * (0.5 * max(abs(here), abs(there)) + spare_px)
+                share = min(1.0, (step - STEP_PX) / (FULL_STEP_PX - STEP_PX))
+                radius = share * (0.5 * max(abs(here), abs(there)) + SPARE_PX)
                 beside = away[y, x] if here > there else away[v, u]
-                radius *= min(max(2.0 - beside / beside_px, 0.0), 1.0)
+                radius *= min(max(2.0 - beside / BESIDE_PX, 0.0), 1.0)
                 if radius <= 0.0:
                     continue
                 for j, i in ((y, x), (v, u)):
@@ -92,20 +89,17 @@ def _find_steps(
 
 @njit(cache=True, nogil=True)
 def _find_rims(
-    coc: Float32, alpha: Float32, nearest: tuple[Float32, Float32],
-    limits: tuple[float, float, float], reach: Float32, split: Float32,
-) -> bool:  # fmt: skip
+    coc: Float32, alpha: Float32, nearest: tuple[Float32, Float32], reach: Float32, split: Float32
+) -> bool:
     """Mark likewise where the object ends before nothing and hides something; whether it does.
 
     Args:
         coc: of the nearest surfaces.
         alpha: of them.
         nearest: CoC of the nearest hidden pixel, and the distance to it [px].
-        limits: as in `_find_steps`, the first three.
         reach: gets the reach where it is larger.
         split: gets the CoC half-way there.
     """
-    step_px, full_step_px, spare_px = limits
     height, width = coc.shape
     found = False
     for y in range(height):
@@ -118,10 +112,10 @@ def _find_rims(
                 or (y + 1 < height and alpha[y + 1, x] <= 0.0)
             )  # fmt: skip
             here, there = coc[y, x], nearest[0][y, x]
-            if not rim or here - there < step_px:
+            if not rim or here - there < STEP_PX:
                 continue
-            share = min(1.0, (here - there - step_px) / (full_step_px - step_px))
-            radius = share * (0.5 * max(abs(here), abs(there)) + spare_px)
+            share = min(1.0, (here - there - STEP_PX) / (FULL_STEP_PX - STEP_PX))
+            radius = share * (0.5 * max(abs(here), abs(there)) + SPARE_PX)
             radius = min(radius, 2.0 * (radius - nearest[1][y, x]))  # fades in with the distance
             if radius > reach[y, x]:
                 found = True
@@ -131,20 +125,20 @@ def _find_rims(
 
 
 @njit(cache=True, nogil=True)
-def _sweep(reach: Float32, straight: float, diagonal: float) -> None:
+def _sweep(reach: Float32) -> None:
     """Let every reach fall off by 1 a pixel to the right and downwards (a chamfer sweep)."""
     height, width = reach.shape
     for y in range(height):
         for x in range(width):
             best = reach[y, x]
             if x > 0:
-                best = max(best, reach[y, x - 1] - straight)
+                best = max(best, reach[y, x - 1] - _STRAIGHT)
             if y > 0:
-                best = max(best, reach[y - 1, x] - straight)
+                best = max(best, reach[y - 1, x] - _STRAIGHT)
                 if x > 0:
-                    best = max(best, reach[y - 1, x - 1] - diagonal)
+                    best = max(best, reach[y - 1, x - 1] - _DIAGONAL)
                 if x + 1 < width:
-                    best = max(best, reach[y - 1, x + 1] - diagonal)
+                    best = max(best, reach[y - 1, x + 1] - _DIAGONAL)
             reach[y, x] = best
 
 
@@ -155,7 +149,7 @@ def chamfer(reach: Float32) -> None:
         reach: how far what is at a pixel reaches, 0 for not at all; changed in place [px].
     """
     for turned in (reach, reach[::-1, ::-1]):
-        _sweep(turned, _STRAIGHT, _DIAGONAL)
+        _sweep(turned)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,7 +215,6 @@ def find_discontinuities(
     reach, split = np.zeros((2, *coc_px.shape), dtype=np.float32)
     alpha = np.ascontiguousarray(rgba[..., 3])
     coc = np.ascontiguousarray(coc_px, dtype=np.float32)
-    limits = (STEP_PX, FULL_STEP_PX, SPARE_PX)
     away = np.zeros_like(coc)
     if hidden is not None:
         there = hidden.rgba[..., 3] > 0.0
@@ -230,10 +223,10 @@ def find_discontinuities(
         away[:] = cv2.distanceTransform(
             np.where(there, np.uint8(0), np.uint8(1)), cv2.DIST_L2, cv2.DIST_MASK_5
         )
-    found = _find_steps(coc, alpha, away, (*limits, BESIDE_PX), reach, split)
+    found = _find_steps(coc, alpha, away, reach, split)
     if hidden is not None:
         nearest = (extend_nearest(hidden.coc_px, there), away)
-        found |= _find_rims(coc, alpha, nearest, limits, reach, split)
+        found |= _find_rims(coc, alpha, nearest, reach, split)
     if not found:
         return None
     marked = reach > 0.0

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -40,28 +39,13 @@ _FITTED = (
 )
 SURPLUS = 4.0 - 1.93**2
 """By how much the square of a larger disc's radius exceeds the fitted one's [px^2]."""
-
-
-class DiscTables(NamedTuple):
-    """Discs of one aperture up to one radius.
-
-    Attributes:
-        stamps: weight of pixel (dy, dx) around the middle, by nominal radius in columns,
-            (2 * rows + 1, 2 * columns + 1, K).
-        spans: middle and half length of row dy, around the middle, as shares of the fitted half
-            axis, by nominal radius in columns, (2 * rows + 1, 2, K).
-        stamp_steps: entries of `stamps` per pixel of radius.
-        stamp_turned: where in `stamps` the discs before the focus start, 0 if they are the same.
-        span_turned: where in `spans` they start.
-        outer: distance of the aperture's furthest point from its middle, >= 1 [radius].
-    """
-
-    stamps: Float32
-    spans: Float32
-    stamp_steps: int
-    stamp_turned: int
-    span_turned: int
-    outer: float
+# One aperture's tables, in a plain tuple: numba's cache on disk holds on to named classes, and
+# fails when a later version has none of that name. Stamps: weight of pixel (dy, dx) around
+# the middle, by nominal radius in columns, (rows, columns, K). Spans: middle and half length of row
+# dy, around the middle, as shares of the fitted half axis, likewise (rows, 2, K). Entries of both
+# per pixel of radius; where in both the discs before the focus start, 0 if they are the same. Width
+# of a pixel by its height; distance of the aperture's furthest point from its middle [radius].
+Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
 
 
 def fitted_radii(radius_px: Float64) -> Float64:
@@ -226,7 +210,7 @@ def _spans(aperture: Aperture, pixel_aspect: float, largest_px: float) -> Float3
 @lru_cache(maxsize=16)
 def tables(
     aperture: Aperture, pixel_aspect: float, stamps_to_px: float, spans_to_px: float
-) -> DiscTables:
+) -> Discs:
     """Tables for an aperture, its cat's eye left out; kept for later calls.
 
     Args:
@@ -253,11 +237,7 @@ def tables(
         stamp_turned, span_turned = stamps.shape[0], spans.shape[2]
         stamps = np.concatenate([stamps, stamps[:, ::-1, ::-1]])
         spans = np.concatenate([spans, spans[::-1] * np.array([[-1.0], [1.0]], np.float32)], axis=2)
-    return DiscTables(
-        stamps=np.ascontiguousarray(np.moveaxis(stamps, 0, 2)),
-        spans=np.ascontiguousarray(spans),
-        stamp_steps=steps,
-        stamp_turned=stamp_turned,
-        span_turned=span_turned,
-        outer=outer,
-    )
+    return (
+        np.ascontiguousarray(np.moveaxis(stamps, 0, 2)), np.ascontiguousarray(spans),
+        (steps, SPAN_STEPS), (stamp_turned, span_turned), float(pixel_aspect), float(outer),
+    )  # fmt: skip

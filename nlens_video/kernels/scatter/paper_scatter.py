@@ -34,13 +34,12 @@ def _spread(
     colour: Float32,
     place: tuple[int, int],
     r: float,
-    rim: tuple[Float32, float, int],
+    rim: Float32,
     sums: Float64,
     dilated: Float32,
     top: int,
 ) -> None:
     """Add one pixel's disc to the rows of `sums` (n, w, 4), the first of which is row `top`."""
-    table, rim_px, steps = rim
     sy, sx = place
     rows, width = sums.shape[:2]
     k = int(r) + 1
@@ -49,11 +48,11 @@ def _spread(
         for x in range(max(0, sx - k), min(width, sx + k + 1)):
             dy, dx = y + top - sy, x - sx
             inside = r - math.sqrt(dx * dx + dy * dy)
-            if inside <= -rim_px:
+            if inside <= -_RIM_PX:
                 continue
             weight = scale
-            if inside < rim_px:
-                weight *= table[int((inside + rim_px) * steps + 0.5)]
+            if inside < _RIM_PX:
+                weight *= rim[int((inside + _RIM_PX) * _STEPS + 0.5)]
             if inside >= 0.0:
                 dilated[y + top, x] = max(dilated[y + top, x], r)
             sums[y, x, 0] += weight * colour[0]
@@ -66,7 +65,7 @@ def _spread(
 def _rows(
     light: Float32,
     radius: Float32,
-    rim: tuple[Float32, float, int],
+    rim: Float32,
     out: Float32,
     dilated: Float32,
     band: Band,
@@ -107,6 +106,6 @@ def paper_scatter(
     if not (np.isfinite(radius_px).all() and (radius_px >= 0.0).all()):
         raise ValueError("radii must be finite and not negative")
     out, dilated = np.zeros_like(light), np.zeros_like(radius_px)
-    work = partial(_rows, light, radius_px, (_rim(), _RIM_PX, _STEPS), out, dilated)
+    work = partial(_rows, light, radius_px, _rim(), out, dilated)
     parallel_for(work, bands(light.shape[0], BAND_ROWS), threads)
     return out, dilated

@@ -19,9 +19,8 @@ from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.disc import (
     MAX_COC_PX,
-    SPAN_STEPS,
     SURPLUS,
-    DiscTables,
+    Discs,
     fitted_radius,
     reach,
     tables,
@@ -34,7 +33,7 @@ from nlens_video.kernels.scatter.normalize import (
     reached_columns,
     wanted_columns,
 )
-from nlens_video.kernels.scatter.scatter_rows import Discs, place_spans, scatter_rows
+from nlens_video.kernels.scatter.scatter_rows import place_spans, scatter_rows
 from nlens_video.kernels.thread_pool import Band, bands, parallel_for, scratch
 
 Spread = Callable[[list[Level], Box, Discs, Columns, float, int | None], Float32]
@@ -73,13 +72,13 @@ def blur_reach(
     return _reach(largest, pixel_aspect, _tables(aperture, pixel_aspect, detail), detail)
 
 
-def _reach(largest_coc_px: float, pixel_aspect: float, discs: DiscTables, detail: Detail) -> int:
+def _reach(largest_coc_px: float, pixel_aspect: float, discs: Discs, detail: Detail) -> int:
     radius = 0.5 * min(largest_coc_px, MAX_COC_PX)
     across = fitted_radius(radius * max(1.0, pixel_aspect)) if radius > 0.0 else 0.0
-    return reach(across * discs.outer) + detail.spread(radius)
+    return reach(across * discs[5]) + detail.spread(radius)
 
 
-def _tables(aperture: Aperture, pixel_aspect: float, detail: Detail) -> DiscTables:
+def _tables(aperture: Aperture, pixel_aspect: float, detail: Detail) -> Discs:
     return tables(aperture, pixel_aspect, detail.spans_px, detail.largest_px)
 
 
@@ -145,9 +144,9 @@ def scatter(
     target = bounds.expanded(margin).intersection(whole if wanted is None else Box.of(wanted))
     if target.empty:
         return out
-    outer = discs.outer * SKEW_REACH
+    outer = discs[5]
     radius = 0.5 * min(largest, MAX_COC_PX)
-    shape = (pixel_aspect, outer, detail.spread(radius))
+    shape = (pixel_aspect, outer * SKEW_REACH, detail.spread(radius))
     columns = reached_columns(silhouette, shape, layer.box)
     if wanted is not None:
         columns = wanted_columns(columns, wanted, layer.box)
@@ -156,17 +155,13 @@ def scatter(
     fades = (detail.stamps_px, detail.spans_px)
     if aperture.image is not None:
         fades = (4.0 * MAX_COC_PX, 8.0 * MAX_COC_PX)  # stamps all over: a picture has no spans
-    rule: Rule = (*fades, discs.outer, SURPLUS, pixel_aspect)
-    compiled: Discs = (
-        discs.stamps, discs.spans, (discs.stamp_steps, SPAN_STEPS),
-        (discs.stamp_turned, discs.span_turned), pixel_aspect, discs.outer,
-    )  # fmt: skip
+    rule: Rule = (*fades, outer, SURPLUS, pixel_aspect)
     levels = make_levels(layer, corner, radius, detail, rule, threads)
-    rim = discs.outer if aperture.cat_eye > 0.0 else 0.0
+    rim = outer if aperture.cat_eye > 0.0 else 0.0
     if rim > 0.0:
         for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
-            _vignette_discs(level, 1 << n, aperture, frame, compiled, threads)
-    sums = (spread or spread_levels)(levels, at, compiled, columns, rim, threads)
+            _vignette_discs(level, 1 << n, aperture, frame, discs, threads)
+    sums = (spread or spread_levels)(levels, at, discs, columns, rim, threads)
     origin = (target.y0 - layer.box.y0, target.x0 - layer.box.x0)
     view = out[target.y0 : target.y1, target.x0 : target.x1]
     parallel_for(partial(normalise, sums, columns, origin, view), bands(target.height, 32), threads)

@@ -14,6 +14,7 @@ from numba import njit
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.numba_config import kernel
+from nlens_video.kernels.scatter.disc import Discs
 from nlens_video.kernels.scatter.levels import Light, RowNumbers
 from nlens_video.kernels.simd import (
     add_span_end,
@@ -30,12 +31,6 @@ from nlens_video.kernels.thread_pool import Band
 
 # `levels` has the same: a number from there would go stale in the cache.
 RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
-
-# A plain tuple, though names would read better: numba's cache on disk holds on to named classes,
-# and fails when a later version of this file has none of that name. Tables of `disc.DiscTables`:
-# stamps, spans; entries per pixel of radius; where the discs before the focus start; width of a
-# pixel by its height; furthest point of the aperture [radius].
-Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
 
 
 @kernel

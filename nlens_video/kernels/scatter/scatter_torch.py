@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from nlens_video.core.layers import Box, Float32, Float64
+from nlens_video.kernels.scatter.disc import Discs
 from nlens_video.kernels.scatter.levels import (
     ALONG,
     AXIS,
@@ -27,7 +28,7 @@ from nlens_video.kernels.scatter.levels import (
     on_level,
 )
 from nlens_video.kernels.scatter.scatter import spread_levels
-from nlens_video.kernels.scatter.scatter_rows import BARREL_X, BARREL_Y, Discs
+from nlens_video.kernels.scatter.scatter_rows import BARREL_X, BARREL_Y
 
 Tensor = torch.Tensor
 
