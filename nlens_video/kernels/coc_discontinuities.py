@@ -47,15 +47,8 @@ def _find_steps(
 ) -> bool:
     """Mark both sides of every step with its reach [px] and the CoC half-way; whether there is one.
 
-    Of several steps at one pixel the largest counts.
-
-    Args:
-        coc: of the nearest surfaces.
-        alpha: of them.
-        away: distance to the nearest hidden pixel, 0 where unknown: a surface that hides nothing
-            is steep and no discontinuity [px].
-        reach: gets the reach where it is larger.
-        split: gets the CoC half-way there.
+    Of several steps at one pixel the largest counts. `away` is the distance to the nearest hidden
+    pixel [px], 0 where unknown: a surface that hides nothing is steep and no discontinuity.
     """
     height, width = coc.shape
     largest = np.zeros((height, width), dtype=np.float32)
@@ -93,12 +86,7 @@ def _find_rims(
 ) -> bool:
     """Mark likewise where the object ends before nothing and hides something; whether it does.
 
-    Args:
-        coc: of the nearest surfaces.
-        alpha: of them.
-        nearest: CoC of the nearest hidden pixel, and the distance to it [px].
-        reach: gets the reach where it is larger.
-        split: gets the CoC half-way there.
+    `nearest` is the CoC of the nearest hidden pixel, and the distance to it [px].
     """
     height, width = coc.shape
     found = False

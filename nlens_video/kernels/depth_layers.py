@@ -127,14 +127,7 @@ def split_at_steps(
 def split_at_hidden(
     rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, hidden: HiddenSurface
 ) -> DepthLayers:
-    """Split likewise where the hidden surface is known: nothing is inpainted.
-
-    Args:
-        rgba: premultiplied scene-linear colour and alpha (h, w, 4).
-        coc_px: signed CoC diameter (h, w), positive nearer than focus, read only where alpha > 0.
-        steps: where it steps.
-        hidden: what the nearest surfaces hide.
-    """
+    """Split likewise where the hidden surface is known: nothing is inpainted."""
     near = (rgba[..., 3] > 0.0) & (coc_px > steps.split_px)
     near_rgba = np.zeros_like(rgba)
     back_rgba, back_coc = rgba.copy(), coc_px.copy()

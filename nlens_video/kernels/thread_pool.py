@@ -83,11 +83,7 @@ def parallel_map(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
 
 def run_all(jobs: Iterable[Callable[[], None]], workers: int | None = None) -> None:
     """Run different jobs in parallel and wait for all."""
-    parallel_for(_run, jobs, workers)
-
-
-def _run(job: Callable[[], None]) -> None:
-    job()
+    parallel_for(lambda job: job(), jobs, workers)
 
 
 def _threads() -> ThreadPoolExecutor:

@@ -169,16 +169,10 @@ def _lay_out_object(
     rgba: Float32, coc: Float32, away: npt.NDArray[np.uint8], made: Made,
     corner: tuple[int, int], limits: tuple[float, float, float], band: Band,
 ) -> None:  # fmt: skip
-    """Fill in the covered pixels of rows of a source layer.
+    """Fill in the covered pixels of rows of a source layer: `made` is colours, radii and skews.
 
-    Args:
-        rgba: the caller's colours.
-        coc: of the box, NaN where the object is not.
-        away: whether a pixel of the box is away from the object.
-        made: colours, radius and skew to fill in.
-        corner: row and column of the box in the caller's arrays.
-        limits: largest distance that takes part, largest radius, `SKEW_FADE_PX` [px].
-        band: first row and the one past the last.
+    `coc` and `away` are those of `_cut`, for a box at `corner`; `limits` are the largest distance
+    that takes part, the largest radius and `SKEW_FADE_PX` [px].
     """
     colours, radii, skews = made
     largest, fade = np.float32(limits[1]), np.float32(limits[2] * limits[2])
@@ -206,16 +200,9 @@ def _lay_out_background(
     rgba: Float32, nearest: tuple[Int32, Int32, Float32], away: npt.NDArray[np.uint8], made: Made,
     corner: tuple[int, int], limits: tuple[float, float, float], band: Band,
 ) -> None:  # fmt: skip
-    """Fill in the other pixels: each spreads as the nearest covered one.
+    """Fill in the other pixels: each spreads as the nearest covered one, once those are filled in.
 
-    Args:
-        rgba: the caller's colours.
-        nearest: of the box: each pixel's label, the labels' places, the distance to them.
-        away: as in `_lay_out_object`, and so on.
-        made: with the covered pixels filled in.
-        corner: of the box.
-        limits: as there.
-        band: first row and the one past the last.
+    `nearest` is each pixel's label, the labels' places and the distance to them.
     """
     labels, places, distance = nearest
     _, radii, skews = made
@@ -240,14 +227,14 @@ def _lay_out_background(
 def lay_out(
     rgba: Float32, coc_px: Float32, bounds: Box, margin: int, threads: int | None
 ) -> SourceLayer:
-    """Crop a layer to its reach and extend its CoC past the silhouette.
+    """Crop a layer, of contiguous arrays, to its reach and extend its CoC past the silhouette.
 
     Beyond a border of the array transparent pixels go on as virtual background; covered ones are
     not invented, so that weights there are renormalised with what lies inside.
 
     Args:
-        rgba: premultiplied colour and alpha (h, w, 4), contiguous.
-        coc_px: signed CoC diameter (h, w), contiguous [px].
+        rgba: premultiplied colour and alpha (h, w, 4).
+        coc_px: signed CoC diameter (h, w) [px].
         bounds: the covered pixels' box, not empty.
         margin: how far the object reaches beyond it [px].
         threads: maximum number of threads.

@@ -100,15 +100,11 @@ def _gather(
     layer: tuple[Float32, Float32, Float32], sums: Float32, places: npt.NDArray[np.int64],
     corner: tuple[int, int], starts: tuple[float, float], band: Band,
 ) -> None:  # fmt: skip
-    """Add rows of a layer to the sums of the coarser levels that its discs belong to.
+    """Add rows of a layer to the sums (n, `SUMS`) of the coarser levels that its discs belong to.
 
-    Args:
-        layer: colours (h, w, 4), signed radii (h, w) and skews (2, h, w).
-        sums: of all levels (n, `SUMS`); set to 0 first, where the rows lie.
-        places: first pixel in `sums`, columns, first column and row of each level (L, 4).
-        corner: column and row of the layer's box in the frame [px].
-        starts: radius from which discs go over to the second level [px]; share of it over which.
-        band: first row and the one past the last.
+    `places` is the first pixel in `sums`, columns, first column and row of each level (L, 4),
+    `corner` the layer's column and row in the frame, `starts` the radius from which discs go over
+    to the second level [px] and the share of it over which they do.
     """
     colours, radii, skews = layer
     width, last = radii.shape[1], len(places)

@@ -175,15 +175,10 @@ def _cut_discs(
 ) -> None:  # fmt: skip
     """Compute the barrel's centre for rows of a level, and compensate the light that it blocks.
 
-    Args:
-        numbers: of the level (h, 9, w); the barrel's place is filled in, weights of spans grow,
-            radii of stamps, which stay round, shrink to the area that is left.
-        discs: tables.
-        place: column and row of the level's corner from the middle of the frame, size of its
-            pixels [px].
-        scale: centre of the barrel by distance from the middle of the frame [radius / px of the
-            frame's height]; width of a pixel by its height.
-        band: first row and the one past the last.
+    Weights of spans grow, radii of stamps, which stay round, shrink to the area that is left.
+    `place` is column and row of the level's corner from the middle of the frame and the size of its
+    pixels [px], `scale` the barrel's centre by distance from the middle [radius / px of the frame's
+    height] and the width of a pixel by its height.
     """
     width = numbers.shape[2]
     outer, reach = np.float32(discs[5]), discs[1].shape[0] // 2

@@ -56,7 +56,7 @@ def place_spans(
     """Find start, stop and weight (3, w) of a row's spans; the ends count from their pixel.
 
     Args:
-        ends: to fill in.
+        ends: filled in.
         numbers: the row's (9, w).
         discs: tables.
         columns: first and last column to fill in.
@@ -147,12 +147,8 @@ def _add_coarse(
 ) -> None:
     """Add a row of the next coarser level, interpolated between its pixels, to `sums` (w, 5).
 
-    Args:
-        coarse: sums of that level (h, w, 5).
-        line: scratch (w, 5).
-        offset: row and column of the level at hand where that level's sums start, twice as fine.
-        y: the row, from the start of `sums`.
-        sums: to add to.
+    `offset` is the row and column of the level at hand where the coarser sums start, twice as fine,
+    `y` the row from the start of `sums`, `line` scratch (w, 5).
     """
     row = y - offset[0]
     near = row >> 1
@@ -178,16 +174,10 @@ def _add_stamps(
     spots: Float32, rgba: Float32, numbers: Float32, discs: Discs, columns: tuple[int, int, int],
     dy: int, scratch: Float32,
 ) -> None:  # fmt: skip
-    """Add what stamps of a row give to the row of the result `dy` rows below it.
+    """Add to `spots` (5, n) what stamps of a row give to the row of the result `dy` rows below it.
 
-    Args:
-        spots: sums of red, green, blue, alpha and weight to add to (5, n).
-        rgba: the row's light (w, 4).
-        numbers: the row's other numbers (9, w).
-        discs: tables.
-        columns: first and last column that take part, and how many columns stamps reach.
-        dy: rows [px].
-        scratch: (6, w), of any content.
+    `columns` are the first and last column that take part, and how many columns stamps reach;
+    `scratch` (6, w) is of any content.
     """
     stamps, _, steps, turned, _, outer = discs
     row, middle = dy + stamps.shape[0] // 2, stamps.shape[1] // 2

@@ -56,33 +56,24 @@ class TorchSpread:
     ) -> Float32:
         """Sums (h, w, 5) of `target`; arguments as there, `columns` and `threads` not needed."""
         try:
-            return self._sums(levels, target, discs, rim)
+            tables = _Tables(discs, rim, self.device)
+            sums = torch.zeros((0, 0, 5), device=self.device)
+            start = (0, 0)
+            for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
+                here = target if n == 0 else on_level(target, n).expanded(2)
+                inner = here.intersection(level.box)
+                made = torch.zeros((here.height, here.width, 5), device=self.device)
+                rows, across = inner.slices_in(here)
+                part = _spread(level, inner, tables)
+                if sums.numel():
+                    part = part + _enlarged(sums, inner, start)
+                made[rows, across] = part
+                sums, start = made, (here.y0, here.x0)
+            return np.asarray(sums.cpu().numpy(), dtype=np.float32)
         except torch.OutOfMemoryError:
             if not self.notes:
                 self.notes.append("the GPU's memory does not suffice: the CPU blurs what it cannot")
             return spread_levels(levels, target, discs, columns, rim, threads)
-
-    def _sums(
-        self,
-        levels: list[Level],
-        target: Box,
-        discs: Discs,
-        rim: float,
-    ) -> Float32:
-        tables = _Tables(discs, rim, self.device)
-        sums = torch.zeros((0, 0, 5), device=self.device)
-        start = (0, 0)
-        for level, n in zip(levels, range(len(levels) - 1, -1, -1), strict=True):
-            here = target if n == 0 else on_level(target, n).expanded(2)
-            inner = here.intersection(level.box)
-            made = torch.zeros((here.height, here.width, 5), device=self.device)
-            rows, across = inner.slices_in(here)
-            part = _spread(level, inner, tables)
-            if sums.numel():
-                part = part + _enlarged(sums, inner, start)
-            made[rows, across] = part
-            sums, start = made, (here.y0, here.x0)
-        return np.asarray(sums.cpu().numpy(), dtype=np.float32)
 
 
 class _Tables:

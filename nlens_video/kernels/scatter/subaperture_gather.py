@@ -147,14 +147,9 @@ def _lay_out(
 ) -> None:  # fmt: skip
     """Fill in the planes (h, 7, w) around the target: light, radius, share of the sum, CoC.
 
-    Args:
-        light: of the view.
-        covered: where it is.
-        coc_px: of it.
-        table: `subaperture_table`.
-        place: row and column of the view at which the planes start, how far discs reach.
-        planes: to fill in; where nothing is, it lies behind everything and spreads nothing.
-        widest: largest radius of each tile of a row (h, tiles + 2), one more on each side [px].
+    Where nothing is, it lies behind everything and spreads nothing. `place` is row and column of
+    the view at which the planes start, and how far discs reach; `widest` gets the largest radius of
+    each tile of a row (h, tiles + 2), one more on each side [px].
     """
     top, left, reach = place
     first = max(0, -left)
@@ -201,15 +196,9 @@ def _rim(widest: Float32, y: int, rows: int, tile: int) -> np.float32:
 def _gather(
     planes: Float32, widest: Float32, reach: int, places: Int32, distances: Float32, out: Float32
 ) -> None:
-    """Fill in the target (H, W, 4).
+    """Fill in the target (H, W, 4) from planes that are `reach` pixels larger on each side.
 
-    Args:
-        planes: see `_lay_out`, `reach` pixels larger than the target on each side.
-        widest: see there.
-        reach: how far discs reach at most [px].
-        places: from `_neighbours`.
-        distances: likewise.
-        out: to fill in.
+    `planes` and `widest` are those of `_lay_out`, `places` and `distances` those of `_neighbours`.
     """
     height, width = out.shape[:2]
     stride = planes.shape[2]

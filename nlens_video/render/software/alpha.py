@@ -62,10 +62,7 @@ def _ends(runs: Runs) -> tuple[int, int]:
 def _kept(block: Float32, i: int, cutoff: float) -> int:
     """Samples that the cutoff leaves, sharpened to one pixel around it.
 
-    Args:
-        block: alphas at the point `i`, a column on, and a row on.
-        i: the first of them.
-        cutoff: of the material.
+    The alphas at the point, a column on and a row on are those of points `i` to `i + 2`.
     """
     here = block[at.ALPHA + i]
     slope = abs(block[at.ALPHA + i + 1] - here) + abs(block[at.ALPHA + i + 2] - here)
@@ -109,18 +106,7 @@ def cut_out(
 ) -> None:  # fmt: skip
     """Draw masked triangles on rows [first, last), as `raster.fill` draws opaque ones.
 
-    Args:
-        drawn: the triangles, in the order in which they are drawn.
-        rows: first row, and one beyond the last [px].
-        width: columns of the picture [px].
-        on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
-        mesh: the triangles.
-        paint: their materials.
-        most: largest disparity that is drawn in each pixel (h, w); (0, 0) where all is
-            [1 / scene unit].
-        disparity: changed: of each sample (4 h, width + PADDING) [1 / scene unit].
-        ids: changed: triangle of each sample (4 h, width + PADDING).
-        block: from `new_block`.
+    `most` (h, w) limits the disparity, (0, 0) does not; `block` is from `new_block`.
     """
     (numbers, whole), (shape, spans), count = block, on_screen, 0
     for n in range(len(drawn)):
@@ -198,9 +184,9 @@ def blend(
         width: columns of the picture [px].
         on_screen: the triangles on the screen, and first and last line of samples of each (F, 2).
         scene: what to shade with.
-        disparity: of the opaque surface at each sample (4 h, width + PADDING) [1 / scene unit].
-        passed: changed: share of light that gets through to each sample (4 h, width + PADDING).
-        front: changed: disparity of the nearest surface at each sample (4 h, width + PADDING).
+        disparity: of the opaque surface at each sample [1 / scene unit], as of `raster.fill`.
+        passed: changed: share of light that gets through to each sample, likewise.
+        front: changed: disparity of the nearest surface at each sample, likewise.
         rgba: changed: premultiplied linear light (h * width, 4).
         block: from `new_block`.
     """

@@ -113,9 +113,8 @@ def shade_rows(
         first: first row [px].
         last: one beyond the last row [px].
         width: columns of the picture [px].
-        ids: triangle of each sample (4 h, width + PADDING).
-        passed: share of light that what lies before lets through to each sample
-            (4 h, width + PADDING); (0, 0) where nothing does.
+        ids: triangle of each sample, as of `raster.fill`.
+        passed: share of light that reaches each sample, likewise; (0, 0) for all of it.
         scene: what to shade with.
         rgba: changed: premultiplied linear light (h * width, 4).
         block: from `new_block`.
@@ -172,18 +171,11 @@ def _steep(disparity: Float32, y: int, x: int, size: tuple[int, int], least: flo
 def resolve_depth(
     disparity: Float32, first: int, last: int, least: float, depth: Float32
 ) -> None:  # fmt: skip
-    """Fill in depths on rows [first, last).
+    """Fill in depths (h, w) on rows [first, last), +inf where nothing is [scene unit].
 
     Where all samples lie on one surface, their mean disparity, which is affine across the screen,
-    is that at the pixel's centre.
-
-    Args:
-        disparity: of each sample (4 h, width + PADDING), 0 where there is nothing
-            [1 / scene unit].
-        first: first row [px].
-        last: one beyond the last row [px].
-        least: disparity of a surface beyond all others [1 / scene unit].
-        depth: filled in (h, width), +inf where nothing is [scene unit].
+    is that at the pixel's centre. `least` is the disparity of a surface beyond all others, which
+    stands for nothing; a sample of 0 shows nothing [1 / scene unit].
     """
     size = depth.shape[0], depth.shape[1]
     for y in range(first, last):

@@ -111,15 +111,9 @@ def _moved(positions: Float32, corners: Corners, w: Float4) -> Vector:
 
 @inlined
 def _tilted(block: Float32, i: int, px: Vector, py: Vector, n: Vector, strength: float) -> Vector:
-    """A normal tilted by a texel of a normal map.
+    """A normal `n` tilted by the texel of a normal map of a strength at point `i`.
 
-    Args:
-        block: has the texel, and the change of its coordinates.
-        i: which point.
-        px: change of the surface's place by a column.
-        py: change by a row.
-        n: unit normal.
-        strength: of the map.
+    `px` and `py` are the changes of the surface's place by a column and a row.
     """
     ux, uy = (
         (block[at.U_ACROSS + i], block[at.V_ACROSS + i]),

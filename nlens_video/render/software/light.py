@@ -130,13 +130,10 @@ def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int,
 
 @kernel_of("void(f4[::1],f4[:,::1],i8,f4[:,::1])")
 def light(block: Float32, lamps: Float32, suns: int, ambient: Float32) -> None:
-    """Add the light that the points of a block reflect towards the eye.
+    """Add the light that the points of a block reflect towards the eye to their radiance.
 
-    Args:
-        block: changed: the points; their radiance holds what they emit.
-        lamps: numbers of the lamps (L, 16), those without a place first (`Lighting.lamps`).
-        suns: how many have no place.
-        ambient: light from around (9, 4), or (0, 4) where there is none.
+    `lamps` are the numbers of the lamps (L, 16), the first `suns` of them without a place
+    (`Lighting.lamp_rows`), `ambient` the light from around (9, 4), or (0, 4) where there is none.
     """
     for n in range(len(lamps)):
         if n < suns:

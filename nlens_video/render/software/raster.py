@@ -207,8 +207,8 @@ def fill_behind(
         drawn_shape: the triangles on the screen, and first and last line of samples of each (F, 2).
         most: largest disparity that is drawn in each pixel (h, w) [1 / scene unit].
         planes: from `triangles.set_up` (F, 16).
-        disparity: changed: of each sample (4 h, w + PADDING) [1 / scene unit].
-        ids: changed: triangle of each sample (4 h, w + PADDING).
+        disparity: changed, as by `fill`.
+        ids: changed.
     """
     shape, spans = drawn_shape
     width = most.shape[1]

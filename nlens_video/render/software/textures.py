@@ -222,12 +222,8 @@ def sample_texture(
 ) -> None:  # fmt: skip
     """Fill in a texture's colours, linear RGBA, at a run of points of a block.
 
-    Args:
-        block: changed: coordinates and their change are read, `TEXEL_R` to `TEXEL_A` written.
-        whole: changed.
-        run: which points.
-        atlas: texels, levels and table of an `Atlas`.
-        texture: which texture.
+    Their coordinates and the change of these are read, `TEXEL_R` to `TEXEL_A` written; `atlas` is
+    texels, levels and table of an `Atlas`.
     """
     texels, levels, table = atlas
     mag, least, base = table[texture, _MAG], table[texture, _MIN], table[texture, _FIRST]
