@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -160,10 +160,6 @@ def spread_px(rgba: np.ndarray) -> float:
     mass = alpha.sum()
     y, x = (alpha * rows).sum() / mass, (alpha * columns).sum() / mass
     return float(np.sqrt((alpha * ((rows - y) ** 2 + (columns - x) ** 2)).sum() / mass))
-
-
-def with_gain(card: Card, gain: float) -> Card:
-    return replace(card, gain=gain)
 
 
 def both(*of: Sequence[Card]) -> tuple[Card, ...]:
