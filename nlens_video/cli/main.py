@@ -129,7 +129,8 @@ def _dispatch(args: Namespace, console: Console) -> int:
     if args.command == "place":
         from nlens_video.cli.placement_sheet import write_contact_sheet
 
-        console.choices(args.output, write_contact_sheet(to_settings.place_settings(args)))
+        plate, placed = to_settings.source_settings(args), to_settings.place_settings(args)
+        console.choices(args.output, write_contact_sheet(plate, *placed, args.output))
         return 0
     if args.command in ("merge", "farm"):
         from nlens_video.cli import farm_commands

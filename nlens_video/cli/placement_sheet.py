@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -20,7 +21,7 @@ from nlens_video.core.placement import (
     focal_of_fov,
     fov_of_focal,
 )
-from nlens_video.core.settings import ALL, ObjectSettings, PlaceSettings, SourceSettings
+from nlens_video.core.settings import ALL, ObjectSettings, SourceSettings
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.scene.camera import Camera, contact_point, place_camera
 from nlens_video.scene.scene import Scene
@@ -41,8 +42,16 @@ _LINE, _PAPER, _INK = (255, 200, 60), 24, (235, 235, 235)  # BGR
 Bgr = npt.NDArray[np.uint8]
 
 
-def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
+def write_contact_sheet(
+    source: SourceSettings, objects: ObjectSettings, start: Placement, output: Path
+) -> tuple[str, ...]:
     """Draw the sharp object on the plate's first frame in nine placements, each with its options.
+
+    Args:
+        source: the plate.
+        objects: the object.
+        start: the placement that is varied.
+        output: the contact sheet, a PNG.
 
     Returns:
         The options that repeat each choice, in the order of their numbers.
@@ -53,18 +62,19 @@ def write_contact_sheet(settings: PlaceSettings) -> tuple[str, ...]:
         SceneError: the GLB cannot be used.
         OutputError: the sheet cannot be written.
     """
-    if settings.output.suffix.lower() != ".png":
-        raise UsageError(f"{settings.output}: the contact sheet is a PNG; name it OUT.png")
-    check_folder(settings.output)
-    scene = Scene.load(settings.scene.glb, settings.scene.playback, settings.scene.scene)
-    plate, focal = _first_frame(settings.source)
+    if output.suffix.lower() != ".png":
+        raise UsageError(f"{output}: the contact sheet is a PNG; name it OUT.png")
+    check_folder(output)
+    scene = Scene.load(objects.glb, objects.playback, objects.scene)
+    plate, focal = _first_frame(source)
     size = (plate.shape[1], plate.shape[0])
     focal = focal or ASSUMED_FOCAL_MM
-    shown = choices(settings.start, settings.scene.fov_deg, fov_of_focal(focal, size))
-    options = [choice.options(settings.scene) for choice in shown]
-    with replacing(settings.output) as partial:
-        if not cv2.imwrite(str(partial), _drawn(scene, plate, focal, shown, options, settings)):
-            raise OutputError(f"{settings.output}: cannot be written; is the disk full?")
+    shown = choices(start, objects.fov_deg, fov_of_focal(focal, size))
+    options = [choice.options(objects) for choice in shown]
+    sheet = _drawn(scene, plate, focal, objects.ground_y, shown, options)
+    with replacing(output) as partial:
+        if not cv2.imwrite(str(partial), sheet):
+            raise OutputError(f"{output}: cannot be written; is the disk full?")
     return tuple(" ".join(one) for one in options)
 
 
@@ -87,13 +97,13 @@ def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:
 
 
 def _drawn(
-    scene: Scene, plate: Bgr, focal: float, shown: Sequence[Choice],
-    options: Sequence[tuple[str, ...]], settings: PlaceSettings,
+    scene: Scene, plate: Bgr, focal: float, ground_y: float | None, shown: Sequence[Choice],
+    options: Sequence[tuple[str, ...]],
 ) -> Bgr:  # fmt: skip
     from nlens_video.render.select import choose_renderer
 
     vertices = scene.pose(0.0).vertices()
-    ground = contact_point(vertices, settings.scene.ground_y)
+    ground = contact_point(vertices, ground_y)
     width = plate.shape[1]
     with choose_renderer(scene) as renderer:
         stand = _Stand(vertices, ground, plate, focal, renderer)

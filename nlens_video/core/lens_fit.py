@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -17,6 +17,7 @@ Sign = Literal["resolved", "assumed", "ambiguous"]
 MODEL = "coc_px = slope * disparity + intercept"
 LARGEST_COC_PX = 1e9
 """CoC diameters are clamped to this: larger than any frame, its square still a float32 [px]."""
+_NUMBERS: dict[str, type[float] | type[int]] = {"float": float, "int": int}  # by annotation
 _LARGEST = 1e18  # magnitude of any number of a fit: its square is still a float32
 
 
@@ -123,23 +124,12 @@ class LensFit:
         if not isinstance(raw, dict) or raw.get("model", MODEL) != MODEL:
             raise LensFitError(f'{source}: expected an object with "model": "{MODEL}"')
         known: dict[str, object] = {}
-        for name, kind in (
-            ("slope", float),
-            ("intercept", float),
-            ("slope_stderr", float),
-            ("intercept_stderr", float),
-            ("rmse_px", float),
-            ("inlier_fraction", float),
-            ("sign_margin", float),
-            ("n", int),
-            ("width", int),
-            ("height", int),
-            ("frame", int),
-        ):
-            if name not in raw:
-                if name in ("slope", "intercept", "width", "height"):
-                    raise LensFitError(f'{source}: "{name}" is missing; it must be a number')
+        for field in fields(cls):
+            name, kind = field.name, _NUMBERS.get(str(field.type))
+            if kind is None or (name not in raw and field.default is not MISSING):
                 continue
+            if name not in raw:
+                raise LensFitError(f'{source}: "{name}" is missing; it must be a number')
             value = raw[name]
             number = isinstance(value, int | float) and not isinstance(value, bool)
             size = name.endswith("_stderr") or name == "rmse_px"

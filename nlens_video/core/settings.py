@@ -169,23 +169,6 @@ class ObjectSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceSettings:
-    """One run of `nlens-video place`.
-
-    Attributes:
-        source: the plate.
-        scene: the object.
-        start: the placement that is varied.
-        output: the contact sheet, a PNG.
-    """
-
-    source: SourceSettings
-    scene: ObjectSettings
-    start: Placement
-    output: Path
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class OutputSettings:
     """The result and its encoding; None keeps what the source has.
 

@@ -13,7 +13,6 @@ from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
-    PlaceSettings,
     Playback,
     RealSettings,
     Settings,
@@ -79,16 +78,11 @@ def object_settings(args: argparse.Namespace) -> ObjectSettings:
     )
 
 
-def place_settings(args: argparse.Namespace) -> PlaceSettings:
-    """Settings of `place`."""
-    return PlaceSettings(
-        source=source_settings(args),
-        scene=ObjectSettings(
-            **_given(args, "scene"), playback=Playback(**_given(args, "playback"))
-        ),
-        start=replace(_START, **_given(args, "placing")),
-        output=args.output,
-    )
+def place_settings(args: argparse.Namespace) -> tuple[ObjectSettings, Placement]:
+    """The object of `place`, and the placement that is varied."""
+    playback = Playback(**_given(args, "playback"))
+    objects = ObjectSettings(**_given(args, "scene"), playback=playback)
+    return objects, replace(_START, **_given(args, "placing"))
 
 
 def _given(args: argparse.Namespace, owner: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -178,6 +178,7 @@ class _PrimitiveReader:
         return values
 
     def _faces(self, item: Fields, mode: int, count: int) -> Int32:
+        indices = np.arange(count)
         if "indices" in item:
             indices = self.accessors.integers(self._index(item, "indices")).ravel()
             if int(indices.max()) >= count or int(indices.min()) < 0:
@@ -185,8 +186,6 @@ class _PrimitiveReader:
                     f"{item.place}.indices points to vertex {int(indices.max())} of {count}; "
                     "the file is damaged"
                 )
-        else:
-            indices = np.arange(count)
         return _triangles(indices, mode).astype(np.int32)
 
     def _uv(self, attributes: Fields, count: int) -> Float32:
@@ -256,23 +255,15 @@ def _triangles(indices: npt.NDArray[np.int64], mode: int) -> npt.NDArray[np.int6
 def _unwelded(geometry: Geometry) -> Geometry:
     """The same with a vertex of its own for each corner, so that each face can have its normal."""
     corners = geometry.faces.ravel()
-
-    def split(values: npt.NDArray[np.generic] | None) -> npt.NDArray[np.generic] | None:
-        return None if values is None else values[corners]
-
     faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
     positions = geometry.positions[corners]
-    return Geometry(
-        name=geometry.name,
-        positions=positions,
-        normals=np.repeat(face_normals(positions, faces), 3, axis=0),
-        faces=faces,
-        uv=geometry.uv[corners],
-        colors=split(geometry.colors),  # type: ignore[arg-type]
-        material=geometry.material,
-        flat=True,
-        joints=split(geometry.joints),  # type: ignore[arg-type]
-        weights=split(geometry.weights),  # type: ignore[arg-type]
-        targets=None if geometry.targets is None else geometry.targets[:, corners],
-        target_normals=None,
+    targets = None if geometry.targets is None else geometry.targets[:, corners]
+    by_vertex = {
+        name: values[corners]
+        for name in ("uv", "colors", "joints", "weights")
+        if (values := getattr(geometry, name)) is not None
+    }
+    normals = np.repeat(face_normals(positions, faces), 3, axis=0)
+    return replace(
+        geometry, positions=positions, normals=normals, faces=faces, targets=targets, **by_vertex
     )
