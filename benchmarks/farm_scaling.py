@@ -232,16 +232,13 @@ class Simulation:
 
     def _answer(self, task: Task) -> object:
         if task.work is Worker.prepare:
-            settings, _, piece_s = task.arguments
-            assert isinstance(settings, Settings) and isinstance(piece_s, float)
+            _, _, piece_s = task.arguments
+            assert isinstance(piece_s, float)
             marks = tuple(
                 ChunkMark(key="0" * 16, plate="0" * 16, first=first, end=end)
                 for first, end in ranges(self.footage.frames, round(piece_s * RATE))
             )
-            return Prepared(
-                settings=settings, fit=None, marks=marks, frames=self.footage.frames,
-                frame_s=1 / RATE,
-            )  # fmt: skip
+            return Prepared(fit=None, marks=marks, frames=self.footage.frames, frame_s=1 / RATE)
         if task.work in (Worker.merge, Worker.whole):
             return Merged(output="", frames=self.footage.frames, chunks=0, notes=())
         return None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
-from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import requested_effects
 from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.merge import Merged, merge
@@ -32,14 +32,12 @@ class Prepared:
     """A shot that is ready for rendering in chunks.
 
     Attributes:
-        settings: the run, with the lens fit if one was given.
         fit: name of the lens fit in the store, None where it was given or is not needed.
         marks: the chunks, in order; together the whole plate.
         frames: of the plate [1].
         frame_s: frame interval [s].
     """
 
-    settings: Settings
     fit: str | None
     marks: tuple[ChunkMark, ...]
     frames: int
@@ -63,9 +61,7 @@ def run_job(
         OutputError: the folder cannot be created, or another run is using it.
         NlensError: as `run.render` and `merge`.
     """
-    if settings.output is None:
-        raise UsageError("no output was named")
-    check_chunkable(settings)
+    output = check_chunkable(settings)
     with opened(settings.source) as plate:
         preflight(settings, plate.info)
     store = Folder(folder)
@@ -82,10 +78,10 @@ def run_job(
             on_progress(done, prepared.frames)
 
         if missing:
-            fitted = with_stored_fit(prepared.settings, prepared.fit, store)
+            fitted = with_stored_fit(settings, prepared.fit, store)
             render_all(fitted, missing, folder, finished)
         files = [folder / mark.file_name for mark in prepared.marks]
-        return merge(settings.source, files, settings.output)
+        return merge(settings.source, files, output)
 
 
 def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
@@ -105,16 +101,9 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
     fit = _found_fit(settings, store, counted.append)
     frames = counted[0] if counted else _count_frames(settings.source)
     whole = mark_of(with_stored_fit(settings, fit, store))
-    return Prepared(
-        settings=settings,
-        fit=fit,
-        marks=tuple(
-            replace(whole, first=first, end=end)
-            for first, end in ranges(frames, max(1, round(chunk_s / seconds)))
-        ),
-        frames=frames,
-        frame_s=seconds,
-    )
+    parts = ranges(frames, max(1, round(chunk_s / seconds)))
+    marks = tuple(replace(whole, first=first, end=end) for first, end in parts)
+    return Prepared(fit=fit, marks=marks, frames=frames, frame_s=seconds)
 
 
 def ranges(frames: int, length: int) -> Iterator[tuple[int, int]]:
@@ -147,8 +136,8 @@ def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], Non
     return name
 
 
-def check_chunkable(settings: Settings) -> None:
-    """Check that a run can be rendered in chunks.
+def check_chunkable(settings: Settings) -> OutputSettings:
+    """Check that a run can be rendered in chunks; returns its output.
 
     Raises:
         UsageError: an option or the output does not allow it.
@@ -163,8 +152,11 @@ def check_chunkable(settings: Settings) -> None:
             raise UsageError(f"{option}: chunks are made of all frames and only them; leave it out")
     if settings.save_fit is not None:
         raise UsageError("--save-fit: belongs to single runs; keep the lens with nlens-video fit")
-    if settings.output is not None and is_stream(settings.output.spec):
+    if settings.output is None:
+        raise UsageError("no output was named")
+    if is_stream(settings.output.spec):
         raise UsageError(f"{settings.output.spec}: chunks are merged into a file; name one")
+    return settings.output
 
 
 def _count_frames(source: SourceSettings) -> int:

@@ -9,7 +9,7 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any, cast
 
-from nlens_video.core.errors import NlensError, UsageError
+from nlens_video.core.errors import NlensError
 from nlens_video.core.settings import Settings
 from nlens_video.farm.job import PIECE_S, Prepared, check_chunkable, length_of
 from nlens_video.farm.merge import Merged
@@ -39,8 +39,6 @@ class Shot:
     chunk_s: float
 
     def __post_init__(self) -> None:
-        if self.settings.output is None:
-            raise UsageError("no output was named")
         check_chunkable(self.settings)
 
 
@@ -122,7 +120,7 @@ def plan(shot: Shot, progress: Progress) -> Plan:
         return Task(
             f"frames {pieces[0].first} to {pieces[-1].end} of {name}",
             Worker.chunk,
-            (prepared.settings, prepared.fit, pieces, shot.store),
+            (shot.settings, prepared.fit, pieces, shot.store),
             tuple(shot.store.local / mark.file_name for mark in pieces),
             lambda answer: progress.rendered(frames),
         )
@@ -131,7 +129,7 @@ def plan(shot: Shot, progress: Progress) -> Plan:
         whole = Task(
             name,
             Worker.whole,
-            (prepared.settings, prepared.fit, prepared.frames, shot.store),
+            (shot.settings, prepared.fit, prepared.frames, shot.store),
             result,
             lambda answer: progress.rendered(prepared.frames),
         )

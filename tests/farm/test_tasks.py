@@ -61,7 +61,7 @@ def planned(chunk_s, frames, tmp_path, there=(), rate=24):
         ChunkMark(key="0" * 16, plate="1" * 16, first=first, end=end)
         for first, end in ranges(frames, max(1, round(fit.arguments[2] * rate)))
     )
-    prepared = Prepared(settings=settings(), fit=None, marks=marks, frames=frames, frame_s=1 / rate)
+    prepared = Prepared(fit=None, marks=marks, frames=frames, frame_s=1 / rate)
     return shot.send([prepared]), fit.arguments[2], told
 
 
