@@ -12,7 +12,7 @@ from nlens_video.cli.console import Console
 from nlens_video.cli.output_files import check_outputs
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
-from nlens_video.farm.chunk import render_chunk, render_locally
+from nlens_video.farm.chunk import render_chunk
 from nlens_video.farm.job import PIECE_S, absolute, run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, store_of
@@ -111,7 +111,7 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
     folder = chunks_beside(Path(args.output))
     try:
         with console.progress_bar() as on_progress:
-            merged = run_job(settings, folder, PIECE_S, render_locally, on_progress)
+            merged = run_job(settings, folder, PIECE_S, on_progress)
     except BaseException as error:
         if folder.is_dir():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")

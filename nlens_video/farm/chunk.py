@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
@@ -109,20 +108,6 @@ def write_chunks(
     create(folder)
     run = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
     return render(run, on_progress, feed)
-
-
-def render_locally(
-    settings: Settings, marks: Sequence[ChunkMark], folder: Path,
-    on_done: Callable[[ChunkMark], None],
-) -> None:  # fmt: skip
-    """Render chunks in order by one run in this process; `on_done` is called with each.
-
-    Raises:
-        NlensError: as `run.render`.
-    """
-    feed = ChunkFeed(marks, on_done)
-    feed.end()
-    write_chunks(settings, feed, folder)
 
 
 def job_key(settings: Settings) -> str:

@@ -11,17 +11,14 @@ from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import requested_effects
-from nlens_video.farm.chunk import mark_of
+from nlens_video.farm.chunk import mark_of, write_chunks
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
 from nlens_video.run.open_run import frame_s, opened
 from nlens_video.run.preflight import preflight
 from nlens_video.run.render import OnProgress, find_fit
-from nlens_video.video.chunk_queue import ChunkMark
+from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
 from nlens_video.video.output.stream_output import is_stream
-
-RenderAll = Callable[[Settings, list[ChunkMark], Path, Callable[[ChunkMark], None]], None]
-"""Renders chunks of a run into a folder and calls back with each finished one."""
 
 PIECE_S = 2.0
 """Length of one file of frames, which is what a killed run or a lost worker loses [s]."""
@@ -44,16 +41,13 @@ class Prepared:
     frame_s: float
 
 
-def run_job(
-    settings: Settings, folder: Path, chunk_s: float, render_all: RenderAll, on_progress: OnProgress
-) -> Merged:
-    """Fit the lens, render the missing chunks, merge.
+def run_job(settings: Settings, folder: Path, chunk_s: float, on_progress: OnProgress) -> Merged:
+    """Fit the lens, render the missing chunks by one run in this process, merge.
 
     Args:
         settings: the run.
         folder: of chunks and fit; created if missing.
         chunk_s: length of a chunk, > 0 [s].
-        render_all: renders chunks.
         on_progress: called with (frames rendered, frames in all).
 
     Raises:
@@ -78,8 +72,9 @@ def run_job(
             on_progress(done, prepared.frames)
 
         if missing:
-            fitted = with_stored_fit(settings, prepared.fit, store)
-            render_all(fitted, missing, folder, finished)
+            feed = ChunkFeed(missing, finished)
+            feed.end()
+            write_chunks(with_stored_fit(settings, prepared.fit, store), feed, folder)
         files = [folder / mark.file_name for mark in prepared.marks]
         return merge(settings.source, files, output)
 

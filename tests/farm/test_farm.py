@@ -14,7 +14,7 @@ from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import UsageError
-from nlens_video.farm.chunk import render_locally
+from nlens_video.farm import job
 from nlens_video.farm.job import prepare, ranges, run_job
 from nlens_video.farm.store import Folder
 from nlens_video.networks.device import choose
@@ -105,24 +105,24 @@ def test_termination_signal_is_handled_during_and_after_a_ray_session():
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-def test_job_renders_only_missing_chunks(shot, whole):
-    """With a plain loop in place of a cluster."""
+def test_job_renders_only_missing_chunks(shot, whole, monkeypatch):
     run = settings(parse(["farm", *arguments(shot, "loop.mkv")]))
     rendered = []
 
-    def loop(known, marks, folder, on_done):
-        for mark in marks:
+    class RecordedFeed(job.ChunkFeed):
+        def add(self, mark):
             rendered.append(mark.first)
-            render_locally(known, [mark], folder, on_done)
+            super().add(mark)
 
+    monkeypatch.setattr(job, "ChunkFeed", RecordedFeed)
     told = []
     for _ in range(2):
-        run_job(run, shot / "loop", 0.2, loop, lambda done, total: told.append((done, total)))
+        run_job(run, shot / "loop", 0.2, lambda done, total: told.append((done, total)))
     assert rendered == [0, 5, 10]
     assert told == [(0, 12), (5, 12), (10, 12), (12, 12), (12, 12)]
     shots.assert_same_frames(whole, shot / "loop.mkv")
     next((shot / "loop").glob("*-00000005-*.nut")).unlink()
-    run_job(run, shot / "loop", 0.2, loop, lambda done, total: None)
+    run_job(run, shot / "loop", 0.2, lambda done, total: None)
     assert rendered == [0, 5, 10, 5]
 
 
@@ -215,5 +215,5 @@ def test_farm_refuses_options_of_single_runs(shot, tmp_path):
     for more in (["--range", "2:4"], ["--timings", "t.json"], ["--report", "r"]):
         run = settings(parse(["farm", *arguments(shot, "no.mkv", *more)]))
         with pytest.raises(UsageError, match=f"{more[0]}: chunks are made of all frames"):
-            run_job(run, tmp_path, 1.0, None, None)
+            run_job(run, tmp_path, 1.0, None)
     assert not list(Path(tmp_path).iterdir())
