@@ -21,7 +21,7 @@ from nlens_video.check.judge import (
     objects_among,
     shadows_among,
 )
-from nlens_video.check.measure import Measures, Measuring, SoundPair
+from nlens_video.check.measure import Measures, SoundPair
 from nlens_video.check.regions import Track
 from nlens_video.check.verdict import Verdict, write_page
 from nlens_video.core import signals
@@ -98,7 +98,7 @@ def compare(
     with open_source(plate.spec, **plate.hints) as given, open_source(result) as made:
         _check_sizes(given, made)
         bases = (given.info.time_base, made.info.time_base)
-        measuring = Measuring(float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S)
+        measures = Measures(tick_s=float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S)
         codecs = [
             [one.codec for one in source.info.copied if one.type == "audio"]
             for source in (given, made)
@@ -112,11 +112,10 @@ def compare(
         with closing(frames[0]), closing(frames[1]):
             for pair in pair_frames(*frames):
                 signals.check()
-                measuring.add(pair)
+                measures.add(pair)
     if not readers[0].count:
         begin, end = plate.frames
         raise UsageError(f"--range {begin}:{end or ''}: {plate.spec} has no such frames")
-    measures = measuring.measures
     tracks = objects_among(measures, objects)
     found = judge_frames(measures)
     for track in tracks:

@@ -34,9 +34,10 @@ SOUND_LIMIT_S = 0.04
 
 @dataclass(slots=True)
 class Measures:
-    """Measures of all pairs.
+    """Measures of all pairs, which are added in order.
 
     Attributes:
+        tick_s: rounding of times by the clocks of both containers [s].
         tracks: the regions in which the result differs.
         dropped: indices of the plate's frames that the result lacks.
         added: indices of the result's frames that the plate lacks.
@@ -46,7 +47,10 @@ class Measures:
         noise: median difference of a block of each pair, which is due to encoding [level].
         worst_late_s: largest delay of a frame [s].
         pairs: compared so far [1].
+        previous: the result's frame of the pair before.
     """
+
+    tick_s: float = 0.0
 
     tracks: Tracks = field(default_factory=Tracks)
     dropped: array[int] = field(default_factory=lambda: array("q"))
@@ -56,50 +60,37 @@ class Measures:
     noise: array[float] = field(default_factory=lambda: array("d"))
     worst_late_s: float = 0.0
     pairs: int = 0
-
-
-class Measuring:
-    """Measures pairs in order; keeps one frame of the result.
-
-    Args:
-        tick_s: rounding of times by the clocks of both containers [s].
-    """
-
-    def __init__(self, tick_s: float) -> None:
-        self.measures = Measures()
-        self._tick_s = tick_s
-        self._last: FrameFeatures | None = None
+    previous: FrameFeatures | None = None
 
     def add(self, pair: Pair | Unpaired) -> None:
         """Measure the next pair, or count a frame without a partner."""
-        measures = self.measures
         if isinstance(pair, Unpaired):
-            (measures.dropped if pair.dropped else measures.added).append(pair.index)
+            (self.dropped if pair.dropped else self.added).append(pair.index)
             return
-        measures.pairs += 1
-        measures.worst_late_s = max(measures.worst_late_s, pair.delay_s, key=abs)
-        if abs(pair.delay_s) > self._tick_s:
-            measures.late.append((pair.result.index, pair.delay_s))
+        self.pairs += 1
+        self.worst_late_s = max(self.worst_late_s, pair.delay_s, key=abs)
+        if abs(pair.delay_s) > self.tick_s:
+            self.late.append((pair.result.index, pair.delay_s))
         shift = _shift(pair)
         if shift:
-            measures.shifted.append((pair.result.index, shift))
+            self.shifted.append((pair.result.index, shift))
         else:
             self._compare(pair)
-        self._last = pair.result
+        self.previous = pair.result
 
     def _compare(self, pair: Pair) -> None:
         difference = np.abs(pair.result.colour - pair.plate.colour).max(axis=2)
         noise = float(np.median(difference))
-        self.measures.noise.append(noise)
+        self.noise.append(noise)
         tolerance = LEAST_TOLERANCE + NOISE_FACTOR * noise
-        tracks = self.measures.tracks.follow(pair.result.index, difference, tolerance)
+        tracks = self.tracks.follow(pair.result.index, difference, tolerance)
         changed: Mask = np.zeros(difference.shape, bool)
         for track in tracks:
             changed |= track.mask
         gain = _detail_gain(pair, ~changed)
         motion = None
-        if self._last is not None:
-            motion = block_mean(np.abs(pair.result.luma - self._last.luma))
+        if self.previous is not None:
+            motion = block_mean(np.abs(pair.result.luma - self.previous.luma))
         for track in tracks:
             _append(track, pair.result, difference, gain, motion)
             track.shadowed.append(_is_shadow(pair, track.mask, tolerance))

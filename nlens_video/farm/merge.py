@@ -166,12 +166,7 @@ def _replace_samples(frame: SourceFrame, file: ChunkFile, rendered: av.VideoFram
 
 
 def _sorted(files: list[ChunkFile], plate: str, name: str) -> list[ChunkFile]:
-    """The chunks, at least one, in order of their frames.
-
-    Args:
-        files: in any order.
-        plate: key of the plate.
-        name: of the plate, for messages.
+    """The chunks, at least one, in order of their frames; `plate` is the key, `name` the file.
 
     Raises:
         UsageError: they are not of one result, overlap, or leave a gap.
