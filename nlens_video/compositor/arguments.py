@@ -16,7 +16,7 @@ from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides, as_aperture
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.effects.planner import EFFECTS, requested_effects
+from nlens_video.effects.planner import EFFECTS, EffectRequest
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.options.option import Option
@@ -99,7 +99,7 @@ def as_lens(
         LensFitError: the saved fit cannot be read.
     """
     load_pipeline(args.preset)
-    requested_effects(args.effects)
+    EffectRequest.parse(args.effects)
     given = lens_overrides(args)
     if args.shutter is not None and shutter_deg is not None:
         raise UsageError("shutter and shutter_deg are the same; leave one of them out")

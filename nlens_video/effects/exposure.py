@@ -1,9 +1,9 @@
-"""Exposure and white balance of the plate over the shot, which the object follows.
+"""Exposure drift: exposure and white balance of the plate over the shot, applied to the object.
 
-The object was lit for the first frame. Each later frame is compared with one before it, made small:
-the median of the ratio of their light is the change of the exposure, whatever moves in less than
-half of the picture. Where the camera moves the pictures are laid over each other first. Where they
-cannot be compared (a cut, a whip pan) the last known change stands.
+The object is lit for the first frame. Each later frame is compared with an earlier one at a small
+size: the median ratio of their light is the change of the exposure, whatever moves in less than
+half of the picture. Where the camera moves, the pictures are registered first. Where they cannot be
+compared (a cut, a whip pan), the last known change holds.
 """
 
 from __future__ import annotations
@@ -12,21 +12,22 @@ import math
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Float32, Float64, Picture
-from nlens_video.effects.exposure_kernels import take_change, take_stops
 
-NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is followed in full
+NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is applied in full
+DARKEST, BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from white [1]
 _SIZE = (40, 24)  # columns and rows that a picture is compared at [px]
-_LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio, above which it tells nothing
-_LEAST_SHARE = 0.25  # of the picture that must be there to compare
+_LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio up to which it is usable
+_LEAST_SHARE = 0.25  # of the picture that both must show
 _MID_GREY, _GAMMA = 118.0, 2.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """Light of a frame by that of the first one.
+    """Light of a frame relative to the first one.
 
     Attributes:
         gains: of red, green and blue [1].
@@ -36,12 +37,12 @@ class Exposure:
 
     @property
     def levels(self) -> float:
-        """By how much mid grey changes, in the channel that changes most [8-bit levels]."""
+        """Largest change of mid grey in any channel [8-bit levels]."""
         return max(abs(_levels(math.log2(gain))) for gain in self.gains)
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
+class _Keyframe:
     """A small picture and the change of the exposure at it.
 
     Attributes:
@@ -57,25 +58,27 @@ class MeasureExposure:
     """Measures each frame of a shot against those before it; frames come in order."""
 
     def __init__(self) -> None:
-        self._anchor: _Seen | None = None
-        self._last: _Seen | None = None
+        self._anchor: _Keyframe | None = None
+        self._last: _Keyframe | None = None
 
     def __call__(self, picture: Picture) -> Exposure:
         """Measure one frame."""
-        stops = _stops(picture.reduced(*_SIZE))
+        light = picture.reduced(*_SIZE)
+        stops = np.empty_like(light)
+        take_stops(light, stops)
         if self._anchor is None or self._last is None:
-            seen = _Seen(stops, np.zeros(3))
+            seen = _Keyframe(stops, np.zeros(3))
             self._anchor = seen
         else:
             change = _change(self._anchor, stops)
             if change is not None:
-                seen = _Seen(stops, change)
-            else:  # what the first picture showed has gone out of view: go on from the last one
+                seen = _Keyframe(stops, change)
+            else:  # the anchor is out of view: compare with the last picture
                 change = _change(self._last, stops)
-                seen = _Seen(stops, self._last.change if change is None else change)
+                seen = _Keyframe(stops, self._last.change if change is None else change)
                 self._anchor = seen
         self._last = seen
-        return Exposure(gains=_followed(seen.change))
+        return Exposure(gains=_gains(seen.change))
 
 
 def match_exposure(layer: BlurredLayer, exposure: Exposure) -> BlurredLayer:
@@ -91,14 +94,7 @@ def match_exposure(layer: BlurredLayer, exposure: Exposure) -> BlurredLayer:
     return BlurredLayer(box=layer.box, rgba=layer.rgba * gains)
 
 
-def _stops(light: Float32) -> Float32:
-    """Logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
-    stops = np.empty_like(light)
-    take_stops(light, stops)
-    return stops
-
-
-def _followed(change: Float64) -> tuple[float, float, float]:
+def _gains(change: Float64) -> tuple[float, float, float]:
     """Gains for a change [stops]: none for a small one, and no jump between the two."""
     parts = change.tolist()
     levels = max(abs(_levels(part)) for part in parts)
@@ -112,20 +108,20 @@ def _levels(stops: float) -> float:
     return float(_MID_GREY * (2.0 ** (stops / _GAMMA) - 1.0))
 
 
-def _change(before: _Seen, stops: Float32) -> Float64 | None:
-    """Change of the exposure since the first frame (3,) [stops]; None where nothing tells it."""
+def _change(before: _Keyframe, stops: Float32) -> Float64 | None:
+    """Change of the exposure since the first frame (3,) [stops]; None where it is unknown."""
     there = np.empty(3)
     told = take_change(before.stops, stops, _LEAST_SHARE, _LARGEST_SPREAD_STOPS, there)
     if not told:
-        moved = _laid_over(before.stops, stops)
+        moved = _registered(before.stops, stops)
         if moved is None:
             return None
         told = take_change(moved, stops, _LEAST_SHARE, _LARGEST_SPREAD_STOPS, there)
     return before.change + there if told else None
 
 
-def _laid_over(before: Float32, now: Float32) -> Float32 | None:
-    """The earlier small picture where the later one shows the same; NaN beyond it."""
+def _registered(before: Float32, now: Float32) -> Float32 | None:
+    """The earlier small picture registered to the later one; NaN beyond it."""
     if min(np.isfinite(part).mean() for part in (before, now)) < _LEAST_SHARE:
         return None
     window = cv2.createHanningWindow(_SIZE, cv2.CV_32F)
@@ -139,3 +135,96 @@ def _laid_over(before: Float32, now: Float32) -> Float32 | None:
             before, shift, _SIZE, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,) * 3
         )
     )
+
+
+@numba.njit("void(f4[:,:,::1],f4[:,:,::1])", cache=True, nogil=True)
+def take_stops(light: Float32, stops: Float32) -> None:
+    """Fill in logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
+    for i in range(light.shape[0]):
+        for j in range(light.shape[1]):
+            known = True  # false for NaN, too
+            for k in range(3):
+                known &= np.float32(DARKEST) <= light[i, j, k] <= np.float32(BRIGHTEST)
+            for k in range(3):
+                stops[i, j, k] = np.log2(light[i, j, k]) if known else np.float32(math.nan)
+
+
+@numba.njit(cache=True, nogil=True)
+def median_of(values: Float32) -> float:
+    """The value of rank n // 2, from 0, among n finite ones.
+
+    Bisects the range of values, since counting takes no branch: a partition took four times as
+    long.
+    """
+    half = len(values) // 2
+    keys = values.view(np.int32)
+    keys = keys ^ ((keys >> 31) & np.int32(0x7FFFFFFF))  # in the order of the values
+    low, high = np.int64(keys.min()), np.int64(keys.max())
+    while low < high:
+        middle = np.int32((low + high) >> 1)
+        below = np.int32(0)
+        for key in keys:
+            below += np.int32(key <= middle)
+        if below > half:
+            high = np.int64(middle)
+        else:
+            low = np.int64(middle) + 1
+    key = np.int32(low)
+    bits = np.int32(key ^ ((key >> 31) & np.int32(0x7FFFFFFF)))
+    return bits.view(np.float32)  # type: ignore[return-value]  # single, like the values
+
+
+@numba.njit("b1(f4[:,:,::1],f4[:,:,::1],f8,f8,f8[::1])", cache=True, nogil=True)
+def take_change(
+    before: Float32, now: Float32, least_share: float, most_spread: float, change: Float64
+) -> bool:
+    """Fill in the median (3,) of the change from one picture (h, w, 3) to another [stops].
+
+    Args:
+        before: stops of the one.
+        now: stops of the other.
+        least_share: of the picture that must be known in both [1].
+        most_spread: median deviation up to which it is the same in most places.
+        change: the result.
+
+    Returns:
+        Whether it is usable.
+    """
+    places = before.shape[0] * before.shape[1]
+    ratios = np.empty((3, places), np.float32)
+    count = 0
+    for i in range(before.shape[0]):
+        for j in range(before.shape[1]):
+            if math.isnan(before[i, j, 0]) or math.isnan(now[i, j, 0]):
+                continue
+            for k in range(3):
+                ratios[k, count] = now[i, j, k] - before[i, j, k]
+            count += 1
+    if count < least_share * places:
+        return False
+    for k in range(3):
+        known = ratios[k, :count]
+        middle = median_of(known)
+        if not median_of(np.abs(known - middle)) < most_spread:
+            return False
+        change[k] = middle
+    return True
+
+
+def stops_reference(light: Float32) -> Float64:
+    """NumPy reference of `take_stops`."""
+    lost = (light.min(axis=2) < DARKEST) | (light.max(axis=2) > BRIGHTEST)
+    return np.where(lost[..., None], np.nan, np.log2(np.maximum(light, 1e-6, dtype=np.float64)))
+
+
+def change_reference(
+    before: Float32, now: Float32, least_share: float, most_spread: float
+) -> Float64 | None:
+    """NumPy reference of `take_change`; None where it is not usable."""
+    ratio = (now - before).reshape(-1, 3)
+    known = ratio[np.isfinite(ratio).all(axis=1)]
+    if len(known) < least_share * len(ratio):
+        return None
+    middle = np.sort(known, axis=0)[len(known) // 2]
+    spread = np.sort(np.abs(known - middle), axis=0)[len(known) // 2]
+    return middle.astype(np.float64) if spread.max() < most_spread else None

@@ -1,7 +1,6 @@
-"""What a shot's first pictures say about the camera beside its focus.
+"""Measurements of the camera's effects beside defocus, on a shot's first pictures.
 
-Each effect has a module that measures it and nothing else; a module is imported when its effect is
-asked about.
+Each effect has a module that measures it, imported only when that effect may be simulated.
 """
 
 from __future__ import annotations
@@ -13,8 +12,11 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import cast
 
+import numpy as np
+
 from nlens_video import effects
-from nlens_video.core.layers import Picture
+from nlens_video.core.color import transfer
+from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.core.optics import Distortion, LensOverrides, Vignetting
 
 
@@ -39,22 +41,22 @@ PLATE_EFFECTS: Mapping[str, str] = {
 }
 """Effect to the module whose `measure(pictures)` detects it."""
 
-MOST_PICTURES = 8
-"""How many pictures of a shot are looked at, the first one included."""
+MOST_PICTURES = 8  # of a shot that are measured, the first one included
+_MOST_COLUMNS, _MOST_ROWS = 1280, 720
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurement:
-    """How strong an effect is on the plate.
+    """Strength of an effect on the plate.
 
     Attributes:
         effect: its name.
-        value: how strong, in `unit`.
-        threshold: from where on it would be missed.
+        value: its strength, in `unit`.
+        threshold: least strength that is visible.
         unit: of both, in visible terms.
-        evidence: what was looked at and found, in words.
-        model: what the stage simulates with, None where the plate does not show enough.
-        cost_ms: what a frame of this size is expected to cost [ms].
+        evidence: what was found, for people.
+        model: parameters of the simulation, None where the plate does not show enough.
+        cost_ms: expected cost of a frame of this size [ms].
     """
 
     effect: str
@@ -67,20 +69,12 @@ class Measurement:
 
     @property
     def called_for(self) -> bool:
-        """Whether a person would miss it."""
+        """Whether the effect is visible."""
         return self.model is not None and self.value >= self.threshold
 
 
 def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[str, Measurement]:
-    """Look for some effects on a shot's first pictures.
-
-    Args:
-        effects: names of `PLATE_EFFECTS`.
-        pictures: the first ones, in order; left as they are.
-
-    Returns:
-        A measurement of each, in the order of `PLATE_EFFECTS`; none where there is no picture.
-    """
+    """Measure some of `PLATE_EFFECTS`, in their order, on a shot's first pictures, if any."""
     found = {}
     for effect in PLATE_EFFECTS:
         if effect in effects and pictures:
@@ -91,20 +85,20 @@ def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[
 
 
 def overridden(optics: LensOverrides) -> dict[str, Measurement]:
-    """A measurement for each effect that a person has said the strength of, 0 included."""
-    told = {}
+    """A measurement for each effect whose strength is given by an option, 0 included."""
+    given = {}
     if optics.vignetting_stops is not None:
         stops = optics.vignetting_stops
         model = Vignetting.of(stops) if stops else None
-        told["vignetting"] = _said("vignetting", stops, "stops at the corner", model)
+        given["vignetting"] = _given("vignetting", stops, "stops at the corner", model)
     if optics.distortion is not None:
         k1, k2 = optics.distortion
-        bent = Distortion(k1=k1, k2=k2, focal_normalized=True) if k1 or k2 else None
-        told["distortion"] = _said("distortion", abs(k1) + abs(k2), "of k1 and k2", bent)
-    return told
+        distortion = Distortion(k1=k1, k2=k2, focal_normalized=True) if k1 or k2 else None
+        given["distortion"] = _given("distortion", abs(k1) + abs(k2), "of k1 and k2", distortion)
+    return given
 
 
-def _said(effect: str, value: float, unit: str, model: object | None) -> Measurement:
+def _given(effect: str, value: float, unit: str, model: object | None) -> Measurement:
     return Measurement(
         effect=effect,
         value=value,
@@ -114,3 +108,17 @@ def _said(effect: str, value: float, unit: str, model: object | None) -> Measure
         model=model,
         cost_ms=0.0,
     )
+
+
+def middle_codes(picture: Picture) -> Float32:
+    """Display-coded sRGB of a picture, of its middle where it is large (H, W, 3).
+
+    Noise and sharpness are measured at full size, but need not be measured everywhere.
+    """
+    width, height = min(picture.width, _MOST_COLUMNS), min(picture.height, _MOST_ROWS)
+    if (width, height) == (picture.width, picture.height):
+        return picture.srgb()
+    left, top = (picture.width - width) // 2, (picture.height - height) // 2
+    linear = picture.linear(Box(left, top, left + width, top + height))
+    clipped = np.clip(linear, 0.0, 1.0).astype(np.float64)
+    return transfer("iec61966-2-1").to_coded(clipped).astype(np.float32)

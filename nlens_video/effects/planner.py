@@ -1,14 +1,15 @@
-"""Which effects are simulated, and why."""
+"""Decides which effects are simulated, and why: by `--effects`, or by what the shot calls for."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from typing import Literal, cast, get_args
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import Shutter
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
-from nlens_video.effects.request import EffectRequest
 
 DEFOCUS = "defocus"
 SHADOW = "shadow"
@@ -16,22 +17,95 @@ MOTION_BLUR = "motion-blur"
 EXPOSURE = "exposure"
 REFLECTION = "reflection"
 OCCLUSION = "occlusion"
-_LEFT_OUT = "left out by --effects"
 EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS)
+Base = Literal["auto", "all", "none"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectRequest:
+    """The effects that a user asks for.
+
+    Attributes:
+        base: `auto` for what the shot calls for, `all` that the pipeline can simulate, or `none`.
+        added: effects asked for by name.
+        removed: effects left out by name.
+    """
+
+    base: Base
+    added: frozenset[str] = frozenset()
+    removed: frozenset[str] = frozenset()
+
+    @classmethod
+    def parse(cls, text: str) -> EffectRequest:
+        """Parse the value of `--effects`.
+
+        Args:
+            text: `auto`, `all` or `none`, with `+NAME` or `NAME` to add and `-NAME` to leave out,
+                separated by commas; signed names alone change `auto`, plain names alone are a list.
+
+        Raises:
+            UsageError: an unknown name, two bases, or an effect both added and left out.
+        """
+        words = [word.strip() for word in text.split(",")]
+        bases = [word for word in words if word in get_args(Base)]
+        names = [word for word in words if word not in get_args(Base)]
+        for name in names:
+            _check_name(name)
+        if len(set(bases)) > 1:
+            raise UsageError(f"--effects {text}: begin with one of {' and '.join(bases)}, not both")
+        plain = {name for name in names if name[0] not in "+-"}
+        signed = {name for name in names if name[0] in "+-"}
+        if not bases and plain and signed:
+            raise UsageError(
+                f"--effects {text}: a list of names and changes by + or - do not go together; "
+                f"write auto,{text} to change what the shot calls for"
+            )
+        added = frozenset(plain | {name[1:] for name in signed if name[0] == "+"})
+        removed = frozenset(name[1:] for name in signed if name[0] == "-")
+        if added & removed:
+            raise UsageError(
+                f"--effects {text}: {', '.join(sorted(added & removed))} is both added and left "
+                "out; leave one of them away"
+            )
+        base = bases[0] if bases else "none" if plain else "auto"
+        return cls(base=cast("Base", base), added=added, removed=removed)
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """The effects that it asks for or leaves to the shot."""
+        if self.base == "none":
+            return tuple(name for name in EFFECTS if name in self.added)
+        return tuple(name for name in EFFECTS if name not in self.removed)
+
+    def asks_for(self, effect: str) -> bool:
+        """Whether an effect is wanted whatever the shot calls for."""
+        return effect in self.added or (self.base == "all" and effect not in self.removed)
+
+
+def _check_name(word: str) -> None:
+    name = word[1:] if word[:1] in ("+", "-") else word
+    if name in EFFECTS:
+        return
+    near = get_close_matches(name, [*get_args(Base), *EFFECTS], n=1)
+    meant = f"did you mean {near[0]}? There are" if near else "there are"
+    raise UsageError(
+        f"--effects: {word!r} is not an effect; {meant}: auto, all, none, and names to list, to "
+        f"add (+NAME) or to leave out (-NAME): {', '.join(EFFECTS)}"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """Whether an effect is simulated, and the reason in words.
+    """Whether an effect is simulated, and why.
 
     Attributes:
         effect: its name.
         wanted: whether it is simulated.
-        reason: why.
-        measured: how strong it is, None where that is told on each frame [`unit`].
-        threshold: from where on it is called for [`unit`].
+        reason: why, for people.
+        measured: its strength, None where that is decided on each frame [`unit`].
+        threshold: least strength that calls for it [`unit`].
         unit: of both.
-        cost_ms: what a frame is expected to cost, None where nobody knows yet [ms].
+        cost_ms: expected cost of a frame, None where that is unknown [ms].
     """
 
     effect: str
@@ -45,20 +119,20 @@ class Decision:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShotFacts:
-    """What a scene calls for.
+    """Facts about a shot that call for effects.
 
     Attributes:
-        lamps: lights of the file or the environment map that shine on the ground from above.
-        surroundings: whether an environment map tells the light from around.
-        pre_rendered: whether the object comes as layers that something else has rendered.
+        lamps: lights, of the file or the environment map, that reach the ground.
+        surroundings: whether an environment map gives the ambient light.
+        pre_rendered: whether the object is a pre-rendered layer.
         strength: of the shadow, 0 to 2 [1].
-        strength_given: whether the user has said it, and so asks for a shadow.
+        strength_given: whether the user set it, and so asks for a shadow.
         moves: whether object or camera are animated.
         shutter: of the plate.
-        measured: what the plate's first pictures say, by effect.
-        reflectance: of the ground seen from straight above, 0 to 1 [1].
-        holdout: what tells what really stands in front, in words; empty where nothing does.
-        occlusion_by_coc: whether the plate's own blur is to tell it.
+        measured: measurements on the plate's first pictures, by effect.
+        reflectance: of the ground at normal incidence, 0 to 1 [1].
+        holdout: description of the source of occlusion, empty without one.
+        occlusion_by_coc: whether the plate's CoC is the source of occlusion.
     """
 
     lamps: int = 0
@@ -74,109 +148,76 @@ class ShotFacts:
     occlusion_by_coc: bool = False
 
 
-def request(requested: str) -> EffectRequest:
-    """Read what `--effects` says.
+def decide(requested: str, shot: ShotFacts | None = None) -> tuple[Decision, ...]:
+    """Decide on every effect, as `--effects` requests, on a shot; default: nothing but its lens.
 
     Raises:
-        UsageError: an unknown name, or a request that contradicts itself.
+        UsageError: as `EffectRequest.parse`, or options that contradict each other.
     """
-    return EffectRequest.parse(requested, EFFECTS)
-
-
-def requested_effects(requested: str) -> tuple[str, ...]:
-    """The effects that `--effects` leaves open or asks for.
-
-    Raises:
-        UsageError: as `request`.
-    """
-    return request(requested).possible(EFFECTS)
-
-
-def decide(requested: str, scene: ShotFacts | None = None) -> tuple[Decision, ...]:
-    """Resolve `--effects`.
-
-    Args:
-        requested: as `EffectRequest.parse` reads it.
-        scene: what the scene calls for; by default nothing but its lens.
-
-    Raises:
-        UsageError: as `request`, or a shadow is asked for by one option and refused by another.
-    """
-    asked = request(requested)
-    scene = scene or ShotFacts()
-    _check_shadow(requested, asked, scene)
-    if asked.base == "none":
-        return tuple(
-            Decision(
-                effect=effect,
-                wanted=effect in asked.added,
-                reason="asked for by --effects" if effect in asked.added else _LEFT_OUT,
-            )
-            for effect in EFFECTS
-        )
-    return tuple(_amended(decision, asked) for decision in _called_for(scene))
+    asked = EffectRequest.parse(requested)
+    shot = shot or ShotFacts()
+    strength = f"--shadow-strength {shot.strength:g}"
+    if SHADOW in asked.added and shot.strength <= 0.0:
+        raise UsageError(f"--effects {requested} asks for a shadow, {strength} for none; drop one")
+    if SHADOW in asked.removed and shot.strength_given and shot.strength > 0.0:
+        raise UsageError(f"{strength} asks for a shadow, --effects {requested} for none; drop one")
+    return tuple(_requested(decision, asked) for decision in _called_for(shot))
 
 
 def restrict_to_pipeline(
     decisions: tuple[Decision, ...], there: frozenset[str], pipeline: str, requested: str
 ) -> tuple[Decision, ...]:
-    """The decisions that a pipeline can carry out.
-
-    Args:
-        decisions: what the scene calls for.
-        there: effects that the pipeline has nodes for.
-        pipeline: its name.
-        requested: what `--effects` said.
+    """The decisions that a pipeline can carry out, with nodes for the effects in `there`.
 
     Raises:
-        UsageError: an effect is asked for by name that the pipeline has no node for.
+        UsageError: `requested` names an effect that the pipeline has no node for.
     """
-    named = request(requested).added
-    kept = []
-    for decision in decisions:
-        if not decision.wanted or decision.effect in there:
-            kept.append(decision)
-            continue
-        if decision.effect in named:
+    missing = {one.effect for one in decisions if one.wanted} - there
+    for one in decisions:
+        if one.effect in missing & EffectRequest.parse(requested).added:
             raise UsageError(
-                f"--effects {requested}: the pipeline {pipeline!r} has no node for "
-                f"{decision.effect}; use --preset standard"
+                f"--effects {requested}: the pipeline {pipeline!r} has no node for {one.effect}; "
+                "use --preset standard"
             )
-        reason = f"the pipeline {pipeline} leaves it out"
-        kept.append(Decision(effect=decision.effect, wanted=False, reason=reason))
-    return tuple(kept)
+    reason = f"the pipeline {pipeline} leaves it out"
+    return tuple(
+        Decision(effect=one.effect, wanted=False, reason=reason) if one.effect in missing else one
+        for one in decisions
+    )
 
 
-def _called_for(scene: ShotFacts) -> tuple[Decision, ...]:
-    """What the shot calls for, an effect each."""
-    reason = "decided on each frame: called for where the object's CoC reaches 0.5 px"
-    defocus = Decision(effect=DEFOCUS, wanted=True, reason=reason)
-    on_plate = (_measured(effect, scene.measured.get(effect)) for effect in PLATE_EFFECTS)
-    on_ground = (_shadow(scene), _reflection(scene), _occlusion(scene))
-    return (defocus, *on_ground, _motion_blur(scene), _exposure(scene), *on_plate)
-
-
-def _amended(called_for: Decision, asked: EffectRequest) -> Decision:
-    """What the shot calls for, as `--effects` changes it."""
+def _requested(called_for: Decision, asked: EffectRequest) -> Decision:
+    """A decision as `--effects` changes it."""
     effect = called_for.effect
-    if effect in asked.removed:
-        return Decision(effect=effect, wanted=False, reason=_LEFT_OUT)
+    if effect in asked.removed or (asked.base == "none" and effect not in asked.added):
+        return Decision(effect=effect, wanted=False, reason="left out by --effects")
+    if asked.base == "none":
+        return Decision(effect=effect, wanted=True, reason="asked for by --effects")
     if not asked.asks_for(effect) or called_for.wanted:
         return called_for
     reason = f"asked for by --effects; auto leaves it out: {called_for.reason}"
     return replace(called_for, wanted=True, reason=reason)
 
 
-def _check_shadow(requested: str, asked: EffectRequest, scene: ShotFacts) -> None:
-    strength = f"--shadow-strength {scene.strength:g}"
-    if SHADOW in asked.added and scene.strength <= 0.0:
-        raise UsageError(f"--effects {requested} asks for a shadow, {strength} for none; drop one")
-    if SHADOW in asked.removed and scene.strength_given and scene.strength > 0.0:
-        raise UsageError(f"{strength} asks for a shadow, --effects {requested} for none; drop one")
+def _called_for(shot: ShotFacts) -> list[Decision]:
+    """The decisions of `auto`."""
+    by_scene = {
+        DEFOCUS: (True, "decided on each frame: called for where the object's CoC reaches 0.5 px"),
+        SHADOW: _shadow(shot),
+        REFLECTION: _reflection(shot),
+        OCCLUSION: _occlusion(shot),
+        MOTION_BLUR: _motion_blur(shot),
+    }
+    decisions = [
+        Decision(effect=effect, wanted=wanted, reason=reason)
+        for effect, (wanted, reason) in by_scene.items()
+    ]
+    on_plate = (_measured(effect, shot.measured.get(effect)) for effect in PLATE_EFFECTS)
+    return [*decisions, _exposure(shot), *on_plate]
 
 
 def _measured(effect: str, found: Measurement | None) -> Decision:
-    """An effect of the plate's own camera."""
+    """An effect of the plate's camera."""
     if found is None:
         return Decision(effect=effect, wanted=False, reason="the plate was not looked at")
     bound = "reaches" if found.value >= found.threshold else "stays below"
@@ -184,41 +225,15 @@ def _measured(effect: str, found: Measurement | None) -> Decision:
     if found.model is not None and found.threshold > 0.0:
         reason += f": {found.value:.3g} {found.unit} {bound} {found.threshold:.3g}"
     return Decision(
-        effect=effect,
-        wanted=found.called_for,
-        reason=reason,
-        measured=found.value,
-        threshold=found.threshold,
-        unit=found.unit,
+        effect=effect, wanted=found.called_for, reason=reason, measured=found.value,
+        threshold=found.threshold, unit=found.unit,
         cost_ms=found.cost_ms if found.called_for else None,
-    )
+    )  # fmt: skip
 
 
-def _motion_blur(scene: ShotFacts) -> Decision:
-    shutter = scene.shutter
-    wanted = False
-    if scene.pre_rendered:
-        reason = "pre-rendered layers bring their motion blur with them"
-    elif not scene.moves:
-        reason = "neither object nor camera moves"
-    elif not shutter.frame_s:
-        reason = "a still has no frame time"
-    elif not shutter.open_s:
-        reason = "--shutter 0"
-    else:
-        wanted = True
-        reason = (
-            "decided on each frame: called for where the object moves by 1 px while the shutter "
-            f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source}), on its shadow and "
-            "mirror image where they do"
-        )
-    return Decision(effect=MOTION_BLUR, wanted=wanted, reason=reason)
-
-
-def _exposure(scene: ShotFacts) -> Decision:
-    if not scene.shutter.frame_s:
-        reason = "a still has no later frame"
-        return Decision(effect=EXPOSURE, wanted=False, reason=reason)
+def _exposure(shot: ShotFacts) -> Decision:
+    if not shot.shutter.frame_s:
+        return Decision(effect=EXPOSURE, wanted=False, reason="a still has no later frame")
     reason = (
         "decided on each frame: called for where the plate's light differs from the first "
         "frame's by 2 of 255 levels"
@@ -228,55 +243,57 @@ def _exposure(scene: ShotFacts) -> Decision:
     )
 
 
-def _shadow(scene: ShotFacts) -> Decision:
-    asked_for = scene.strength_given and scene.strength > 0.0
-    lit = scene.lamps or scene.surroundings
-    wanted = bool(asked_for or (lit and not scene.pre_rendered))
-    if scene.strength <= 0.0:
-        wanted, reason = False, "--shadow-strength 0"
-    elif not lit:
+def _motion_blur(shot: ShotFacts) -> tuple[bool, str]:
+    shutter = shot.shutter
+    if shot.pre_rendered:
+        return False, "pre-rendered layers bring their motion blur with them"
+    if not shot.moves:
+        return False, "neither object nor camera moves"
+    if not shutter.frame_s:
+        return False, "a still has no frame time"
+    if not shutter.open_s:
+        return False, "--shutter 0"
+    return True, (
+        "decided on each frame: called for where the object moves by 1 px while the shutter "
+        f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source}), on its shadow and "
+        "mirror image where they do"
+    )
+
+
+def _shadow(shot: ShotFacts) -> tuple[bool, str]:
+    if shot.strength <= 0.0:
+        return False, "--shadow-strength 0"
+    if not (shot.lamps or shot.surroundings):
         unlit = "no light is known to fall on the ground, from the GLB or --env"
-        reason = (
-            f"asked for by --shadow-strength {scene.strength:g}; darkens the contact only: {unlit}"
-            if wanted
-            else f"{unlit}; --effects auto,+shadow darkens the contact only"
-        )
-    elif scene.pre_rendered and not wanted:
-        reason = (
+        if not shot.strength_given:
+            return False, f"{unlit}; --effects auto,+shadow darkens the contact only"
+        given = f"asked for by --shadow-strength {shot.strength:g}"
+        return True, f"{given}; darkens the contact only: {unlit}"
+    if shot.pre_rendered and not shot.strength_given:
+        return False, (
             "the light that the layers were rendered in is not known; "
             "--effects auto,+shadow casts one by the GLB's lights"
         )
-    elif scene.lamps:
-        count = f"{scene.lamps} light{'s' if scene.lamps > 1 else ''}"
-        reason = f"cast on the ground by {count}, where it touches by the light around too"
-    else:
-        reason = "where it touches the ground, by the light around; no light casts another"
-    return Decision(effect=SHADOW, wanted=wanted, reason=reason)
+    if shot.lamps:
+        count = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
+        return True, f"cast on the ground by {count}, where it touches by the light around too"
+    return True, "where it touches the ground, by the light around; no light casts another"
 
 
-def _reflection(scene: ShotFacts) -> Decision:
-    if scene.reflectance <= 0.0:
-        wanted, reason = False, "nothing says that the ground is glossy; --reflect makes it so"
-    elif scene.pre_rendered:
-        wanted, reason = False, "layers show the object from above only; the GLB is not drawn"
-    else:
-        wanted = True
-        reason = (
-            f"--reflect: the ground mirrors {scene.reflectance:g} of the light seen from straight "
-            "above, more towards grazing (Schlick)"
-        )
-    return Decision(effect=REFLECTION, wanted=wanted, reason=reason)
+def _reflection(shot: ShotFacts) -> tuple[bool, str]:
+    if shot.reflectance <= 0.0:
+        return False, "nothing says that the ground is glossy; --reflect makes it so"
+    if shot.pre_rendered:
+        return False, "layers show the object from above only; the GLB is not drawn"
+    return True, (
+        f"--reflect: the ground mirrors {shot.reflectance:g} of the light seen from straight "
+        "above, more towards grazing (Schlick)"
+    )
 
 
-def _occlusion(scene: ShotFacts) -> Decision:
-    if scene.holdout:
-        wanted, reason = True, f"--holdout {scene.holdout}"
-    elif scene.occlusion_by_coc:
-        wanted, reason = (
-            True,
-            "--occlusion auto: where the plate's CoC is certainly of nearer things",
-        )
-    else:
-        wanted = False
-        reason = "nothing tells what stands in front; give --holdout PATH or --occlusion auto"
-    return Decision(effect=OCCLUSION, wanted=wanted, reason=reason)
+def _occlusion(shot: ShotFacts) -> tuple[bool, str]:
+    if shot.holdout:
+        return True, f"--holdout {shot.holdout}"
+    if shot.occlusion_by_coc:
+        return True, "--occlusion auto: where the plate's CoC is certainly of nearer things"
+    return False, "nothing tells what stands in front; give --holdout PATH or --occlusion auto"

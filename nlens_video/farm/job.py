@@ -10,7 +10,7 @@ from pathlib import Path
 from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
-from nlens_video.effects.planner import requested_effects
+from nlens_video.effects.planner import EffectRequest
 from nlens_video.farm.chunk import mark_of, write_chunks
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
@@ -118,7 +118,7 @@ def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], Non
     Raises:
         NlensError: as `run.find_fit`.
     """
-    if settings.fit is not None or "defocus" not in requested_effects(settings.effects):
+    if settings.fit is not None or "defocus" not in EffectRequest.parse(settings.effects).possible:
         return None
     name = f"fit-{mark_of(settings).key}.json"
     if not store.has(name):

@@ -16,9 +16,9 @@ from nlens_video.effects.planner import (
     REFLECTION,
     SHADOW,
     Decision,
+    EffectRequest,
     ShotFacts,
     decide,
-    requested_effects,
     restrict_to_pipeline,
 )
 from nlens_video.graph.base.context import OcclusionSource, ShadowScene
@@ -118,7 +118,7 @@ def plan_effects(
         UsageError: an effect that does not exist, or that the pipeline has no node for.
     """
     simulated = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
-    possible = simulated.intersection(requested_effects(lens.effects))
+    possible = simulated.intersection(EffectRequest.parse(lens.effects).possible)
     measured: dict[str, Measurement] = overridden(lens.optics)
     unknown = possible.intersection(PLATE_EFFECTS).difference(measured)
     shutter = lens.shutter
@@ -160,7 +160,7 @@ def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[t
 
 def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
     """The shutter as measured from the plate's motion blur, if that shows."""
-    from nlens_video.effects.camera.shutter_angle import shutter_angle
+    from nlens_video.effects.measurement import shutter_angle
 
     angle = shutter_angle(pictures)
     if angle is None:

@@ -16,7 +16,7 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
-from nlens_video.effects.planner import requested_effects
+from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.open_run import frame_s, open_run, opened
 from nlens_video.stages.r_lens_track import (
@@ -72,7 +72,7 @@ def lens_track_pass(
     if (
         settings.track_focus == "off"
         or settings.fit is not None
-        or not requested_effects(settings.effects)
+        or not EffectRequest.parse(settings.effects).possible
         or settings.source.one_frame  # the run fits the lens on that frame
     ):
         return None

@@ -11,7 +11,7 @@ import numpy as np
 from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
-from nlens_video.effects.planner import requested_effects
+from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.view import View, bounds_near_frame, choose_camera
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.open_run import frame_s, view_of
@@ -95,7 +95,7 @@ def check_settings(settings: Settings, *, as_chunks: bool = False) -> None:
         if folder is not None:
             check_target_folder(folder)
     load_pipeline(settings.preset)
-    requested_effects(settings.effects)
+    EffectRequest.parse(settings.effects)
     if settings.fit is not None and FitTrack.load(settings.fit) is None:
         LensFit.load(settings.fit)
 

@@ -166,18 +166,39 @@ def temporal_mean(first: Float32, following: Iterable[Float32]) -> tuple[Float32
         The mean (H, W, 3), and the number of pictures in it.
     """
     luma = np.asarray(first @ LUMA, dtype=np.float32)
-    window = border_window(luma)
+    window = _border_window(luma)
     total, count = first.astype(np.float32), np.ones(luma.shape, np.float32)
     used = 1
     for picture in following:
         other = np.asarray(picture @ LUMA, dtype=np.float32)
-        if (used == 1 and _noise(luma, other) < QUIET) or not is_still(luma, other, window):
+        if (used == 1 and _noise(luma, other) < QUIET) or not _is_still(luma, other, window):
             break
-        same = (~moving(luma, other)).astype(np.uint8)
+        same = (~_moving(luma, other)).astype(np.uint8)
         cv2.accumulate(picture, total, mask=same)
         count += same
         used += 1
     return total / count[..., None], used
+
+
+def still_run(pictures: Sequence[Float32]) -> tuple[list[Float32], Bool]:
+    """The pictures at the beginning of a shot during which the camera stands still.
+
+    Args:
+        pictures: display-coded sRGB in [0, 1], each (H, W, 3), at least one.
+
+    Returns:
+        The pictures, and the pixels (H, W) on which nothing moves in any of them.
+    """
+    first = np.asarray(pictures[0] @ LUMA, np.float32)
+    window = _border_window(first)
+    kept, same = [pictures[0]], np.ones(first.shape, np.bool_)
+    for picture in pictures[1:]:
+        luma = np.asarray(picture @ LUMA, np.float32)
+        if not _is_still(first, luma, window):
+            break
+        same &= ~_moving(first, luma)
+        kept.append(picture)
+    return kept, same
 
 
 def _noise(luma: Float32, other: Float32) -> float:
@@ -185,14 +206,14 @@ def _noise(luma: Float32, other: Float32) -> float:
     return 1.4826 * float(np.median(np.abs(other - luma)[::2, ::2])) / math.sqrt(2.0)
 
 
-def border_window(luma: Float32) -> Float32:
+def _border_window(luma: Float32) -> Float32:
     """Weights (H, W) that fade out towards the borders; 1 for a single row or column."""
     if min(luma.shape) < 2:
         return np.ones_like(luma)
     return np.asarray(cv2.createHanningWindow(luma.shape[::-1], cv2.CV_32F), np.float32)
 
 
-def is_still(luma: Float32, other: Float32, window: Float32) -> bool:
+def _is_still(luma: Float32, other: Float32, window: Float32) -> bool:
     """Whether the camera stands still between two pictures (H, W), by phase correlation."""
     if min(luma.shape) < 2 * _MOTION_WINDOW_PX:
         return False
@@ -201,7 +222,7 @@ def is_still(luma: Float32, other: Float32, window: Float32) -> bool:
     return math.hypot(across, down) <= STILL_PX
 
 
-def moving(luma: Float32, other: Float32) -> Bool:
+def _moving(luma: Float32, other: Float32) -> Bool:
     """Pixels (H, W) where something moves between two pictures, their surroundings included."""
     side = _MOTION_WINDOW_PX
     change = cv2.blur(other - luma, (side, side), borderType=cv2.BORDER_REFLECT)

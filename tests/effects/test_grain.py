@@ -10,8 +10,8 @@ from support.effects.synthetic_frames import HEIGHT, WIDTH, noise, pictures, sce
 
 from nlens_video.cli.main import main
 from nlens_video.core.layers import BlurredLayer, Box
-from nlens_video.effects.camera import grain_kernels
-from nlens_video.effects.camera.grain_apply import AddGrain, past_shares
+from nlens_video.effects.camera import grain as grain_noise
+from nlens_video.effects.camera.grain import AddGrain, past_shares
 from nlens_video.effects.camera.grain_measure import measure
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -20,15 +20,15 @@ INSIDE = (slice(150, 165), slice(232, 248))  # of the cube, which stands still
 
 
 def test_white_noise_of_a_part_is_a_crop_of_the_whole_and_of_the_reference():
-    small = grain_kernels.white_noise((-3, 7), (5, 9), 12, 3)
-    definition = grain_kernels.white_noise_reference((-3, 7), (5, 9), 12, 3)
+    small = grain_noise.white_noise((-3, 7), (5, 9), 12, 3)
+    definition = grain_noise.white_noise_reference((-3, 7), (5, 9), 12, 3)
     assert small == pytest.approx(definition, abs=1e-6)
-    large = grain_kernels.white_noise((-8, 0), (40, 50), 12, 3)
+    large = grain_noise.white_noise((-8, 0), (40, 50), 12, 3)
     assert np.array_equal(large[5:10, 7:16], small)
 
 
 def test_white_noise_is_normal_uncorrelated_and_differs_between_frames():
-    first, second = (grain_kernels.white_noise((0, 0), (400, 500), at, 1) for at in (5, 6))
+    first, second = (grain_noise.white_noise((0, 0), (400, 500), at, 1) for at in (5, 6))
     assert first.mean() == pytest.approx(0, abs=0.01)
     assert first.std() == pytest.approx(1, abs=0.01)
     assert np.abs(first).max() < 4
@@ -48,10 +48,8 @@ def test_regrain_kernel_equals_the_reference():
     plate = rng.uniform(0, 1, (30, 40, 3)).astype(np.float32)
     unit = rng.standard_normal((30, 40, 3)).astype(np.float32)
     curve = np.linspace([0.01, 0.02, 0.03], [0.03, 0.02, 0.01], 256).astype(np.float32)
-    fast = grain_kernels.regrain(rgba, plate, unit, curve)
-    assert fast == pytest.approx(
-        grain_kernels.regrain_reference(rgba, plate, unit, curve), abs=2e-4
-    )
+    fast = grain_noise.regrain(rgba, plate, unit, curve)
+    assert fast == pytest.approx(grain_noise.regrain_reference(rgba, plate, unit, curve), abs=2e-4)
     assert np.array_equal(fast[alpha[..., 0] == 0], rgba[alpha[..., 0] == 0])
 
 
@@ -101,19 +99,19 @@ def spectrum(values):
 @pytest.mark.parametrize("kind", [{}, {"spread_px": 0.8, "tint": 0.6}], ids=str)
 def test_added_grain_has_the_plates_spectrum_and_level_dependence(kind):
     base = scene(4, slope=2.0)
-    code = grain_kernels.to_code(base)
+    code = grain_noise.to_code(base)
     frames = 6
     signal = (0.5 + 1.2 * code)[None]  # more noise where it is bright
     grain = noise(5, frames, 3.0 / 255, **kind) * signal
     shot = pictures(base, frames, grain)
     stage = AddGrain(measure(shot).model)
     for level in (0.25, 0.6):
-        light = float(grain_kernels.to_linear(np.float32(level)))
+        light = float(grain_noise.to_linear(np.float32(level)))
         layer = BlurredLayer(
             box=FRAME, rgba=np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([light] * 3 + [1])
         )
         shown = [
-            grain_kernels.to_code(stage(shot[0], layer, at).rgba[..., :3]) for at in range(frames)
+            grain_noise.to_code(stage(shot[0], layer, at).rgba[..., :3]) for at in range(frames)
         ]
         made = np.stack(shown) - level
         wanted = (3.0 / 255) * (0.5 + 1.2 * level)
@@ -142,7 +140,7 @@ def test_semitransparent_object_gets_less_grain_because_the_plate_shows_its_own(
     layer = BlurredLayer(box=FRAME, rgba=np.ones((HEIGHT, WIDTH, 4), np.float32) * half)
     grained = stage(shot[0], layer, 0).rgba
     composite = grained[..., :3] + 0.5 * shot[0].linear(FRAME)
-    assert grain_kernels.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
+    assert grain_noise.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
 
 
 def test_grain_of_a_pixel_does_not_depend_on_the_box():
@@ -186,7 +184,7 @@ def test_grain_of_a_large_picture_is_measured_in_its_centre():
     rng = np.random.default_rng(0)
     shot = []
     for _ in range(3):
-        code = grain_kernels.to_code(base) + 3.0 / 255 * rng.standard_normal(base.shape)
+        code = grain_noise.to_code(base) + 3.0 / 255 * rng.standard_normal(base.shape)
         shot.append(ArrayPicture(np.uint8(np.clip(np.round(255 * code), 0, 255)), "rgb"))
     found = measure(shot)
     assert found.called_for

@@ -5,9 +5,9 @@ import pytest
 from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import (
     EFFECTS,
+    EffectRequest,
     ShotFacts,
     decide,
-    requested_effects,
     restrict_to_pipeline,
 )
 
@@ -34,20 +34,20 @@ def test_effect_is_removed_from_those_that_the_shot_needs(text):
     decided = decisions(text, lamps=1)
     assert not decided["shadow"].wanted and decided["defocus"].wanted
     assert decided["shadow"].reason == "left out by --effects"
-    assert "shadow" not in requested_effects(text)
+    assert "shadow" not in EffectRequest.parse(text).possible
 
 
 def test_names_without_a_sign_replace_the_automatic_choice():
-    assert requested_effects("defocus, shadow") == ("defocus", "shadow")
-    assert requested_effects("none,shadow") == ("shadow",)
-    assert requested_effects("none") == ()
+    assert EffectRequest.parse("defocus, shadow").possible == ("defocus", "shadow")
+    assert EffectRequest.parse("none,shadow").possible == ("shadow",)
+    assert EffectRequest.parse("none").possible == ()
 
 
 def test_all_requests_every_effect_that_the_pipeline_has():
     assert all(one.wanted for one in decisions("all").values())
     kept = restrict_to_pipeline(decide("all"), frozenset({"defocus"}), "draft", "all")
     assert [one.effect for one in kept if one.wanted] == ["defocus"]
-    assert requested_effects("all") == EFFECTS
+    assert EffectRequest.parse("all").possible == EFFECTS
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_all_requests_every_effect_that_the_pipeline_has():
 )
 def test_invalid_effect_request_states_the_expected_form(text, words):
     with pytest.raises(UsageError) as failed:
-        requested_effects(text)
+        EffectRequest.parse(text)
     assert words in str(failed.value)
 
 

@@ -16,7 +16,7 @@ from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters, ClippedMesh
 from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of
 from nlens_video.effects.shadow.coverage_ref import covered
-from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.cast import Moment
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (

@@ -8,7 +8,7 @@ from nlens_video.effects.motion_blur import sampled_count
 from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.effects.shadow.projection import Moment, shadow_places
+from nlens_video.effects.shadow.cast import Moment, shadow_places
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 

@@ -7,8 +7,8 @@ from support import shots
 from support.effects.synthetic_frames import panned, pictures, scene
 
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.camera.grain_kernels import to_code, to_linear
-from nlens_video.effects.camera.shutter_angle import shutter_angle
+from nlens_video.effects.camera.grain import to_code, to_linear
+from nlens_video.effects.measurement import shutter_angle
 from nlens_video.effects.motion_blur import line_kernel
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens

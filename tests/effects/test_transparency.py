@@ -15,7 +15,7 @@ from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.coverage import edges_of, mark_covered
 from nlens_video.effects.shadow.coverage_ref import covered, stopped
-from nlens_video.effects.shadow.projection import Moment
+from nlens_video.effects.shadow.cast import Moment
 from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.graph.base.context import NodeContext, ShadowScene
 from nlens_video.graph.base.object_source import RenderedObject

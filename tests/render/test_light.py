@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.effects import exposure_kernels
+from nlens_video.effects import exposure
 
 
 @settings(max_examples=200)
@@ -21,7 +21,7 @@ def test_median_kernel_agrees_with_numpy(seed, count, among):
         "signs": lambda: rng.choice([0.0, -0.0, 1e-45, -1e-45], count),
         "huge": lambda: rng.choice([-3e38, 3e38, 1.0], count),
     }[among]().astype(np.float32)
-    assert exposure_kernels.median_of(values) == np.sort(values)[count // 2]
+    assert exposure.median_of(values) == np.sort(values)[count // 2]
 
 
 def pictures(seed, noise, lost):
@@ -36,7 +36,7 @@ def pictures(seed, noise, lost):
 
 def stops_of(light):
     out = np.empty_like(light)
-    exposure_kernels.take_stops(light, out)
+    exposure.take_stops(light, out)
     return out
 
 
@@ -48,8 +48,8 @@ def stops_of(light):
 def test_exposure_change_kernel_agrees_with_the_reference(seed, noise, lost):
     before, now = (stops_of(light) for light in pictures(seed, noise, lost))
     found = np.empty(3)
-    told = exposure_kernels.take_change(before, now, 0.25, 0.2, found)
-    expected = exposure_kernels.change_reference(before, now, 0.25, 0.2)
+    told = exposure.take_change(before, now, 0.25, 0.2, found)
+    expected = exposure.change_reference(before, now, 0.25, 0.2)
     assert told == (expected is not None)
     if expected is not None:
         np.testing.assert_array_equal(found, expected)
@@ -58,9 +58,7 @@ def test_exposure_change_kernel_agrees_with_the_reference(seed, noise, lost):
 def test_stops_kernel_agrees_with_the_reference():
     before, now = pictures(3, 0.5, 0.2)
     for light in (before, now):
-        np.testing.assert_allclose(
-            stops_of(light), exposure_kernels.stops_reference(light), atol=1e-6
-        )
+        np.testing.assert_allclose(stops_of(light), exposure.stops_reference(light), atol=1e-6)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, -1.0])

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlens_video.core.layers import Bool, Float32, Float64, Picture
-from nlens_video.effects.camera.grain_apply import LAGS, GrainModel
-from nlens_video.effects.camera.still_frames import middle_codes, still_run
-from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.camera.grain import LAGS, GrainModel
+from nlens_video.effects.measurement import Measurement, middle_codes
+from nlens_video.stages.f_coc import still_run
 
 EFFECT = "grain"
 THRESHOLD = 0.6  # 8-bit levels: as much as rounding to them leaves to see

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Bool, Box, DefocusedLayer, Float32, Picture
-from nlens_video.effects.camera.still_frames import middle_codes, still_run
-from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.measurement import Measurement, middle_codes
+from nlens_video.stages.f_coc import still_run
 
 EFFECT = "softness"
 THRESHOLD_PX = 1.0  # sigma: twice that of the renderer's own antialiasing

@@ -19,7 +19,7 @@ import numpy as np
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import Shadow, enlarged, pixels_of
-from nlens_video.effects.shadow.projection import (
+from nlens_video.effects.shadow.cast import (
     Grid,
     Moment,
     Occluder,

@@ -16,7 +16,7 @@ from nlens_video.effects.camera.distortion_apply import (
     distort_defocused,
     distort_shadow,
 )
-from nlens_video.effects.camera.grain_apply import AddGrain
+from nlens_video.effects.camera.grain import AddGrain
 from nlens_video.effects.camera.softness import missing_sigma, soften
 from nlens_video.effects.camera.vignetting import vignette
 from nlens_video.effects.exposure import MeasureExposure as Measure
@@ -27,7 +27,7 @@ from nlens_video.graph.base.node import Node, Unavailable
 if TYPE_CHECKING:
     from nlens_video.core.layers import BlurredLayer, DefocusedLayer, Picture
     from nlens_video.core.optics import Aberration, Bloom, Vignetting
-    from nlens_video.effects.camera.grain_apply import GrainModel
+    from nlens_video.effects.camera.grain import GrainModel
     from nlens_video.effects.camera.softness import SharpnessFloor
     from nlens_video.effects.exposure import Exposure
     from nlens_video.effects.measurement import Measurement

@@ -16,7 +16,7 @@ from nlens_video.effects.reflection import OverlayReflection, RenderReflection
 from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow, ground_blur
 from nlens_video.effects.shadow.casters import CasterGeometry, Casters
-from nlens_video.effects.shadow.projection import Moment, shadow_places
+from nlens_video.effects.shadow.cast import Moment, shadow_places
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.graph.nodes.reblur import make_reblur

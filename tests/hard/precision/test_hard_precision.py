@@ -24,8 +24,8 @@ from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Aperture
-from nlens_video.effects import exposure_kernels
-from nlens_video.effects.camera.grain_kernels import (
+from nlens_video.effects import exposure
+from nlens_video.effects.camera.grain import (
     regrain,
     regrain_reference,
     white_noise,
@@ -76,10 +76,10 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "cast triangles": "effects/shadow/coverage",
     "cast veils": "effects/shadow/transparency",
     "decoding": "video/pixels/blend",
-    "change of exposure": "effects/exposure_kernels",
+    "change of exposure": "effects/exposure",
     "compositing": "video/pixels/blend",
-    "grain on a layer": "effects/camera/grain_kernels",
-    "white noise": "effects/camera/grain_kernels",
+    "grain on a layer": "effects/camera/grain",
+    "white noise": "effects/camera/grain",
     "CoC of a depth": "",
 }  # fmt: skip
 WITHOUT_ARITHMETIC = {  # masks, copies, CoC discontinuities by definition, what compiles the others
@@ -298,13 +298,11 @@ def _exposure(rng):
     light[1] = light[0] * rng.uniform(1.1, 1.3, (24, 40, 3)).astype(np.float32)
     stops = np.empty_like(light)
     for picture, out in zip(light, stops, strict=True):
-        exposure_kernels.take_stops(picture, out)
+        exposure.take_stops(picture, out)
     found = np.empty(3)
-    exposure_kernels.take_change(stops[0], stops[1], 0.25, 0.2, found)
-    before, now = (
-        exposure_kernels.stops_reference(picture.astype(np.float64)) for picture in light
-    )
-    return np.abs(found - exposure_kernels.change_reference(before, now, 0.25, 0.2)).max()
+    exposure.take_change(stops[0], stops[1], 0.25, 0.2, found)
+    before, now = (exposure.stops_reference(picture.astype(np.float64)) for picture in light)
+    return np.abs(found - exposure.change_reference(before, now, 0.25, 0.2)).max()
 
 
 @cache

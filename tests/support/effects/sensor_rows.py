@@ -10,8 +10,8 @@ from support.effects import filmed_shots as film
 from support.effects.shot_table import LOOKS, UNITS, Row
 from support.effects.synthetic_frames import panned, scene
 
-from nlens_video.effects.camera.grain_kernels import to_code
-from nlens_video.effects.camera.shutter_angle import shutter_angle
+from nlens_video.effects.camera.grain import to_code
+from nlens_video.effects.measurement import shutter_angle
 from nlens_video.video.pixels.picture import ArrayPicture
 
 SENSOR = ("softness", "grain")

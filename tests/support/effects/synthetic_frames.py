@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from nlens_video.effects.camera.grain_kernels import to_code, to_linear
+from nlens_video.effects.camera.grain import to_code, to_linear
 from nlens_video.effects.motion_blur import line_kernel
 from nlens_video.video.pixels.picture import ArrayPicture
 
