@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, OcclusionCue, Picture
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings, RealSettings
-from nlens_video.effects.planner import OCCLUSION, Decision, request
+from nlens_video.effects.planner import OCCLUSION, Decision, EffectRequest
 from nlens_video.graph.base.context import (
     CocEstimator,
     DepthOrder,
@@ -53,7 +53,7 @@ def open_dependencies(
     """
     ground = shadow_scene(objects, scene)
     estimate_coc = lazy_coc_estimator(view.pixel_aspect, device)
-    asked_for = request(lens.effects).asks_for(OCCLUSION)
+    asked_for = EffectRequest.parse(lens.effects).asks_for(OCCLUSION)
     size = (view.width, view.height)
     occlusion = open_occlusion_source(objects.real, size, estimate_coc, asked_for=asked_for)
     effects = plan_effects(lens, pipeline, objects, scene, ground, occlusion, plate, profiler)

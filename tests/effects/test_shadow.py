@@ -12,11 +12,9 @@ from support.definitions import marked
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
-from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import Casters, ClippedMesh
-from nlens_video.effects.shadow.coverage import PER_PIXEL, edges_of
-from nlens_video.effects.shadow.coverage_ref import covered
-from nlens_video.effects.shadow.cast import Moment
+from nlens_video.effects.shadow.coverage import PER_PIXEL, covered_reference, edges_of
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (
@@ -262,7 +260,7 @@ def test_triangle_coverage_agrees_with_the_reference_even_behind_the_camera(seed
     # places are rounded: a pixel counts where the definition is sure all around it
     little = 1.0 / PER_PIXEL
     around = [
-        covered(size, points, faces, (at[0] + dx, at[1] + dy))
+        covered_reference(size, points, faces, (at[0] + dx, at[1] + dy))
         for dx in (-little, 0.0, little)
         for dy in (-little, 0.0, little)
     ]
@@ -283,7 +281,9 @@ def test_coverage_of_folded_meshes_with_holes_equals_the_reference():
     turned = rng.random(len(faces)) < 0.3  # and faces that turn the other way
     faces[turned] = faces[turned][:, ::-1]
     at = (0.501, 0.501)  # places are whole parts of a pixel from here: nothing is rounded
-    assert np.array_equal(marked((44, 64), points, faces, at), covered((44, 64), points, faces, at))
+    assert np.array_equal(
+        marked((44, 64), points, faces, at), covered_reference((44, 64), points, faces, at)
+    )
     assert len(edges_of(faces)) < 3 * len(faces)
 
 

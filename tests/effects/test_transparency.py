@@ -11,12 +11,10 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Shutter
 from nlens_video.core.settings import Playback
 from nlens_video.effects.motion_blur import Motion
-from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import Casters
-from nlens_video.effects.shadow.coverage import edges_of, mark_covered
-from nlens_video.effects.shadow.coverage_ref import covered, stopped
-from nlens_video.effects.shadow.cast import Moment
-from nlens_video.effects.shadow.transparency import absorb, no_absorption
+from nlens_video.effects.shadow.coverage import covered_reference, edges_of, mark_covered
+from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no_absorption
 from nlens_video.graph.base.context import NodeContext, ShadowScene
 from nlens_video.graph.base.object_source import RenderedObject
 from nlens_video.graph.base.view import ScreenBounds, View
@@ -116,7 +114,7 @@ def test_vertex_and_material_alpha_scale_the_absorption(tmp_path):
 @pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
 def test_fully_opaque_meshes_use_the_coverage_bitmap(tmp_path, mode):
     casters = Casters.of(card(tmp_path / "a.glb", mode).pose(0.0), {})
-    assert not casters.veils and len(casters.faces) == 2
+    assert not casters.transparent and len(casters.faces) == 2
     assert loss_under(card(tmp_path / "b.glb", "OPAQUE", alpha=halves(0, 0)))[60, 80] > 0.99
 
 
@@ -139,8 +137,8 @@ def test_absorption_kernel_agrees_with_the_reference(seed):
     for call in (1, 2):  # a second call takes as much again
         mark_covered(bits, call - 1, (opaque, one, edges_of(one)), np.eye(3, 4), at)
         absorb(veiled, (bits, call - 1), points, surface, faces, texture, call, at)
-    truth = stopped(size, points, surface, faces, texture, at)
-    truth[covered(size, opaque, one, at)] = 0.0
+    truth = absorb_reference(size, points, surface, faces, texture, at)
+    truth[covered_reference(size, opaque, one, at)] = 0.0
     assert (np.abs(veiled.taken - 2 * truth) > 1e-3).sum() <= 2  # pixels on an edge
 
 

@@ -10,9 +10,8 @@ from support.truth_folder import camera, cube_depth, write_rendered
 from nlens_video.cli.main import main
 from nlens_video.core.layers import Box
 from nlens_video.effects.shadow.apply import ApplyShadow
-from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import Casters
-from nlens_video.effects.shadow.cast import Moment
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.plates import load_plate
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter

@@ -1,8 +1,11 @@
-"""A shadow laid on the plate, blurred as the lens blurs the ground: the paper leaves that open."""
+"""The shadow as a layer on the ground: its grid, and the composite over the plate.
+
+The lens blurs the loss of light as it blurs the ground there; the paper leaves that open.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,6 +18,8 @@ from nlens_video.core.layers import (  # fmt: skip
     ObjectLayer,
     Picture,
 )
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.scene.camera import Camera
 from nlens_video.stages.composite import ForegroundMatte
 from nlens_video.stages.l_reblur import ReblurLayer
 
@@ -25,12 +30,47 @@ _WITH_MEAN = np.vstack([np.eye(3), np.full((1, 3), 1.0 / 3.0)]).astype(np.float3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Grid:
+    """Sample positions on the ground: pixels of a box of the frame, perhaps coarser ones.
+
+    Attributes:
+        box: where they lie; borders are multiples of the step, so that all boxes share one grid
+            [px].
+        step: pixels of the frame that each stands for, each way [px].
+    """
+
+    box: Box
+    step: int
+
+    @classmethod
+    def on(cls, box: Box, step: int) -> Grid:
+        """The grid that holds a box of a frame."""
+        low = Box(box.x0 // step, box.y0 // step, -(-box.x1 // step), -(-box.y1 // step))
+        return cls(box=scaled(low, step), step=step)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.box.height // self.step, self.box.width // self.step
+
+    def view(self, camera: Camera) -> Camera:
+        """A camera of the frame, with the grid as its pixels."""
+        step, (height, width) = self.step, self.shape
+        return replace(
+            camera,
+            fx=camera.fx / step, fy=camera.fy / step,
+            cx=(camera.cx - self.box.x0) / step, cy=(camera.cy - self.box.y0) / step,
+            width=width, height=height,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shadow:
-    """The light that the object takes from the ground.
+    """The share of the ground's light that the object blocks.
 
     Attributes:
         box: where the arrays lie in the frame; may reach beyond it.
-        loss: share of the light that is gone (h, w, 3), 0 outside the shadow [1].
+        loss: share of the light that is lost (h, w, 3), 0 outside the shadow [1].
         coc_px: signed CoC diameter of the ground (h, w), 0 where the lens is not known [px of the
             frame].
         step: pixels of the frame that each pixel of the arrays stands for, each way [px].
@@ -61,6 +101,11 @@ def pixels_of(box: Box, step: int) -> Box:
     return Box(box.x0 // step, box.y0 // step, box.x1 // step, box.y1 // step)
 
 
+def scaled(box: Box, step: int) -> Box:
+    """A box of a coarser grid in pixels of the frame."""
+    return Box(box.x0 * step, box.y0 * step, box.x1 * step, box.y1 * step)
+
+
 def enlarged(values: Float32, step: int) -> Float32:
     """Shares (h, w) or (h, w, c) on pixels so many times smaller, between 0 and 1."""
     height, width = values.shape[:2]
@@ -69,9 +114,24 @@ def enlarged(values: Float32, step: int) -> Float32:
     return np.clip(fine, np.float32(0.0), np.float32(1.0), out=fine)
 
 
+def ground_blur(
+    camera: Camera, ground_y: float, box: Box, fit: LensFit | None
+) -> tuple[float, float]:
+    """Least and greatest CoC diameter of the ground in a box of the frame [px].
+
+    The CoC is affine there, up to the horizon.
+    """
+    if fit is None or box.empty:
+        return 0.0, 0.0
+    corners = Grid.on(box, 1).view(camera).corner_disparity(ground_y)
+    coc = fit.coc_px(np.maximum(corners, 0.0).astype(np.float32))
+    crosses = coc.min() <= 0.0 <= coc.max()
+    return 0.0 if crosses else float(np.abs(coc).min()), float(np.abs(coc).max())
+
+
 @dataclass(frozen=True, slots=True)
 class ApplyShadow:
-    """Lays a shadow on the plate, blurred as the lens blurs the ground.
+    """Composites a shadow over the plate, blurred as the lens blurs the ground.
 
     Attributes:
         blur: the lens.
@@ -80,33 +140,27 @@ class ApplyShadow:
     blur: ReblurLayer
 
     def __call__(
-        self, picture: Picture, shadow: Shadow, frame: Box, cover: ForegroundMatte | None = None
+        self, picture: Picture, shadow: Shadow, frame: Box, matte: ForegroundMatte | None = None
     ) -> Picture:
-        """Multiply the plate in place by what the shadow leaves; the picture itself comes back.
+        """Multiply the plate in place by the light that remains; returns the picture.
 
         Args:
             picture: the plate; changed where the blurred shadow reaches, and only there.
-            shadow: the light that is gone.
+            shadow: the loss of light.
             frame: the frame's own box.
-            cover: what really stands before the ground.
+            matte: of things in front of the ground.
         """
-        return self.darken(picture, self.blurred(shadow, frame), cover)
+        return self.darken(picture, self.blurred(shadow, frame), matte)
 
     def darken(
-        self, picture: Picture, blurred: BlurredLayer, cover: ForegroundMatte | None
+        self, picture: Picture, blurred: BlurredLayer, matte: ForegroundMatte | None
     ) -> Picture:
-        """Take a blurred shadow's light from the plate, in place; the picture itself comes back.
-
-        Args:
-            picture: the plate; changed where the shadow reaches, and only there.
-            blurred: from `blurred`.
-            cover: what really stands before the ground.
-        """
+        """As `__call__`, with a shadow from `blurred`."""
         box, loss = blurred.box, blurred.rgba
         if not box.empty and loss.any():
-            if cover is not None:
-                loss = _behind(loss, picture.linear(box), box, cover)
-            # Over has one alpha for all channels: what is coloured about the loss is added back.
+            if matte is not None:
+                loss = _behind(loss, picture.linear(box), box, matte)
+            # Over has one alpha for all channels: the loss less its mean is added as colour.
             layer: Float32 = np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
             picture.over(box, layer, of_plate=True)
         return picture
@@ -121,25 +175,23 @@ class ApplyShadow:
         if step == 1:
             return self.blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
         coarse = DefocusedLayer(layer=layer, coc_px=shadow.coc_px / np.float32(step))
-        around_frame = Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step))
-        blurred = self.blur(coarse, around_frame)
-        held = blurred.box
-        wide = Box(held.x0 * step, held.y0 * step, held.x1 * step, held.y1 * step)
+        blurred = self.blur(coarse, Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step)))
+        wide = scaled(blurred.box, step)
         box = wide.intersection(frame)
         rgba = enlarged(blurred.rgba, step)[box.slices_in(wide)]
         return BlurredLayer(box=box, rgba=np.ascontiguousarray(rgba))
 
 
-def _behind(loss: Float32, plate: Float32, box: Box, cover: ForegroundMatte) -> Float32:
-    """Loss and its mean (h, w, 4) on a box, where only what lies behind the cover loses light."""
-    common = box.intersection(cover.box)
+def _behind(loss: Float32, plate: Float32, box: Box, matte: ForegroundMatte) -> Float32:
+    """Loss and its mean (h, w, 4) on a box, of the light that does not come from the foreground."""
+    common = box.intersection(matte.box)
     if common.empty:
         return loss
     light = np.zeros_like(plate)
-    light[common.slices_in(box)] = cover.light[common.slices_in(cover.box)]
+    light[common.slices_in(box)] = matte.light[common.slices_in(matte.box)]
     share = np.ones_like(plate)
     np.divide(plate - light, plate, out=share, where=plate > 0.0)
-    hidden = cover.coverage[common.slices_in(cover.box)] >= 1.0
+    hidden = matte.coverage[common.slices_in(matte.box)] >= 1.0
     share[common.slices_in(box)][hidden] = 0.0
     behind = loss[..., :3] * np.clip(share, 0.0, 1.0)
     return np.concatenate([behind, behind.mean(axis=2, keepdims=True)], axis=2)

@@ -1,10 +1,9 @@
 """The object's shadow on the ground plane, by differential rendering (Debevec 1998).
 
-The plate is multiplied by the ratio of the light that its ground gets with the object to that
-without it. Soft edges come from many points of each lamp, contact darkening from many directions of
-the light from around, each a projection of the same triangles on the plane. The lens then blurs the
-loss of light as it blurs the ground there (`darken`), so it is worked out no finer than that blur
-lets through.
+The plate is multiplied by the ratio of the ground's light with the object to that without it. Soft
+edges come from many points of each lamp, contact darkening from many directions of the ambient
+light, each a projection of the same triangles on the plane. The lens then blurs the loss of light
+as it blurs the ground there, so it is sampled no finer than that blur lets through.
 """
 
 from __future__ import annotations
@@ -18,25 +17,32 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.apply import Shadow, enlarged, pixels_of
-from nlens_video.effects.shadow.cast import (
-    Grid,
-    Moment,
-    Occluder,
-    ShadowQuery,
-    hemisphere,
-    hidden_shares,
-    lamp_points,
-)
+from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
+from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
+from nlens_video.effects.shadow.coverage import PROJECTIONS, mark_covered
+from nlens_video.effects.shadow.transparency import absorb, no_absorption
+from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
-_RETURNED = 0.4  # of the light from around that a body hides, by its own bright surface
+_RETURNED = 0.4  # of the ambient light that a body blocks, by its own bright surface
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
-_COARSE = 4  # contact darkening is smooth: one pixel in so many each way is enough [px]
-_FAINT = 0.03  # a share below which nobody sees it: bounds how far contact darkening reaches
-_PIXELS_A_DISC = 4.0  # across the smallest disc that the ground's blur spreads [px]
-_BLACKEST = 0.999  # the most that is taken away: something always comes back from around
+_COARSE = 4  # contact darkening is smooth: step of its grid [px]
+_FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
+_PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
+_BLACKEST = 0.999  # largest loss: some ambient light always comes back
+_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
+_R2 = (0.7548776662466927, 0.5698402909980532)  # of Roberts' low-discrepancy sequence
+_FOLLOWED = 400  # vertices that measure the motion of the shadow
+_LOWEST = 0.93  # squared sine off the vertical beyond which ambient light is neglected
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """Shadow casters and camera at one moment."""
+
+    casters: Casters
+    camera: Camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,11 +50,10 @@ class CastShadow:
     """Casts the shadow of triangles on the ground.
 
     Attributes:
-        strength: 1 as the light has it, 0 none [1].
-        lamp_points: points of each lamp that are followed.
-        ambient_directions: directions of the light from around that are followed.
-        threads: how many share the work at most; default: one a processor. The result does not
-            depend on it.
+        strength: factor on the shadow, 1 is physical, 0 none [1].
+        lamp_points: samples of each lamp.
+        ambient_directions: samples of the ambient light.
+        threads: limit; default: one a processor. The result does not depend on it.
     """
 
     strength: float = 1.0
@@ -62,9 +67,8 @@ class CastShadow:
         """Cast the mean shadow of some moments.
 
         Args:
-            moments: what throws it, and the camera, at an odd number of moments while the shutter
-                is open; the frame's own is in the middle.
-            light: what lights the ground.
+            moments: an odd number of temporal samples; the frame's own time is in the middle.
+            light: on the ground.
             ground_y: height of the plane [scene unit].
             fit: the lens, None where it is not known.
 
@@ -74,12 +78,12 @@ class CastShadow:
         camera = moments[len(moments) // 2].camera
         if camera.world_from_camera[1, 3] <= ground_y or self.strength <= 0.0:
             return None
-        stages = [Occluder.of(moment, ground_y) for moment in moments]
-        standing = [stage for stage in stages if stage is not None]
+        occluders = [Occluder.of(moment.casters, moment.camera, ground_y) for moment in moments]
+        standing = [occluder for occluder in occluders if occluder is not None]
         if not standing:
             return None
         lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
-        middle = np.mean([stage.bounds for stage in standing], axis=(0, 1))
+        middle = np.mean([occluder.bounds for occluder in standing], axis=(0, 1))
         ambient = from_around(light, middle * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0))
         lights = [lamp_points(lamp, middle, self.lamp_points) for lamp in lamps]
         if ambient.any():
@@ -88,38 +92,36 @@ class CastShadow:
         _, most = ground_blur(camera, ground_y, frame, fit)
         seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
         boxes = [
-            reduce(Box.union, (stage.reached(own, seen) for stage in standing)) for own in lights
+            reduce(Box.union, (occluder.reached(own, seen) for occluder in standing))
+            for own in lights
         ]
         lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))
         least, _ = ground_blur(camera, ground_y, lit, fit)
         step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
-        asked = [ShadowQuery(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
+        queries = [_Query(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
         if ambient.any():
-            asked.append(
-                ShadowQuery(lights[-1], self.ambient_directions, Grid.on(boxes[-1], _COARSE))
-            )
-        found = [
-            _Share(share, one.grid)
-            for one, share in zip(asked, hidden_shares(stages, asked, self.threads), strict=True)
-        ]
+            around = Grid.on(boxes[-1], _COARSE)
+            queries.append(_Query(lights[-1], self.ambient_directions, around))
+        hidden = _hidden_shares(occluders, queries, self.threads)
+        shares = [_Share(share, one.grid) for one, share in zip(queries, hidden, strict=True)]
         if ambient.any():
-            found[-1] = found[-1].contact(self.ambient_directions)
-        inner = reduce(Box.union, (one.bounds for one in found), Box(0, 0, 0, 0))
+            shares[-1] = shares[-1].contact(self.ambient_directions)
+        inner = reduce(Box.union, (one.bounds for one in shares), Box(0, 0, 0, 0))
         if inner.empty:
             return None
         grid = Grid.on(inner, step)
         view = grid.view(camera)
-        loss = self._lost(lamps, ambient, [one.on(grid) for one in found], view, ground_y)
+        loss = self._loss(lamps, ambient, [one.on(grid) for one in shares], view, ground_y)
         disparity = view.plane_disparity(ground_y).astype(np.float32)
         loss[disparity <= 0.0] = 0.0
         coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
         return Shadow(box=grid.box, loss=loss, coc_px=coc, step=step)
 
-    def _lost(
+    def _loss(
         self, lamps: list[Lamp], ambient: Float64, shares: list[Float32], view: Camera,
         ground_y: float,
     ) -> Float32:  # fmt: skip
-        """Share of the light in each channel that is gone (h, w, 3), up to the horizon [1]."""
+        """Share of the light in each channel that is lost (h, w, 3), up to the horizon [1]."""
         near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
         ground = view.plane_points(ground_y) if near else np.zeros(3)
         given = [from_lamp(lamp, ground) for lamp in lamps]
@@ -137,13 +139,13 @@ class CastShadow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Share:
-    """Which share of a light is hidden (h, w), and where."""
+    """Share of a light that is blocked (h, w), on a grid."""
 
     hidden: Float32
     grid: Grid
 
     def contact(self, directions: int) -> _Share:
-        """What is seen of it where it is light from around: nothing of what is faint."""
+        """Contact darkening of ambient light, without what is too faint to be visible."""
         faint = max(_FAINT, min(1.0 / directions, 0.5))
         left = np.maximum(self.hidden - np.float32(faint), np.float32(0.0))
         return _Share(left / np.float32(1.0 - faint), self.grid)
@@ -151,15 +153,9 @@ class _Share:
     @property
     def bounds(self) -> Box:
         """The part of the frame in which it is not 0."""
-        some = self.hidden > 0.0
-        rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
-        if not rows.size:
-            return Box(0, 0, 0, 0)
         box, step = self.grid.box, self.grid.step
-        return Box(
-            box.x0 + int(columns[0]) * step, box.y0 + int(rows[0]) * step,
-            box.x0 + (int(columns[-1]) + 1) * step, box.y0 + (int(rows[-1]) + 1) * step,
-        )  # fmt: skip
+        found = Box.of(self.hidden > 0.0)
+        return found if found.empty else scaled(found, step).moved(box.x0, box.y0)
 
     def on(self, grid: Grid) -> Float32:
         """The same on another grid, 0 where it is not known."""
@@ -173,16 +169,131 @@ class _Share:
         return out
 
 
-def ground_blur(
-    camera: Camera, ground_y: float, box: Box, fit: LensFit | None
-) -> tuple[float, float]:
-    """Least and greatest CoC diameter of the ground in a box of the frame [px].
+@dataclass(frozen=True, slots=True, eq=False)
+class _Query:
+    """Samples of a light whose blocked share is computed on a grid.
 
-    It is affine there, up to the horizon.
+    Attributes:
+        lights: points (x, y, z, 1), or directions towards distant light (x, y, z, 0) (N, 4).
+        count: samples that they stand for, neglected ones included [1].
+        grid: the pixels.
     """
-    if fit is None or box.empty:
-        return 0.0, 0.0
-    corners = Grid.on(box, 1).view(camera).corner_disparity(ground_y)
-    coc = fit.coc_px(np.maximum(corners, 0.0).astype(np.float32))
-    crosses = coc.min() <= 0.0 <= coc.max()
-    return 0.0 if crosses else float(np.abs(coc).min()), float(np.abs(coc).max())
+
+    lights: Float64
+    count: int
+    grid: Grid
+
+
+def _hidden_shares(
+    occluders: Sequence[Occluder | None], queries: Sequence[_Query], threads: int | None
+) -> list[Float32]:
+    """Share of each query's light that is blocked, on its grid.
+
+    Samples of the light take turns with temporal samples (None: nothing above the ground), so the
+    mean over moments costs no more than one moment.
+    """
+    work = [
+        (number, first)
+        for number, one in enumerate(queries)
+        for first in range(0, len(one.lights), PROJECTIONS)
+    ]
+    done: dict[tuple[int, int], Float32] = {}
+
+    def count(part: tuple[int, int]) -> None:
+        done[part] = _counts(occluders, queries[part[0]], part[1])
+
+    parallel_for(count, work, threads)
+    counts = [np.zeros(one.grid.shape, np.float32) for one in queries]
+    for part in work:  # in this order, whichever was ready first
+        counts[part[0]] += done[part]
+    return [number / np.float32(one.count) for number, one in zip(counts, queries, strict=True)]
+
+
+def _counts(occluders: Sequence[Occluder | None], query: _Query, first: int) -> Float32:
+    """Number of blocked samples among `PROJECTIONS` of a query from `first` on (h, w)."""
+    height, width = query.grid.shape
+    bits = np.zeros((height, width), np.uint8)
+    absorption = no_absorption(height, width)
+    for bit, light in enumerate(query.lights[first : first + PROJECTIONS]):
+        number = first + bit
+        occluder = occluders[number % len(occluders)]
+        if occluder is None or light[1] <= light[3] * occluder.ground_y:
+            continue
+        view = query.grid.view(occluder.camera)
+        (matrix,) = project_along_light(light[None], occluder.ground_y, view)
+        at = (((number + 1) * _R2[0]) % 1.0, ((number + 1) * _R2[1]) % 1.0)
+        opaque = occluder.opaque if light[3] == 0.0 else occluder.opaque.below(light[1])
+        mark_covered(bits, bit, (opaque.vertices, opaque.faces, opaque.edges), matrix, at)
+        for whole, opacity in occluder.transparent:
+            mesh = whole if light[3] == 0.0 else whole.below(light[1])
+            points = mesh.vertices[:, :3] @ matrix[:, :3].T + matrix[:, 3]
+            surface = np.ascontiguousarray(mesh.vertices[:, 3:])
+            texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
+            absorb(absorption, (bits, bit), points, surface, mesh.faces, texture, number + 1, at)
+    return np.bitwise_count(bits).astype(np.float32) + absorption.taken
+
+
+def hemisphere(directions: int) -> Float64:
+    """Cosine-weighted directions (N, 4) to ambient light, of equal weight.
+
+    Those nearest to the horizon, which reach far and weigh little, are left out.
+
+    Args:
+        directions: their number with those.
+    """
+    number = np.arange(directions)
+    squared_sine = (number + 0.5) / directions  # of the angle off the vertical
+    turn, sine = number * _GOLDEN, np.sqrt(squared_sine)
+    up = np.sqrt(1.0 - squared_sine)
+    toward = np.stack([sine * np.cos(turn), up, sine * np.sin(turn), 0.0 * up], axis=1)
+    return np.asarray(toward[squared_sine <= _LOWEST])
+
+
+def lamp_points(lamp: Lamp, middle: Float64, count: int) -> Float64:
+    """Points (N, 4) of a lamp's disc as seen from the object; w = 0 for a distant lamp."""
+    posed = lamp.posed
+    far = posed.light.kind == "directional"
+    toward = -posed.direction if far else posed.position - middle
+    distance = float(np.linalg.norm(toward))
+    axis = toward / max(distance, np.finfo(np.float64).tiny)
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    number = np.arange(count)
+    radius = math.tan(0.5 * lamp.diameter) * distance * np.sqrt((number + 0.5) / count)
+    aside = np.cos(number * _GOLDEN)[:, None] * first + np.sin(number * _GOLDEN)[:, None] * second
+    places = (toward if far else posed.position) + radius[:, None] * aside
+    return np.column_stack([places, np.full(count, 0.0 if far else 1.0)])
+
+
+def shadow_places(moments: Sequence[Moment], lamps: Sequence[Lamp], ground_y: float) -> Float64:
+    """Positions on the frame of the shadows of some vertices at some moments, to measure motion.
+
+    Args:
+        moments: of the same vertices.
+        lamps: cast the shadows, with light from straight above.
+        ground_y: height of the ground [scene unit].
+
+    Returns:
+        Columns and rows (len(moments), V, 2), of those that are always before the camera [px].
+    """
+    some = [_some_points(moment.casters) for moment in moments]
+    middle = some[len(some) // 2].mean(axis=0)
+    below = np.array([[0.0, 1.0, 0.0, 0.0]])
+    lights = np.concatenate([below, *(lamp_points(own, middle, 1) for own in lamps)])
+    seen = np.array(
+        [
+            np.column_stack([points, np.ones(len(points))])
+            @ project_along_light(lights, ground_y, moment.camera).swapaxes(1, 2)
+            for points, moment in zip(some, moments, strict=True)
+        ]
+    ).reshape(len(moments), -1, 3)
+    before = (seen[..., 2] > 0.0).all(axis=0)
+    return np.asarray(seen[:, before, :2] / seen[:, before, 2:])
+
+
+def _some_points(casters: Casters) -> Float64:
+    """A few hundred vertices, evenly among all (V, 3)."""
+    transparent = (one.vertices[:, :3] for one in casters.transparent)
+    points = np.concatenate([casters.vertices, *transparent])
+    return points[:: max(1, len(points) // _FOLLOWED)]

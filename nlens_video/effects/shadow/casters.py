@@ -1,29 +1,34 @@
-"""Shadow casters: opaque and partly transparent triangles, clipped at heights."""
+"""Shadow casters: opaque and transparent triangles above the ground, and their projection."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry, Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
 
-MIRRORED, CLAMPED = 33648, 33071  # glTF's codes of what lies beyond a texture's edge
+MIRRORED, CLAMPED = 33648, 33071  # glTF's codes for texture wrapping
 _OPAQUE = 254.5 / 255.0
+_GRAZES = 1e-3  # depth below the plane, by the height above it, that is not seen: raising is quick
+_NO_EDGES = np.zeros((0, 4), np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opacity:
-    """How much light a surface stops.
+    """Opacity of a surface.
 
     Attributes:
         alpha: of its texture (H, W), row 0 at v = 0; one texel of 1 where it has none [1].
-        wrap: what lies beyond the texture's edges along u and v: 0 repeated, 1 mirrored, 2 clamped.
-        cutoff: alpha from which on it stops all, below which none; negative: it stops its alpha.
+        wrap: texture wrapping along u and v: 0 repeated, 1 mirrored, 2 clamped.
+        cutoff: alpha from which on it is opaque, below which transparent; negative: alpha blending.
     """
 
     alpha: Float32
@@ -33,11 +38,11 @@ class Opacity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CasterGeometry:
-    """What is the same of a geometry at all times.
+    """Properties of a geometry that do not change over time.
 
     Attributes:
-        opacity: how much light it stops, None where it stops all.
-        edges: of its triangles, as `edges_of` gives them; none where they are not asked for (E, 4).
+        opacity: None for an opaque surface.
+        edges: of opaque triangles, as `edges_of` gives them (E, 4).
     """
 
     opacity: Opacity | None
@@ -45,9 +50,8 @@ class CasterGeometry:
 
     @classmethod
     def of(cls, geometry: Geometry) -> CasterGeometry:
-        """See what a geometry is to light."""
-        opacity = opacity_of(geometry)
-        faces = geometry.faces
+        """The properties of a geometry."""
+        opacity, faces = _opacity_of(geometry), geometry.faces
         return cls(opacity, edges_of(faces if opacity is None else faces[:0]))
 
 
@@ -56,9 +60,9 @@ class TransparentCaster:
     """Triangles that are not opaque everywhere.
 
     Attributes:
-        vertices: place in the world, texture coordinates and factor of alpha (V, 6).
+        vertices: world position, texture coordinates and factor of alpha (V, 6).
         faces: vertex indices (T, 3).
-        opacity: how much they stop.
+        opacity: of their surface.
     """
 
     vertices: Float64
@@ -68,50 +72,45 @@ class TransparentCaster:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Casters:
-    """All that throws a shadow at one moment.
+    """All shadow casters at one moment.
 
     Attributes:
-        vertices: of what is opaque, in the world (V, 3) [scene unit].
-        faces: vertex indices of its triangles (T, 3).
-        edges: of its triangles, as `edges_of` gives them (E, 4).
-        veils: the rest.
+        vertices: of the opaque triangles, in the world (V, 3) [scene unit].
+        faces: vertex indices of these triangles (T, 3).
+        edges: of these triangles, as `edges_of` gives them (E, 4).
+        transparent: the other triangles.
     """
 
     vertices: Float64
     faces: Int32
     edges: Int32
-    veils: tuple[TransparentCaster, ...] = ()
+    transparent: tuple[TransparentCaster, ...] = ()
 
     @classmethod
-    def of(cls, posed: PosedScene, surfaces: dict[Geometry, CasterGeometry]) -> Casters:
-        """Sort a scene's triangles.
-
-        Args:
-            posed: the scene.
-            surfaces: kept from one moment to the next: what is known of each geometry; filled in.
-        """
-        solid: list[PosedMesh] = []
-        veils: list[TransparentCaster] = []
+    def of(cls, posed: PosedScene, known: dict[Geometry, CasterGeometry]) -> Casters:
+        """The casters of a scene; `known` is a cache of its geometries, filled in."""
+        opaque: list[PosedMesh] = []
+        transparent: list[TransparentCaster] = []
         for mesh in posed.meshes:
             geometry = mesh.geometry
-            if geometry not in surfaces:
-                surfaces[geometry] = CasterGeometry.of(geometry)
-            opacity = surfaces[geometry].opacity
+            if geometry not in known:
+                known[geometry] = CasterGeometry.of(geometry)
+            opacity = known[geometry].opacity
             if opacity is None:
-                solid.append(mesh)
+                opaque.append(mesh)
             else:
-                carried = np.concatenate([mesh.positions, _carried(geometry)], axis=1)
-                veils.append(TransparentCaster(carried.astype(np.float64), mesh.faces, opacity))
-        if not solid:
-            nothing = np.zeros((0, 4), np.int32)
-            return cls(np.zeros((0, 3)), nothing[:, :3], nothing, tuple(veils))
-        vertices, faces = PosedScene(posed.time_s, tuple(solid), ()).triangles()
-        edges = _joined([surfaces[mesh.geometry].edges for mesh in solid], solid)
-        return cls(vertices.astype(np.float64), faces, edges, tuple(veils))
+                vertices = np.concatenate([mesh.positions, _texturing(geometry)], axis=1)
+                vertices = vertices.astype(np.float64)
+                transparent.append(TransparentCaster(vertices, mesh.faces, opacity))
+        if not opaque:
+            return cls(np.zeros((0, 3)), _NO_EDGES[:, :3], _NO_EDGES, tuple(transparent))
+        vertices, faces = PosedScene(posed.time_s, tuple(opaque), ()).triangles()
+        edges = _joined([known[mesh.geometry].edges for mesh in opaque], opaque)
+        return cls(vertices.astype(np.float64), faces, edges, tuple(transparent))
 
 
 def _joined(edges: list[Int32], meshes: list[PosedMesh]) -> Int32:
-    """Edges of meshes, by the numbers that vertices and triangles have in all of them together."""
+    """Edges of meshes, with the indices of vertices and triangles of all of them together."""
     vertex = triangle = 0
     moved = []
     for own, mesh in zip(edges, meshes, strict=True):
@@ -122,8 +121,8 @@ def _joined(edges: list[Int32], meshes: list[PosedMesh]) -> Int32:
     return np.ascontiguousarray(np.concatenate(moved), dtype=np.int32)
 
 
-def opacity_of(geometry: Geometry) -> Opacity | None:
-    """How much light a geometry stops; None where it stops all."""
+def _opacity_of(geometry: Geometry) -> Opacity | None:
+    """Opacity of a geometry's surface; None where it is opaque."""
     material = geometry.material
     if material.alpha_mode == "OPAQUE":
         return None
@@ -132,7 +131,8 @@ def opacity_of(geometry: Geometry) -> Opacity | None:
     wrap = (0, 0)
     if use is not None:
         alpha = use.image.pixels[..., 3].astype(np.float32) / np.float32(255.0)
-        wrap = (_wrapped(use.image.wrap[0]), _wrapped(use.image.wrap[1]))
+        codes = {MIRRORED: 1, CLAMPED: 2}
+        wrap = (codes.get(use.image.wrap[0], 0), codes.get(use.image.wrap[1], 0))
     cutoff = material.alpha_cutoff if material.alpha_mode == "MASK" else -1.0
     least = float(alpha.min()) * float(_factor(geometry, material).min(initial=1.0))
     if least >= (cutoff if cutoff >= 0.0 else _OPAQUE):
@@ -140,18 +140,14 @@ def opacity_of(geometry: Geometry) -> Opacity | None:
     return Opacity(np.ascontiguousarray(alpha), wrap, cutoff)
 
 
-def _wrapped(code: int) -> int:
-    return {MIRRORED: 1, CLAMPED: 2}.get(code, 0)
-
-
 def _factor(geometry: Geometry, material: Material) -> Float32:
-    """What the texture's alpha is multiplied by at each vertex (V,) [1]."""
+    """Factor on the texture's alpha at each vertex (V,) [1]."""
     factor = np.full(len(geometry.positions), material.base_color[3], np.float32)
     return factor if geometry.colors is None else factor * geometry.colors[:, 3]
 
 
-def _carried(geometry: Geometry) -> Float32:
-    """Texture coordinates, as the picture has them, and factor of alpha (V, 3)."""
+def _texturing(geometry: Geometry) -> Float32:
+    """Texture coordinates in the picture and factor on alpha (V, 3)."""
     use = geometry.material.base_color_texture
     uv = np.zeros((len(geometry.positions), 2), np.float32)
     if use is not None:
@@ -161,15 +157,12 @@ def _carried(geometry: Geometry) -> Float32:
     return np.column_stack([uv, _factor(geometry, geometry.material)])
 
 
-_GRAZES = 1e-3  # of what stands above
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClippedMesh:
-    """Triangles, all of them on one side of a plane.
+    """Triangles, all of them on one side of a horizontal plane.
 
     Attributes:
-        vertices: in the world (V, 3), and after that whatever else each vertex carries (V, 3 + C).
+        vertices: world positions (V, 3), and further attributes of each vertex (V, 3 + C).
         faces: vertex indices (T, 3).
         edges: of the triangles (E, 4), as `edges_of` gives them.
     """
@@ -180,28 +173,20 @@ class ClippedMesh:
 
     @classmethod
     def above(cls, vertices: Float64, faces: Int32, edges: Int32, height: float) -> ClippedMesh:
-        """What lies above a height; triangles that cross it are cut.
-
-        Feet that dip in by less than anybody sees are raised instead, which is much quicker.
-        """
+        """Triangles clipped to what lies above a height; feet that barely dip in are raised."""
         above = vertices[:, 1] - height
         if 0.0 < -above.min(initial=0.0) <= _GRAZES * above.max(initial=0.0):
             vertices = vertices.copy()
             np.maximum(vertices[:, 1], height, out=vertices[:, 1])
             above = vertices[:, 1] - height
-        return cls(vertices=vertices, faces=faces, edges=edges)._kept(above)
+        return cls(vertices=vertices, faces=faces, edges=edges)._clipped(above)
 
     def below(self, height: float) -> ClippedMesh:
-        """What lies below a height; triangles that cross it are cut."""
-        return self._kept(height - self.vertices[:, 1])
+        """The mesh clipped to what lies below a height."""
+        return self._clipped(height - self.vertices[:, 1])
 
-    @property
-    def points(self) -> Float64:
-        """Where the vertices are (V, 3)."""
-        return self.vertices[:, :3]
-
-    def _kept(self, distance: Float64) -> ClippedMesh:
-        """The side on which the distance (V,) of a plane is not negative."""
+    def _clipped(self, distance: Float64) -> ClippedMesh:
+        """The side of a plane on which the distance (V,) is not negative."""
         if (distance >= 0.0).all():
             return self
         inside = (distance >= 0.0)[self.faces]
@@ -213,10 +198,9 @@ class ClippedMesh:
             alone = inside[count == wanted] == (wanted == 1)
             lead = np.argmax(alone, axis=1)
             a, b, c = (crossing[np.arange(len(crossing)), (lead + k) % 3] for k in range(3))
-            cuts = [_between(self.vertices, distance, a, other) for other in (b, c)]
+            points += [_between(self.vertices, distance, a, other) for other in (b, c)]
             n = len(crossing)
             ab, ac = first + np.arange(n), first + n + np.arange(n)
-            points += cuts
             first += 2 * n
             if wanted == 1:
                 pieces.append(np.stack([a, ab, ac], axis=1))
@@ -234,7 +218,7 @@ class ClippedMesh:
 
 
 def _without(edges: Int32, whole: Bool) -> Int32:
-    """Edges (E, 4) of those triangles that are left, by their new numbers."""
+    """Edges (E, 4) of the triangles that remain, with their new indices."""
     number = np.append(np.where(whole, np.cumsum(whole) - 1, -1), -1).astype(np.int32)
     sides = number[edges[:, 2:]]
     left = (sides >= 0).any(axis=1)
@@ -247,3 +231,69 @@ def _without(edges: Int32, whole: Bool) -> Int32:
 def _between(vertices: Float64, distance: Float64, a: Int32, b: Int32) -> Float64:
     part = distance[a] / (distance[a] - distance[b])
     return np.asarray(vertices[a] + part[:, None] * (vertices[b] - vertices[a]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occluder:
+    """Shadow casters above a ground plane, at one moment.
+
+    Attributes:
+        camera: the camera.
+        opaque: the opaque triangles above the ground.
+        transparent: the other triangles above the ground, with their opacity.
+        ground_y: height of the ground plane [scene unit].
+        bounds: least and greatest coordinates of the vertices (2, 3) [scene unit].
+    """
+
+    camera: Camera
+    opaque: ClippedMesh
+    transparent: tuple[tuple[ClippedMesh, Opacity], ...]
+    ground_y: float
+    bounds: Float64
+
+    @classmethod
+    def of(cls, casters: Casters, camera: Camera, ground_y: float) -> Occluder | None:
+        """The casters above the ground; None where there are none."""
+        opaque = ClippedMesh.above(casters.vertices, casters.faces, casters.edges, ground_y)
+        transparent = tuple(
+            (ClippedMesh.above(one.vertices, one.faces, _NO_EDGES, ground_y), one.opacity)
+            for one in casters.transparent
+        )
+        meshes = [mesh for mesh in (opaque, *(one for one, _ in transparent)) if len(mesh.faces)]
+        if not meshes:
+            return None
+        points = np.concatenate([mesh.vertices[:, :3] for mesh in meshes])
+        points = points[points[:, 1] >= ground_y]
+        bounds = np.stack([points.min(axis=0), points.max(axis=0)])
+        return cls(camera, opaque, transparent, ground_y, bounds)
+
+    def reached(self, lights: Float64, seen: Box) -> Box:
+        """The part of a box of the frame that the shadows from lights (N, 4) can reach."""
+        lights = lights[lights[:, 1] > lights[:, 3] * self.ground_y]
+        if not len(lights):
+            return Box(0, 0, 0, 0)
+        corners = np.array([[*corner, 1.0] for corner in product(*self.bounds.T)])
+        matrices = project_along_light(lights, self.ground_y, self.camera)
+        places = corners @ matrices.swapaxes(1, 2)  # (N, 8, 3)
+        beside = (lights[:, 3] > 0.0) & (lights[:, 1] <= self.bounds[1, 1])
+        if beside.any() or (places[..., 2] <= 0.0).any():
+            return seen
+        columns, rows = places[..., 0] / places[..., 2], places[..., 1] / places[..., 2]
+        return Box(
+            math.floor(max(columns.min(), seen.x0)), math.floor(max(rows.min(), seen.y0)),
+            math.ceil(min(columns.max(), seen.x1)), math.ceil(min(rows.max(), seen.y1)),
+        )  # fmt: skip
+
+
+def project_along_light(lights: Float64, ground_y: float, camera: Camera) -> Float64:
+    """Projection of world points along lights (N, 4) on the ground, then on the screen.
+
+    Matrices (N, 3, 4) to homogeneous pixel positions, whose last coordinate is positive before the
+    camera for points below the light.
+    """
+    plane = np.array([0.0, 1.0, 0.0, -ground_y])
+    away = (lights @ plane)[:, None, None] * np.eye(4) - lights[:, :, None] * plane
+    intrinsics = np.array(
+        [[camera.fx, 0.0, -camera.cx], [0.0, -camera.fy, -camera.cy], [0.0, 0.0, -1.0]]
+    )
+    return np.asarray(intrinsics @ camera.camera_from_world[:3] @ away)

@@ -1,15 +1,15 @@
-"""Where triangles fall on the screen, one projection after another: coverage for soft shadows.
+"""Rasterises triangles for soft shadows: coverage of the screen, one projection after another.
 
 Each projection has a bit of its own in every pixel, so what it covers twice counts once, and the
-number of bits set is the number of projections that a pixel's ground does not see. Pixels are
-sampled at one point, which each projection may place elsewhere: many antialias as they soften.
+number of bits set is the number of blocked light samples. Pixels are sampled at one point, which
+differs between projections: many of them antialias as they soften.
 
-How many triangles lie over a pixel is the sum of their edges to the left of it, those that go up
-minus those that go down, all triangles taken as turning the same way. An edge between two that
-really do so counts nothing: what is drawn of a mesh is little more than its outline. Places are
-rounded to 1/256 px and all is whole numbers after that, so the sum is exact.
+The number of triangles over a pixel is the sum of the edges to the left of it, those that go up
+less those that go down, with all triangles wound alike. An edge between two triangles that are
+wound alike cancels: of a mesh, little more than its outline is drawn. Positions are rounded to
+1/256 px, and integers after that, so the sum is exact.
 
-A triangle that reaches behind the camera is filled as far as it lies before it, without being cut
+A triangle that reaches behind the camera is filled as far as it lies before it, without clipping
 (Olano and Greer 1997, Triangle Scan Conversion Using 2D Homogeneous Coordinates).
 """
 
@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.kernels.numba_config import inlined, kernel, kernel_of
 from nlens_video.kernels.thread_pool import scratch
 
@@ -28,19 +28,20 @@ Signs = npt.NDArray[np.int8]
 
 Mesh = tuple[Float64, Int32, Int32]
 """Vertices, triangles, edges."""
-PROJECTIONS = 8
-"""How many projections an array of bits holds."""
-PER_PIXEL = 256
-"""Places are rounded to such a part of a pixel [1 / px]."""
-_FARTHEST_PX = 2.0**15  # from the first pixel: beyond that products are no exact numbers
+Extent = tuple[int, int, int, int]
+"""First column and row of pixels, and the last ones."""
+_Held = tuple[Int32, Signs, Int32, Int32, Float64]
+PROJECTIONS = 8  # of an array of bits
+PER_PIXEL = 256  # subpixel positions [1 / px]
+_FARTHEST_PX = 2.0**15  # from the first pixel: beyond that products are not exact
 
 
 def edges_of(faces: Int32) -> Int32:
-    """Edges of triangles (T, 3), each with the two on its sides.
+    """Edges of triangles (T, 3), each with the two triangles that share it.
 
     Returns:
-        Vertices from and to, the triangle that goes along it so and the one that comes back, -1
-        where there is none (E, 4).
+        First and second vertex, the triangle with the edge in this direction and the one with its
+        opposite, -1 where there is none (E, 4).
     """
     count = len(faces)
     start, end = faces.ravel(order="F"), np.roll(faces, -1, axis=1).ravel(order="F")
@@ -48,7 +49,7 @@ def edges_of(faces: Int32) -> Int32:
     low, high, forward = np.minimum(start, end), np.maximum(start, end), start < end
     order = np.lexsort((~forward, high, low))
     low, high, forward, triangle = low[order], high[order], forward[order], triangle[order]
-    # A pair is a neighbour in this order that goes the other way; more than two share no edge.
+    # pairs are neighbours in this order with opposite directions; more than two share no edge
     alike = (low[1:] == low[:-1]) & (high[1:] == high[:-1])
     pair = np.flatnonzero(alike & forward[:-1] & ~forward[1:])
     alone = np.ones(3 * count, bool)
@@ -62,18 +63,14 @@ def edges_of(faces: Int32) -> Int32:
 
 
 def mark_covered(
-    bits: Bits,
-    number: int,
-    mesh: Mesh,
-    matrix: Float64,
-    at: tuple[float, float],
+    bits: Bits, number: int, mesh: Mesh, matrix: Float64, at: tuple[float, float]
 ) -> None:
     """Set a bit in each pixel that any triangle covers.
 
     Args:
         bits: of the pixels (h, w); changed.
         number: which bit, 0 to `PROJECTIONS` - 1.
-        mesh: world positions (V, 3), and after that whatever they carry; vertex indices of
+        mesh: world positions (V, 3), perhaps with further attributes; vertex indices of
             triangles (T, 3); their edges, from `edges_of`.
         matrix: from the world to homogeneous positions (3, 4), (column * w, row * w, w), before the
             camera where w > 0, in pixels of `bits` [px].
@@ -86,11 +83,6 @@ def mark_covered(
         np.empty((6, 3)),
     )  # fmt: skip
     _mark(bits, number, mesh, matrix, at, held)
-
-
-Extent = tuple[int, int, int, int]
-"""First column and row of pixels, and the last ones."""
-_Held = tuple[Int32, Signs, Int32, Int32, Float64]
 
 
 @kernel
@@ -142,10 +134,7 @@ def _project(matrix: Float64, vertex: Float64, out: Float64) -> None:
 
 @inlined
 def _place(mesh: Mesh, matrix: Float64, at: tuple[float, float], held: _Held) -> None:
-    """Find where vertices fall, from the first sample on, and whether that is before the camera.
-
-    The room for layers is emptied there.
-    """
+    """Project vertices, and tell which lie before the camera; clears the buffer of layers there."""
     places, layers, point = held[0], held[2], held[4][0]
     left, top, right, bottom = layers.shape[1] - 1, layers.shape[0], 0, -1
     for v in range(mesh[0].shape[0]):
@@ -167,7 +156,7 @@ def _place(mesh: Mesh, matrix: Float64, at: tuple[float, float], held: _Held) ->
 
 @inlined
 def _turn(faces: Int32, places: Int32, signs: Signs) -> int:
-    """See which way triangles turn, 0 where they have no area; how many reach behind the camera."""
+    """Winding of triangles, 0 without area; returns how many reach behind the camera."""
     crossing = 0
     for t in range(faces.shape[0]):
         i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
@@ -184,7 +173,7 @@ def _turn(faces: Int32, places: Int32, signs: Signs) -> int:
 
 @inlined
 def _draw(places: Int32, i: int, j: int, weight: int, layers: Int32, reach: Int32) -> None:
-    """Add an edge, where it is crossed by rows of samples."""
+    """Add an edge where it crosses rows of samples."""
     if places[i, 1] > places[j, 1]:
         i, j, weight = j, i, -weight
     x, y = places[i, 0], places[i, 1]
@@ -192,7 +181,7 @@ def _draw(places: Int32, i: int, j: int, weight: int, layers: Int32, reach: Int3
     top, beyond = -(-y // PER_PIXEL), -(-places[j, 1] // PER_PIXEL)
     width = layers.shape[1] - 1
     for row in range(max(0, top), min(layers.shape[0], beyond)):
-        # Of whole numbers so small, a quotient is never rounded to the next whole number.
+        # the quotient of integers as small as these is never rounded up to an integer
         place = float(x * down + across * (row * PER_PIXEL - y)) / float(down * PER_PIXEL)
         column = int(min(max(np.ceil(place), 0.0), float(width)))
         layers[row, column] -= weight
@@ -202,7 +191,7 @@ def _draw(places: Int32, i: int, j: int, weight: int, layers: Int32, reach: Int3
 
 @inlined
 def _sum(bits: Bits, bit: int, layers: Int32, reach: Int32) -> None:
-    """Mark where layers add up to any."""
+    """Mark pixels with at least one layer."""
     for y in range(bits.shape[0]):
         count = 0
         for x in range(reach[y, 0], reach[y, 1]):
@@ -216,7 +205,7 @@ def _fill_crossing(
     bits: Bits, bit: int, corners: tuple[Float64, Float64, Float64], edge: Float64,
     at: tuple[float, float],
 ) -> None:  # fmt: skip
-    """Mark what a triangle covers as far as it lies before the camera."""
+    """Mark the coverage of a triangle as far as it lies before the camera."""
     inside = extent(corners[0], corners[1], corners[2], bits.shape, at)
     if inside[0] > inside[2] or not edge_functions(corners[0], corners[1], corners[2], edge):
         return
@@ -239,7 +228,7 @@ def _fill_crossing(
 def _mark(
     bits: Bits, number: int, mesh: Mesh, matrix: Float64, at: tuple[float, float], held: _Held
 ) -> None:  # fmt: skip
-    """`mark_covered`; `held` is room for what it works with."""
+    """`mark_covered`, with its buffers."""
     vertices, faces, edges = mesh
     bit = 1 << number
     places, signs, layers, reach, room = held
@@ -262,3 +251,19 @@ def _mark(
             for corner, vertex in enumerate((i, j, k)):
                 _project(matrix, vertices[vertex], room[corner])
             _fill_crossing(bits, bit, (room[0], room[1], room[2]), room[3:], at)
+
+
+def covered_reference(
+    size: tuple[int, int], points: Float64, faces: Int32, at: tuple[float, float]
+) -> Bool:
+    """NumPy reference of `mark_covered` (h, w), for homogeneous positions (V, 3).
+
+    A pixel (x, y, 1) is covered where it is a sum of the corners with weights >= 0.
+    """
+    rows, columns = np.indices(size)
+    pixels = np.stack([columns + at[0], rows + at[1], np.ones(size)], axis=-1).reshape(-1, 3)
+    out = np.zeros(size[0] * size[1], bool)
+    for corners in points[faces]:
+        if np.linalg.det(corners) != 0.0:
+            out |= (np.linalg.solve(corners.T, pixels.T) >= 0.0).all(axis=0)
+    return out.reshape(size)

@@ -1,7 +1,8 @@
-"""Partly transparent triangles (alpha masks, alpha blending) rasterised for soft shadows."""
+"""Rasterises transparent triangles (alpha masks, alpha blending) for soft shadows."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +17,12 @@ _Texture = tuple[Float32, tuple[int, int], float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Absorption:
-    """Light absorbed by partly transparent triangles, accumulated projection by projection.
+    """Light absorbed by transparent triangles, accumulated projection by projection.
 
     Attributes:
-        taken: sum over the calls (h, w), each takes 0 to 1 [1].
-        left: share that the last call has left so far (h, w) [1].
-        call: number of that call (h, w).
+        taken: sum over the projections (h, w), each 0 to 1 [1].
+        left: share that the last projection leaves so far (h, w) [1].
+        call: number of that projection (h, w).
     """
 
     taken: Float32
@@ -30,15 +31,13 @@ class Absorption:
 
 
 def no_absorption(height: int, width: int) -> Absorption:
-    """Nothing is taken yet."""
-    size = (height, width)
-    return Absorption(
-        np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.int32)
-    )
+    """The start of an accumulation."""
+    taken, left = np.zeros((2, height, width), np.float32)
+    return Absorption(taken, left, np.zeros((height, width), np.int32))
 
 
 def absorb(
-    veiled: Absorption,
+    absorption: Absorption,
     opaque: tuple[Bits, int],
     points: Float64,
     surface: Float64,
@@ -47,32 +46,30 @@ def absorb(
     call: int,
     at: tuple[float, float],
 ) -> None:  # fmt: skip
-    """Take from each pixel what triangles stop there, of what others of the same call have left.
+    """Add the absorption of triangles in one projection; light passes one after the other.
 
     Args:
-        veiled: from `new_veiled`; changed.
-        opaque: bits of `cast` and the number of the one that what is opaque has set; where it is
-            set, all is taken already.
+        absorption: of the projections so far; changed.
+        opaque: bits of `mark_covered`, and the number of this projection's: where it is set, no
+            light is left.
         points: homogeneous positions (V, 3), (column * w, row * w, w), before the camera where
-            w > 0, in pixels of `veiled` [px].
+            w > 0 [px].
         surface: texture coordinates and factor of alpha at each vertex (V, 3).
         faces: vertex indices of triangles (T, 3).
-        texture: alpha (H, W), how it goes on along u and v (`REPEATED`, `MIRRORED`, `CLAMPED`), and
-            the alpha from which on all is stopped; negative: as much as alpha says [1].
-        call: number of this call, from 1 on.
+        texture: alpha (H, W), wrapping along u and v (`REPEATED`, `MIRRORED`, `CLAMPED`), and the
+            alpha from which on it is opaque; negative for alpha blending [1].
+        call: number of this projection, from 1 on.
         at: where in each pixel it is sampled [px].
     """
-    alpha, wrap, cutoff = texture
-    bits, number = opaque
-    _count(
-        (veiled.taken, veiled.left), (veiled.call, bits, number), points, surface,
-        faces, (alpha, wrap, cutoff), call, at,
+    _absorb(
+        (absorption.taken, absorption.left), (absorption.call, *opaque), points, surface, faces,
+        texture, call, at,
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def _texel(index: int, size: int, mode: int) -> int:
-    """The texel that stands at any index."""
+    """Index of the texel at any index, wrapped."""
     if mode == CLAMPED:
         return min(max(index, 0), size - 1)
     if mode == MIRRORED:
@@ -101,7 +98,7 @@ def _stopped(
     corners: tuple[Float64, Float64, Float64],
     texture: _Texture,
 ) -> float:
-    """Share of the light that a point of a triangle stops [1]."""
+    """Share of the light that a point of a triangle absorbs [1]."""
     alpha, wrap, cutoff = texture
     a, b, c = corners
     total = weights[0] + weights[1] + weights[2]
@@ -124,7 +121,7 @@ _TEXTURE = "Tuple((f4[:,::1],UniTuple(i8,2),f8))"
     cache=True,
     nogil=True,
 )
-def _count(
+def _absorb(
     sums: tuple[Float32, Float32],
     calls: tuple[Int32, Bits, int],
     points: Float64,
@@ -162,3 +159,48 @@ def _count(
                 stopped = np.float32(_stopped((p, q, r), corners, texture)) * left[y, x]
                 taken[y, x] += stopped
                 left[y, x] -= stopped
+
+
+def absorb_reference(
+    size: tuple[int, int],
+    points: Float64,
+    surface: Float64,
+    faces: Int32,
+    texture: tuple[Float32, tuple[int, int], float],
+    at: tuple[float, float],
+) -> Float64:
+    """NumPy reference of `absorb` for one projection: the share of the light (h, w)."""
+    alpha, wrap, cutoff = texture
+    left = np.ones(size)
+    for face in faces:
+        if np.linalg.det(points[face]) == 0.0:
+            continue
+        for y in range(size[0]):
+            for x in range(size[1]):
+                weights = np.linalg.solve(points[face].T, [x + at[0], y + at[1], 1.0])
+                if (weights < 0.0).any():
+                    continue
+                u, v, factor = weights / weights.sum() @ surface[face]
+                share = min(max(factor * _sampled_reference(alpha, wrap, u, v), 0.0), 1.0)
+                if cutoff >= 0.0:
+                    share = float(share >= cutoff)
+                left[y, x] *= 1.0 - share
+    return 1.0 - left
+
+
+def _sampled_reference(alpha: Float32, wrap: tuple[int, int], u: float, v: float) -> float:
+    height, width = alpha.shape
+    x, y = u * width - 0.5, v * height - 0.5
+    total = 0.0
+    for j in (math.floor(y), math.floor(y) + 1):
+        for i in (math.floor(x), math.floor(x) + 1):
+            near = max(0.0, 1.0 - abs(x - i)) * max(0.0, 1.0 - abs(y - j))
+            total += near * alpha[_wrapped(j, height, wrap[1]), _wrapped(i, width, wrap[0])]
+    return float(total)
+
+
+def _wrapped(index: int, size: int, mode: int) -> int:
+    if mode == CLAMPED:
+        return min(max(index, 0), size - 1)
+    texels = [*range(size), *reversed(range(size))] if mode == MIRRORED else range(size)
+    return texels[index % len(texels)]

@@ -14,9 +14,8 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, UInt8
 from nlens_video.effects.shadow.apply import ApplyShadow
-from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import Casters
-from nlens_video.effects.shadow.cast import Moment
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate, read_codes

@@ -13,10 +13,9 @@ from nlens_video.core.layers import DefocusedLayer
 from nlens_video.effects.motion_blur import mean_layer, sampled_count
 from nlens_video.effects.planner import REFLECTION, SHADOW
 from nlens_video.effects.reflection import OverlayReflection, RenderReflection
-from nlens_video.effects.shadow.apply import ApplyShadow
-from nlens_video.effects.shadow.cast import CastShadow, ground_blur
+from nlens_video.effects.shadow.apply import ApplyShadow, ground_blur
+from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.casters import CasterGeometry, Casters
-from nlens_video.effects.shadow.cast import Moment, shadow_places
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.graph.nodes.reblur import make_reblur

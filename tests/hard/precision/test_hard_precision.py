@@ -31,8 +31,8 @@ from nlens_video.effects.camera.grain import (
     white_noise,
     white_noise_reference,
 )
-from nlens_video.effects.shadow.coverage_ref import covered, stopped
-from nlens_video.effects.shadow.transparency import absorb, no_absorption
+from nlens_video.effects.shadow.coverage import covered_reference
+from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no_absorption
 from nlens_video.kernels.aperture_covariance import aperture_covariance, edge_parallax_layer
 from nlens_video.kernels.depth_layers import inpaint
 from nlens_video.kernels.scatter.paper_scatter import paper_scatter
@@ -197,14 +197,14 @@ def _geometry() -> dict[str, tuple[float, float]]:
     size, at = (64, 64), (0.3, 0.7)
     corners = rng.normal(size=(9, 3)) * (30, 30, 0.1) + (30, 30, 1.0)
     three = np.arange(9, dtype=np.int32).reshape(3, 3)
-    wrong = marked(size, corners, three, at) ^ covered(size, corners, three, at)
+    wrong = marked(size, corners, three, at) ^ covered_reference(size, corners, three, at)
     made["cast triangles"] = (wrong.mean(), 2e-3)  # share of the pixels, on edges
     texture = (rng.random((5, 7), np.float32), (0, 1), -1.0)
     where = rng.normal(size=(9, 3)) * (1.5, 1.5, 0.1) + (0, 0, 1.0)
     veiled = no_absorption(*size)
     bits = np.zeros(size, np.uint8)
     absorb(veiled, (bits, 0), corners, where, three, texture, 1, at)
-    away = np.abs(veiled.taken - stopped(size, corners, where, three, texture, at))
+    away = np.abs(veiled.taken - absorb_reference(size, corners, where, three, texture, at))
     made["cast veils"] = (np.quantile(away, 0.995), 1e-6)
     return made
 
