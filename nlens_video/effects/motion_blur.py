@@ -1,10 +1,10 @@
-"""Motion blur: the object at some moments while the shutter is open, through the lens.
+"""Motion blur: accumulation of temporal samples over the shutter interval, and a line filter.
 
-Shutter and lens average light over time and over the aperture. What the whole object does on the
-screen, one picture shows when it is smeared along the way; what its parts do differently takes
-pictures of several moments, each smeared over its share of the time. So curved paths, turning
-parts and a change of focus on the way come out right, and a rigid slide costs one filter. (Velocity
-vectors by pixel, the usual shortcut, are wrong wherever the silhouette changes.)
+Shutter and lens integrate light over time and over the aperture. A motion of the whole object is a
+line filter on one picture; a motion that differs between its parts takes several temporal samples,
+each filtered over its share of the interval. So curved paths, turning parts and a change of focus
+on the way come out right, and a rigid slide costs one filter. (Velocity vectors by pixel, the usual
+shortcut, are wrong wherever the silhouette changes.)
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, ObjectL
 NEGLIGIBLE_SPAN_PX = 1.0
 MOST_MOMENTS = 33
 _STEP_PX = 2.0
-_REFOCUS_PX = 1.5  # a change of the CoC that one blur of the mean does not show [px]
-_NEAREST = 1e-9  # a depth, so that nothing is divided by 0 [scene unit]
+_REFOCUS_PX = 1.5  # largest change of the CoC that one blur of the mean stands for [px]
+_NEAREST = 1e-9  # least depth, against division by 0 [scene unit]
 _SAMPLED_STEP_PX = 4.0  # what lies on the ground is soft or faint
-_SUB_STEPS = 8  # places by pixel of way that a smear is measured at
+_SUB_STEPS = 8  # samples of the line filter by pixel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """What an object does on the screen while the shutter is open.
+    """Motion of an object on the screen while the shutter is open.
 
     Attributes:
-        span_px: way of its fastest vertex [px].
-        spread_px: most that a vertex moves differently from the mean of all [px].
-        refocus_px: most that the CoC diameter of a vertex changes [px].
-        ways: mean way of the vertices in each of an odd number of equal parts of the time,
+        span_px: path of its fastest vertex [px].
+        spread_px: largest difference of a vertex's motion from the mean [px].
+        refocus_px: largest change of the CoC diameter of a vertex [px].
+        ways: mean motion of the vertices in each of an odd number of equal parts of the interval,
             columns and rows (K, 2) [px].
     """
 
@@ -48,10 +48,7 @@ class Motion:
 
     @property
     def parts(self) -> list[range]:
-        """Numbers of the moments whose mean goes through the lens at once.
-
-        All of them, unless the blur itself changes meanwhile.
-        """
+        """Temporal samples whose mean the lens blurs at once: all, unless the CoC changes."""
         count = len(self.ways)
         wanted = min(count, max(1, math.ceil(self.refocus_px / _REFOCUS_PX)))
         ends = [round(count * part / wanted) for part in range(wanted + 1)]
@@ -61,19 +58,37 @@ class Motion:
 def moment_count(
     spread_px: Float64 | float, coc_px: Float64 | float, most: int = MOST_MOMENTS
 ) -> int:
-    """How many moments a motion takes, an odd number, so that they are not told apart.
+    """Number of temporal samples that a motion takes without visible steps; odd.
 
-    Discs of a CoC hide steps of half of it; what is sharp takes a picture every two pixels, since
-    each is smeared along the mean way and only the fastest parts differ from that so much.
+    Discs of a CoC hide steps of half of it; a sharp object takes a sample every two pixels, since
+    each is filtered along the mean motion and only the fastest parts differ from that so much.
 
     Args:
-        spread_px: what vertices move differently from the mean (V,) [px].
-        coc_px: least CoC diameters of theirs (V,), without sign [px].
-        most: limit of the count.
+        spread_px: differences of vertices' motion from the mean (V,) [px].
+        coc_px: their least CoC diameters (V,), without sign [px].
+        most: limit.
     """
-    told_apart = spread_px / np.maximum(_STEP_PX, 0.5 * coc_px)
-    count = math.ceil(float(np.max(told_apart))) if np.max(spread_px) > 0.5 else 1
+    steps = spread_px / np.maximum(_STEP_PX, 0.5 * coc_px)
+    count = math.ceil(float(np.max(steps))) if np.max(spread_px) > 0.5 else 1
     return _odd(count, most)
+
+
+def sampled_count(
+    places: Sequence[Float64], coc_px: Float64 | float, most: int = MOST_MOMENTS
+) -> int:
+    """Number of temporal samples of a motion that is not filtered; odd, 1 where it is negligible.
+
+    Args:
+        places: positions on the frame (V, 2) when the shutter opens, half way, and when it closes
+            [px].
+        coc_px: their CoC diameters (V,), or the least of them, without sign [px].
+        most: limit.
+    """
+    span = _path_px(np.diff(places, axis=0))
+    if float(span.max(initial=0.0)) < NEGLIGIBLE_SPAN_PX:
+        return 1
+    steps = span / np.maximum(_SAMPLED_STEP_PX, 0.5 * coc_px)
+    return _odd(math.ceil(float(steps.max())), most)
 
 
 def _odd(count: int, most: int) -> int:
@@ -81,29 +96,31 @@ def _odd(count: int, most: int) -> int:
     return min(count + (count + 1) % 2, most - (most + 1) % 2)
 
 
+def _path_px(halves: Float64) -> Float64:
+    """Length of a path of two parts (2, V, 2): (V,) [px]."""
+    first, second = np.linalg.norm(halves, axis=2)
+    return np.asarray(first + second)
+
+
 def measure_motion(
     places: Sequence[Float64], coc_px: Float64, most: int = MOST_MOMENTS
 ) -> Motion | None:
-    """See how an object moves while the shutter is open.
+    """Motion of an object while the shutter is open; None where it is negligible.
 
     Args:
-        places: its vertices on the frame (V, 2) when the shutter opens, is half through, and closes
-            [px].
+        places: its vertices on the frame (V, 2) when the shutter opens, half way, and when it
+            closes [px].
         coc_px: their signed CoC diameters then (3, V), 0 where the lens is not known [px].
-        most: limit of the number of moments.
-
-    Returns:
-        The motion; None where it is negligible.
+        most: limit of the number of temporal samples.
     """
-    opening, middle, closing = places
-    halves = (middle - opening, closing - middle)
-    span = float(sum(np.linalg.norm(half, axis=1) for half in halves).max(initial=0.0))
+    halves = np.diff(places, axis=0)
+    span = float(_path_px(halves).max(initial=0.0))
     if span < NEGLIGIBLE_SPAN_PX:
         return None
-    spread = sum(np.linalg.norm(half - half.mean(axis=0), axis=1) for half in halves)
+    spread = _path_px(np.stack([half - half.mean(axis=0) for half in halves]))
     count = moment_count(spread, np.abs(coc_px).min(axis=0), most)
     start, half_way, end = (part.mean(axis=0) for part in places)
-    # the mean's way is a parabola through its three places
+    # the mean's path is a parabola through its three positions
     at = np.linspace(-1.0, 1.0, count + 1)[:, None]
     centres = half_way + 0.5 * at * (end - start) + 0.5 * at**2 * (start + end - 2.0 * half_way)
     return Motion(
@@ -114,28 +131,8 @@ def measure_motion(
     )
 
 
-def sampled_count(
-    places: Sequence[Float64], coc_px: Float64 | float, most: int = MOST_MOMENTS
-) -> int:
-    """How many moments show a motion that is not smeared, an odd number; 1: it is negligible.
-
-    Args:
-        places: of what moves, on the frame (V, 2), when the shutter opens, is half through, and
-            closes [px].
-        coc_px: its CoC diameters (V,), or the least of them, without sign [px].
-        most: limit of the count.
-    """
-    opening, middle, closing = places
-    halves = (middle - opening, closing - middle)
-    span: Float64 = np.asarray(sum(np.linalg.norm(half, axis=1) for half in halves))
-    if float(span.max(initial=0.0)) < NEGLIGIBLE_SPAN_PX:
-        return 1
-    told_apart = span / np.maximum(_SAMPLED_STEP_PX, 0.5 * coc_px)
-    return _odd(math.ceil(float(told_apart.max())), most)
-
-
 def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
-    """A layer moved evenly along a straight way, half of it before and half after its own place.
+    """A layer filtered along a straight line that is centred on it.
 
     Args:
         layer: premultiplied, inside the frame.
@@ -152,7 +149,7 @@ def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredL
     source = cv2.copyMakeBorder(
         layer.rgba, rows, rows, columns, columns, cv2.BORDER_CONSTANT, value=(0, 0, 0, 0)
     )
-    # a picture that the frame cuts goes on beyond it, as far as one can tell
+    # beyond the border of the frame the layer is extended
     if held.x0 == frame.x0:
         source[:, :columns] = source[:, columns : columns + 1]
     if held.x1 == frame.x1 and columns:
@@ -166,11 +163,7 @@ def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredL
 
 
 def line_kernel(way_px: Float64) -> Float32:
-    """Weights of an even motion along a straight way, (2 * rows + 1, 2 * columns + 1), sum 1.
-
-    Args:
-        way_px: columns and rows (2,) [px].
-    """
+    """Line filter (2 * rows + 1, 2 * columns + 1) of a motion (2,), columns and rows [px]; sum 1."""
     steps = max(1, math.ceil(_SUB_STEPS * float(np.abs(way_px).max())))
     along = ((np.arange(steps) + 0.5) / steps - 0.5)[:, None] * way_px
     columns, rows = (math.ceil(0.5 * abs(float(way)) - 1e-9) for way in way_px)
@@ -185,13 +178,12 @@ def line_kernel(way_px: Float64) -> Float32:
 
 
 def mean_layer(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:
-    """The mean of an object's sharp pictures at some moments.
+    """The mean of an object's sharp pictures, to be blurred by the lens at once.
 
-    What is blurred later is blurred once: discs add up as light does. Only where parts of another
-    CoC cross one pixel in the meantime do both get the mean of the two.
+    Only where parts of different CoC cross one pixel do both get the mean of the two.
 
     Args:
-        layers: in any order, each held no longer than it takes; None: out of view at that moment.
+        layers: in any order, each held no longer than needed; None: out of view at that moment.
 
     Returns:
         Premultiplied mean; disparity is the mean by coverage. None: never in view.
@@ -223,12 +215,7 @@ def mean_layer(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:
 
 
 def mean_of_blurred(layers: Sequence[BlurredLayer], counts: Sequence[int]) -> BlurredLayer:
-    """The mean of blurred pictures that stand for so many moments each.
-
-    Args:
-        layers: premultiplied, each inside the frame.
-        counts: moments of each.
-    """
+    """The mean of blurred layers inside the frame, weighted by their numbers of samples."""
     if len(layers) == 1:
         return layers[0]
     box = reduce(Box.union, (layer.box for layer in layers))
