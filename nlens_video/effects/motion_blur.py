@@ -163,7 +163,7 @@ def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredL
 
 
 def line_kernel(way_px: Float64) -> Float32:
-    """Line filter (2 * rows + 1, 2 * columns + 1) of a motion (2,), columns and rows [px]; sum 1."""
+    """Line filter (2 * rows + 1, 2 * columns + 1) of a motion in columns and rows [px]; sum 1."""
     steps = max(1, math.ceil(_SUB_STEPS * float(np.abs(way_px).max())))
     along = ((np.arange(steps) + 0.5) / steps - 0.5)[:, None] * way_px
     columns, rows = (math.ceil(0.5 * abs(float(way)) - 1e-9) for way in way_px)

@@ -25,17 +25,24 @@ from nlens_video.kernels.depth_layers import inpaint
 from nlens_video.stages.composite import ForegroundMatte
 from nlens_video.stages.l_reblur import ScatterKernel
 
-CONTEXT_PX = 48
-"""How far around its region the light of foreground and background is looked for [px]."""
+CONTEXT_PX = 48  # margin around a region from which foreground and background are extended [px]
+NEARER = 0.02
+"""Share of the object's distance by which a depth must be nearer: the ground that it stands on is
+as far as its feet [1]."""
 _PURE = 1e-3  # a share this near to 0 or 1 is one of the two alone
+_REACH_LIMIT_PX = 256  # no kernel spreads farther
+_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_SMOOTHEST = 1e-4  # variance of display codes below which a picture has no edge
+_LEFT_BEYOND, _FULL = 0.45, 0.95
+_SOFTEST_PX = 1.0  # least blur of an edge: a depth map has no antialiasing [px]
 
 
 def foreground_light(plate: Float32, coverage: Float32, corner: tuple[int, int]) -> Float32:
     """The foreground's share m F of a plate P = m F + (1 - m) B.
 
-    F and B are carried on into the soft edge from where each is seen alone (pull-push), then
-    changed as little as makes them add up to the plate. Where one of them is nowhere seen alone
-    the other one decides.
+    F and B are inpainted into the soft edge from where each is seen alone (pull-push), then changed
+    by the least amount that makes them add up to the plate. If one is nowhere seen alone, the other
+    one decides.
 
     Args:
         plate: scene-linear light (h, w, 3).
@@ -50,9 +57,9 @@ def foreground_light(plate: Float32, coverage: Float32, corner: tuple[int, int])
     free = np.float32(1.0) - m
     if not back.any():
         return np.asarray(m * plate, dtype=np.float32)
-    behind_it = _carried(plate, back, corner)
+    behind_it = _inpainted(plate, back, corner)
     if front.any():
-        alone = _carried(plate, front, corner)
+        alone = _inpainted(plate, front, corner)
         missing = plate - m * alone - free * behind_it
         light = m * alone + (m * m / (m * m + free * free)) * missing
     else:
@@ -61,24 +68,24 @@ def foreground_light(plate: Float32, coverage: Float32, corner: tuple[int, int])
     return np.asarray(np.clip(light, 0.0, np.maximum(plate, 0.0)), dtype=np.float32)
 
 
-def _carried(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
-    """A plate (h, w, 3) carried on from where it is known; what is nowhere near weighs nothing."""
+def _inpainted(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
+    """A plate (h, w, 3) inpainted from where it is known."""
     ones = np.ones((*known.shape, 1), np.float32)
     maps = np.concatenate([plate, ones], axis=2) * known[..., None]
-    carried = inpaint(np.ascontiguousarray(maps, dtype=np.float32), known, corner)
-    return np.asarray(carried[..., :3] / np.maximum(carried[..., 3:], np.float32(1e-6)))
+    filled = inpaint(np.ascontiguousarray(maps, dtype=np.float32), known, corner)
+    return np.asarray(filled[..., :3] / np.maximum(filled[..., 3:], np.float32(1e-6)))
 
 
 def foreground_matte(picture: Picture, region: Box, coverage: Float32) -> ForegroundMatte | None:
-    """What covers a region, its light told apart from the background's.
+    """Foreground matte of a region, with its light separated from the background's.
 
     Args:
-        picture: the plate as it was decoded.
-        region: where layers will be laid; inside the frame.
+        picture: the plate as decoded.
+        region: where layers will be composited; inside the frame.
         coverage: of the foreground on the whole frame (H, W) [1].
 
     Returns:
-        The cover on the region; None where nothing is in front there.
+        The matte; None where nothing is in front there.
     """
     frame = Box(0, 0, picture.width, picture.height)
     seen = coverage[region.slices_in(frame)]
@@ -91,18 +98,8 @@ def foreground_matte(picture: Picture, region: Box, coverage: Float32) -> Foregr
     return ForegroundMatte(box=region, coverage=seen, light=light[region.slices_in(wide)])
 
 
-NEARER = 0.02
-"""Share of the object's distance by which a depth must be nearer: the ground that it stands on is
-as far as its feet [1]."""
-_REACH_LIMIT_PX = 256  # no kernel spreads farther
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
-_SMOOTHEST = 1e-4  # variance of display codes below which a picture has no edge
-_LEFT_BEYOND, _FULL = 0.45, 0.95
-_SOFTEST_PX = 1.0  # the least that an edge is spread: a depth map has no antialiasing [px]
-
-
 def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:
-    """Disparity of the object on the frame (H, W), carried on outwards from its silhouette.
+    """Disparity of the object on the frame (H, W), extended outwards from its silhouette.
 
     All 0 where it has no depth on the frame: then everything is nearer.
     """
@@ -118,7 +115,7 @@ def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoverageFromDepth:
-    """Coverage by what a depth map shows nearer.
+    """Coverage by nearer things of a depth map.
 
     Attributes:
         scatter: as of `ReblurLayer`.
@@ -161,7 +158,7 @@ class CoverageFromDepth:
         frame = Box(0, 0, near.shape[1], near.shape[0])
         wide = region.expanded(reach)
         inside = wide.intersection(frame)
-        # What the frame cuts off goes on beyond it: its edge is no edge of the thing.
+        # beyond the border of the frame the mask is extended
         beyond = (
             (inside.y0 - wide.y0, wide.y1 - inside.y1),
             (inside.x0 - wide.x0, wide.x1 - inside.x1),
@@ -170,7 +167,7 @@ class CoverageFromDepth:
         coc = np.pad(coc_px[inside.slices_in(frame)], beyond, mode="edge")
         rgba = np.zeros((*mask.shape, 4), np.float32)
         rgba[..., 3] = mask
-        seen = Box(frame.x0 - wide.x0, frame.y0 - wide.y0, frame.x1 - wide.x0, frame.y1 - wide.y0)
+        seen = frame.moved(-wide.x0, -wide.y0)
         blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect, frame=seen)
         out[region.slices_in(frame)] = blurred[region.slices_in(wide)][..., 3]
         return np.minimum(out, np.float32(1.0))
@@ -178,17 +175,17 @@ class CoverageFromDepth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoverageFromCoc:
-    """Coverage by what the plate's blur shows nearer, where that is certain.
+    """Coverage by things that are certainly nearer by the plate's CoC.
 
-    The CoC comes without sign: a pixel may lie before the focus or behind it. It counts as nearer
-    when every lens that fits agrees: when the farther of its two places is still nearer than the
-    object, or lies beyond infinity.
+    The CoC has no sign: a pixel may lie before the focus or behind it. It counts as nearer when
+    both solutions agree: when the farther one is still nearer than the object, or lies beyond
+    infinity.
 
     Attributes:
-        sigmas: expected errors of the estimate by which the CoC must differ [1].
-        least_px: by how much it must differ at least [px].
-        share: by how much it must differ at least, as a share of the lens' CoC at infinity [1].
-        edge_px: how far around a coarse edge the plate's own edge is looked for [px].
+        sigmas: least difference of the CoC, in expected errors of the estimate [1].
+        least_px: least difference of the CoC [px].
+        share: least difference of the CoC, by the lens' CoC at infinity [1].
+        edge_px: radius around a coarse edge in which the plate's edge is searched [px].
     """
 
     sigmas: float = 4.0
@@ -199,7 +196,7 @@ class CoverageFromCoc:
     def __call__(
         self, plate: CocMap, disparity: Float32, region: Box, fit: LensFit, picture: Float32
     ) -> Float32:
-        """Coverage of the frame by what is certainly nearer than a surface.
+        """Coverage of the frame by things that are certainly nearer than a surface.
 
         Args:
             plate: unsigned CoC of the plate and its expected error (H, W) [px].
@@ -234,14 +231,13 @@ class CoverageFromCoc:
 
 
 def _along_edges(near: Bool, picture: Float32, radius: int) -> Float32:
-    """A coarse mask drawn to the edges of a picture (guided filter, He et al. 2013)."""
+    """A coarse mask aligned to the edges of a picture (guided filter, He et al. 2013)."""
     # by luma: for a picture of one hue OpenCV's filter with three channels is not accurate
     guide = np.ascontiguousarray(picture @ _LUMA, dtype=np.float32)
     side = radius // 2 + 1
     speck = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     kept = cv2.morphologyEx(near.astype(np.uint8), cv2.MORPH_OPEN, speck)
     soft = cv2.ximgproc.guidedFilter(guide, kept.astype(np.float32), radius, _SMOOTHEST)
-    # An estimate of blur reaches across a sharp edge by part of its window: what is left of that
-    # beyond the edge is a share below a half.
+    # a CoC estimate reaches across a sharp edge by part of its window: a share below a half
     stretched = (np.asarray(soft) - _LEFT_BEYOND) / (_FULL - _LEFT_BEYOND)
     return np.asarray(np.clip(stretched, 0.0, 1.0), dtype=np.float32)

@@ -1,10 +1,9 @@
-"""The object mirrored by a glossy ground plane, as the lens shows its virtual image.
+"""Planar reflection: the object mirrored by a glossy ground, with the CoC of its virtual image.
 
-The mirror image is what a camera mirrored at the plane sees of the object itself. Such a camera is
-left-handed; with its x axis turned round it is a common one, which any renderer draws, faces and
-light as they are, and whose picture is turned left to right. The virtual image lies as far behind
-the ground as the object stands above it, so its CoC follows from its own depth: it is not the
-ground's.
+A camera mirrored at the plane sees the mirror image of the object. Such a camera is left-handed;
+with its x axis reversed any renderer can draw it, and the picture is flipped left to right. The
+virtual image lies as far behind the ground as the object stands above it, so its CoC follows from
+its own depth, not the ground's.
 """
 
 from __future__ import annotations
@@ -25,14 +24,11 @@ _BEHIND = 1e-3  # share of its distance by which a virtual point may seem to lie
 
 
 def mirrored_camera(camera: Camera, ground_y: float) -> Camera:
-    """The camera that sees the object as the ground mirrors it, turned left to right.
+    """The camera below the ground that sees the mirror image, flipped left to right.
 
     Args:
         camera: above the ground.
         ground_y: height of the plane [scene unit].
-
-    Returns:
-        A proper camera below the ground; its column x is the column width - x of the mirror image.
     """
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])
     mirror[1, 3] = 2.0 * ground_y
@@ -42,7 +38,7 @@ def mirrored_camera(camera: Camera, ground_y: float) -> Camera:
 
 
 def schlick(cosine: Float64, reflectance: float) -> Float64:
-    """Share of the light that a dielectric mirrors (Schlick 1994) [1].
+    """Share of the light that a dielectric reflects (Schlick 1994) [1].
 
     Args:
         cosine: of the angle between ray and normal, 0 to 1.
@@ -53,12 +49,12 @@ def schlick(cosine: Float64, reflectance: float) -> Float64:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderReflection:
-    """Draws the mirror image, sharp.
+    """Renders the mirror image, sharp.
 
     Attributes:
-        renderer: draws the object from anywhere.
+        renderer: of the object.
         reflectance: of the ground at normal incidence, 0 to 1 [1].
-        margin_limit_px: how far beyond the frame it is drawn at most [px].
+        margin_limit_px: limit of the margin beyond the frame [px].
     """
 
     renderer: BoxRenderer
@@ -69,18 +65,17 @@ class RenderReflection:
         self, time_s: float, camera: Camera, ground_y: float, reach_px: float,
         plate_light: Illumination | None = None,
     ) -> ObjectLayer | None:  # fmt: skip
-        """Draw one moment's mirror image.
+        """Render one moment.
 
         Args:
-            time_s: moment of the animation [s].
-            camera: that moment's.
+            time_s: time of the animation [s].
+            camera: at that time.
             ground_y: height of the plane [scene unit].
-            reach_px: how far its blur may spread [px].
+            reach_px: reach of its blur [px].
             plate_light: lights the object where its file does not; None for a plausible light.
 
         Returns:
-            The layer, as much of it as the ground mirrors, at the depth of the virtual image; None
-            where nothing of it is in view.
+            The layer, times its reflectance, at the depth of the virtual image; None out of view.
         """
         if camera.world_from_camera[1, 3] <= ground_y:
             return None
@@ -96,17 +91,15 @@ class RenderReflection:
         return ObjectLayer(box=box, rgba=rgba, depth=depth) if rgba[..., 3].any() else None
 
     def _mirrored(self, camera: Camera, box: Box, ground_y: float, depth: Float32) -> Float32:
-        """Share (h, w) that the ground mirrors, 0 where the image does not lie behind it."""
-        cut = replace(
-            camera, cx=camera.cx - box.x0, cy=camera.cy - box.y0, width=box.width, height=box.height
-        )
+        """Reflectance of the ground (h, w), 0 where the image does not lie behind it."""
+        cut = camera.cropped(box)
         disparity = cut.plane_disparity(ground_y)
         height = camera.world_from_camera[1, 3] - ground_y
         x = (np.arange(box.width) + 0.5 - cut.cx) / cut.fx
         y = (np.arange(box.height) + 0.5 - cut.cy) / cut.fy
         ray = np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)  # longer than the depth by so much
         cosine = np.clip(height * disparity / ray, 0.0, 1.0)
-        # Where depth is missing, at an antialiased edge, the pixel beside it decides as much.
+        # pixels without depth, at an antialiased edge, count as behind
         below = disparity > 0.0
         behind = below & (depth >= (1.0 - _BEHIND) / np.where(below, disparity, 1.0))
         return np.asarray(schlick(cosine, self.reflectance) * behind, dtype=np.float32)
@@ -114,7 +107,7 @@ class RenderReflection:
 
 @dataclass(frozen=True, slots=True)
 class OverlayReflection:
-    """Lays the mirror image on the plate, under the object.
+    """Composites the mirror image over the plate, under the object.
 
     Attributes:
         blur: the lens.
@@ -127,19 +120,19 @@ class OverlayReflection:
         picture: Picture,
         reflection: DefocusedLayer,
         frame: Box,
-        cover: ForegroundMatte | None = None,
+        matte: ForegroundMatte | None = None,
     ) -> Picture:
-        """Lay it on in place; the picture itself comes back.
+        """Composite it in place; returns the picture.
 
-        What it hides, the mirrored surroundings, is taken for as bright as the plate is there.
+        The mirrored surroundings that it hides are assumed as bright as the plate is there.
 
         Args:
             picture: the plate; changed.
             reflection: the mirror image.
             frame: the frame's own box.
-            cover: what really stands before the ground.
+            matte: of things in front of the ground.
         """
         blurred = self.blur(reflection, frame)
         if not blurred.box.empty:
-            composite_behind(picture, blurred.box, blurred.rgba, cover)
+            composite_behind(picture, blurred.box, blurred.rgba, matte)
         return picture

@@ -28,23 +28,12 @@ from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, object_coc
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
 
-SMALL_COC_PX = 3.0
-"""CoC up to which the views replace the scatter [px]."""
-
-LARGE_COC_PX = 6.0
-"""CoC from which they have no weight [px]."""
-
-SPARE_PX = 2.0
-"""Margin around the reach of large discs in which the views have no weight [px]."""
-
-FADE_PX = 6.0
-"""Width over which their weight grows to 1 from there [px]."""
-
-VIEWS = 4
-"""Views beside that of the lens' centre, which is rendered already [1]."""
-
-BAND_ROWS = 32
-"""Rows that a thread takes at a time."""
+SMALL_COC_PX = 3.0  # CoC up to which the views replace the scatter [px]
+LARGE_COC_PX = 6.0  # CoC from which they have no weight [px]
+SPARE_PX = 2.0  # margin around the reach of large discs in which they have no weight [px]
+FADE_PX = 6.0  # width over which their weight grows to 1 from there [px]
+VIEWS = 4  # views beside that of the lens' centre, which is rendered already
+BAND_ROWS = 32  # rows that a thread takes at a time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

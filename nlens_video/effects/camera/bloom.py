@@ -29,22 +29,18 @@ LENGTHS_PX = tuple(float(length) for length in np.geomspace(3.0, 48.0, 13))
 _WORK_WIDTH = 480
 _CLIPPED = 0.92  # light from which on a picture counts as clipped [1]
 _LEAST_AREA, _LARGEST_SHARE = 6, 0.1  # of a lamp: pixels of the work size; share of the picture
-_REACH = 40  # how far from a lamp is looked [px of the work size]
-_SOFT_BORDER = 3.0  # borders end at so many times the way to a half
+_REACH = 40  # radius around a lamp that is measured [px of the work size]
+_SOFT_BORDER = 3.0  # borders end at so many times their half-width
 _LEAST_CERTAINTY = 6.0
 _LEAST_SECTORS = 8
-_LEAST_CONTRAST = 1.0  # of the halo's deviation to that of all else round it
-_BESIDE = (0.005, 0.01)  # the strip on which the halo's height is told [width of the picture]
+_LEAST_CONTRAST = 1.0  # of the halo's deviation to that of everything else around
+_BESIDE = (0.005, 0.01)  # the strip on which the halo's height is measured [width of the picture]
 _MS_PER_MEGAPIXEL = 20.0
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
-    """Look for halos on a shot's first picture.
-
-    Args:
-        pictures: the shot's first ones; the first one is looked at.
-    """
+    """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     step = max(1, math.ceil(picture.width / _WORK_WIDTH))
     light = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
@@ -80,13 +76,7 @@ class _Halo:
 
 @dataclass(frozen=True, slots=True)
 class _Surroundings:
-    """Pixels round lamps.
-
-    Attributes:
-        light: (N,) [1].
-        sector: number of the sector of a lamp that each lies in (N,).
-        at: flat indices (N,).
-    """
+    """Pixels around lamps (N,): light [1], number of the sector of a lamp, flat index."""
 
     light: Float64
     sector: Whole
@@ -128,7 +118,7 @@ def _halo(light: Float32) -> _Halo:
 
 
 def _lamps(clipped: Bool) -> Bool:
-    """What clips, without specks and without skies."""
+    """Clipped pixels, without specks and skies."""
     _, labels, figures, _ = cv2.connectedComponentsWithStats(clipped.astype(np.uint8))
     area = figures[:, cv2.CC_STAT_AREA]
     good = (area >= _LEAST_AREA) & (area <= _LARGEST_SHARE * clipped.size)
@@ -137,7 +127,7 @@ def _lamps(clipped: Bool) -> Bool:
 
 
 def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings | None:
-    """Pixels round lamps that lie beyond the soft border of each."""
+    """Pixels around lamps, beyond the soft border of each."""
     away, labels = cv2.distanceTransformWithLabels(
         (~lamps).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_CCOMP
     )
@@ -164,10 +154,9 @@ def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings |
 
 
 def _border(light: Float32, away: Float32) -> float:
-    """Where the border of a lamp has ended for certain [px of the work size]."""
+    """Distance at which the border of a lamp has certainly ended [px of the work size]."""
     ground = float(np.median(light[away > 0.6 * _REACH])) if (away > 0.6 * _REACH).any() else 0.0
-    steps = np.arange(1, _REACH)
-    for distance in steps:
+    for distance in range(1, _REACH):
         ring = light[(away >= distance - 0.5) & (away < distance + 0.5)]
         if ring.size and float(np.quantile(ring, 0.7)) < ground + 0.5 * (1.0 - ground):
             return 2.0 + _SOFT_BORDER * (float(distance) - 0.5)
@@ -175,7 +164,7 @@ def _border(light: Float32, away: Float32) -> float:
 
 
 def _fitted(around: _Surroundings, spread: Float64) -> tuple[float, float, float, float]:
-    """Share, standard error, misfit, contrast; each sector has a ground of its own."""
+    """Share, standard error, misfit, contrast; each sector has its own background."""
     _, numbers = np.unique(around.sector, return_inverse=True)
     weights = np.ones(len(spread))
     share = 0.0
@@ -193,7 +182,7 @@ def _fitted(around: _Surroundings, spread: Float64) -> tuple[float, float, float
 
 
 def _levels_beside(light: Float32, lamps: Bool, halo: Float32) -> float:
-    """What a halo adds to the codes in a strip round the lamps [8-bit levels]."""
+    """Mean of a halo in a strip around the lamps [8-bit levels]."""
     away = cv2.distanceTransform((~lamps).astype(np.uint8), cv2.DIST_L2, 5)
     near, far = (share * light.shape[1] for share in _BESIDE)
     strip = (away >= near) & (away < far)
@@ -214,7 +203,7 @@ def _code(light: Float64) -> Float64:
 WHITE = 1.0
 _REACH_LENGTHS = 6.0  # where the density has fallen to a four hundredth
 _MARGIN_LIMIT_PX = 256
-_COARSE_LENGTH = 4.0  # decay length on the grid that the quick halo is made on [px]
+_COARSE_LENGTH = 4.0  # decay length on the grid of the quick halo [px]
 
 
 def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
@@ -240,12 +229,7 @@ def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
 
 
 def halo_of(light: Float32, length_px: float) -> Float32:
-    """Light (h, w) or (h, w, C) spread with a density that falls exponentially: the plain way.
-
-    Args:
-        light: what is spread.
-        length_px: distance over which the density falls to 1 / e [px].
-    """
+    """Light (h, w) or (h, w, C) convolved with an exponential of decay length `length_px` [px]."""
     reach = math.ceil(7.0 * length_px)
     away = np.hypot(*np.meshgrid(*2 * [np.arange(-reach, reach + 1, dtype=np.float32)]))
     kernel = np.exp(-away / np.float32(length_px))
@@ -254,7 +238,7 @@ def halo_of(light: Float32, length_px: float) -> Float32:
 
 
 def quick_halo(light: Float32, length_px: float) -> Float32:
-    """The same on a grid as coarse as the halo allows."""
+    """`halo_of` on a grid as coarse as the halo allows."""
     step = max(1, int(length_px / _COARSE_LENGTH))
     if step == 1:
         return halo_of(light, length_px)

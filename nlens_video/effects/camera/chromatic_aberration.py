@@ -30,17 +30,13 @@ _WORK_WIDTH = 800  # at least twice coarser than the plate, where chroma has its
 _WINDOW = 12  # side of a window [px of the work size]
 _ROUNDS = 4
 _SMOOTHING_PX = 1.0
-_LEAST_CONTRAST = 0.02  # deviation of green in a window that tells a displacement
-_TRUSTED = 0.75  # quantile of what windows leave unexplained that is the least for each
+_LEAST_CONTRAST = 0.02  # deviation of green in a window that shows a displacement
+_TRUSTED = 0.75  # quantile of the windows' residual variances that is the least for each
 _MS_PER_MEGAPIXEL = 30.0
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
-    """Look for lateral chromatic aberration on a shot's first picture.
-
-    Args:
-        pictures: the shot's first ones; the first one is looked at.
-    """
+    """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     step = max(2, math.ceil(picture.width / _WORK_WIDTH))
     rgb = _reduced(picture.srgb(), step)
@@ -76,12 +72,12 @@ def _reduced(rgb: Float32, step: int) -> Float32:
 
 
 def _displacement(green: Float32, other: Float32) -> RadialFit:
-    """How a channel is displaced against green, in px of the pictures (H, W).
+    """Displacement of a channel against green (H, W) [px].
 
     A codec that drops a window's faint chroma leaves a picture that green explains without any
-    displacement, and so seemingly well. Windows that count by what they leave unexplained pull
-    the strength to zero then; windows that count nearly alike let coloured edges in. So the former
-    decide, the latter must agree, and give the strength.
+    displacement. Windows weighted by their residual then pull the strength to zero; windows with
+    nearly equal weights let coloured edges in. So the former decide, the latter must agree, and
+    give the strength.
     """
     strict = _fitted(green, other, alike_trusted=False)
     return _fitted(green, other, alike_trusted=True) if strict.consistent else strict
@@ -90,15 +86,13 @@ def _displacement(green: Float32, other: Float32) -> RadialFit:
 def _fitted(green: Float32, other: Float32, *, alike_trusted: bool) -> RadialFit:
     fit = RadialFit()
     for _ in range(_ROUNDS):
-        moved = _moved_back(other, fit)
-        windows = _windows(green, moved, alike_trusted=alike_trusted)
-        more = fit_radial(windows)
-        fit = more.after(fit)
+        windows = _windows(green, _moved_back(other, fit), alike_trusted=alike_trusted)
+        fit = fit_radial(windows).after(fit)
     return fit
 
 
 def _moved_back(plane: Float32, fit: RadialFit) -> Float32:
-    """The channel, with what is known of its displacement taken back."""
+    """The channel with a displacement undone."""
     if not (fit.linear or fit.cubic):
         return plane
     x, y, r, half = _places(plane.shape)
@@ -122,9 +116,9 @@ def _places(shape: tuple[int, ...]) -> tuple[Float64, Float64, Float64, float]:
 
 
 def _windows(green: Float32, other: Float32, *, alike_trusted: bool) -> Windows:
-    """Displacement of a channel in each window that tells one.
+    """Displacement of a channel in each window that shows one.
 
-    With `alike_trusted` none counts for more than those that leave more unexplained than most.
+    With `alike_trusted` the residual variance of a window has a lower bound, so weights are alike.
     """
     x, y, _, _ = _places(green.shape)
     gradient_x = cv2.Sobel(green, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
@@ -148,7 +142,7 @@ def _windows(green: Float32, other: Float32, *, alike_trusted: bool) -> Windows:
     left = residual.var(axis=1)
     if alike_trusted and len(left):
         left = np.maximum(left, np.quantile(left, _TRUSTED))
-    # neighbours share their noise through the smoothing: a window tells a fifth as much
+    # neighbours share noise through the smoothing: a window is worth a fifth
     variance = 5.0 * left + 1e-7
     spread = variance[:, None, None] * np.linalg.inv(normal)[:, 2:, 2:] / safe[:, None, None] ** 2
     good = alike & (slope > 0.1)
@@ -167,16 +161,13 @@ def _windows(green: Float32, other: Float32, *, alike_trusted: bool) -> Windows:
 def displace_channels(
     layer: BlurredLayer, aberration: Aberration, picture: Picture, frame: Box
 ) -> BlurredLayer:
-    """A layer as a lens draws it that does not bring all colours to the same place.
+    """A layer with red and blue displaced, to be composited over this very plate.
 
     Args:
         layer: premultiplied, inside the frame.
         aberration: of the lens.
-        picture: the plate that the layer is laid over; left as it is.
+        picture: the plate; unchanged.
         frame: the frame's own box.
-
-    Returns:
-        A layer that gives the fringed object when it is laid over this very plate.
     """
     if layer.box.empty:
         return layer
@@ -205,7 +196,7 @@ def _most(aberration: Aberration) -> float:
 
 
 def _grown(layer: BlurredLayer, margin: int, frame: Box) -> Float32:
-    """The layer with a margin; a picture that the frame cuts goes on beyond it."""
+    """The layer with a margin, extended beyond the border of the frame."""
     held = layer.box
     sides = [(margin, held.y0 == frame.y0, held.y1 == frame.y1),
              (margin, held.x0 == frame.x0, held.x1 == frame.x1)]  # fmt: skip
@@ -219,11 +210,11 @@ def _grown(layer: BlurredLayer, margin: int, frame: Box) -> Float32:
 
 
 def _moved(pair: Float32, wide: Box, box: Box, frame: Box, parts: tuple[float, float]) -> Float32:
-    """Light and coverage of a channel on a box, from where the lens takes them."""
+    """Light and coverage of a channel, displaced, on a box."""
     half = half_diagonal(frame)
     columns, rows = from_middle(box, frame)
     square = square_radius(box, frame)
-    # what lands at r comes from r - d(r) to first order; d changes by a thousandth of a pixel
+    # r maps to r - d(r) to first order; d changes by a thousandth of a pixel
     scale = np.float32(1.0) - (np.float32(parts[0]) + np.float32(parts[1]) * square) / np.float32(
         half
     )

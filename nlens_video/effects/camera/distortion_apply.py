@@ -1,8 +1,8 @@
-"""Lens distortion of what is put into the plate; the plate itself has it already.
+"""Applies the plate's lens distortion to the object, its shadow and its mirror image.
 
-The GLB's camera is an ideal one. What it draws is moved to where the lens would have put it, after
-the blur: a circle of confusion keeps its shape but for the lens' local magnification, a few
-hundredths. Where the ground lies in the plate is worked out on the ideal camera.
+The GLB's camera is a pinhole. Its layers are warped after the blur: a circle of confusion keeps its
+shape but for the lens' local magnification, a few hundredths. The ground's position in the plate is
+that of the pinhole camera.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class DistortionMap:
 
     Attributes:
         model: the distortion.
-        centre: column and row that it leaves where they are [px].
-        unit: pixels across and down that count as radius 1 [px].
+        centre: of the distortion, column and row [px].
+        unit: columns and rows of radius 1 [px].
         frame: the frame's own box.
     """
 
@@ -49,10 +49,7 @@ class DistortionMap:
         return cls(model, (0.5 * frame.width, 0.5 * frame.height), (half, half), frame)
 
     def undistorted(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-        """Where an ideal camera has what the lens puts at columns `x` and rows `y` [px].
-
-        NaN where the lens puts nothing.
-        """
+        """Ideal positions of distorted columns `x` and rows `y` [px]; NaN where there are none."""
         across, down = (x - self.centre[0]) / self.unit[0], (y - self.centre[1]) / self.unit[1]
         far = np.hypot(across, down)
         scale = undistorted_radius(self.model.k1, self.model.k2, far) / np.maximum(far, 1e-12)
@@ -64,7 +61,7 @@ class DistortionMap:
         )
 
     def distorted(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-        """Where the lens puts what an ideal camera has at columns `x` and rows `y` [px]."""
+        """Distorted positions of ideal columns `x` and rows `y` [px]."""
         across, down = (x - self.centre[0]) / self.unit[0], (y - self.centre[1]) / self.unit[1]
         square = across**2 + down**2
         scale = 1.0 + self.model.k1 * square + self.model.k2 * square**2
@@ -75,12 +72,12 @@ class DistortionMap:
 
     @property
     def folds(self) -> bool:
-        """Whether the model maps nothing to some place of the frame."""
+        """Whether a part of the frame has no ideal position."""
         return bool(np.isnan(self.undistorted(*_outline(self.frame))[0]).any())
 
     @property
     def margin(self) -> int:
-        """How far beyond the frame the ideal camera must see for the lens to fill it [px]."""
+        """Overscan of the ideal camera that fills the distorted frame [px]."""
         x, y = _outline(self.frame)
         there = self.undistorted(x, y)
         beyond = [
@@ -90,12 +87,7 @@ class DistortionMap:
         return math.ceil(min(max(0.0, *beyond), MARGIN_LIMIT_PX)) + (max(beyond) > 0.0)
 
     def reached(self, box: Box, beyond: int = 0) -> Box:
-        """The box that what lies in another one is moved to, as far as it is near the frame.
-
-        Args:
-            box: in the ideal camera's frame.
-            beyond: how far from the frame it still matters [px].
-        """
+        """Bounds of the distorted pixels of an ideal box, up to `beyond` outside the frame [px]."""
         seen = box.intersection(self.frame.expanded(self.margin + beyond))
         if seen.empty:
             return Box(0, 0, 0, 0)
@@ -108,8 +100,8 @@ class DistortionMap:
             math.ceil(down.max()) + 1,
         )
 
-    def taken_from(self, box: Box, held: Box) -> tuple[Float32, Float32]:
-        """Columns and rows in the array over `held` (h, w) that fill the pixels of `box` [px]."""
+    def remap(self, box: Box, held: Box) -> tuple[Float32, Float32]:
+        """Columns and rows in an array on `held` of the distorted pixels of `box` (h, w) [px]."""
         x, y = np.meshgrid(np.arange(box.x0, box.x1) + 0.5, np.arange(box.y0, box.y1) + 0.5)
         across, down = self.undistorted(x, y)
         known = np.isfinite(across) & np.isfinite(down)
@@ -118,44 +110,36 @@ class DistortionMap:
         return columns.astype(np.float32), rows.astype(np.float32)
 
 
-def distort(layer: BlurredLayer, bend: DistortionMap) -> BlurredLayer:
-    """A blurred layer where the lens puts it.
-
-    Args:
-        layer: premultiplied; may reach beyond the frame.
-        bend: the distortion.
-
-    Returns:
-        The layer, inside the frame.
-    """
-    box = bend.reached(layer.box).intersection(bend.frame)
+def distort(layer: BlurredLayer, warp: DistortionMap) -> BlurredLayer:
+    """A blurred layer, which may reach beyond the frame, distorted and cut to the frame."""
+    box = warp.reached(layer.box).intersection(warp.frame)
     if box.empty:
         return BlurredLayer.nothing()
-    rgba = np.maximum(_moved(layer.rgba, bend.taken_from(box, layer.box), cv2.INTER_CUBIC), 0.0)
+    rgba = np.maximum(_warped(layer.rgba, warp.remap(box, layer.box), cv2.INTER_CUBIC), 0.0)
     np.minimum(rgba[..., 3], 1.0, out=rgba[..., 3])
     return BlurredLayer(box=box, rgba=rgba)
 
 
-def distort_shadow(shadow: Shadow, bend: DistortionMap) -> Shadow:
-    """A shadow where the lens puts it."""
+def distort_shadow(shadow: Shadow, warp: DistortionMap) -> Shadow:
+    """A distorted shadow."""
     shadow = shadow.fine
-    box = bend.reached(shadow.box, _reach(shadow.coc_px))
-    places = bend.taken_from(box, shadow.box)
+    box = warp.reached(shadow.box, _reach(shadow.coc_px))
+    places = warp.remap(box, shadow.box)
     return Shadow(
         box=box,
-        loss=np.clip(_moved(shadow.loss, places, cv2.INTER_LINEAR), 0.0, 1.0),
-        coc_px=_moved(shadow.coc_px, places, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE),
+        loss=np.clip(_warped(shadow.loss, places, cv2.INTER_LINEAR), 0.0, 1.0),
+        coc_px=_warped(shadow.coc_px, places, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE),
     )
 
 
-def distort_defocused(defocused: DefocusedLayer, bend: DistortionMap) -> DefocusedLayer:
-    """A layer that is still to be blurred, where the lens puts it."""
+def distort_defocused(defocused: DefocusedLayer, warp: DistortionMap) -> DefocusedLayer:
+    """A distorted layer, before its blur."""
     held = defocused.layer.box
-    box = bend.reached(held, _reach(defocused.coc_px))
-    places = bend.taken_from(box, held)
-    rgba = np.maximum(_moved(defocused.layer.rgba, places, cv2.INTER_LINEAR), 0.0)
-    depth = _moved(defocused.layer.depth, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
-    coc = _moved(defocused.coc_px, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
+    box = warp.reached(held, _reach(defocused.coc_px))
+    places = warp.remap(box, held)
+    rgba = np.maximum(_warped(defocused.layer.rgba, places, cv2.INTER_LINEAR), 0.0)
+    depth = _warped(defocused.layer.depth, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
+    coc = _warped(defocused.coc_px, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
     return DefocusedLayer(layer=ObjectLayer(box=box, rgba=rgba, depth=depth), coc_px=coc)
 
 
@@ -163,7 +147,7 @@ def _reach(coc_px: Float32) -> int:
     return math.ceil(0.5 * float(np.abs(coc_px).max(initial=0.0))) + 1
 
 
-def _moved(
+def _warped(
     values: Float32,
     places: tuple[Float32, Float32],
     how: int,
@@ -177,8 +161,8 @@ def _outline(box: Box) -> tuple[Float64, Float64]:
     along = np.linspace(0.0, 1.0, 65)
     x = box.x0 + (box.x1 - box.x0) * along
     y = box.y0 + (box.y1 - box.y0) * along
-    level, upright = np.ones_like(along), np.ones_like(along)
+    ones = np.ones_like(along)
     return (
-        np.concatenate([x, x, box.x0 * upright, box.x1 * upright]),
-        np.concatenate([box.y0 * level, box.y1 * level, y, y]),
+        np.concatenate([x, x, box.x0 * ones, box.x1 * ones]),
+        np.concatenate([box.y0 * ones, box.y1 * ones, y, y]),
     )

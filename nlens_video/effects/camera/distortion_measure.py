@@ -1,8 +1,8 @@
-"""Lens distortion of the plate: how far long straight edges are bent (the plumb line).
+"""Measures lens distortion by the plumb line: how far long straight edges are bent.
 
-Edges that are nearly straight are taken for straight ones of the scene. Each tells by itself which
-coefficient would straighten it; a lens makes all of them tell the same, outwards or inwards
-wherever they lie. A scene whose long lines are bent for other reasons does not agree with itself.
+Edges that are nearly straight are assumed straight in the scene. Each has a coefficient that
+straightens it; under a lens all of them agree, outwards or inwards wherever they lie. In a scene
+whose long lines are bent for other reasons they do not.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from nlens_video.effects.measurement import Measurement
 EFFECT = "distortion"
 THRESHOLD_PX = 3.0
 _WORK_WIDTH = 960
-_SHORTEST = 0.2  # of an edge that tells something [half diagonal]
+_SHORTEST = 0.2  # edge that counts [half diagonal]
 _MOST_BENT = 0.06  # its sagitta by its length, more is a curve of the scene [1]
 _LEAST_EDGES = 8
 _LEAST_BETTER = 4
@@ -38,11 +38,7 @@ Edge = Float64
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
-    """Look for bent lines on a shot's first picture.
-
-    Args:
-        pictures: the shot's first ones; the first one is looked at.
-    """
+    """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     half = 0.5 * math.hypot(picture.width, picture.height)
     edges, pixel = _edges(picture)
@@ -67,14 +63,14 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Bent:
-    """What all edges say.
+    """Fit to all edges.
 
     Attributes:
         k1: coefficient that straightens most of them [1].
         certainty: of it, in standard errors [1].
-        better: how many edges are clearly straighter with it.
-        worse: how many are clearly less straight.
-        quadrants: in how many quadrants the better ones lie.
+        better: number of edges that are clearly straighter with it.
+        worse: number of edges that are clearly less straight.
+        quadrants: number of quadrants in which the better ones lie.
     """
 
     k1: float
@@ -134,7 +130,7 @@ def _cross(one: Float64, many: Float64) -> Float64:
 
 
 class _Lines:
-    """All edges at once: how far off a straight line each is, for a coefficient."""
+    """All edges, and their deviations from straight lines for a coefficient."""
 
     def __init__(self, edges: list[Edge], pixel: float) -> None:
         self._places = np.concatenate(edges)
@@ -156,7 +152,7 @@ class _Lines:
         return np.asarray(np.sqrt(np.maximum(least, 0.0)) / (shrunk * self._pixel))
 
     def cost(self, k1: float) -> float:
-        """Misfit, on which an edge that is bent anyway has little say."""
+        """Misfit, robust against edges that are bent anyway."""
         return float(np.log1p((self.off_px(k1) / _STRAIGHT_PX) ** 2).sum())
 
     def _mean(self, values: Float64) -> Float64:
@@ -174,7 +170,7 @@ def _fitted(edges: list[Edge], pixel: float) -> _Bent | None:
         k1 = float(min(trials, key=lines.cost))
         trials = k1 + np.linspace(-step, step, 11)
         step /= 5.0
-    # Curvature of the cost at its least, against what its slope is made of, edge by edge.
+    # curvature of the cost at its minimum, against the slopes of single edges
     near = 3e-3
     parts = [np.log1p((lines.off_px(k1 + d) / _STRAIGHT_PX) ** 2) for d in (-near, 0.0, near)]
     slopes = (parts[2] - parts[0]) / (2.0 * near)

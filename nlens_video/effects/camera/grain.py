@@ -1,7 +1,7 @@
-"""Grain: the plate's noise, made again where the object covers it.
+"""Grain: the plate's noise, synthesised on the object.
 
-The part of the plate that still shows through brings its own noise along; the object gets what is
-missing to the plate's at the level that the composite has there.
+The plate's own noise shows through a partly transparent object; the rest is added, at the level of
+the composite.
 """
 
 from __future__ import annotations
@@ -17,11 +17,9 @@ from numba import njit
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Float32, Picture
 
-LAGS = 3
-"""How many pixels away noise may still hang together, each way."""
-
-_PERSISTENT = 0.03  # a share of the noise that is left out of the past
-_MOST_PAST = 12  # pictures of the past that the noise remembers
+LAGS = 3  # reach of the spatial correlation, each way [px]
+_PERSISTENT = 0.03  # share of a past picture's noise that is neglected
+_MOST_PAST = 12  # past pictures in the noise
 _SEED = 20
 
 
@@ -32,9 +30,9 @@ class GrainModel:
     Attributes:
         levels: code values at which `deviation` is known, increasing (B,) [sRGB code].
         deviation: of red, green and blue (B, 3) [sRGB code].
-        mixing: how three independent parts make up the channels (3, 3), noise = mixing @ parts.
+        mixing: of three independent parts into the channels (3, 3), noise = mixing @ parts.
         kernels: spatial correlation of each part, of unit energy (3, 2 LAGS + 1, 2 LAGS + 1).
-        persistence: share of the noise that comes back in the next picture, in [0, 1) [1].
+        persistence: correlation with the next picture, in [0, 1) [1].
     """
 
     levels: Float32
@@ -46,18 +44,12 @@ class GrainModel:
 
 @dataclass(frozen=True, slots=True)
 class AddGrain:
-    """Adds grain to the object's layer, as much as the composite over the plate then shows."""
+    """Adds grain to the object's layer, so that its composite is as noisy as the plate."""
 
     model: GrainModel
 
     def __call__(self, picture: Picture, blurred: BlurredLayer, index: int) -> BlurredLayer:
-        """Grain one frame.
-
-        Args:
-            picture: the plate, not composited yet; left as it is.
-            blurred: the object as the lens sees it; left as it is.
-            index: number of the frame, which the noise depends on.
-        """
+        """Grain one frame; the noise depends on its index. `picture` is the plate, unchanged."""
         if blurred.box.empty:
             return blurred
         plate = picture.linear(blurred.box)
@@ -90,13 +82,10 @@ class AddGrain:
 
 
 def past_shares(persistence: float) -> tuple[float, ...]:
-    """How much each picture's white noise, from this one back, counts in this one's grain.
+    """Weights of the white noise of this and past pictures in this one's grain.
 
-    An autoregressive process written as a sum, so that a frame needs no frame before it; the
-    squares sum to 1.
-
-    Args:
-        persistence: correlation from picture to picture, in [0, 1) [1].
+    An autoregressive process written as a sum, so that a frame depends on no other; the squares of
+    the weights sum to 1. `persistence` is the correlation from picture to picture, in [0, 1) [1].
     """
     shares = [1.0]
     while len(shares) < _MOST_PAST and shares[-1] * persistence > _PERSISTENT:
@@ -129,8 +118,8 @@ def _tables() -> tuple[Float32, Float32]:
 def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
     """Add noise to a layer, so that its composite is as noisy as the plate.
 
-    A plate that shows through by t = 1 - alpha brings t of its noise; what is missing has the
-    deviation sqrt(1 - t^2) times the plate's at the composite's level. Light beyond white stays.
+    A plate that shows through by t = 1 - alpha brings t of its noise; the rest has the deviation
+    sqrt(1 - t^2) times the plate's at the composite's level. Light beyond white is unchanged.
 
     Args:
         rgba: premultiplied scene-linear layer (h, w, 4).
@@ -188,7 +177,7 @@ def _regrain(out, plate, noise, deviation, codes, lights):  # type: ignore[no-un
 
 
 def regrain_reference(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
-    """`regrain`, written down as it is meant."""
+    """NumPy reference of `regrain`."""
     alpha = np.minimum(rgba[..., 3:], 1.0)
     light = rgba[..., :3] + (1.0 - alpha) * plate
     code = to_code(np.maximum(light, 0.0))
@@ -256,7 +245,7 @@ def _fill(out, top, left, moment, seed):  # type: ignore[no-untyped-def]  # noqa
 def white_noise_reference(
     corner: tuple[int, int], size: tuple[int, int], moment: int, seed: int
 ) -> Float32:
-    """`white_noise`, number by number in Python."""
+    """Python reference of `white_noise`."""
 
     def mixed(value: int) -> int:
         value ^= value >> 16

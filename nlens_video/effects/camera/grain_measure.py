@@ -1,10 +1,10 @@
-"""Grain: the plate's noise by level and channel, and how it hangs together in space and time.
+"""Measures grain: the plate's noise by level and channel, its spatial and temporal correlation.
 
-A still camera shows the noise as what changes from picture to picture. Differences over one and
-two pictures tell how much of it stays (compression freezes it): for noise of which the share r
-comes back in the next picture, var(difference over 2) / var(difference over 1) = 1 + r. A single
-picture, or a moving camera, leaves the smoothest blocks, whose rest is noise or fine texture; so
-they must agree with each other as noise does, and show much more before they are believed.
+With a still camera the noise is the difference between pictures. Differences over one and two
+pictures give its temporal correlation r (compression freezes noise): var(difference over 2) /
+var(difference over 1) = 1 + r. A single picture, or a moving camera, leaves the smoothest blocks,
+whose residual is noise or fine texture; so they must agree with each other as noise does, and the
+threshold is higher.
 """
 
 from __future__ import annotations
@@ -19,31 +19,27 @@ from nlens_video.effects.measurement import Measurement, middle_codes
 from nlens_video.stages.f_coc import still_run
 
 EFFECT = "grain"
-THRESHOLD = 0.6  # 8-bit levels: as much as rounding to them leaves to see
-_SINGLE_FACTOR = 2.5  # a single picture must show so many times more
+THRESHOLD = 0.6  # 8-bit levels: what remains visible after rounding to them
+_SINGLE_FACTOR = 2.5  # on the threshold, for a single picture
 _LEVELS = 12
 _LEAST_PIXELS = 600  # of a level, for its deviation to count
 _PICTURES = 5
-_KERNEL_SIDE_PX = 400  # of the part in the middle that tells how neighbours hang together
+_KERNEL_SIDE_PX = 400  # of the middle part on which spatial correlation is measured
 _CLIPPED = 3.0 / 255  # nearer to black or white, noise is cut off
 _OUTLIER = 4.0  # deviations beyond which a change is no noise
 _MOST_PERSISTENCE = 0.9
 _BLOCK_PX = 12
-_SMOOTHEST = 0.06  # share of the blocks that is taken for smooth
-_AGREEMENT = 2.2  # of noise alone, the variances of so small a share differ by less
-_WITHIN = 1.35  # times the mean variance: what a block of noise alone seldom exceeds
+_SMOOTHEST = 0.06  # share of the blocks that counts as smooth
+_AGREEMENT = 2.2  # ratio of variances within that share that noise alone does not reach
+_WITHIN = 1.35  # times the mean variance: a block of noise alone seldom exceeds it
 _ROUNDS = 8
-_TEXTURE = 0.65  # correlation of neighbours beyond which what is left in a block is no noise
+_TEXTURE = 0.65  # correlation of neighbours beyond which a residual is texture
 _COST_MS_PER_MEGAPIXEL = 90.0  # measured, of the object's box
 _BOX_SHARE = 0.15  # of the frame, that an object's box is taken to cover
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
-    """Look for grain.
-
-    Args:
-        pictures: a shot's first ones, at least one.
-    """
+    """Measure it on a shot's first pictures, at least one."""
     codes = [middle_codes(picture) for picture in pictures[:_PICTURES]]
     still, same = still_run(codes)
     if len(still) > 1:
@@ -68,7 +64,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 
 def _over_time(still: Sequence[Float32], same: Bool) -> tuple[Float32, Float32, Bool, float]:
-    """Noise, the level it lies on, where that counts, and the share that stays."""
+    """Noise of still pictures, its level, the pixels that count, and the temporal correlation."""
     mean = np.asarray(np.mean(still, axis=0), np.float32)
     used = same & (mean.min(axis=2) > _CLIPPED) & (mean.max(axis=2) < 1.0 - _CLIPPED)
     first = [after - before for before, after in zip(still[:-1], still[1:], strict=True)]
@@ -77,7 +73,7 @@ def _over_time(still: Sequence[Float32], same: Bool) -> tuple[Float32, Float32, 
         second = [after - before for before, after in zip(still[:-2], still[2:], strict=True)]
         once, twice = (np.mean([np.square(d[used]).mean() for d in ds]) for ds in (first, second))
         persistence = float(np.clip(twice / max(once, 1e-12) - 1.0, 0.0, _MOST_PERSISTENCE))
-    # the differences hold twice the noise, less what stays
+    # the variance of a difference is twice that of the noise, less the correlated part
     scale = np.float32(1.0 / np.sqrt(2.0 * (1.0 - persistence)))
     residual = np.concatenate([scale * difference for difference in first])
     count = len(first)
@@ -120,7 +116,7 @@ def _in_space(code: Float32) -> tuple[Float32, Float32, Bool, float]:
 
 
 def _smoothness(blocks: Float32) -> float:
-    """Correlation of neighbouring pixels (N, h, w, 3): that of noise is small."""
+    """Correlation of neighbouring pixels (N, h, w, 3), which is small for noise."""
     energy = float(np.square(blocks).mean())
     if not energy > 0.0:
         return 1.0
@@ -130,7 +126,7 @@ def _smoothness(blocks: Float32) -> float:
 
 
 def _ceiling(variances: Float32, start: float) -> float:
-    """Variance up to which blocks are smooth: the smoothest alone would be those of less noise."""
+    """Largest variance of smooth blocks; the smoothest alone would underestimate the noise."""
     ceiling = start
     for _ in range(_ROUNDS):
         ceiling = _WITHIN * float(variances[variances <= ceiling].mean())
@@ -176,7 +172,7 @@ def _middle(used: Bool) -> tuple[slice, slice]:
 
 
 def _by_level(residual: Float32, level: Float32, middles: Float64) -> Float64:
-    """Deviation at some levels (B,); those that the picture hardly shows take their neighbours'."""
+    """Deviation at some levels (B,), interpolated where the picture has few pixels."""
     bins = np.minimum((level * len(middles)).astype(np.intp), len(middles) - 1)
     counts = np.bincount(bins, minlength=len(middles))
     squares = np.bincount(bins, np.square(residual, dtype=np.float64), minlength=len(middles))

@@ -1,4 +1,4 @@
-"""A displacement along the radius, fitted to many small measurements, and whether to believe it."""
+"""Robust fit of a displacement along the radius to many small measurements, with its certainty."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ class RadialFit:
         return alike and self.certainty >= LEAST_CERTAINTY
 
     def describe(self) -> str:
-        """How sure it is."""
+        """Its certainty, for people."""
         alike = "alike in all quadrants" if self.consistent else "not alike in all quadrants"
         return f"{self.certainty:.0f} standard errors in {self.count} windows, {alike}"
 
     def after(self, before: RadialFit) -> RadialFit:
-        """This one on top of one that was taken back first."""
+        """This fit added to one that was undone first."""
         error = abs(self.at_corner) / self.certainty if self.certainty else math.inf
         total = self.at_corner + before.at_corner
         return replace(
@@ -71,15 +71,15 @@ class RadialFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
-    """What small parts of a picture say.
+    """Measurements in small windows of a picture.
 
     Attributes:
-        x: columns of their middles from that of the picture (N,) [half diagonal].
+        x: columns of their centres from that of the picture (N,) [half diagonal].
         y: rows (N,) [half diagonal].
         moved: displacements across and down (N, 2) [px].
         covariance: of them (N, 2, 2) [px^2].
-        trust: what each counts beside that (N,) [1].
-        others: displacements of shapes that no lens makes, to be fitted beside it (N, 2, M).
+        trust: further weights (N,) [1].
+        others: displacements of shapes that no lens causes, fitted as well (N, 2, M).
     """
 
     x: Float64
@@ -91,11 +91,9 @@ class Windows:
 
 
 def fit_radial(windows: Windows, corner: tuple[float, float] = (1.0, 1.0)) -> RadialFit:
-    """Fit a displacement along the radius beside one that all places share.
+    """Fit a displacement along the radius, and a shift of all windows.
 
-    Args:
-        windows: what is fitted.
-        corner: how much of the linear and of the cubic part makes the figure at the corner [1].
+    `corner` gives the weights of the linear and the cubic part in the figure at the corner [1].
     """
     x, y = windows.x, windows.y
     if len(x) < _LEAST_WINDOWS:
@@ -104,7 +102,7 @@ def fit_radial(windows: Windows, corner: tuple[float, float] = (1.0, 1.0)) -> Ra
     square = (place**2).sum(axis=1)
     plain = _Lines.on(windows, cubic=False)
     curved = _Lines.on(windows, cubic=True)
-    # without need the cubic part would only carry errors to the corner, where few windows lie
+    # a cubic part that is not significant only adds errors at the corner, where few windows lie
     shapes = 0 if windows.others is None else windows.others.shape[2]
     bent = abs(curved.answer[3]) > _LEAST_CERTAINTY_OF_BEND * curved.error(
         _picked(0.0, 0.0, 0.0, 1.0, zeros=shapes)
@@ -141,8 +139,8 @@ class _Lines:
     Attributes:
         answer: shift across, shift down, linear, cubic where it is there, other shapes (K,) [px].
         inverse: of the normal matrix.
-        scores: what each window adds to the gradient (N, K).
-        weights: information of each window (N, 2, 2), what the loss makes of it [1 / px^2].
+        scores: contribution of each window to the gradient (N, K).
+        weights: information of each window under the loss (N, 2, 2) [1 / px^2].
         moved: displacements without the shift and the other shapes (N, 2) [px].
         clusters: number of the cluster of each window (N,).
     """
@@ -178,7 +176,7 @@ class _Lines:
                 + 1e-9 * np.eye(design.shape[2])
             )
             answer = inverse @ np.einsum("nik,nij,nj->k", design, weights, moved)
-            # windows differ by more than their noise: by what coloured edges add
+            # windows differ by more than their noise: coloured edges add to it
             extra = max(1e-6, extra * float(np.median(distance)) / _MEDIAN_OF_CHI_SQUARED)
         off = moved - design @ answer
         turn = np.floor((np.arctan2(place[:, 1], place[:, 0]) / np.pi + 1.0) * 8.0)
@@ -197,7 +195,7 @@ class _Lines:
         return float(np.sqrt(of @ self.inverse @ middle @ self.inverse @ of))
 
     def share(self, here: Bool, model: Float64) -> float:
-        """By how much the windows `here` show the displacement `model` (N, 2) [1]."""
+        """Amplitude of the displacement `model` (N, 2) in the windows `here` [1]."""
         told = np.einsum("ni,nij,nj->", model[here], self.weights[here], model[here])
         seen = np.einsum("ni,nij,nj->", model[here], self.weights[here], self.moved[here])
         return float(seen / told) if here.sum() >= _QUADRANT_WINDOWS and told > 0 else 0.0

@@ -1,9 +1,9 @@
-"""Floor softness: how sharp the sharpest things of the plate are.
+"""Floor softness: blur of the plate's sharpest edges, measured on the plate, applied to the object.
 
-Sensor, codec and resampling soften everything, in focus or not. The object, drawn through none of
-them, must not be sharper than the sharpest thing in the plate. A step edge blurred by a Gaussian
-has a gradient that two further blurs weaken in a ratio that tells its sigma (Zhuo and Sim 2011);
-two such ratios of three blurs agree at a step and disagree in texture.
+Sensor, codec and resampling soften everything, in focus or not; the renderer's object must not be
+sharper than the sharpest edge of the plate. The gradient of a step edge that is blurred by a
+Gaussian falls under two further blurs in a ratio that gives its sigma (Zhuo and Sim 2011); two such
+ratios of three blurs agree at a step and disagree in texture.
 """
 
 from __future__ import annotations
@@ -36,11 +36,7 @@ _BOX_SHARE = 0.15  # of the frame, that an object's box is taken to cover
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
-    """Look for the plate's least softness.
-
-    Args:
-        pictures: a shot's first ones, at least one.
-    """
+    """Measure it on a shot's first pictures, at least one."""
     still, _ = still_run([middle_codes(picture) for picture in pictures[:4]])
     grey = cv2.cvtColor(np.asarray(np.mean(still, axis=0), np.float32), cv2.COLOR_RGB2GRAY)
     sigma_px, evidence = _floor(np.asarray(grey, np.float32))
@@ -53,7 +49,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 
 def _floor(grey: Float32) -> tuple[float, str]:
-    """Sigma of the sharpest steps [px], 0 where they are sharp or not to be told; in words."""
+    """Sigma of the sharpest steps [px], 0 where they are sharp or unknown; the evidence."""
     slopes = [_slope(grey, blur) for blur in _BLURS_PX]
     crest, steepness = _crest(*slopes[0][:2]), slopes[0][2]
     first, second = (
@@ -76,7 +72,7 @@ def _floor(grey: Float32) -> tuple[float, str]:
 
 
 def _slope(grey: Float32, blur_px: float) -> tuple[Float32, Float32, Float32]:
-    """Slope along columns and rows, and its size, of a re-blurred picture."""
+    """Gradient along columns and rows, and its magnitude, of a blurred picture."""
     blurred = cv2.GaussianBlur(grey, (0, 0), blur_px, borderType=cv2.BORDER_REFLECT)
     across, down = (
         np.asarray(0.5 * cv2.Sobel(blurred, cv2.CV_32F, dx, 1 - dx, ksize=1), np.float32)
@@ -86,7 +82,7 @@ def _slope(grey: Float32, blur_px: float) -> tuple[Float32, Float32, Float32]:
 
 
 def _crest(across: Float32, down: Float32) -> Bool:
-    """Pixels at which the slope is greatest across its edge (H, W)."""
+    """Pixels at which the gradient is greatest across its edge (H, W)."""
     size = np.hypot(across, down)
     padded = np.pad(size, 1, mode="edge")
     flat = np.abs(across) >= np.abs(down)
@@ -113,21 +109,19 @@ _REACH = 3.0  # deviations
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharpnessFloor:
-    """How soft the sharpest thing in the plate is.
+    """Blur of the plate's sharpest edges.
 
     Attributes:
-        sigma_px: deviation of its blur, as a Gaussian [px].
+        sigma_px: standard deviation, as a Gaussian [px].
     """
 
     sigma_px: float
 
 
 def missing_sigma(floor: SharpnessFloor, defocused: DefocusedLayer | None) -> float:
-    """What the object's sharpest part lacks to the plate's, as a Gaussian [px].
+    """Sigma of the blur that the object's sharpest part lacks to the plate's, as a Gaussian [px].
 
-    Args:
-        floor: of the plate.
-        defocused: the object and its CoC, None where it is in focus throughout.
+    `defocused` is the object with its CoC, None where it is in focus throughout.
     """
     lens_px = 0.0
     if defocused is not None:
@@ -139,18 +133,12 @@ def missing_sigma(floor: SharpnessFloor, defocused: DefocusedLayer | None) -> fl
 
 
 def soften(blurred: BlurredLayer, sigma_px: float, frame: Box) -> BlurredLayer:
-    """Soften a layer.
-
-    Args:
-        blurred: premultiplied, inside the frame.
-        sigma_px: deviation of the Gaussian; below `NEGLIGIBLE_PX` the very layer comes back [px].
-        frame: the frame's own box.
-    """
+    """A premultiplied layer blurred by a Gaussian; the same below `NEGLIGIBLE_PX`."""
     if blurred.box.empty or sigma_px < NEGLIGIBLE_PX:
         return blurred
     reach = math.ceil(_REACH * sigma_px)
     held, box = blurred.box, blurred.box.expanded(reach).intersection(frame)
-    # beyond the frame the object goes on as at its border
+    # beyond the border of the frame the layer is extended
     top, bottom = held.y0 - box.y0, box.y1 - held.y1
     left, right = held.x0 - box.x0, box.x1 - held.x1
     wide = cv2.copyMakeBorder(

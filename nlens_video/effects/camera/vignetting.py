@@ -1,11 +1,10 @@
-"""Vignetting of the plate: light that is lost towards the corners.
+"""Vignetting: radial falloff of light, measured on the plate, applied to the object.
 
-A single picture hardly tells a dark corner of the scene from one of the lens. What a lens does is
-symmetric: the slope of the (logarithmic) light along the radius is off zero by the same curve in
-every direction, where the scene's own slopes are as often up as down (Zheng et al. 2008,
-Single-Image Vignetting Correction Using Radial Gradient Symmetry). It is called for only where all
-quadrants agree beside what a slope across the whole picture explains; a scene that is lit in the
-middle and dark around looks the same and cannot be told apart.
+Measured: a lens is radially symmetric. The slope of the (logarithmic) light along the radius
+follows the same curve in every direction, where the scene's own slopes are as often up as down
+(Zheng et al. 2008, Single-Image Vignetting Correction Using Radial Gradient Symmetry). It counts
+only where all quadrants agree beyond the smooth shapes that scenes have; a scene that is bright in
+the middle and dark around looks the same and cannot be distinguished.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from nlens_video.effects.measurement import Measurement
 
 EFFECT = "vignetting"
 THRESHOLD_STOPS = 0.2
-LEAST_RATIO = 8.0  # of the lens' shape to those that only scenes have
+LEAST_RATIO = 8.0  # of the lens' shape to those of scenes
 _CELLS = 48  # across the picture
 _DARKEST = 0.004  # light below which noise decides [1]
 _BRIGHTEST = 0.95
@@ -33,11 +32,7 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
-    """Look for vignetting on a shot's first picture.
-
-    Args:
-        pictures: the shot's first ones; the first one is looked at.
-    """
+    """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     light = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
     fit = fit_radial(_slopes(light), corner=(0.5, 0.25))
@@ -61,7 +56,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 
 def _slopes(light: Float32) -> Windows:
-    """How steeply the light falls in each cell of a coarse grid, in stops by half diagonal."""
+    """Slope of the light in each cell of a coarse grid, in stops by half diagonal."""
     side = max(1, light.shape[1] // _CELLS)
     height, width = (length // side for length in light.shape)
 
@@ -92,20 +87,14 @@ def _slopes(light: Float32) -> Windows:
 
 
 def _shapes(x: Float64, y: Float64) -> Float64:
-    """Gradients (N, 2, 6) of smooth shapes without radial symmetry; only a scene has them."""
+    """Gradients (N, 2, 6) of smooth shapes without radial symmetry, which only scenes have."""
     across = [2 * x, 2 * y, 3 * x**2 - 3 * y**2, 6 * x * y, 3 * x**2 + y**2, 2 * x * y]
     down = [-2 * y, 2 * x, -6 * x * y, 3 * x**2 - 3 * y**2, 2 * x * y, x**2 + 3 * y**2]
     return np.stack([np.stack(across, axis=1), np.stack(down, axis=1)], axis=1)
 
 
 def vignette(layer: BlurredLayer, vignetting: Vignetting, frame: Box) -> BlurredLayer:
-    """A layer with the light that the lens leaves it; what it covers stays covered.
-
-    Args:
-        layer: premultiplied, inside the frame.
-        vignetting: of the lens.
-        frame: the frame's own box.
-    """
+    """A premultiplied layer inside the frame with the lens' falloff of light; alpha is kept."""
     if layer.box.empty:
         return layer
     square = square_radius(layer.box, frame)
