@@ -162,7 +162,9 @@ class _Stand:
             return
         inside = layer.box.intersection(Box(0, 0, camera.width, camera.height))
         rows, columns = inside.slices_in(layer.box)
-        ArrayPicture(picture).over(inside, np.ascontiguousarray(layer.rgba[rows, columns]))
+        ArrayPicture(picture).composite_over(
+            inside, np.ascontiguousarray(layer.rgba[rows, columns])
+        )
 
 
 def _grid_lines(contact: Float64, spacing: float) -> Iterator[Float64]:

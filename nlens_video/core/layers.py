@@ -48,11 +48,11 @@ class Picture(Protocol):
         """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
         ...
 
-    def reduced(self, width: int, height: int) -> Float32:
-        """Scene-linear RGB (height, width, 3) of means of the codes, for measurements."""
+    def downsample(self, width: int, height: int) -> Float32:
+        """Scene-linear RGB (height, width, 3) of means of the codes."""
         ...
 
-    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+    def composite_over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame.
 
         With `of_plate` its colours are multiples of the plate's own light. Samples on which the
@@ -64,8 +64,8 @@ class Picture(Protocol):
         """A deep copy."""
         ...
 
-    def mix(self, other: Picture, share: float) -> None:
-        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1.
+    def crossfade(self, other: Picture, weight: float) -> None:
+        """Mix the codes, in place, with `weight` (0 to 1) of another picture of the same form.
 
         Samples that are the same in both keep their exact values.
         """

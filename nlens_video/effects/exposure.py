@@ -63,7 +63,7 @@ class MeasureExposure:
 
     def __call__(self, picture: Picture) -> Exposure:
         """Measure one frame."""
-        light = picture.reduced(*_SIZE)
+        light = picture.downsample(*_SIZE)
         stops = np.empty_like(light)
         take_stops(light, stops)
         if self._anchor is None or self._last is None:

@@ -215,7 +215,7 @@ class QualityExecutor:
             previous.started = True
         self._executor.run(previous, self.graphs[previous.level].lane(lane))
         if lane == "composite":
-            state.frame.picture.mix(previous.picture, previous.blend_weight)
+            state.frame.picture.crossfade(previous.picture, previous.blend_weight)
 
     def wrote(self, state: FrameState, timing: FrameTiming) -> None:
         """A frame is written: learn from its time."""

@@ -180,5 +180,5 @@ def _small(picture: Picture) -> npt.NDArray[np.uint8]:
     """Square root of the green light as 8 bit (h, w)."""
     width = min(_WIDTH, picture.width)
     height = max(1, round(picture.height * width / picture.width))
-    light: Float32 = picture.reduced(width, height)[..., 1]
+    light: Float32 = picture.downsample(width, height)[..., 1]
     return np.asarray(np.sqrt(np.clip(light, 0.0, 1.0)) * 255.0, np.uint8)

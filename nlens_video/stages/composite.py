@@ -74,7 +74,7 @@ def composite_behind(
 ) -> None:
     """Composite a layer over the plate, behind a foreground.
 
-    Without foreground this is `Picture.over`; samples behind full coverage keep their values.
+    Without foreground this is `Picture.composite_over`; samples behind full coverage stay.
 
     Args:
         picture: the plate; changed.
@@ -90,7 +90,7 @@ def composite_behind(
             rgba[inside] = behind(
                 rgba[inside], picture.linear(common), matte.coverage[at], matte.light[at]
             )
-    picture.over(box, rgba)
+    picture.composite_over(box, rgba)
 
 
 def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> Float32:

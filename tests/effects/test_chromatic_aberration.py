@@ -57,8 +57,8 @@ def test_composite_has_colour_fringes_only_at_edges():
     picture, bare = ArrayPicture(plate(), "rgb"), ArrayPicture(plate(), "rgb")
     layer = layer_of(disc(), Box(155, 15, 215, 75))
     out = displace_channels(layer, LENS, picture, FRAME)
-    picture.over(out.box, out.rgba)
-    bare.over(layer.box, layer.rgba)
+    picture.composite_over(out.box, out.rgba)
+    bare.composite_over(layer.box, layer.rgba)
     changed = np.abs(picture.array.astype(int) - bare.array).max(axis=2)
     cover = disc()
     y, x = np.mgrid[: FRAME.height, : FRAME.width] + 0.5

@@ -36,7 +36,7 @@ def test_copied_picture_keeps_the_plate_after_compositing():
     plate = picture()
     expected = to_8_bit(plate.srgb())
     before = copied(plate)
-    plate.over(Box(0, 0, 64, 64), np.ones((64, 64, 4), np.float32))
+    plate.composite_over(Box(0, 0, 64, 64), np.ones((64, 64, 4), np.float32))
     np.testing.assert_array_equal(before(), expected)
     assert np.abs(to_8_bit(plate.srgb()).astype(int) - expected).max() > 50
 

@@ -114,7 +114,7 @@ class Bench:
             coc = self.session.executor.fit.coc_px(1.0 / depth)
             state.values.defocused = DefocusedLayer(layer=layer, coc_px=coc)
         state.values.blurred = BlurredLayer(box=BOX, rgba=rgba)
-        state.frame.picture.over(BOX, rgba)
+        state.frame.picture.composite_over(BOX, rgba)
 
     def done(self, report, state, **nodes):
         for name, elapsed_ms in (nodes or {"decode": 3.0, "reblur": 40.0}).items():

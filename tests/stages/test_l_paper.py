@@ -121,7 +121,7 @@ def test_plate_is_unchanged_out_of_the_objects_reach(networks):
     stage = PaperReblur(scatter=paper_scatter, networks=networks)
     layer = stage(picture, sharp(), FRAME)
     assert set(np.unique(layer.rgba[..., 3])) == {0.0, 1.0}
-    picture.over(layer.box, layer.rgba)
+    picture.composite_over(layer.box, layer.rgba)
     reach = Box(44, 34, 86, 66).expanded(10).slices_in(FRAME)
     outside = np.ones((96, 128), bool)
     outside[reach] = False

@@ -87,7 +87,7 @@ def copy(spec, target, *, box=None, **options):
         for frame in source:
             if box is not None:
                 rgba = np.full((box.height, box.width, 4), 0.5, np.float32)
-                frame.picture.over(box, rgba)
+                frame.picture.composite_over(box, rgba)
             sink.write(frame)
         sink.commit()
         return sink.notes

@@ -86,7 +86,7 @@ def write_rendered(folder, *, seed=0, sharp=True):
     stage = ReblurLayer(scatter=scatter, reach=blur_reach)
     blurred = stage(DefocusedLayer(layer=layer, coc_px=coc), frame)
     codes = cv2.imread(str(folder / "bg.png"))
-    ArrayPicture(codes, "bgr").over(blurred.box, blurred.rgba)
+    ArrayPicture(codes, "bgr").composite_over(blurred.box, blurred.rgba)
     assert cv2.imwrite(str(folder / "gt_noshadow.png"), codes)
     return folder
 

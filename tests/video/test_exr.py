@@ -74,7 +74,7 @@ def test_exr_plate_keeps_light_far_above_white(tmp_path):
     with open_source(str(tmp_path / "in.exr")) as source:
         with open_sink(str(tmp_path / "out.exr"), source.info) as sink:
             for frame in source:
-                frame.picture.over(Box(0, 0, 2, 2), np.ones((2, 2, 4), np.float32))
+                frame.picture.composite_over(Box(0, 0, 2, 2), np.ones((2, 2, 4), np.float32))
                 sink.write(frame)
             sink.commit()
     out = read_exr(tmp_path / "out.exr").channels
@@ -96,7 +96,7 @@ def composited(tmp_path, name, **options):
     with open_source(str(tmp_path / "in.exr")) as source:
         with open_sink(str(tmp_path / name), source.info, **options) as sink:
             for frame in source:
-                frame.picture.over(Box(0, 0, 16, 16), rgba)
+                frame.picture.composite_over(Box(0, 0, 16, 16), rgba)
                 sink.write(frame)
             sink.commit()
     return tmp_path / name

@@ -59,8 +59,8 @@ def test_fast_blend_is_within_a_code_value_of_the_reference(pixel_format, turns)
     )
     frame.make_writable()
     samples = frame_samples(frame, frame_tags(frame), turns)
-    blend.over(samples, box, layer(19, 21))
-    blend_ref.over(slow, box, layer(19, 21))
+    blend.composite_over(samples, box, layer(19, 21))
+    blend_ref.composite_over(slow, box, layer(19, 21))
     for fast, reference in zip(samples.planes, slow.planes, strict=True):
         error = np.abs(fast.astype(np.int64) - reference.astype(np.int64))
         limit = 4 if samples.coding.bits == 16 else 1  # 16-bit codes are finer than the tables
@@ -75,7 +75,7 @@ def test_fast_blend_is_within_a_code_value_of_the_reference(pixel_format, turns)
 def test_fast_downsampling_agrees_with_the_reference(width, height, pixel_format, turns):
     frame = noise_frame(width, height, pixel_format)
     samples = frame_samples(frame, frame_tags(frame), turns)
-    found, expected = (way.reduced(samples, 16, 10) for way in (blend, blend_ref))
+    found, expected = (way.downsample(samples, 16, 10) for way in (blend, blend_ref))
     assert found.shape == (10, 16, 3)
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-5)
 
@@ -96,8 +96,8 @@ def test_layer_colours_relative_to_the_plate_agree_with_the_reference(pixel_form
     slow, box = copy.deepcopy(samples), Box(0, 0, 32, 24)
     loss = layer(24, 32)
     loss[..., :3] = 0.3 * (loss[..., :3] - 0.2) * (loss[..., 3:] > 0)  # both signs
-    blend.over(samples, box, loss, of_plate=True)
-    blend_ref.over(slow, box, loss, of_plate=True)
+    blend.composite_over(samples, box, loss, of_plate=True)
+    blend_ref.composite_over(slow, box, loss, of_plate=True)
     for fast, reference in zip(samples.planes, slow.planes, strict=True):
         assert np.abs(fast.astype(int) - reference.astype(int)).max() <= 1
 
@@ -107,7 +107,7 @@ def test_layer_colours_relative_to_the_plate_agree_with_a_hand_calculation():
     picture = ArrayPicture(plate, "rgb", LINEAR)
     layer_ = np.zeros((2, 2, 4), np.float32)
     layer_[0, 0] = (0.25, -0.125, 0.0, 0.5)  # a half is gone, of red a quarter comes back
-    picture.over(Box(0, 0, 2, 2), layer_, of_plate=True)
+    picture.composite_over(Box(0, 0, 2, 2), layer_, of_plate=True)
     assert plate[0, 0] == pytest.approx([0.3, 0.15, 0.2], abs=1e-6)
     assert (plate[1] == np.float32(0.4)).all()
 
@@ -119,8 +119,8 @@ def test_fast_blend_supports_every_transfer_function(curve):
     samples = frame_samples(frame, frame_tags(frame), 0)
     slow = copy.deepcopy(samples)
     box = Box(0, 0, 32, 24)
-    blend.over(samples, box, layer(24, 32))
-    blend_ref.over(slow, box, layer(24, 32))
+    blend.composite_over(samples, box, layer(24, 32))
+    blend_ref.composite_over(slow, box, layer(24, 32))
     for fast, reference in zip(samples.planes, slow.planes, strict=True):
         assert np.abs(fast.astype(int) - reference.astype(int)).max() <= 1
 
@@ -132,7 +132,7 @@ def test_samples_under_an_empty_layer_keep_their_bits(pixel_format, rotation):
     before = planes(frame)
     picture = AvPicture(frame, rotation=rotation)
     whole = Box(0, 0, picture.width, picture.height)
-    picture.over(whole, np.zeros((whole.height, whole.width, 4), np.float32))
+    picture.composite_over(whole, np.zeros((whole.height, whole.width, 4), np.float32))
     for old, new in zip(before, planes(picture.frame), strict=True):
         np.testing.assert_array_equal(old, new)
 
@@ -140,7 +140,7 @@ def test_samples_under_an_empty_layer_keep_their_bits(pixel_format, rotation):
 def test_only_chroma_samples_touched_by_the_layer_change():
     frame = noise_frame(32, 24, "yuv420p")
     before = planes(frame)
-    AvPicture(frame).over(Box(8, 6, 12, 10), np.full((4, 4, 4), 0.5, np.float32))
+    AvPicture(frame).composite_over(Box(8, 6, 12, 10), np.full((4, 4, 4), 0.5, np.float32))
     for (old, new), step in zip(zip(before, planes(frame), strict=True), (1, 2, 2), strict=True):
         changed = np.argwhere(old != new)
         assert changed.size
@@ -172,7 +172,7 @@ def test_full_range_chroma_is_sited_left_in_video_and_centred_in_jpeg(
     before = planes(got.picture.frame)
     rgba = np.zeros((24, 32, 4), np.float32)
     rgba[:, 9] = (1.0, 0.0, 0.0, 1.0)  # the right one of the luma columns of chroma column 4
-    got.picture.over(Box(0, 0, 32, 24), rgba)
+    got.picture.composite_over(Box(0, 0, 32, 24), rgba)
     change = np.abs(planes(got.picture.frame)[2].astype(int) - before[2])[:, 4]
     red = np.abs(RED_CR - before[2].astype(int))[:, 4]
     # Its share is half where chroma lies between the two, a quarter where it lies on the left one.
@@ -186,7 +186,7 @@ def test_opaque_layer_replaces_the_plate(pixel_format):
     picture = AvPicture(noise_frame(32, 24, pixel_format))
     rgba = np.full((24, 32, 4), 0.25, np.float32)
     rgba[..., 3] = 1.0
-    picture.over(Box(0, 0, 32, 24), rgba)
+    picture.composite_over(Box(0, 0, 32, 24), rgba)
     light = picture.linear(Box(0, 0, 32, 24))
     np.testing.assert_allclose(light, 0.25, atol=0.012)
 
@@ -197,7 +197,7 @@ def test_rotated_picture_is_composited_in_display_orientation():
         plane.update(bytes(plane.buffer_size))
     picture = AvPicture(frame, rotation=90)
     assert (picture.width, picture.height) == (24, 32)
-    picture.over(Box(0, 0, 1, 1), np.ones((1, 1, 4), np.float32))
+    picture.composite_over(Box(0, 0, 1, 1), np.ones((1, 1, 4), np.float32))
     stored = planes(frame)[0]
     assert np.argwhere(stored).tolist() == [[0, 31]]  # turned left, the right column is on top
 
@@ -206,7 +206,7 @@ def test_straight_alpha_of_the_plate_is_kept():
     array = np.zeros((2, 2, 4), np.uint8)
     array[..., 3] = 128
     rgba = np.full((2, 2, 4), 0.5, np.float32)
-    ArrayPicture(array).over(Box(0, 0, 2, 2), rgba)
+    ArrayPicture(array).composite_over(Box(0, 0, 2, 2), rgba)
     expected = 0.5 + 0.5 * 128 / 255
     assert np.abs(array[..., 3] / 255 - expected).max() < 0.003
     light = 0.5 / expected
@@ -217,7 +217,7 @@ def test_straight_alpha_of_the_plate_is_kept():
 def test_associated_alpha_of_the_plate_is_kept():
     array = np.full((2, 2, 4), (0.25, 0.25, 0.25, 0.5), np.float32)
     rgba = np.full((2, 2, 4), (0.2, 0.2, 0.2, 0.5), np.float32)
-    ArrayPicture(array, "rgb", LINEAR, associated=True).over(Box(0, 0, 2, 2), rgba)
+    ArrayPicture(array, "rgb", LINEAR, associated=True).composite_over(Box(0, 0, 2, 2), rgba)
     np.testing.assert_allclose(array[..., :3], 0.325, rtol=1e-4)
     np.testing.assert_allclose(array[..., 3], 0.75, rtol=1e-6)
 
@@ -228,8 +228,8 @@ def test_fast_blend_agrees_with_the_reference_on_floats_with_alpha(associated):
     array[4:8, :, 3] = 0.0
     fast, slow = (array_samples(array.copy(), "rgb", LINEAR, associated=associated) for _ in "ab")
     box = Box(0, 0, 32, 24)
-    blend.over(fast, box, layer(24, 32))
-    blend_ref.over(slow, box, layer(24, 32))
+    blend.composite_over(fast, box, layer(24, 32))
+    blend_ref.composite_over(slow, box, layer(24, 32))
     for one, other in zip((*fast.planes, fast.alpha), (*slow.planes, slow.alpha), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-5)
 
@@ -241,7 +241,7 @@ def test_associated_alpha_of_coded_colours_is_refused():
 
 def test_opencv_channel_order_is_blue_first():
     array = np.zeros((1, 1, 3), np.uint8)
-    ArrayPicture(array).over(Box(0, 0, 1, 1), np.array([[[1, 0, 0, 1]]], np.float32))
+    ArrayPicture(array).composite_over(Box(0, 0, 1, 1), np.array([[[1, 0, 0, 1]]], np.float32))
     assert array.tolist() == [[[0, 0, 255]]]
 
 
@@ -257,7 +257,7 @@ def test_code_values_above_nominal_white_are_kept_beside_the_object():
         plane.update(bytes([128]) * plane.buffer_size)
     rgba = np.zeros((16, 16, 4), np.float32)
     rgba[4:8, 4:8, 3] = 1e-4  # a trace of shadow darkens by less than a code
-    AvPicture(frame).over(Box(0, 0, 16, 16), rgba)
+    AvPicture(frame).composite_over(Box(0, 0, 16, 16), rgba)
     assert set(np.unique(planes(frame)[0])) == {250}
 
 
@@ -272,7 +272,7 @@ def test_packed_formats_are_unpacked_without_loss(packed):
 def test_pixels_outside_the_frame_are_refused():
     picture = AvPicture(noise_frame(16, 16, "yuv420p"))
     with pytest.raises(ValueError, match="inside the frame"):
-        picture.over(Box(8, 8, 20, 20), np.zeros((12, 12, 4), np.float32))
+        picture.composite_over(Box(8, 8, 20, 20), np.zeros((12, 12, 4), np.float32))
 
 
 def test_array_that_is_not_a_picture_is_refused():
@@ -313,7 +313,7 @@ def test_object_is_converted_to_the_primaries_of_a_bt2020_plate():
     picture = AvPicture(noise_frame(16, 16, "yuv444p10le"), tags)
     rgba = np.zeros((16, 16, 4), np.float32)
     rgba[..., :] = (0.8, 0.1, 0.1, 1.0)
-    picture.over(Box(0, 0, 16, 16), rgba)
+    picture.composite_over(Box(0, 0, 16, 16), rgba)
     light = picture.linear(Box(4, 4, 5, 5))[0, 0]
     np.testing.assert_allclose(light, [0.8, 0.1, 0.1], atol=0.012)
 

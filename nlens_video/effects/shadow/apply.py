@@ -162,7 +162,7 @@ class ApplyShadow:
                 loss = _behind(loss, picture.linear(box), box, matte)
             # Over has one alpha for all channels: the loss less its mean is added as colour.
             layer: Float32 = np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
-            picture.over(box, layer, of_plate=True)
+            picture.composite_over(box, layer, of_plate=True)
         return picture
 
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:

@@ -72,7 +72,7 @@ def built_case(scene: BuiltScene, size: tuple[int, int], views: int) -> Case:
         shot = LensSetup(time_s=0.0, camera=camera, fit=scene.fit, frame=frame)
         seen = lens_views(renderer, shot, bare_points(views))
     truth = clean.copy()
-    ArrayPicture(truth, "rgb").over(seen.box, seen.rgba)
+    ArrayPicture(truth, "rgb").composite_over(seen.box, seen.rgba)
     return Case(
         name=scene.name, glb=scene.glb, fit=scene.fit, plate=clean, truth=truth,
         region=Box.of(covered),

@@ -148,7 +148,7 @@ def _room() -> list[TexturedMesh]:
 def _coded(rgba: Float32) -> UInt8:
     """Code values (H, W, 3) of scene-linear light (H, W, 4)."""
     codes = np.zeros((*rgba.shape[:2], 3), np.uint8)
-    ArrayPicture(codes, "rgb").over(Box(0, 0, rgba.shape[1], rgba.shape[0]), rgba)
+    ArrayPicture(codes, "rgb").composite_over(Box(0, 0, rgba.shape[1], rgba.shape[0]), rgba)
     return codes
 
 

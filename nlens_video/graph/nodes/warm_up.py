@@ -111,4 +111,4 @@ def blend() -> None:
     """Samples to scene-linear light and back."""
     picture = ArrayPicture(np.zeros((_SIDE, _SIDE, 3), np.uint8))
     picture.linear(FRAME)
-    picture.over(FRAME, sharp_layer().layer.rgba)
+    picture.composite_over(FRAME, sharp_layer().layer.rgba)

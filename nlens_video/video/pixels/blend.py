@@ -81,8 +81,8 @@ def _mean(plane, rows, columns, i, j):  # type: ignore[no-untyped-def]  # noqa: 
     return total / np.float32(SIDE * SIDE)
 
 
-def _reduced(planes, rgb_from_codes, to_linear, to_bt709, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """`blend_ref.reduced`, into `out` (h, w, 3)."""
+def _downsample(planes, rgb_from_codes, to_linear, to_bt709, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """`blend_ref.downsample`, into `out` (h, w, 3)."""
     first, second, third = planes
     picked_rows, picked_columns = SIDE * out.shape[0], SIDE * out.shape[1]
     below, across = np.arange(picked_rows), np.arange(picked_columns)
@@ -112,8 +112,8 @@ def _put(plane, y, x, value, peak):  # type: ignore[no-untyped-def]  # noqa: ANN
 
 # one function: passing an array from kernel to kernel for each pixel updates its reference count,
 # which takes longer than the blend
-def _over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
-    """`blend_ref.over`; `before` holds first component and alpha of the box as they were."""
+def _composite_over(planes, alpha, flags, before, axes, corner, rgba, tables, peak):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, C901, PLR0915
+    """`blend_ref.composite_over`; `before` holds first component and alpha of the box before it."""
     first, second, third = planes
     luma_before, alpha_before = before
     associated, of_plate = flags
@@ -203,7 +203,7 @@ def _compiled(function: Callable[..., None], dtype: str) -> Callable[..., None]:
     head, corner = f"{planes},", f"{axes},UniTuple(i8,2)"
     if function is _linear:
         signature = f"void({head}{corner},{matrix},{row},{matrix},{row},{image})"
-    elif function is _reduced:
+    elif function is _downsample:
         signature = f"void({head}{matrix},{row},{matrix},{image})"
     else:
         maps = f"Tuple(({row},{row},{matrix},{matrix},{matrix},{matrix}))"
@@ -232,11 +232,11 @@ def linear(samples: Samples, box: Box) -> Float32:
     return _decoded(samples, box, np.empty(0, np.float32))
 
 
-def reduced(samples: Samples, width: int, height: int) -> Float32:
+def downsample(samples: Samples, width: int, height: int) -> Float32:
     """Scene-linear BT.709 RGB (height, width, 3), each of the mean of nine codes of its cell."""
     maps = tables(samples.coding)
     out = np.empty((height, width, 3), np.float32)
-    _compiled(_reduced, samples.planes[0].dtype.name)(
+    _compiled(_downsample, samples.planes[0].dtype.name)(
         samples.planes, maps.rgb_from_codes, maps.to_linear, maps.to_bt709, out
     )
     return out
@@ -247,7 +247,7 @@ def srgb(samples: Samples, box: Box) -> Float32:
     return _decoded(samples, box, display_table())
 
 
-def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+def composite_over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
     """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame.
 
     With `of_plate` its colours are multiples of the plate's own light.
@@ -259,7 +259,7 @@ def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -
     rows, columns = slice(box.y0, box.y1), slice(box.x0, box.x1)
     alpha: Plane = np.empty((0, 0), first.dtype) if samples.alpha is None else samples.alpha
     before = tuple(np.array(one[rows, columns], order="C") for one in (first, alpha))
-    _compiled(_over, first.dtype.name)(
+    _compiled(_composite_over, first.dtype.name)(
         samples.planes, alpha, (samples.associated, of_plate), before,
         (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),
         np.ascontiguousarray(rgba, dtype=np.float32),

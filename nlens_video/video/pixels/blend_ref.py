@@ -28,7 +28,7 @@ def linear(samples: Samples, box: Box) -> Float64:
     return out
 
 
-def reduced(samples: Samples, width: int, height: int) -> Float64:
+def downsample(samples: Samples, width: int, height: int) -> Float64:
     """Scene-linear BT.709 RGB (height, width, 3), each of the mean of nine codes of its cell.
 
     They lie in the middle of its thirds, across and down.
@@ -47,7 +47,7 @@ def reduced(samples: Samples, width: int, height: int) -> Float64:
     return out
 
 
-def over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+def composite_over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
     """Composite a premultiplied scene-linear BT.709 layer (h, w, 4) over a box inside the frame.
 
     A chroma sample changes by the filtered change of the codes of the pixels under its filter, all

@@ -47,19 +47,19 @@ class _SamplesPicture:
         _check(samples, box)
         return blend.linear(samples, box)
 
-    def reduced(self, width: int, height: int) -> Float32:
-        """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes, for measurements."""
-        return blend.reduced(self.samples(), width, height)
+    def downsample(self, width: int, height: int) -> Float32:
+        """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes."""
+        return blend.downsample(self.samples(), width, height)
 
-    def over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
+    def composite_over(self, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:
         """Composite a premultiplied scene-linear layer (h, w, 4) over a box inside the frame."""
         self._make_writable()
         samples = self.samples()
         _check(samples, box, rgba)
-        blend.over(samples, box, rgba, of_plate=of_plate)
+        blend.composite_over(samples, box, rgba, of_plate=of_plate)
 
-    def mix(self, other: Picture, share: float) -> None:
-        """Become a mean of the codes with `share` of another picture of the same form, 0 to 1."""
+    def crossfade(self, other: Picture, weight: float) -> None:
+        """Mix the codes, in place, with `weight` (0 to 1) of another picture of the same form."""
         if not isinstance(other, _SamplesPicture):
             raise TypeError(f"{type(other).__name__} has no samples")
         self._make_writable()
@@ -69,7 +69,7 @@ class _SamplesPicture:
         ):
             if own is None or its is None:
                 continue
-            change = np.float32(share) * (its.astype(np.float32) - own)
+            change = np.float32(weight) * (its.astype(np.float32) - own)
             if own.dtype.kind == "u":
                 change = np.rint(change)
             own[...] = (own + change).astype(own.dtype)

@@ -61,7 +61,7 @@ def test_subnormal_alpha_and_light():
     seen = scatter(mixed, _coc(9.0))
     plate = np.random.default_rng(0).integers(0, 256, (SIDE, SIDE, 3), dtype=np.uint8)
     under = plate.copy()
-    ArrayPicture(under).over(FRAME, _block(1e-40))
+    ArrayPicture(under).composite_over(FRAME, _block(1e-40))
     return Outcome(
         (
             exactly("wrong combinations of 4 alphas and 4 CoC", len(figures), 0),
@@ -135,7 +135,7 @@ def test_light_without_alpha():
     kept = seen[..., :3].sum(dtype=np.float64) / alone.sum(dtype=np.float64)
     plate = np.full((SIDE, SIDE, 3), 90, np.uint8)
     over = plate.copy()
-    ArrayPicture(over).over(FRAME, seen)
+    ArrayPicture(over).composite_over(FRAME, seen)
     figures += [
         at_most("light lost or won by a flame alone", abs(kept - 1), 2e-3),
         at_least("least change of a code under it", (over.astype(int) - plate).min(), 0),

@@ -174,7 +174,7 @@ def test_light_above_one_and_below_zero():
     scene = cards(Card(2.0))
     layer = through("realtime", scene, lens_of_coc(9.0, 2.0))
     plate = light.copy()
-    ArrayPicture(plate, "rgb", LINEAR).over(Box(0, 0, 112, 88), layer)
+    ArrayPicture(plate, "rgb", LINEAR).composite_over(Box(0, 0, 112, 88), layer)
     exact = layer[..., :3] + (1.0 - layer[..., 3:]) * light.astype(np.float64)
     touched = layer.any(axis=2)
     off = np.abs(plate - exact) / (1.0 + np.abs(exact))

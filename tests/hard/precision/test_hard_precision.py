@@ -318,8 +318,8 @@ def _light() -> dict[str, tuple[float, float]]:
         fast = array_samples(plate, "rgb", tags, associated=False)
         slow = copy.deepcopy(fast)
         decoded = max(decoded, np.abs(blend.linear(fast, box) - blend_ref.linear(slow, box)).max())
-        blend.over(fast, box, layer)
-        blend_ref.over(slow, box, layer)
+        blend.composite_over(fast, box, layer)
+        blend_ref.composite_over(slow, box, layer)
         laid = max(
             laid, *(np.abs(a - b).max() for a, b in zip(fast.planes, slow.planes, strict=True))
         )
