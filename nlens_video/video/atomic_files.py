@@ -1,6 +1,6 @@
 """Files that appear only when they are complete: temporary name in the same folder, then rename.
 
-A temporary's name tells whose it is, so that the next run finds what a killed one has left.
+Temporary names hold host and process, so that a later run finds the files of killed runs.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from nlens_video.core.errors import OutputError
 
 
 def partial_name(path: Path) -> Path:
-    """Name beside `path` under which it is written; keeps the extension, so players open it."""
+    """Temporary name beside `path`; keeps the extension, so players open it."""
     name = f".{path.stem}.partial-{_host()}-{os.getpid()}{path.suffix}"
     return written_through(path).with_name(name)
 
 
 def written_through(path: Path) -> Path:
-    """Where the bytes of a file go: to what a link leads to, which need not be there.
+    """The file that is written for `path`: the target of a link, which need not exist.
 
     Raises:
-        OutputError: the link leads in a circle.
+        OutputError: the link is circular.
     """
     if not path.is_symlink():
         return path
@@ -42,16 +42,16 @@ def written_through(path: Path) -> Path:
 
 
 def kept_name(path: Path) -> Path:
-    """Name of the part of `path` that an aborted run leaves, where that was asked for."""
+    """Name of the partial file that an aborted run keeps on request."""
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 
 def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
-    """Temporaries of `path` whose runs are gone: those of processes of this machine that ended.
+    """Temporary files of `path` from ended processes of this machine.
 
     Args:
-        path: the result; of a sequence its pattern.
-        whole_folder: whether temporaries of other results with its extension count too.
+        path: the result, or the pattern of a sequence.
+        whole_folder: include temporary files of other results with its extension.
     """
     stem = ".+" if whole_folder else re.escape(path.stem)
     shape = re.compile(rf"\.{stem}\.partial-{_host()}-(\d+){re.escape(path.suffix)}")
@@ -59,12 +59,12 @@ def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
         folder = written_through(path).parent
         names = [(one, shape.fullmatch(one.name)) for one in folder.iterdir()]
     except (OSError, OutputError):
-        return []  # whoever writes there will say so
+        return []  # reported on writing
     return sorted(one for one, match in names if match and not _runs(int(match[1])))
 
 
 def remove_stale(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
-    """Remove what `left_over` finds; a note on each."""
+    """Remove the files that `left_over` finds; a note on each."""
     notes = []
     for found in left_over(path, whole_folder=whole_folder):
         with contextlib.suppress(OSError):
@@ -74,12 +74,12 @@ def remove_stale(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
 
 
 def _host() -> str:
-    """This machine, in letters and digits: others that share the folder have other names."""
+    """Host name in letters and digits: several machines may share the folder."""
     return re.sub(r"[^0-9A-Za-z]", "", socket.gethostname())[:24] or "host"
 
 
 def _runs(process: int) -> bool:
-    """Whether there is such a process; on Windows, where asking would disturb it, there may be."""
+    """Whether a process exists; always true on Windows, where a signal would end it."""
     if sys.platform == "win32":
         return True
     try:
@@ -87,12 +87,12 @@ def _runs(process: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:
-        return True  # somebody else's
+        return True  # of another user
     return True
 
 
 def check_folder(path: Path) -> None:
-    """See that a file can be made there.
+    """Check that a file can be made.
 
     Raises:
         OutputError: the folder is missing, is read-only, or the name is that of a folder, a device
@@ -101,7 +101,7 @@ def check_folder(path: Path) -> None:
     folder = written_through(path).parent
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; give the name of a file")
-    if path.exists() and not path.is_file():  # its place would be taken by the finished file
+    if path.exists() and not path.is_file():  # would be replaced by the finished file
         raise OutputError(f"{path}: is a device or a pipe; give the name of a file")
     if not folder.is_dir():
         raise OutputError(f"{path}: the folder {folder} does not exist; make it first")
@@ -112,7 +112,7 @@ def check_folder(path: Path) -> None:
 
 
 def _only_its_owner_replaces(path: Path, folder: Path) -> bool:
-    """Whether a folder such as /tmp, whose sticky bit is set, keeps us from replacing a file."""
+    """Whether the sticky bit of a folder such as /tmp prevents replacing a file."""
     if sys.platform == "win32":
         return False
     about = folder.stat()
@@ -121,10 +121,10 @@ def _only_its_owner_replaces(path: Path, folder: Path) -> bool:
 
 
 def check_target_folder(folder: Path) -> None:
-    """See that files can be made in a folder, which may have to be made itself.
+    """Check that files can be made in a folder, which need not exist.
 
     Raises:
-        OutputError: it, or what is there of the folders above it, is a file or is read-only.
+        OutputError: it, or its nearest existing parent, is a file or is read-only.
     """
     there = folder
     while not there.exists() and there != there.parent:
@@ -136,12 +136,12 @@ def check_target_folder(folder: Path) -> None:
 
 
 def publish(partial: Path, path: Path) -> None:
-    """Bring a finished file to the disk and give it its name.
+    """Flush a finished file to the disk and rename it to its final name.
 
-    What is there is replaced and hands on its rights; where the name is a link, what it leads to.
+    An existing file (or the target of a link) is replaced and passes on its permissions.
 
     Raises:
-        OutputError: the disk is full or the folder went away.
+        OutputError: the disk is full or the folder has disappeared.
     """
     try:
         target = written_through(path)
@@ -164,7 +164,7 @@ def _bring_to_disk(path: Path) -> None:
 
 
 def _take_rights(given: Path, taking: Path) -> None:
-    """Owner, extended attributes (access lists among them) and mode, as far as we may set them."""
+    """Copy owner, extended attributes (such as access lists) and mode, as far as permitted."""
     about = given.stat()
     if sys.platform != "win32":
         if (about.st_uid, about.st_gid) != (taking.stat().st_uid, taking.stat().st_gid):
@@ -178,7 +178,7 @@ def _take_rights(given: Path, taking: Path) -> None:
 
 
 def _move_across(partial: Path, target: Path) -> None:
-    """Move a file to another disk, where it appears when it is complete."""
+    """Move a file to another file system, where it appears when it is complete."""
     there = partial_name(target)
     try:
         shutil.copyfile(partial, there)
@@ -193,7 +193,7 @@ def _move_across(partial: Path, target: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Write to the yielded name; `path` appears at the end, or nothing does.
+    """Yield a temporary name to write to; rename it to `path` at the end, or discard it.
 
     Raises:
         OutputError: it cannot be written; an OSError of the body that names no other file, such
@@ -206,7 +206,7 @@ def replacing(path: Path) -> Iterator[Path]:
         publish(partial, path)
     except OSError as error:
         if error.filename not in (None, str(partial)):
-            raise  # something else that the body does
+            raise  # of another file
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
         with contextlib.suppress(OSError):
