@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from queue import Empty, Full, Queue
 from typing import Any, Generic, TypeVar
 
+from nlens_video.core import signals
+
 T = TypeVar("T")
 _POLL_S = 0.05
 _PATIENCE_S = 2.0  # a read that blocks longer than this after closing (a camera gone quiet) is left
@@ -76,12 +78,13 @@ class _Link:
                     self._queue.not_full.notify()
                     return
 
-    def get(self) -> _Message:
+    def get(self, poll: Callable[[], None] | None = None) -> _Message:
         while not self._stop.is_set():
             try:
                 return self._queue.get(timeout=_POLL_S)
             except Empty:
-                continue
+                if poll is not None:
+                    poll()
         raise _Stopped
 
 
@@ -123,7 +126,7 @@ def run_workers(
         thread.start()
     try:
         while True:
-            message = links[-1].get()
+            message = links[-1].get(signals.check)
             if isinstance(message, _Fault):
                 raise message.error
             if isinstance(message, _End):
@@ -160,7 +163,7 @@ def run_in_thread(work: Callable[[], T]) -> T:
         threading.Thread(target=attempt, name="open", daemon=True).start()
         # an interrupted Thread.join would take the thread for ended: an event is waited for
         while not done.wait(_POLL_S):
-            pass
+            signals.check()  # an interrupt that arrived during an import may be lost there
     except BaseException:
         _left_reading.append(done)
         raise

@@ -5,7 +5,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from nlens_video.graph.scheduler import Worker, run_workers
+from nlens_video.core import signals
+from nlens_video.graph.scheduler import Worker, run_in_thread, run_workers
 
 
 def step(function):
@@ -130,3 +131,30 @@ def test_workers_run_concurrently():
         1,
         2,
     ]
+
+
+@pytest.fixture
+def lost_interrupt():
+    """A signal has arrived, but the exception that it raised was swallowed."""
+    signals.requested.set()
+    yield
+    signals.requested.clear()
+
+
+def test_blocking_call_ends_by_an_interrupt_whose_exception_was_lost(lost_interrupt):
+    released = threading.Event()
+    with pytest.raises(KeyboardInterrupt):
+        run_in_thread(lambda: released.wait(20.0))
+    released.set()
+
+
+def test_waiting_for_an_item_ends_by_an_interrupt_whose_exception_was_lost(lost_interrupt):
+    released = threading.Event()
+
+    def stalled():
+        released.wait(20.0)
+        yield 1
+
+    with pytest.raises(KeyboardInterrupt):
+        threading.Timer(1.0, released.set).start()
+        next(run_workers(stalled(), []))
