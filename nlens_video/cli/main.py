@@ -15,6 +15,7 @@ from nlens_video.cli.output_files import check_outputs, drop_protocol
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, ReaderGone, UsageError
 from nlens_video.core.stdio import (
+    drop_unwritten,
     escape_controls,
     prepare_streams,
     print_out,
@@ -55,6 +56,7 @@ def _exit_code(argv: list[str]) -> int:
         redirect_to_devnull(sys.stdout)
         return 0
     except NlensError as error:
+        drop_unwritten(sys.stdout)
         _say(str(error), error, trace=_verbose(argv))
         return error.exit_code
     except MemoryError as error:

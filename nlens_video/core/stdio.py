@@ -88,6 +88,16 @@ def print_out(text: str, stream: TextIO | None = None) -> None:
         ) from error
 
 
+def drop_unwritten(stream: TextIO | None) -> None:
+    """Give up what a stream holds and cannot write, such as on a full disk."""
+    if stream is None:
+        return
+    try:
+        stream.flush()
+    except OSError:
+        redirect_to_devnull(stream)
+
+
 def redirect_to_devnull(stream: TextIO) -> None:
     """Redirect a stream to the null device: Python would fail again when it flushes it at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
