@@ -1,0 +1,1 @@
+"""Cameras of plates: solved or tracked paths, and the files that hold them."""

@@ -1,0 +1,90 @@
+"""Camera paths as Nuke's .chan files, which 3DEqualizer, Maya, Houdini and Blender also write.
+
+A line is `frame tx ty tz rx ry rz [vfov]`: position, rotation [deg], vertical field of view [deg].
+Axes are glTF's. Nuke's cameras rotate about Z, then X, then Y.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
+from nlens_video.core.errors import SceneError
+
+ORDER: Literal["zxy"] = "zxy"
+"""Rotation order of Nuke's cameras, about fixed axes (scipy's lower case)."""
+
+
+def from_chan(text: str, source: str, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+    """Read the text of a .chan file; its first frame is the plate's first.
+
+    Args:
+        text: the file.
+        source: what messages call it.
+        size: columns and rows of the plate [px].
+        rate: frames a second of the plate.
+
+    Raises:
+        SceneError: a line is wrong, or there is none.
+    """
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        try:
+            values = [float(word) for word in words]
+        except ValueError as error:
+            raise SceneError(f"{source}, line {number}: {error}") from error
+        if len(values) < 8 or not np.isfinite(values).all() or not 0.0 < values[7] < 180.0:
+            raise SceneError(
+                f"{source}, line {number}: expected frame, position, rotation and vertical field "
+                "of view in degrees (8 numbers)"
+            )
+        rows.append(values)
+    if not rows:
+        raise SceneError(f"{source}: no line; expected frame, position, rotation, field of view")
+    rows.sort()
+    keys = tuple(_key(row, round(row[0] - rows[0][0]), size, rate) for row in rows)
+    if any(b.index <= a.index for a, b in zip(keys, keys[1:], strict=False)):
+        raise SceneError(f"{source}: a frame is given twice")
+    return SolvedCamera(
+        width=size[0], height=size[1], keys=keys, fov="measured", horizon="measured",
+        path="still" if len(keys) == 1 else "moving", method="Nuke .chan",
+    )  # fmt: skip
+
+
+def to_chan(camera: SolvedCamera) -> str:
+    """The text of a .chan file, frames counted from 0."""
+    lines = []
+    for key in camera.keys:
+        pose = key.world_from_camera
+        pose[1, 3] -= camera.ground_y
+        turns = Rotation.from_matrix(pose[:3, :3]).as_euler(ORDER, degrees=True)
+        by_axis = dict(zip(ORDER, turns, strict=True))
+        tan = math.tan(0.5 * math.radians(key.fov_x_deg)) * camera.height / camera.width
+        fov_y = 2.0 * math.degrees(math.atan(tan))
+        values = (*pose[:3, 3], *(by_axis[axis] for axis in "xyz"), fov_y)
+        lines.append(f"{key.index}\t" + "\t".join(f"{value:.9g}" for value in values))
+    return "\n".join(lines) + "\n"
+
+
+def _key(row: list[float], index: int, size: tuple[int, int], rate: Fraction) -> CameraKey:
+    turns = dict(zip("xyz", row[4:7], strict=True))
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler(
+        ORDER, [turns[axis] for axis in ORDER], degrees=True
+    ).as_matrix()
+    pose[:3, 3] = row[1:4]
+    tan = math.tan(0.5 * math.radians(row[7])) * size[0] / size[1]
+    return CameraKey(
+        index=index,
+        pts_s=float(index / rate),
+        world_to_camera=np.asarray(np.linalg.inv(pose)),
+        fov_x_deg=2.0 * math.degrees(math.atan(tan)),
+    )

@@ -1,0 +1,64 @@
+"""Files of cameras: which reader and writer a name asks for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+from nlens_video.cameras.chan import from_chan, to_chan
+from nlens_video.cameras.colmap import read_colmap
+from nlens_video.cameras.fspy import from_fspy, is_fspy
+from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.core.errors import SceneError, UsageError
+
+_WRITERS: dict[str, Callable[[SolvedCamera], str]] = {
+    ".json": SolvedCamera.to_json,
+    ".chan": to_chan,
+}
+
+
+def read_camera(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+    """Read a camera for a plate.
+
+    Args:
+        path: `camera.json`, fSpy's `.json`, Nuke's `.chan`, or the folder of a COLMAP text model.
+        size: columns and rows of the plate [px].
+        rate: frames a second of the plate.
+
+    Raises:
+        SceneError: it cannot be read, holds no camera, or that of a frame of another shape.
+    """
+    if path.is_dir():
+        return read_colmap(path, rate).resized(*size)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read ({error}); expected a camera") from error
+    if path.suffix.lower() == ".chan":
+        return from_chan(text, str(path), size, rate)
+    try:
+        raw = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(
+            f"{path}: no camera ({error}); expected camera.json, fSpy's .json, Nuke's .chan or the "
+            "folder of a COLMAP text model"
+        ) from error
+    if is_fspy(raw):
+        return from_fspy(raw, str(path)).resized(*size)
+    return SolvedCamera.from_json(text, str(path)).resized(*size)
+
+
+def camera_text(camera: SolvedCamera, path: Path) -> str:
+    """The text of a camera in the format that the file's name asks for.
+
+    Raises:
+        UsageError: no format has this suffix.
+    """
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise UsageError(
+            f"{path}: no format of cameras; expected a name that ends in {' or '.join(_WRITERS)}"
+        )
+    return writer(camera)

@@ -1,0 +1,291 @@
+"""A plate's camera: pose and field of view of each frame, where they come from, `camera.json`."""
+
+from __future__ import annotations
+
+import bisect
+import json
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Literal, TypeVar, get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float64
+from nlens_video.scene.camera import Camera
+
+FovSource = Literal["measured", "metadata", "assumed"]
+HorizonSource = Literal["measured", "assumed"]
+PathKind = Literal["still", "rotation", "moving", "assumed"]
+Scale = Literal["metres", "arbitrary"]
+
+_W = TypeVar("_W", bound=str)
+_RIGID = 1e-3  # rotations read from text are orthonormal to about six digits
+_LARGEST = 1e9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraKey:
+    """The camera of one frame.
+
+    Attributes:
+        index: frame of the plate, counted from 0.
+        pts_s: presentation time [s].
+        world_to_camera: rigid transform (4, 4), glTF axes [scene unit].
+        fov_x_deg: field of view across the frame's width, in (0, 180) [deg].
+    """
+
+    index: int
+    pts_s: float
+    world_to_camera: Float64
+    fov_x_deg: float
+
+    @property
+    def world_from_camera(self) -> Float64:
+        """Pose (4, 4)."""
+        rotation, shift = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        pose = np.eye(4)
+        pose[:3, :3] = rotation.T
+        pose[:3, 3] = -rotation.T @ shift
+        return pose
+
+    @property
+    def pitch_deg(self) -> float:
+        """Elevation of the optical axis, negative when the camera looks down [deg]."""
+        return -math.degrees(math.asin(float(np.clip(self.world_to_camera[2, 1], -1.0, 1.0))))
+
+    @property
+    def roll_deg(self) -> float:
+        """Turn about the optical axis: positive where the world's up leans right [deg]."""
+        right, up = self.world_to_camera[:2, 1]
+        return math.degrees(math.atan2(float(right), float(up)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraErrors:
+    """Standard errors; the defaults are those of a camera about which nothing is known [deg]."""
+
+    fov_deg: float = 20.0
+    pitch_deg: float = 18.0
+    roll_deg: float = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SolvedCamera:
+    """The camera of a plate, in a world whose ground is horizontal.
+
+    Attributes:
+        width: columns of the plate [px].
+        height: rows of the plate [px].
+        keys: frames in the order of time, at least one; a still camera has one.
+        ground_y: height of the ground [scene unit].
+        fov: where the field of view comes from.
+        horizon: where pitch and roll come from.
+        path: how the camera moves.
+        scale: whether the scene unit is the metre.
+        errors: standard errors of the first frame.
+        method: how it was solved, in a few words.
+        principal_px: principal point, pixel centres at +0.5, None for the frame's middle [px].
+    """
+
+    width: int
+    height: int
+    keys: tuple[CameraKey, ...]
+    ground_y: float = 0.0
+    fov: FovSource = "assumed"
+    horizon: HorizonSource = "assumed"
+    path: PathKind = "still"
+    scale: Scale = "arbitrary"
+    errors: CameraErrors = field(default_factory=CameraErrors)
+    method: str = ""
+    principal_px: tuple[float, float] | None = None
+
+    def at(self, time_s: float) -> Camera:
+        """The camera at a time, interpolated between frames and held beyond them.
+
+        Rotations turn at a constant rate between two frames; positions and fields of view change
+        linearly.
+
+        Args:
+            time_s: time of the plate [s].
+        """
+        times = [key.pts_s for key in self.keys]
+        after = bisect.bisect_right(times, time_s)
+        if after in (0, len(times)):
+            key = self.keys[min(after, len(times) - 1)]
+            return self._camera(key.world_from_camera, key.fov_x_deg)
+        first, second = self.keys[after - 1], self.keys[after]
+        share = (time_s - first.pts_s) / (second.pts_s - first.pts_s)
+        start, end = first.world_from_camera, second.world_from_camera
+        turn = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).as_rotvec()
+        pose = np.eye(4)
+        pose[:3, :3] = start[:3, :3] @ Rotation.from_rotvec(share * turn).as_matrix()
+        pose[:3, 3] = (1.0 - share) * start[:3, 3] + share * end[:3, 3]
+        return self._camera(pose, (1.0 - share) * first.fov_x_deg + share * second.fov_x_deg)
+
+    def resized(self, width: int, height: int) -> SolvedCamera:
+        """The same camera for another size of the plate.
+
+        Raises:
+            SceneError: the shape of the frame differs by more than a pixel.
+        """
+        scale = width / self.width
+        if abs(self.height * scale - height) > 1.0 + scale:
+            raise SceneError(
+                f"the camera is of a plate of {self.width}x{self.height}, the plate has "
+                f"{width}x{height}; solve the camera of this plate"
+            )
+        point = self.principal_px
+        return replace(
+            self, width=width, height=height,
+            principal_px=None if point is None else (point[0] * scale, point[1] * scale),
+        )  # fmt: skip
+
+    def _camera(self, pose: Float64, fov_x_deg: float) -> Camera:
+        focal = 0.5 * self.width / math.tan(0.5 * math.radians(fov_x_deg))
+        middle = 0.5 * self.width, 0.5 * self.height
+        column, row = self.principal_px or middle
+        return Camera(
+            world_from_camera=pose, fx=focal, fy=focal, cx=column, cy=row, width=self.width,
+            height=self.height,
+        )  # fmt: skip
+
+    def to_json(self) -> str:
+        """The text of `camera.json`."""
+        values: dict[str, object] = {
+            "width": self.width,
+            "height": self.height,
+            "frames": [
+                {
+                    "index": key.index,
+                    "pts_s": key.pts_s,
+                    "world_to_camera": key.world_to_camera.tolist(),
+                    "fov_x_deg": key.fov_x_deg,
+                }
+                for key in self.keys
+            ],
+            "ground_y": self.ground_y,
+            "fov": self.fov,
+            "horizon": self.horizon,
+            "path": self.path,
+            "scale": self.scale,
+            "stderr": asdict(self.errors),
+            "method": self.method,
+        }
+        if self.principal_px is not None:
+            values["principal_px"] = list(self.principal_px)
+        return json.dumps(values, indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str, source: str = "camera.json") -> SolvedCamera:
+        """Read the text of `camera.json`.
+
+        Raises:
+            SceneError: not JSON, or a value is missing or wrong; the message names it.
+        """
+        try:
+            raw = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise SceneError(f"{source}: not JSON ({error}); expected a saved camera") from error
+        return _Reader(source).camera(raw)
+
+
+class _Reader:
+    """Checks the values of a `camera.json`."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def camera(self, raw: object) -> SolvedCamera:
+        """The camera of a parsed file."""
+        if not isinstance(raw, dict) or not isinstance(raw.get("frames"), list):
+            raise self._error('expected an object with "width", "height" and a list "frames"')
+        if not raw["frames"]:
+            raise self._error('"frames" is empty; expected at least one')
+        keys = tuple(self._key(number, one) for number, one in enumerate(raw["frames"]))
+        if any(b.pts_s <= a.pts_s for a, b in zip(keys, keys[1:], strict=False)):
+            raise self._error('"pts_s" must rise from frame to frame')
+        errors = raw.get("stderr")
+        return SolvedCamera(
+            width=self._size(raw, "width"),
+            height=self._size(raw, "height"),
+            keys=keys,
+            ground_y=self._number(raw, "ground_y", 0.0),
+            fov=self._word(raw, "fov", get_args(FovSource), "assumed"),
+            horizon=self._word(raw, "horizon", get_args(HorizonSource), "assumed"),
+            path=self._word(raw, "path", get_args(PathKind), "still"),
+            scale=self._word(raw, "scale", get_args(Scale), "arbitrary"),
+            errors=self._errors(errors if isinstance(errors, dict) else {}),
+            method=str(raw.get("method", "given")),
+            principal_px=self._principal(raw),
+        )
+
+    def _key(self, number: int, raw: object) -> CameraKey:
+        if not isinstance(raw, dict):
+            raise self._error(f"frame {number} is no object")
+        matrix = rigid_matrix(raw.get("world_to_camera"))
+        if matrix is None:
+            raise self._error(
+                f'frame {number}: "world_to_camera" must be a rigid 4x4 matrix by rows'
+            )
+        fov = self._number(raw, "fov_x_deg", None)
+        if not 0.0 < fov < 180.0:
+            raise self._error(f'frame {number}: "fov_x_deg" is {fov:g}, expected 0 to 180 degrees')
+        return CameraKey(
+            index=int(self._number(raw, "index", float(number))),
+            pts_s=self._number(raw, "pts_s", 0.0),
+            world_to_camera=matrix,
+            fov_x_deg=fov,
+        )
+
+    def _errors(self, raw: dict[str, object]) -> CameraErrors:
+        names = ("fov_deg", "pitch_deg", "roll_deg")
+        known = {name: self._number(raw, name, 0.0) for name in names if name in raw}
+        return CameraErrors(**known)
+
+    def _principal(self, raw: dict[str, object]) -> tuple[float, float] | None:
+        point = raw.get("principal_px")
+        if point is None:
+            return None
+        if not isinstance(point, list) or len(point) != 2:
+            raise self._error('"principal_px" must be a column and a row [px]')
+        named: dict[str, object] = {"column": point[0], "row": point[1]}
+        return self._number(named, "column", None), self._number(named, "row", None)
+
+    def _size(self, raw: dict[str, object], name: str) -> int:
+        value = self._number(raw, name, None)
+        if value < 1 or value != int(value):
+            raise self._error(f'"{name}" is {value:g}, expected a number of pixels')
+        return int(value)
+
+    def _number(self, raw: dict[str, object], name: str, default: float | None) -> float:
+        value = raw.get(name, default)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._error(f'"{name}" is {value!r:.40}, expected a number')
+        if not abs(value) <= _LARGEST:
+            raise self._error(f'"{name}" is {value!r:.40}, expected a finite number')
+        return float(value)
+
+    def _word(self, raw: dict[str, object], name: str, words: tuple[_W, ...], default: _W) -> _W:
+        value = raw.get(name, default)
+        for word in words:
+            if value == word:
+                return word
+        raise self._error(f'"{name}" is {value!r:.40}, expected one of {", ".join(words)}')
+
+    def _error(self, text: str) -> SceneError:
+        return SceneError(f"{self._source}: {text}")
+
+
+def rigid_matrix(raw: object) -> Float64 | None:
+    """A rigid transform (4, 4) from rows of numbers, None for anything else."""
+    try:
+        matrix = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if matrix.shape != (4, 4) or not (abs(matrix) <= _LARGEST).all():
+        return None
+    turn = matrix[:3, :3]
+    rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_RIGID) and np.linalg.det(turn) > 0.0
+    return matrix if rigid and np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0)) else None

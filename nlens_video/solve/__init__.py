@@ -1,0 +1,1 @@
+"""The plate's camera from its pictures: field of view, horizon and path."""

@@ -1,0 +1,93 @@
+"""Line segments of a picture, at several scales: defocused edges show in reduced pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.layers import Float64
+
+_SCALES = (1, 2, 4)
+_SHORTEST = 0.02  # of the frame's diagonal, at full size
+_LONGER = 0.5  # by how much longer a segment must be for each further scale [1]
+_MOST = 300
+_PARALLEL = 0.06  # sine of the angle between segments of one edge
+_SAME_PX = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segments:
+    """Line segments, longest first.
+
+    Attributes:
+        ends: first and second end (N, 2, 2), pixel centres at +0.5 [px].
+        error_px: standard error of an end across the segment (N,) [px].
+    """
+
+    ends: Float64
+    error_px: Float64
+
+    @property
+    def lengths(self) -> Float64:
+        """Lengths (N,) [px]."""
+        return np.asarray(np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1))
+
+
+def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
+    """Segments by LSD at three scales, each edge once.
+
+    Args:
+        luma: picture (H, W).
+    """
+    height, width = luma.shape
+    shortest = _SHORTEST * np.hypot(width, height)
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_ADV)
+    ends, scales = [], []
+    for level, scale in enumerate(_SCALES):
+        if min(height, width) < 16 * scale:
+            break
+        size = width // scale, height // scale
+        reduced = luma if scale == 1 else cv2.resize(luma, size, interpolation=cv2.INTER_AREA)
+        found = detector.detect(reduced)[0]
+        if found is None:
+            continue
+        lines = (found.reshape(-1, 2, 2).astype(np.float64) + 0.5) * (
+            width / size[0],
+            height / size[1],
+        )
+        long = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > shortest * (1 + _LONGER * level)
+        ends.append(lines[long])
+        scales.append(np.full(int(long.sum()), float(scale)))
+    if not ends:
+        return Segments(np.zeros((0, 2, 2)), np.zeros(0))
+    return _once(np.concatenate(ends), np.concatenate(scales))
+
+
+def _once(ends: Float64, scales: Float64) -> Segments:
+    """Drop segments that lie along a longer one."""
+    vectors = ends[:, 1] - ends[:, 0]
+    lengths = np.linalg.norm(vectors, axis=1)
+    order = np.argsort(-lengths, kind="stable")
+    ends, scales, lengths = ends[order], scales[order], lengths[order]
+    along = vectors[order] / lengths[:, None]
+    middles = ends.mean(axis=1)
+    kept: list[int] = []
+    for n in range(len(ends)):
+        if len(kept) == _MOST:
+            break
+        other = along[kept]
+        offset = middles[n] - ends[kept, 0]
+        turned = abs(other[:, 0] * along[n, 1] - other[:, 1] * along[n, 0])
+        apart = abs(offset[:, 0] * other[:, 1] - offset[:, 1] * other[:, 0])
+        at = (offset * other).sum(axis=1)
+        overlap = np.minimum(at + lengths[n] / 2, lengths[kept]) - np.maximum(
+            at - lengths[n] / 2, 0
+        )
+        same = (turned < _PARALLEL) & (overlap > 0.5 * lengths[n])
+        same &= apart < _SAME_PX + 1.5 * np.maximum(scales[n], scales[kept])
+        if not same.any():
+            kept.append(n)
+    return Segments(ends[kept], 0.7 * np.sqrt(scales[kept]))
