@@ -89,6 +89,10 @@ class ShotSolver:
             turns = resect_rotations(tracks, keyframes, frames, rotation, self.size)
             return self._turning(rotation, turns)
         moving = solve_moving(tracks, keyframes, frames, self.size, focal)
+        if focal is None and (moving is None or not _tells_focal(moving)):
+            # A straight path without a turn fits any focal length: take that of the still picture.
+            focal = math.exp(self._horizon().log_focal) * width
+            moving = solve_moving(tracks, keyframes, frames, self.size, focal)
         if moving is None:
             raise InputError(
                 f"the camera moves, but its path cannot be solved from {len(tracks)} tracked "
@@ -141,10 +145,10 @@ class ShotSolver:
 
     def _moving(self, path: MovingPath) -> SolvedCamera:
         focal = path.focal_px / self.size[0]
-        error = max(path.focal_stderr_px / path.focal_px, 1e-3)
+        error = path.focal_stderr_px / path.focal_px
         poses = np.array(list(path.poses.values()))
         ground = fit_ground(path.points, poses)
-        horizon = self._horizon((math.log(focal), error))
+        horizon = self._horizon((math.log(focal), max(error, 1e-3)) if error > 0.0 else None)
         if ground is None:
             first = _pose(horizon)
             level = first @ np.linalg.inv(poses[0])
@@ -196,6 +200,11 @@ class ShotSolver:
             ),
             method=method,
         )  # fmt: skip
+
+
+def _tells_focal(path: MovingPath) -> bool:
+    """Whether a path measures the focal length."""
+    return path.focal_stderr_px < _FOV_MEASURED * path.focal_px
 
 
 def _pose(horizon: Horizon) -> Float64:

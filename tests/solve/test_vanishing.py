@@ -1,0 +1,83 @@
+"""Pitch, roll and focal length from line segments with known vanishing points."""
+
+import math
+
+import numpy as np
+import pytest
+from support.camera_paths import SIZE, focal_of, project, rotation
+
+from nlens_video.solve.segments import Segments, find_segments
+from nlens_video.solve.vanishing import Mixture
+
+FOV_DEG = 48.0
+
+
+def lines(pitch_deg, roll_deg, fov_deg=FOV_DEG, clutter=20, upright=25, level=40, seed=0):
+    """Segments of a room of boxes, seen by a camera with these angles, with clutter."""
+    rng = np.random.default_rng(seed)
+    turn = rotation(math.radians(25.0), math.radians(pitch_deg), math.radians(roll_deg))
+    starts, ends = [], []
+    for direction, count in (((0, 1, 0), upright), ((1, 0, 0), level), ((0, 0, 1), level)):
+        # places before the camera, from its own axes
+        place = turn @ np.stack(
+            [
+                rng.uniform(-2, 2, 8 * count),
+                rng.uniform(-1, 1, 8 * count),
+                rng.uniform(-7, -3, 8 * count),
+            ]
+        )
+        first = place.T
+        second = first + 0.6 * np.array(direction)
+        a, seen = project(first, turn, np.zeros(3), fov_deg)
+        b, also = project(second, turn, np.zeros(3), fov_deg)
+        both = np.flatnonzero(seen & also)[:count]
+        starts.append(a[both] + rng.normal(0, 0.3, (len(both), 2)))
+        ends.append(b[both] + rng.normal(0, 0.3, (len(both), 2)))
+    middle = rng.uniform(50, 450, (clutter, 2)) * (1.8, 1.0)
+    angle = rng.uniform(0, math.pi, clutter)
+    half = 20.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    starts.append(middle - half)
+    ends.append(middle + half)
+    both = np.stack([np.concatenate(starts), np.concatenate(ends)], axis=1)
+    return Segments(both, np.full(len(both), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "roll_deg"), [(-5.0, 0.0), (-15.0, 1.5), (-30.0, -2.0), (4.0, 0.0)]
+)
+def test_camera_is_found_among_boxes_and_clutter(pitch_deg, roll_deg):
+    found = Mixture(lines(pitch_deg, roll_deg), SIZE).solve()
+    assert math.degrees(found.pitch) == pytest.approx(pitch_deg, abs=1.5)
+    assert math.degrees(found.roll) == pytest.approx(roll_deg, abs=0.7)
+    assert math.exp(found.log_focal) == pytest.approx(focal_of(FOV_DEG) / SIZE[0], rel=0.08)
+
+
+def test_known_focal_length_is_kept():
+    known = math.log(focal_of(FOV_DEG) / SIZE[0])
+    found = Mixture(lines(-15.0, 0.0), SIZE, (known, 1e-3)).solve()
+    assert found.log_focal == pytest.approx(known, abs=0.01)
+    assert math.degrees(found.pitch) == pytest.approx(-15.0, abs=1.0)
+
+
+def test_clutter_alone_gives_large_errors():
+    found = Mixture(lines(-15.0, 0.0, clutter=40, upright=0, level=0), SIZE).solve()
+    assert math.degrees(math.sqrt(found.covariance[0, 0])) > 3.0
+
+
+def test_errors_shrink_with_more_lines():
+    few = Mixture(lines(-15.0, 0.0, upright=6, level=8), SIZE).solve()
+    many = Mixture(lines(-15.0, 0.0, upright=40, level=80), SIZE).solve()
+    assert many.covariance[0, 0] < few.covariance[0, 0]
+
+
+def test_picture_without_an_edge_has_no_segment():
+    assert len(find_segments(np.full((120, 200), 90, np.uint8)).ends) == 0
+
+
+def test_defocused_edge_is_found_once():
+    ramp = 255.0 / (1.0 + np.exp(-(np.arange(960) - 480) / 6.0))
+    luma = np.broadcast_to(ramp, (512, 960)).astype(np.uint8)
+    found = find_segments(np.ascontiguousarray(luma))
+    upright = [ends for ends in found.ends if abs(ends[1, 0] - ends[0, 0]) < 3.0]
+    assert upright
+    assert abs(np.mean([ends[:, 0].mean() for ends in upright]) - 480.5) < 4.0
