@@ -143,6 +143,7 @@ def _map(
     options.ba_refine_principal_point = False
     options.ba_refine_extra_params = False
     options.ba_refine_focal_length = focal_px is None
+    options.mapper.init_max_forward_motion = 1.0
     options.mapper.init_min_tri_angle = 2.0
     options.mapper.init_min_num_inliers = 40
     options.mapper.abs_pose_min_num_inliers = 15
