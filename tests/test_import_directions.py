@@ -15,7 +15,7 @@ FOLDERS = """
 core
 kernels  kernels/scatter
 video/pixels  video  video/input  video/output
-scene/gltf  scene
+scene/gltf  scene  cameras  solve
 render/base  render/software  render/opengl  render
 stages
 networks

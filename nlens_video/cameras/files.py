@@ -13,31 +13,32 @@ from nlens_video.cameras.fspy import from_fspy, is_fspy
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import SceneError, UsageError
 
+_RATE = Fraction(24)  # of files that count frames, where the plate's rate is not known
 _WRITERS: dict[str, Callable[[SolvedCamera], str]] = {
     ".json": SolvedCamera.to_json,
     ".chan": to_chan,
 }
 
 
-def read_camera(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> SolvedCamera:
     """Read a camera for a plate.
 
     Args:
         path: `camera.json`, fSpy's `.json`, Nuke's `.chan`, or the folder of a COLMAP text model.
         size: columns and rows of the plate [px].
-        rate: frames a second of the plate.
+        rate: frames a second of the plate, None where it is not known.
 
     Raises:
         SceneError: it cannot be read, holds no camera, or that of a frame of another shape.
     """
     if path.is_dir():
-        return read_colmap(path, rate).resized(*size)
+        return read_colmap(path, rate or _RATE).resized(*size)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: cannot be read ({error}); expected a camera") from error
     if path.suffix.lower() == ".chan":
-        return from_chan(text, str(path), size, rate)
+        return from_chan(text, str(path), size, rate or _RATE)
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:

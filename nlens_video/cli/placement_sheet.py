@@ -145,7 +145,7 @@ class _Stand:
 
     def _draw_ground(self, picture: Bgr, camera: Camera, placing: Placement) -> None:
         height, width = picture.shape[:2]
-        row = round(placing.horizon * height)
+        row = round(placing.horizon_row * height)
         cv2.line(picture, (0, row), (width, row), _LINE, 1)
         for line in _grid_lines(self.contact, float(np.ptp(self.vertices[:, 1])) or 1.0):
             seen = camera.to_camera(line)
@@ -247,8 +247,8 @@ def choices(start: Placement, fov_deg: float | None, assumed_fov_deg: float) -> 
         fov_deg: field of view that `--fov` gives, else None [deg].
         assumed_fov_deg: what it is else [deg].
     """
-    lowest = 0.5 * (start.horizon + start.at[1])  # a horizon must lie above the contact point
-    horizons = (start.horizon - _HORIZON_STEP, min(start.horizon + _HORIZON_STEP, lowest))
+    lowest = 0.5 * (start.horizon_row + start.at[1])  # a horizon must lie above the contact point
+    horizons = (start.horizon_row - _HORIZON_STEP, min(start.horizon_row + _HORIZON_STEP, lowest))
     sizes = (start.size / _SIZE_FACTOR, start.size * _SIZE_FACTOR)
     yaws = (start.yaw_deg - _YAW_STEP, start.yaw_deg + _YAW_STEP, start.yaw_deg + 180.0)
     places = (

@@ -8,8 +8,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, TypeVar
 
+from nlens_video.cameras.files import read_camera
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
@@ -105,7 +107,9 @@ class FrameLoop:
     def _open(self, picture: Picture) -> Session:
         size = (picture.width, picture.height)
         if self._session is None:
-            view = View(width=size[0], height=size[1], camera=self.objects.camera)
+            file, rate = self.objects.camera_from, Fraction(self.fps).limit_denominator(1001)
+            solved = None if file is None else read_camera(file, size, rate)
+            view = View(width=size[0], height=size[1], camera=self.objects.camera, solved=solved)
             self._session = open_session(
                 self.objects, self.lens, view, self.profiler, PlatePreview(lambda: (picture,))
             )

@@ -27,16 +27,17 @@ class Placement:
         size: rows from there up to the object's highest point, > 0 [frame height].
         yaw_deg: turn of the object about the vertical, counter-clockwise seen from above; at 0 its
             front (glTF's +Z) faces the viewer [deg].
-        horizon: row of the horizon, above `at`; 0.5 is that of a level camera [frame height].
+        horizon: row of the horizon, above `at`; 0.5 is that of a level camera, None that of a
+            solved camera [frame height].
     """
 
     at: tuple[float, float]
     size: float
     yaw_deg: float = 0.0
-    horizon: float = LEVEL
+    horizon: float | None = LEVEL
 
     def __post_init__(self) -> None:
-        if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon))):
+        if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon or 0.0))):
             raise UsageError(f"--at, --size, --yaw, --horizon must be numbers: {self.describe()}")
         x, y = self.at
         if max(abs(x - 0.5), abs(y - 0.5)) > _FARTHEST:
@@ -48,6 +49,8 @@ class Placement:
             raise UsageError(
                 f"--size {self.size:g} is a share of the frame's height, above 0, such as 0.3"
             )
+        if self.horizon is None:
+            return
         if abs(self.horizon - 0.5) > _FARTHEST:
             raise UsageError(
                 f"--horizon {self.horizon:g} is far off; expected a fraction of the frame's "
@@ -60,12 +63,16 @@ class Placement:
                 "give a greater Y or a smaller --horizon"
             )
 
+    @property
+    def horizon_row(self) -> float:
+        """Row of the horizon, that of a level camera where none is given [frame height]."""
+        return LEVEL if self.horizon is None else self.horizon
+
     def describe(self) -> str:
         """The command-line options that give this placement."""
         x, y = self.at
-        return f"--at {x:.4g},{y:.4g} --size {self.size:.4g} --yaw {self.yaw_deg:.4g} " + (
-            f"--horizon {self.horizon:.4g}"
-        )
+        given = f"--at {x:.4g},{y:.4g} --size {self.size:.4g} --yaw {self.yaw_deg:.4g}"
+        return given if self.horizon is None else f"{given} --horizon {self.horizon:.4g}"
 
 
 def focal_of_fov(fov_deg: float, size: tuple[int, int], pixel_aspect: float = 1.0) -> float:

@@ -153,6 +153,8 @@ class ObjectSettings:
         real: occlusion and reflection.
         scene: name or number of the file's scene, None for its default one.
         fov_deg: field of view across the frame's width of a placed object, None to find it [deg].
+        camera_from: file of the plate's camera, None for the GLB's own or for `placing`.
+        at_frame: frame of the plate on which `placing` holds, where its camera moves [1].
     """
 
     glb: Path
@@ -166,6 +168,8 @@ class ObjectSettings:
     real: RealSettings = RealSettings()
     scene: str | None = None
     fov_deg: float | None = None
+    camera_from: Path | None = None
+    at_frame: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -107,4 +107,8 @@ def _placement(args: argparse.Namespace) -> Placement | None:
         )
     if args.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
-    return Placement(**{"horizon": LEVEL, **place})
+    if getattr(args, "camera_from", None) is None:
+        return Placement(**{"horizon": LEVEL, **place})
+    if "horizon" in place:
+        raise UsageError("--camera-from gives the horizon; leave --horizon out")
+    return Placement(**place, horizon=None)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from nlens_video.cameras.files import read_camera
 from nlens_video.core.errors import UsageError
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
@@ -199,13 +200,20 @@ def _assembled(
 
 
 def view_of(settings: Settings, info: SourceInfo) -> View:
-    """How the plate's frames see the scene."""
+    """How the plate's frames see the scene.
+
+    Raises:
+        SceneError: the file of its camera cannot be used.
+    """
+    file = settings.scene.camera_from
+    size = info.width, info.height
     return View(
         width=info.width,
         height=info.height,
         pixel_aspect=info.pixel_aspect,
         camera=settings.scene.camera,
         focal_35mm=focal_35mm(info.metadata),
+        solved=None if file is None else read_camera(file, size, info.average_rate),
     )
 
 

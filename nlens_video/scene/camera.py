@@ -250,9 +250,39 @@ def place_camera(
     width, height = frame
     fy = focal_35mm / FULL_FRAME_DIAGONAL_MM * math.hypot(width * pixel_aspect, height)
     fx = fy / pixel_aspect
-    pitch = math.atan((placing.horizon - 0.5) * height / fy)  # upwards
+    pitch = math.atan((placing.horizon_row - 0.5) * height / fy)  # upwards
     turned = _turn(math.radians(-placing.yaw_deg), pitch)
     ray = np.array([(placing.at[0] - 0.5) * width / fx, -(placing.at[1] - 0.5) * height / fy, -1.0])
+    depth = contact_depth(vertices, contact, placing, turned, ray, fy, height)
+    pose = np.eye(4)
+    pose[:3, :3] = turned
+    pose[:3, 3] = contact - depth * (turned @ ray)
+    return Camera.centred(pose, fy, width, height, pixel_aspect)
+
+
+def contact_depth(
+    vertices: Float32,
+    contact: Float64,
+    placing: Placement,
+    turned: Float64,
+    ray: Float64,
+    fy: float,
+    height: int,
+) -> float:
+    """Depth of the contact point at which the object has its size in the frame [scene unit].
+
+    Args:
+        vertices: the object's world positions (V, 3).
+        contact: point of the ground on which it stands (3,).
+        placing: where the frame shows it, and how large.
+        turned: camera axes in the object's world (3, 3).
+        ray: direction of the contact point in camera axes, with z = -1 (3,).
+        fy: focal length along rows [px].
+        height: rows of the frame [px].
+
+    Raises:
+        SceneError: so large that the object would reach behind the camera, or it has no height.
+    """
     # In camera axes, with the contact point at depth t, a vertex at p from it has the depth
     # t - p_z and lies fy (p_y + ray_y p_z) / (t - p_z) rows above the contact point.
     local = (vertices.astype(np.float64) - contact) @ turned
@@ -264,10 +294,7 @@ def place_camera(
             f"{placing.describe()}: the object would reach behind the camera; "
             "give a smaller --size or a higher horizon"
         )
-    pose = np.eye(4)
-    pose[:3, :3] = turned
-    pose[:3, 3] = contact - depth * (turned @ ray)
-    return Camera.centred(pose, fy, width, height, pixel_aspect)
+    return depth
 
 
 def _turn(yaw: float, pitch: float) -> Float64:

@@ -5,6 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from nlens_video.cameras.placed import (
+    PlacedCamera,
+    default_placement,
+    in_solved_world,
+    place_on_ground,
+)
+from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, focal_of_fov
@@ -30,6 +37,8 @@ class View:
         camera: name of the camera in the file, None for the first perspective one.
         focal_35mm: 35 mm equivalent focal length of the plate, None where it is unknown [mm].
         placed: a camera that stands in for those of the file, None where there is none.
+        solved: the plate's cameras, None where they are not known.
+        cameras: those, in the world of the file, None before `choose_camera`.
         overscan_px: how far beyond the frame the object is rendered, without its blur [px].
     """
 
@@ -39,6 +48,8 @@ class View:
     camera: str | None = None
     focal_35mm: float | None = None
     placed: Camera | None = None
+    solved: SolvedCamera | None = None
+    cameras: PlacedCamera | None = None
     overscan_px: int = 0
 
     @property
@@ -50,6 +61,8 @@ class View:
         """The camera at a moment of the plate [s]."""
         if self.placed is not None:
             return self.placed
+        if self.cameras is not None:
+            return self.cameras.at(time_s)
         return scene.camera(
             time_s, self.width, self.height, name=self.camera, pixel_aspect=self.pixel_aspect
         )
@@ -90,6 +103,8 @@ def choose_camera(
         SceneError: no camera sees it so, or the file has none.
         UsageError: layers were rendered through another camera.
     """
+    if view.solved is not None:
+        return _with_solved_camera(objects, scene, view, view.solved)
     if objects.placing is None:
         view.camera_at(scene, 0.0)
         return view, ()
@@ -111,6 +126,26 @@ def choose_camera(
     contact = contact_point(vertices, objects.ground_y)
     camera = place_camera(vertices, contact, objects.placing, focal, size, view.pixel_aspect)
     return replace(view, placed=camera), (note,)
+
+
+def _with_solved_camera(
+    objects: ObjectSettings, scene: Scene, view: View, solved: SolvedCamera
+) -> tuple[View, tuple[str, ...]]:
+    """The plate's cameras in the file's world, and a note on where the object stands."""
+    if objects.layers is not None:
+        raise UsageError("--layers were rendered through a camera of their own; leave them out")
+    if objects.placing is None and scene.camera_names:
+        return replace(view, cameras=in_solved_world(solved)), ()
+    placing = objects.placing or default_placement(solved)
+    keys = [key.pts_s for key in solved.keys if key.index == objects.at_frame]
+    if objects.at_frame and len(solved.keys) > 1 and not keys:
+        raise UsageError(f"--at-frame {objects.at_frame}: the camera file has no such frame")
+    vertices = scene.pose(0.0).vertices()
+    contact = contact_point(vertices, objects.ground_y)
+    time_s = keys[0] if keys else solved.keys[0].pts_s
+    cameras = place_on_ground(vertices, contact, placing, solved, time_s)
+    chosen = "" if objects.placing else " (chosen; --at X,Y and --size S place it elsewhere)"
+    return replace(view, cameras=cameras), (Note(f"placed by {placing.describe()}{chosen}"),)
 
 
 def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
