@@ -51,15 +51,23 @@ def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> Sol
     return SolvedCamera.from_json(text, str(path)).resized(*size)
 
 
+def check_camera_name(path: Path) -> None:
+    """Refuse a name that no format has.
+
+    Raises:
+        UsageError: the suffix is of no format that can be written.
+    """
+    if path.suffix.lower() not in _WRITERS:
+        raise UsageError(
+            f"{path}: no format of cameras; expected a name that ends in {' or '.join(_WRITERS)}"
+        )
+
+
 def camera_text(camera: SolvedCamera, path: Path) -> str:
     """The text of a camera in the format that the file's name asks for.
 
     Raises:
         UsageError: no format has this suffix.
     """
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise UsageError(
-            f"{path}: no format of cameras; expected a name that ends in {' or '.join(_WRITERS)}"
-        )
-    return writer(camera)
+    check_camera_name(path)
+    return _WRITERS[path.suffix.lower()](camera)

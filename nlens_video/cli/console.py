@@ -18,6 +18,7 @@ from nlens_video.core.stdio import escape_controls, print_out, standard_error
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from nlens_video.cameras.solved import SolvedCamera
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.planner import Decision
     from nlens_video.farm.chunk import Chunk
@@ -102,6 +103,22 @@ class Console:
             self._say("lens", fit_line(outcome.fit))
             self._notes(outcome.notes)
             self._say("saved", str(outcome.path))
+
+    def camera(self, path: Path, camera: SolvedCamera) -> None:
+        """Show a plate's camera that was saved."""
+        first, errors = camera.keys[0], camera.errors
+        if self._json:
+            self._emit({"saved": str(path), "camera": json.loads(camera.to_json())})
+        elif not self._quiet:
+            frames = "all frames" if len(camera.keys) == 1 else f"{len(camera.keys)} frames"
+            self._say(
+                "camera",
+                f"field of view {first.fov_x_deg:.1f} +- {errors.fov_deg:.1f} degrees "
+                f"({camera.fov}), pitch {first.pitch_deg:.1f} +- {errors.pitch_deg:.1f}, roll "
+                f"{first.roll_deg:.1f} +- {errors.roll_deg:.1f} ({camera.horizon})",
+            )
+            self._say("path", f"{camera.path}, {frames}, scale {camera.scale}; {camera.method}")
+            self._say("saved", str(path))
 
     def choices(self, path: Path, options: tuple[str, ...]) -> None:
         """Show that a contact sheet was written, and the options of each of its pictures."""

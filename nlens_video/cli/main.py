@@ -134,6 +134,14 @@ def _dispatch(args: Namespace, console: Console) -> int:
         plate, placed = to_settings.source_settings(args), to_settings.place_settings(args)
         console.choices(args.output, write_contact_sheet(plate, *placed, args.output))
         return 0
+    if args.command == "solve":
+        from nlens_video.cli.solve_command import solve_camera
+
+        plate = to_settings.source_settings(args)
+        with console.progress_bar("tracking") as on_progress:
+            camera = solve_camera(plate, args.output, args.fov, args.every or 0, on_progress)
+        console.camera(args.output, camera)
+        return 0
     if args.command in ("merge", "farm"):
         from nlens_video.cli import farm_commands
 

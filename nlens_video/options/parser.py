@@ -27,6 +27,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
   nlens-video farm IN ANIM.glb OUT    the same, by many processes or machines
   nlens-video merge OUT CHUNK... --plate IN   join what --chunk-out has rendered
+  nlens-video solve IN CAMERA.json    the plate's camera, for --camera-from
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video check OUT --plate IN    is a result steady, its plate untouched; 1 where it is not
   nlens-video graph PRESET            the frame graph as a diagram (Mermaid, Graphviz)
@@ -45,6 +46,8 @@ _ABOUTS = {
     "merge": "Join the chunks of a run: times checked, encoded once, the rest as in IN.",
     "place": "Draw choices of --at, --size, --yaw, --horizon, around those given, on the first "
     "frame.",
+    "solve": "Solve the plate's camera: field of view, horizon and path, each measured, from "
+    "metadata\nor assumed, with its standard error.",
     "check": "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, "
     "audio.\nExit code 0: fine; 1: something was found; 2 to 6 are errors, as everywhere.",
     "graph": "Print the frame graph of a preset, or of a pipeline file, as a Mermaid flowchart.",

@@ -14,8 +14,8 @@ from nlens_video.options import readers as read
 from nlens_video.options.option import Option
 
 COMMANDS = (
-    "render", "fit", "farm", "merge", "place", "check", "graph", "evaluate", "bench", "study",
-    "doctor", "completion",
+    "render", "fit", "farm", "merge", "solve", "place", "check", "graph", "evaluate", "bench",
+    "study", "doctor", "completion",
 )  # fmt: skip
 JOBS, MAKE, ANALYSE = "farm --jobs", "study make", "study analyse"
 """Forms of a command with options of their own."""
@@ -23,10 +23,11 @@ JOBS, MAKE, ANALYSE = "farm --jobs", "study make", "study analyse"
 _RUN = ("render", "farm")
 _SHOT = ("render", "fit", "farm")
 _ENCODED = ("render", "farm", "merge")
-_SOURCE = ("render", "fit", "farm", "merge", "place", "check")
+_SOURCE = ("render", "fit", "farm", "merge", "solve", "place", "check")
 _PLACED = ("render", "fit", "farm", "place")
+_SEEN = (*_PLACED, "solve")
 _SMALL = read.between(-1e4, 1e4, "a number of usual size")
-_BAR = ("render", "fit", "farm", JOBS, "merge")
+_BAR = ("render", "fit", "farm", JOBS, "merge", "solve")
 _ANY = (*COMMANDS, JOBS)
 
 # fmt: off
@@ -53,8 +54,10 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("input", _SHOT, "IN", read.plate_name,
                "video, still, plate_%%04d.png, device, URL, -",
                feeds="source.spec", files=files.PLATE),
-        Option("input", ["place"], "IN", read.plate_name, "the plate, as of nlens-video",
+        Option("input", ["place", "solve"], "IN", read.plate_name, "the plate, as of nlens-video",
                feeds="source.spec", files=files.PLATE),
+        Option("output", ["solve"], "CAMERA", read.path, "camera.json or .chan", files=files.WRITE),
+        Option("--every", ["solve"], "N", read.count, "frames between keyframes"),
         Option("glb", _SHOT, "ANIM.glb", read.path, "the animated object (glTF 2.0)",
                feeds="scene.glb", files=files.SCENE),
         Option("glb", ["place"], "ANIM.glb", read.path, "the object (glTF 2.0)",
@@ -113,9 +116,9 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     "the object": (
         Option("--camera", _SHOT, "NAME", help="the GLB's camera (default: its first)",
                feeds="scene.camera", parameter=True),
-        Option("--camera-from", _SHOT, "CAMERA", read.path,
-               "the plate's camera: camera.json, fSpy .json, Nuke .chan, COLMAP text model",
-               feeds="scene.camera_from", files=files.READ, parameter=True),
+        Option("--camera-from", _SHOT, "CAMERA", read.path, files=files.READ, parameter=True,
+               help="the plate's camera: camera.json, fSpy .json, Nuke .chan, COLMAP text model",
+               feeds="scene.camera_from"),
         Option("--scene", _PLACED, "NAME", help="the GLB's scene (default: as it says)",
                feeds="scene.scene", parameter=True),
         Option("--layers", _SHOT, "P.exr", help="pre-rendered RGBA + Z layers, or %%04d",
@@ -151,7 +154,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--yaw", _PLACED, "D", read.number,
                "turn about the vertical in degrees (default 0: its front faces the viewer)",
                feeds="placing.yaw_deg", parameter=True),
-        Option("--fov", _PLACED, "DEG", read.between(1, 170, "an angle from 1 to 170 degrees"),
+        Option("--fov", _SEEN, "DEG", read.between(1, 170, "an angle from 1 to 170 degrees"),
                "the plate's field of view across the frame, 1 to 170",
                feeds="scene.fov_deg", parameter=True),
         Option("--horizon", _PLACED, "H", read.number,
@@ -210,9 +213,9 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--input-transfer", _SOURCE, "NAME", read.transfer,
                "take the plate's transfer to be srgb, bt709, linear …, where its tag is wrong",
                feeds="source.input_transfer"),
-        Option("--range", _PLACED, "A:B", read.frame_range, "frames A to B-1, counted from 0",
+        Option("--range", _SEEN, "A:B", read.frame_range, "frames A to B-1, counted from 0",
                default=(0, None), feeds="source.frames", often=True, one_of="range"),
-        Option("--frame", _PLACED, "N", read.one_frame,
+        Option("--frame", _SEEN, "N", read.one_frame,
                "this frame only, which may become a picture", dest="range",
                default=(0, None), often=True, one_of="range"),
         Option("--range", ["check"], "A:B", read.frame_range,

@@ -169,7 +169,8 @@ def _refined(
     solved, rotations = unpack(np.concatenate([[0.0], found.x[1:]]) if known else found.x)
     away = np.linalg.norm(_residuals(numbers, places, flat, solved, rotations), axis=1)
     noise = 1.4826 * float(np.median(away))
-    information = found.jac.T @ found.jac + 1e-12 * np.eye(len(found.x))
+    jacobian = np.asarray(found.jac)
+    information = jacobian.T @ jacobian + 1e-12 * np.eye(len(found.x))
     variance = float(np.linalg.inv(information)[0, 0]) * noise**2
     return RotationPath(
         focal_px=solved,

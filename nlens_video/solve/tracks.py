@@ -94,7 +94,7 @@ def _flow(first: UInt8, second: UInt8, points: Float32) -> tuple[Float32, npt.ND
         winSize=(_WINDOW_PX, _WINDOW_PX), maxLevel=_LEVELS,
         criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01),
     )  # fmt: skip
-    return moved.reshape(-1, 2), found.reshape(-1) == 1
+    return np.asarray(moved, np.float32).reshape(-1, 2), np.asarray(found).reshape(-1) == 1
 
 
 def observations(tracks: list[dict[int, Float32]], frames: list[int]) -> tuple[Ints, Ints, Float64]:

@@ -91,7 +91,13 @@ class Mixture:
             share * (spread + np.outer(camera - best, camera - best))
             for share, (_, camera, spread) in zip(shares, found, strict=True)
         )
-        return Horizon(*map(float, best), np.asarray(covariance), float(shares[0]))
+        return Horizon(
+            pitch=float(best[0]),
+            roll=float(best[1]),
+            log_focal=float(best[2]),
+            covariance=np.asarray(covariance),
+            share=float(shares[0]),
+        )
 
     def log_posterior(self, cameras: Float64, spread: float = 0.0) -> Float64:
         """Logarithm of the posterior, up to a constant.

@@ -1,0 +1,106 @@
+"""The command `solve`: a plate's camera, from its metadata and its pictures, into a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.cameras.files import camera_text, check_camera_name
+from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.core import signals
+from nlens_video.core.errors import InputError
+from nlens_video.core.layers import Picture
+from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, focal_35mm
+from nlens_video.core.settings import SourceSettings
+from nlens_video.run.open_run import opened
+from nlens_video.solve.shot import KnownFov, ShotSolver
+from nlens_video.video.atomic_files import check_folder, replacing
+from nlens_video.video.info import SourceInfo
+
+_WIDEST = 1280  # pictures are solved at this width at most [px]
+_METADATA_ERROR = 0.03  # stabilisation and video crops change what a tag says [1]
+_GIVEN_ERROR = 1e-3
+
+
+def solve_camera(
+    source: SourceSettings,
+    output: Path,
+    fov_deg: float | None = None,
+    every: int = 0,
+    on_progress: Callable[[int, int | None], None] = lambda done, total: None,
+) -> SolvedCamera:
+    """Solve a plate's camera and write it.
+
+    Args:
+        source: the plate.
+        output: the camera's file; its suffix chooses the format.
+        fov_deg: field of view across the frame where it is known [deg].
+        every: keyframes lie this many frames apart, 0 for a number by the shot's length.
+        on_progress: called with the frames so far and in all.
+
+    Returns:
+        The camera at the plate's size.
+
+    Raises:
+        UsageError: no format has this suffix, or the camera moves and pycolmap is missing.
+        InputError: the plate cannot be read, or its camera cannot be solved.
+        OutputError: the file cannot be written.
+    """
+    check_camera_name(output)
+    check_folder(output)
+    camera = _solved(source, fov_deg, every, on_progress)
+    with replacing(output) as partial:
+        partial.write_text(camera_text(camera, output), encoding="utf-8")
+    return camera
+
+
+def _solved(
+    source: SourceSettings,
+    fov_deg: float | None,
+    every: int,
+    on_progress: Callable[[int, int | None], None],
+) -> SolvedCamera:
+    start, end = source.frames
+    with opened(source) as plate:
+        info = plate.info
+        scale = min(1.0, _WIDEST / info.width)
+        size = round(info.width * scale), max(1, round(info.height * scale))
+        solver = ShotSolver(size=size, known=_known(info, fov_deg), every=every)
+        count = 0
+        for frame in takewhile(lambda frame: end is None or frame.index < end, plate):
+            signals.check()
+            if frame.index < start:
+                continue
+            solver.add(_luma(frame.picture, size), frame.time_s)
+            count += 1
+            on_progress(count, info.frame_count)
+    if not count:
+        raise InputError(f"{source.spec}: no frame in the range")
+    camera = solver.solve()
+    return replace(camera, width=info.width, height=info.height)
+
+
+def _known(info: SourceInfo, fov_deg: float | None) -> KnownFov | None:
+    """The field of view that the user or the file gives, None for neither."""
+    if fov_deg is not None:
+        focal = 0.5 / math.tan(0.5 * math.radians(fov_deg))
+        return KnownFov(focal=focal, error=_GIVEN_ERROR, given=True)
+    found = focal_35mm(info.metadata)
+    if found is None:
+        return None
+    diagonal = math.hypot(1.0, info.height / info.width)
+    return KnownFov(
+        focal=found / FULL_FRAME_DIAGONAL_MM * diagonal, error=_METADATA_ERROR, given=False
+    )
+
+
+def _luma(picture: Picture, size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """Square root of the green light as 8 bit (H, W)."""
+    light = picture.downsample(*size)[..., 1]
+    return np.asarray(np.sqrt(np.clip(light, 0.0, 1.0)) * 255.0 + 0.5, np.uint8)
