@@ -55,6 +55,7 @@ def chunks_beside(output: Path) -> Path:
 READ, WRITE = (Files("reads"),), (Files("writes"),)
 PIPELINE = (Files("reads", "the pipeline", or_word=True),)
 APERTURE = (Files("reads", or_word=True),)
+CAMERA = (Files("writes", "the camera"),)
 PLATE, SCENE = (Files("reads", "the plate"),), (Files("reads", "the scene"),)
 _RENDERED = ("bg*.*", "object*.*", "gt*.png", "params.json", "env.hdr")
 PLATE_FOLDER = (Files("reads", "FOLDER", _RENDERED),)

@@ -91,6 +91,18 @@ COMMANDS = {
             "input": option("--from", "in.mp4", nonsense=NO_FILE, codes=(2, 3, 6)),
         },
     ),
+    "solve": Command(
+        words=("solve", "in.png", "{tmp}/camera.json", "--no-progress"),
+        places={"input": 1, "output": 2},
+        rows={
+            **TALK, "input": INPUT, **PLATE, **RANGE, "overwrite": SHOWN["overwrite"],
+            "no_progress": SHOWN["no_progress"],
+            "output": Row(sense=("{tmp}/camera.chan",), nonsense=(*NO_TARGET, "camera.txt"),
+                          codes=(2, 6)),
+            "fov": option("--fov", "50", nonsense=(*NOT_NUMBERS, "0", "180", "-40")),
+            "every": option("--every", "2", nonsense=(*NOT_NUMBERS, "-1", "1.5")),
+        },
+    ),
     "place": Command(
         words=("place", "in.png", "bare.glb", "{tmp}/sheet.png"),
         places={"input": 1, "glb": 2, "output": 3},

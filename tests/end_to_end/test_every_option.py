@@ -37,6 +37,7 @@ def files(tmp_path_factory):
     shots.write_video(folder / "in.mp4", frames=4)
     shots.cube_glb(folder / "anim.glb", end=(0.1, 0.0, -1.6), name="cube")
     shots.cube_glb(folder / "bare.glb", end=(0.1, 0.0, -1.6), name="cube", camera=False, sun=False)
+    shots.camera_json(folder / "camera.json")
     shots.fit_json(folder / "fit.json")
     shots.fit_json(folder / "other.json").write_text('{"slope": 1}')
     sky = np.full((8, 16, 3), 0.5, np.float32)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from support.glb_builder import GlbBuilder
 
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
 
@@ -147,6 +148,16 @@ def fit_json(path: Path, width=WIDTH, height=HEIGHT) -> Path:
         f'{{"slope": {SLOPE * scale}, "intercept": {INTERCEPT * scale}, '
         f'"width": {width}, "height": {height}}}'
     )
+    return path
+
+
+def camera_json(path: Path) -> Path:
+    """The camera of the shots as `solve` writes it."""
+    key = CameraKey(
+        index=0, pts_s=0.0, world_to_camera=camera().camera_from_world,
+        fov_x_deg=float(np.degrees(2.0 * np.arctan(0.5 * WIDTH / camera().fx))),
+    )  # fmt: skip
+    path.write_text(SolvedCamera(width=WIDTH, height=HEIGHT, keys=(key,)).to_json())
     return path
 
 
