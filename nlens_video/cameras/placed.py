@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlens_video.cameras.placement import contact_depth
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.core.placement import Placement
-from nlens_video.scene.camera import Camera, contact_depth
+from nlens_video.scene.camera import Camera
 
 _DOWN = 0.62  # of the way from the horizon, or the frame's top, to the lower border
 _LARGEST = 0.35

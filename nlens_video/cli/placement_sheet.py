@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.core.errors import OutputError, SceneError, UsageError
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.placement import (
@@ -23,7 +24,7 @@ from nlens_video.core.placement import (
 )
 from nlens_video.core.settings import ALL, ObjectSettings, SourceSettings
 from nlens_video.run.frame_range import FrameRange
-from nlens_video.scene.camera import Camera, contact_point, place_camera
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 from nlens_video.video.atomic_files import check_folder, replacing
 from nlens_video.video.info import SourceFrame, SourceInfo

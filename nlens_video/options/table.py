@@ -56,7 +56,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
                feeds="source.spec", files=files.PLATE),
         Option("input", ["place", "solve"], "IN", read.plate_name, "the plate, as of nlens-video",
                feeds="source.spec", files=files.PLATE),
-        Option("output", ["solve"], "CAMERA", read.path, "camera.json or .chan", files=files.CAMERA),
+        Option("output", ["solve"], "CAMERA", read.path, ".json or .chan", files=files.CAMERA),
         Option("--every", ["solve"], "N", read.count, "frames between keyframes"),
         Option("glb", _SHOT, "ANIM.glb", read.path, "the animated object (glTF 2.0)",
                feeds="scene.glb", files=files.SCENE),

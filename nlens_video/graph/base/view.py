@@ -11,12 +11,13 @@ from nlens_video.cameras.placed import (
     in_solved_world,
     place_on_ground,
 )
+from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
-from nlens_video.scene.camera import Camera, contact_point, place_camera
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.core.errors import SceneError, UsageError
 from nlens_video.core.placement import Placement, focal_35mm
-from nlens_video.scene.camera import contact_point, place_camera
 
 BOX = np.array([[x, y, z] for x in (1.0, 2.0) for y in (3.0, 5.0) for z in (-1.0, 1.0)], np.float32)
 FOOT = np.array([1.5, 3.0, 0.0])
