@@ -23,6 +23,7 @@ EYE_HEIGHT = 1.6
 """Height of the first camera above the ground where no scale is known [scene unit]."""
 _STILL_PX = 0.75
 _ROTATION_PX = 0.6
+_WORST_PX = 1.0  # of a reconstruction that is believed
 _KEYFRAMES = 13
 _FOV_MEASURED = 0.08  # largest standard error of a focal length that counts as measured [1]
 _PITCH_MEASURED, _ROLL_MEASURED = math.radians(3.0), math.radians(1.5)
@@ -93,7 +94,7 @@ class ShotSolver:
             # A straight path without a turn fits any focal length: take that of the still picture.
             focal = math.exp(self._horizon().log_focal) * width
             moving = solve_moving(tracks, keyframes, frames, self.size, focal)
-        if moving is None:
+        if moving is None or moving.residual_px > _WORST_PX:
             raise InputError(
                 f"the camera moves, but its path cannot be solved from {len(tracks)} tracked "
                 "points: too little texture, or too much of the picture moves; give --camera-from"
@@ -148,23 +149,21 @@ class ShotSolver:
         error = path.focal_stderr_px / path.focal_px
         poses = np.array(list(path.poses.values()))
         ground = fit_ground(path.points, poses)
-        horizon = self._horizon((math.log(focal), max(error, 1e-3)) if error > 0.0 else None)
         if ground is None:
-            first = _pose(horizon)
-            level = first @ np.linalg.inv(poses[0])
-            method = "structure from motion and vanishing points"
-        else:
-            level = ground_frame(*ground, poses[0], EYE_HEIGHT)
-            method = "structure from motion"
+            raise InputError(
+                f"the camera's path is solved, but no ground is found among {len(path.points)} "
+                "points: expected a plane below the camera; give --camera-from"
+            )
+        horizon = self._horizon((math.log(focal), max(error, 1e-3)) if error > 0.0 else None)
+        covariance = horizon.covariance.copy()
+        covariance[:2, :2] = np.eye(2) * math.radians(_GROUND_ERROR_DEG) ** 2
+        horizon = replace(horizon, covariance=covariance, share=1.0)
+        level = ground_frame(*ground, poses[0], EYE_HEIGHT)
         scale = float(np.cbrt(np.linalg.det(level[:3, :3])))
         turned = level @ poses
         turned[:, :3, :3] /= scale
-        if ground is not None:
-            covariance = horizon.covariance.copy()
-            covariance[:2, :2] = np.eye(2) * math.radians(_GROUND_ERROR_DEG) ** 2
-            horizon = replace(horizon, covariance=covariance, share=1.0)
         return self._solved(
-            list(turned), horizon, path="moving", focal=focal, method=method,
+            list(turned), horizon, path="moving", focal=focal, method="structure from motion",
             frames=list(path.poses),
         )  # fmt: skip
 
