@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from nlens_video.cli.doctor import require_memory
 from nlens_video.cli.output_files import check_outputs, drop_protocol
 from nlens_video.core import signals
-from nlens_video.core.errors import NlensError, ReaderGone, UsageError
+from nlens_video.core.errors import MissingCameraError, NlensError, ReaderGone, UsageError
 from nlens_video.core.stdio import (
     drop_unwritten,
     escape_controls,
@@ -29,6 +29,7 @@ from nlens_video.options.table import COMMANDS
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Console
+    from nlens_video.core.settings import Settings
 
 INTERRUPTED = 130
 _LIGHT = ("doctor", "completion", "study")  # load no library that aborts without memory
@@ -135,13 +136,9 @@ def _dispatch(args: Namespace, console: Console) -> int:
         console.choices(args.output, write_contact_sheet(plate, *placed, args.output))
         return 0
     if args.command == "solve":
-        from nlens_video.cli.solve_command import solve_camera
+        from nlens_video.cli.solve_command import run_solve
 
-        plate = to_settings.source_settings(args)
-        with console.progress_bar("tracking") as on_progress:
-            camera = solve_camera(plate, args.output, args.fov, args.every or 0, on_progress)
-        console.camera(args.output, camera)
-        return 0
+        return run_solve(args, console)
     if args.command in ("merge", "farm"):
         from nlens_video.cli import farm_commands
 
@@ -155,6 +152,20 @@ def _dispatch(args: Namespace, console: Console) -> int:
 def _composite(args: Namespace, console: Console) -> int:
     """The commands that composite, or find the lens: `render`, `farm`, `fit`."""
     settings = to_settings.settings(args)
+    try:
+        return _with_camera(args, settings, console)
+    except MissingCameraError:
+        from nlens_video.video.input.open import can_be_read_again
+
+        if args.command == "farm" or not can_be_read_again(settings.source.spec):
+            raise
+    from nlens_video.cli.solve_command import solved_camera
+
+    with solved_camera(settings, console) as solved:
+        return _with_camera(args, solved, console)
+
+
+def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
     if getattr(args, "plan", False):
         from nlens_video.run.render import plan
 
@@ -287,7 +298,3 @@ def _complete() -> None:
         below = parser.add_subparsers()
         below.add_parser(command, parents=[parser_of(command)], add_help=False)
     argcomplete.autocomplete(parser)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +21,28 @@ from nlens_video.core import signals
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Picture
 from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, focal_35mm
-from nlens_video.core.settings import SourceSettings
+from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.options import to_settings
 from nlens_video.run.open_run import opened
 from nlens_video.solve.shot import KnownFov, ShotSolver
 from nlens_video.video.atomic_files import check_folder, replacing
 from nlens_video.video.info import SourceInfo
 
+if TYPE_CHECKING:
+    from nlens_video.cli.console import Console
+
 _WIDEST = 1280  # pictures are solved at this width at most [px]
 _METADATA_ERROR = 0.03  # stabilisation and video crops change what a tag says [1]
 _GIVEN_ERROR = 1e-3
+
+
+def run_solve(args: Namespace, console: Console) -> int:
+    """The command `solve`."""
+    plate = to_settings.source_settings(args)
+    with console.progress_bar("tracking") as on_progress:
+        camera = solve_camera(plate, args.output, args.fov, args.every or 0, on_progress)
+    console.camera(args.output, camera)
+    return 0
 
 
 def solve_camera(
@@ -58,6 +75,25 @@ def solve_camera(
     with replacing(output) as partial:
         partial.write_text(camera_text(camera, output), encoding="utf-8")
     return camera
+
+
+@contextmanager
+def solved_camera(settings: Settings, console: Console) -> Iterator[Settings]:
+    """The settings of a run with the plate's camera, in a file that lasts as long as the run.
+
+    Args:
+        settings: of a run whose scene has no camera; its plate can be read again.
+        console: shows the progress.
+
+    Raises:
+        UsageError, InputError: as `solve_camera`.
+    """
+    with TemporaryDirectory(prefix="nlens-video-camera-") as folder:
+        path = Path(folder) / "camera.json"
+        with console.progress_bar("tracking") as on_progress:
+            camera = _solved(settings.source, None, 0, on_progress)
+        path.write_text(camera.to_json(), encoding="utf-8")
+        yield replace(settings, scene=replace(settings.scene, camera_from=path))
 
 
 def _solved(

@@ -34,6 +34,10 @@ class SceneError(NlensError):
     exit_code = 4
 
 
+class MissingCameraError(SceneError):
+    """The glTF scene has no camera, and none was given."""
+
+
 class LensFitError(NlensError):
     """No usable lens fit, and none was given."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video.core.errors import Note, NoteKind, SceneError
+from nlens_video.core.errors import MissingCameraError, Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.settings import ONCE, Playback
 from nlens_video.scene.camera import Camera, Perspective, read_cameras, rigid
@@ -233,8 +233,9 @@ class Scene:
 
     def _camera(self, name: str | None) -> Perspective:
         if not self._cameras:
-            raise SceneError(
-                f"{self.path}: no perspective camera; place the object with --at X,Y --size S "
+            raise MissingCameraError(
+                f"{self.path}: no perspective camera; give the plate's by --camera-from CAMERA "
+                "(`nlens-video solve` finds it), or place the object with --at X,Y --size S "
                 "--yaw D --horizon H (`nlens-video place` shows choices), or "
                 "add one in the modelling program and export it"
             )

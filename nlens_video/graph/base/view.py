@@ -146,7 +146,14 @@ def _with_solved_camera(
     time_s = keys[0] if keys else solved.keys[0].pts_s
     cameras = place_on_ground(vertices, contact, placing, solved, time_s)
     chosen = "" if objects.placing else " (chosen; --at X,Y and --size S place it elsewhere)"
-    return replace(view, cameras=cameras), (Note(f"placed by {placing.describe()}{chosen}"),)
+    seen = (
+        f"the plate's camera: field of view {solved.keys[0].fov_x_deg:.3g} degrees ({solved.fov}), "
+        f"pitch {solved.keys[0].pitch_deg:.1f} ({solved.horizon}), path {solved.path}"
+    )
+    return replace(view, cameras=cameras), (
+        Note(seen, NoteKind.INFORMATION),
+        Note(f"placed by {placing.describe()}{chosen}"),
+    )
 
 
 def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
