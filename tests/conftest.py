@@ -6,6 +6,7 @@ import functools
 import importlib.util
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import hypothesis
@@ -20,7 +21,13 @@ hypothesis.settings.load_profile("no deadline")
 
 
 def pytest_sessionstart() -> None:
-    """Load Triton, which torch's CUDA build brings, before OpenGL: after Mesa's LLVM it crashes."""
+    """Prepare what the tests' own processes inherit.
+
+    Triton, which torch's CUDA build brings, is loaded before OpenGL: after Mesa's LLVM it crashes.
+    A shell lets what it starts in the background ignore interrupts; the tests send them.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if importlib.util.find_spec("triton") is not None:
         importlib.import_module("triton")
 
