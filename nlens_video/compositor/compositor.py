@@ -68,6 +68,8 @@ class Compositor:
         vignetting: light lost at the corners, 0 to 8 [stops].
         distortion: k1, or k1 and k2, as OpenCV defines them [1].
         camera: name of the GLB's camera, None for its first.
+        camera_from: file of the frames' camera, as `nlens-video solve` writes it.
+        at_frame: frame that `at` is of, where that camera moves.
         scene: name or number of the GLB's scene.
         ground_y: height of the ground plane, None for the object's lowest point [scene unit].
         footprint: name of the object under which the lens is fitted.
@@ -115,6 +117,8 @@ class Compositor:
         vignetting: float | None = None,
         distortion: float | tuple[float, float] | None = None,
         camera: str | None = None,
+        camera_from: str | Path | None = None,
+        at_frame: int | None = None,
         scene: str | int | None = None,
         ground_y: float | None = None,
         footprint: str | None = None,

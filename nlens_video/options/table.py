@@ -273,7 +273,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--codec", _ENCODED, "NAME", help="FFmpeg's encoder, such as libx264 or ffv1",
                feeds="output.codec", often=True),
         Option("--crf", _ENCODED, "Q", read.number,
-               "quality of encoders that have it: less is better", feeds="output.crf", often=True),
+               "quality of encoders that have it: less is better", feeds="output.crf"),
         Option("--pix-fmt", _ENCODED, "NAME", help="pixel format, such as yuv420p10le",
                feeds="output.pix_fmt"),
         Option("--keep-partial", _ENCODED, help="keep what an interrupt leaves",

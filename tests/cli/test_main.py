@@ -514,7 +514,6 @@ REFUSED = {
     "missing plate": (3, ["none.mp4", "anim.glb", "out.mp4"], "none.mp4"),
     "plate that is not a video": (3, ["text.mp4", "anim.glb", "out.mp4"], "text.mp4"),
     "file that is not glTF": (4, ["plate.png", "bad.glb", "out.png"], "bad.glb"),
-    "scene without a camera": (4, ["plate.png", "nocam.glb", "out.png"], "camera"),
     "plate without texture": (5, ["grey.png", "anim.glb", "out.png"], "--fallback constant"),
     "ground plane out of view": (5, [*STILL, "--ground-y", "50"], "--ground-y"),
     "invalid fit file": (5, [*STILL, "--fit", "steep.json"], "slope"),
@@ -535,7 +534,6 @@ def faulty(files, tmp_path_factory):
         (folder / name).symlink_to(files / name)
     (folder / "text.mp4").write_text("not a video at all")
     (folder / "bad.glb").write_bytes(b"glTF but not really")
-    shots.cube_glb(folder / "nocam.glb", camera=False)
     shots.write_png(folder / "grey.png", shots.grey())
     (folder / "steep.json").write_text('{"slope": "steep"}')
     for number in ("NaN", "1e999", "-Infinity"):

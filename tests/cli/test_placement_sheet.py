@@ -92,7 +92,6 @@ def test_unknown_scene_name_lists_the_scenes_of_the_file(files, tmp_path):
 @pytest.mark.parametrize(
     ("glb", "words", "code", "line"),
     [
-        ("cube.glb", [], 4, "place the object with --at X,Y --size S --yaw D --horizon H"),
         ("cube.glb", ["--at", "0.5,0.9"], 2, "give both --at X,Y and --size S"),
         ("cube.glb", ["--yaw", "20"], 2, "give both --at X,Y and --size S"),
         ("cube.glb", ["--at", "0.5", "--size", "1"], 2, "is not X,Y"),
