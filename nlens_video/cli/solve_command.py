@@ -18,7 +18,7 @@ import numpy.typing as npt
 from nlens_video.cameras.files import camera_text, check_camera_name
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core import signals
-from nlens_video.core.errors import InputError
+from nlens_video.core.errors import UsageError
 from nlens_video.core.layers import Picture
 from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, focal_35mm
 from nlens_video.core.settings import Settings, SourceSettings
@@ -65,7 +65,8 @@ def solve_camera(
         The camera at the plate's size.
 
     Raises:
-        UsageError: no format has this suffix, or the camera moves and pycolmap is missing.
+        UsageError: no format has this suffix, the range holds no frame, or the camera moves and
+            pycolmap is missing.
         InputError: the plate cannot be read, or its camera cannot be solved.
         OutputError: the file cannot be written.
     """
@@ -117,7 +118,7 @@ def _solved(
             count += 1
             on_progress(count, info.frame_count)
     if not count:
-        raise InputError(f"{source.spec}: no frame in the range")
+        raise UsageError(f"--range {start}:{end or ''}: the source has no such frames")
     camera = solver.solve()
     return replace(camera, width=info.width, height=info.height)
 

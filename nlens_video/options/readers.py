@@ -130,6 +130,11 @@ def frame_range(text: str) -> tuple[int, int | None]:
     return frames
 
 
+def frame_index(text: str) -> int:
+    """A frame, counted from 0."""
+    return one_frame(text)[0]
+
+
 def one_frame(text: str) -> tuple[int, int]:
     """N, as the range N:N+1."""
     if not text.isdecimal() or len(text) > 9:

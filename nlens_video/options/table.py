@@ -146,7 +146,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--at", _PLACED, "X,Y", read.point,
                "contact with the ground, 0,0 (upper left) to 1,1",
                feeds="placing.at", parameter=True, often=True),
-        Option("--at-frame", _SHOT, "N", read.count,
+        Option("--at-frame", _SHOT, "N", read.frame_index,
                "frame that --at is of, where the camera moves (default 0)",
                feeds="scene.at_frame", parameter=True),
         Option("--size", _PLACED, "S", read.number, "its height, 1 is all of the frame's",
