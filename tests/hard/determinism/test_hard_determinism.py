@@ -50,8 +50,10 @@ def test_same_bits_for_any_height_of_bands():
     seen = {quality: [] for quality in QUALITIES}
     for rows in (1, 5, 16, 64):
         with pytest.MonkeyPatch.context() as changed:
-            for module in (scatter, extend, levels, aperture_covariance):
+            for module in (scatter, extend, levels):
                 changed.setattr(module, "BAND_ROWS", rows)
+            for name in ("_COVARIANCE_ROWS", "_PARALLAX_ROWS"):
+                changed.setattr(aperture_covariance, name, rows)
             changed.setattr(renderer, "_BANDS", rows)
             for quality in QUALITIES:
                 seen[quality].append(through(quality, scene, FIT))
