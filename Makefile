@@ -84,7 +84,7 @@ lint: system $(VENV)/.installed-test
 	$(BIN)/mypy
 
 check: programs lint
-	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest -q -m "not slow"
+	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest -q -n 2 -m "not slow"
 
 test: programs lint
 	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest

@@ -215,6 +215,7 @@ def test_change_that_is_not_an_even_darkening_is_a_plate_change(source, tmp_path
     assert [one.kind for one in verdict.findings] == ["plate"], texts(verdict)
 
 
+@pytest.mark.slow
 def test_audio_shifted_by_80_ms_is_reported_and_by_15_ms_is_not(check):
     verdict = check(audio_shift_s=0.08)
     assert {one.kind for one in verdict.findings} == {"sound"}

@@ -53,6 +53,7 @@ def test_output_video_has_every_frame_time_and_audio_packet_of_the_plate(files, 
     assert (fit["width"], fit["height"], fit["frame"]) == (shots.WIDTH, shots.HEIGHT, 0)
 
 
+@pytest.mark.slow
 def test_lens_fit_is_estimated_from_the_plate(files, tmp_path):
     run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
     assert run.returncode == 0, run.stderr
@@ -121,6 +122,7 @@ def test_saved_fit_reproduces_the_picture(files, tmp_path):
     assert "estimate-coc" not in nodes and "fit" not in nodes
 
 
+@pytest.mark.slow
 def test_still_plate_gives_a_still_with_the_object(files, tmp_path):
     run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png")
     assert run.returncode == 0, run.stderr
@@ -141,6 +143,7 @@ def test_image_sequence_is_read_and_written(files, tmp_path):
     assert len(list(tmp_path.glob("out_*.png"))) == 3
 
 
+@pytest.mark.slow
 def test_variable_frame_rate_plate_keeps_every_pts(files, tmp_path):
     pts = [0, 33, 95, 120, 210, 214, 300, 391]
     shots.write_video(

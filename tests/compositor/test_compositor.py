@@ -222,6 +222,7 @@ def test_use_in_a_forked_process_is_refused(lens):
     assert lens.process(bgr()).shape == bgr().shape
 
 
+@pytest.mark.slow
 @pytest.mark.needs_torch
 def test_tensors_come_back_as_tensors_of_their_type_and_device(lens):
     import torch

@@ -20,6 +20,7 @@ def run(folder, name, *words):
     return ran.stdout if "--plan" in words else cv2.imread(str(out)).astype(int)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_vignetting_option_darkens_only_the_object(tmp_path):
     bare = run(tmp_path, "bare", "-q", "--effects", "defocus")

@@ -33,6 +33,7 @@ def test_single_picture_gives_no_shutter_angle():
     assert shutter_angle(pictures(scene(1), 1)) is None
 
 
+@pytest.mark.slow
 def test_motion_blur_of_a_pan_is_not_measured_as_softness():
     from nlens_video.networks.model_store import find_model
     from nlens_video.networks.onnx_networks import OnnxCocNetwork

@@ -64,6 +64,7 @@ def test_only_the_slab_scene_has_no_self_occlusion(seen):
     assert min(steps.values()) > 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_parts_of_a_bench_scene_differ_in_colour(seen):
     for defocused in seen.values():

@@ -115,6 +115,7 @@ def empty_truth(folder):
         cv2.imwrite(str(path), np.zeros((180, 320, 4), np.uint8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "named"),
     [

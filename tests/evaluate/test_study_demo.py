@@ -46,6 +46,7 @@ def test_demo_pictures_of_a_plate_differ_only_at_the_virtual_ball(folder):
     assert columns.max() < 0.75 * SIZE[0]
 
 
+@pytest.mark.slow
 def test_our_method_blurs_only_the_ball_that_is_out_of_focus(folder):
     def kept(focus):
         """Share of the steepest step on the ball, in columns 190 to 219, that is left."""

@@ -193,6 +193,7 @@ def test_gpu_worker_is_placed_only_where_the_cluster_declares_a_gpu(
     assert says in said and said.count("nlens-video: ") == bool(says)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("focus", ["auto", "off"])  # counted by the look for a change, or alone
 def test_frame_count_of_a_plate_equals_the_decoded_frames(shot, focus, tmp_path):

@@ -148,6 +148,7 @@ def test_blocking_call_ends_by_an_interrupt_whose_exception_was_lost(lost_interr
     released.set()
 
 
+@pytest.mark.slow
 def test_waiting_for_an_item_ends_by_an_interrupt_whose_exception_was_lost(lost_interrupt):
     released = threading.Event()
 

@@ -28,6 +28,7 @@ def blurred(rgba, coc, target=None, **changes):
     return gather_subaperture(rgba, rgba[..., 3] > 0, coc, target or whole, **changes)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     st.integers(0, 2**31), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 9.0),

@@ -53,6 +53,7 @@ def test_torch_scatter_agrees_with_the_kernel(shape, least, largest, detail):
     np.testing.assert_allclose(scatter(rgba, coc, spread=spread(), **given), kernel, atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.needs_torch
 def test_torch_scatter_is_as_close_to_the_reference_as_the_kernel():
     rgba, coc = layer(-8.0, 10.0, margin=12)

@@ -102,6 +102,7 @@ def test_renderers_agree_on_the_sample_object():
     assert_agree(Scene.load(SAMPLE))
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.needs_truth
 @pytest.mark.parametrize("name", OTHERS)

@@ -130,6 +130,7 @@ def test_focus_pull_is_tracked(pulled):
     assert np.abs(np.diff(values, 2)).max() < 0.15
 
 
+@pytest.mark.slow
 def test_constant_focus_is_not_tracked(pulled, tmp_path):
     for index in range(12):
         shots.write_png(tmp_path / f"in_{index:04d}.png", shot(shots.plate(), seed=index).array)

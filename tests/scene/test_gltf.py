@@ -263,6 +263,7 @@ def test_damaged_file_raises_nothing_but_a_scene_error(tmp_path_factory, data):
         assert scene.pose(0.5).vertices().shape[1] == 3
 
 
+@pytest.mark.slow
 @pytest.mark.needs_truth
 def test_published_invalid_files_load_or_are_refused_in_one_line(shared):
     paths = [p for p in (shared / "data/assets").rglob("*") if p.suffix in (".glb", ".gltf")]

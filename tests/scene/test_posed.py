@@ -133,6 +133,7 @@ def test_tiny_and_huge_scales_keep_shape_and_normals(tmp_path):
         np.testing.assert_allclose(posed.meshes[0].normals, NORMALS, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_scene_without_skins_does_not_import_sparse_matrices(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())

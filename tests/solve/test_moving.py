@@ -43,6 +43,7 @@ def walked():
     return solve_moving(tracks, FRAMES[::3] + FRAMES[-1:], FRAMES, SIZE), poses
 
 
+@pytest.mark.slow
 def test_field_of_view_is_measured_with_its_error(walked):
     found, _ = walked
     assert found.focal_px == pytest.approx(focal_of(FOV_DEG), rel=0.01)
@@ -67,6 +68,7 @@ def test_ground_is_level_as_the_camera_saw_it(walked):
     assert math.degrees(math.acos(min(1.0, seen @ expected))) < 0.5
 
 
+@pytest.mark.slow
 def test_straight_path_without_a_turn_does_not_tell_the_field_of_view():
     tracks, _ = walk(turning=0.0)
     found = solve_moving(tracks, FRAMES[::3] + FRAMES[-1:], FRAMES, SIZE)

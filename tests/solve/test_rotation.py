@@ -30,6 +30,7 @@ def pan(fov_deg, noise_px=0.1, moving=0, parallax=0.0):
     return tracks, np.array(turns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fov_deg", [25.0, 40.0, 65.0])
 def test_field_of_view_and_rotations_of_a_pan_are_found(fov_deg):
     tracks, turns = pan(fov_deg)

@@ -64,6 +64,7 @@ def test_clutter_alone_gives_large_errors():
     assert math.degrees(math.sqrt(found.covariance[0, 0])) > 3.0
 
 
+@pytest.mark.slow
 def test_errors_shrink_with_more_lines():
     few = Mixture(lines(-15.0, 0.0, upright=6, level=8), SIZE).solve()
     many = Mixture(lines(-15.0, 0.0, upright=40, level=80), SIZE).solve()

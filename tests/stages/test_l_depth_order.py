@@ -89,6 +89,7 @@ def test_repair_network_is_closer_to_a_sampled_lens_than_scatter(repair, scene):
     assert gain > LEAST_GAIN_DB[scene]
 
 
+@pytest.mark.slow
 def test_object_without_a_depth_discontinuity_is_returned_unchanged(repair):
     sharp = defocused([FAR])
     before = scattered(sharp)
@@ -106,6 +107,7 @@ def test_pixels_out_of_reach_of_a_discontinuity_keep_the_scatters_bits(repair):
     assert not np.array_equal(before.rgba[reach], after.rgba[reach])
 
 
+@pytest.mark.slow
 def test_repair_is_linear_in_light_and_does_not_clip(repair):
     one, ten = (defocused([FAR, NEAR], light=light) for light in (1.0, 10.0))
     dim, bright = (repair(sharp, scattered(sharp)) for sharp in (one, ten))

@@ -208,6 +208,7 @@ def test_predicted_error_holds_for_a_narrow_sharp_card_before_a_blurred_one(rend
         assert psnr_over_plate(sampled(drawn, wanted, fit=fit), views) > wanted
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_discs_too_large_to_gather_are_scattered(near_over_far):
     wide = LensFit(slope=300.0, intercept=-100.0, width=WIDTH, height=HEIGHT)  # 114 px, cells 40

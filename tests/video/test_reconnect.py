@@ -55,6 +55,7 @@ class Server:
         assert not self._thread.is_alive()
 
 
+@pytest.mark.slow
 def test_video_and_audio_resume_after_a_lost_connection_with_the_gap_in_time(clips):
     whole = (clips / "whole.mkv").read_bytes()
     packets = []
@@ -77,6 +78,7 @@ def test_video_and_audio_resume_after_a_lost_connection_with_the_gap_in_time(cli
     assert sum(moment < times[12] - Fraction(1, 20) for moment in sound) >= len(sound) // 2
 
 
+@pytest.mark.slow
 def test_source_that_does_not_return_ends_the_stream(clips):
     whole = (clips / "whole.mkv").read_bytes()
     with Server(whole) as server, Reconnecting(lambda: open_source(server.url), 0.6) as source:
@@ -99,6 +101,7 @@ def test_source_that_cannot_be_reopened_is_refused(spec, clips, capsys):
     assert "for devices and URLs" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_run_resumes_and_reports_the_interruption(clips, tmp_path, capsys):
     shots.cube_glb(tmp_path / "cube.glb")

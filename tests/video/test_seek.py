@@ -91,6 +91,7 @@ def read(source, first, end, *, skip=False):
         return found, first - len(passed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(first=st.integers(1, FRAMES - 1), length=st.integers(1, 12))

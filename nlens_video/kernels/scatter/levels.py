@@ -21,6 +21,7 @@ from nlens_video.kernels.scatter.extend import BAND_ROWS, SourceLayer
 from nlens_video.kernels.simd import load4, pack4, splat, store4
 from nlens_video.kernels.thread_pool import Band, bands, parallel_for, run_all, scratch
 
+_GATHERED_ROWS = 32  # at least, and a power of two: rows of one coarse pixel stay together
 COARSE_FADE = 0.25
 """Share of a level's first radius over which discs go over to it [1]."""
 SUMS = 12
@@ -155,7 +156,7 @@ def _gather_coarse(
         [(first, box.width, box.x0, box.y0) for first, box in zip(firsts, boxes, strict=True)]
     )
     height = layer.radius_px.shape[0]
-    step = max(BAND_ROWS, 1 << len(boxes))  # rows of one coarse pixel stay together
+    step = max(_GATHERED_ROWS, 1 << len(boxes))
     edges = [0, *range(step - corner[1] % step, height, step), height]
     source = (layer.rgba, layer.radius_px, layer.skew)
     work = partial(_gather, source, sums, places, corner, starts)
