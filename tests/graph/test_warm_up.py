@@ -70,7 +70,7 @@ def test_warmup_stops_after_the_current_node_and_leaves_no_thread():
         assert begun.wait(10.0)
         warmup._stop.set()
         go_on.set()
-    assert ran == ["slow"] and threading.active_count() == before
+    assert ran == ["slow"] and threading.active_count() <= before
 
 
 def test_warmup_ignores_errors_of_nodes():
