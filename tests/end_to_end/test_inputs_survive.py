@@ -7,8 +7,8 @@ from nlens_video.cli.output_files import file_options
 from nlens_video.options.files import CHUNKS
 
 RUN = (
-    "{input} {glb} {output} --layers {layers} --holdout {holdout} --env {env} --aperture "
-    "{aperture} --preset {preset} --fit {fit} --save-fit {save_fit} --timings {timings} "
+    "{input} {glb} {output} --layers {layers} --holdout {holdout} --env {env} "
+    "--camera-from {camera_from} --aperture {aperture} --preset {preset} --fit {fit} --save-fit {save_fit} --timings {timings} "
     "--report {report} --aov {aov}"
 )
 COMMANDS = {
@@ -16,8 +16,9 @@ COMMANDS = {
     "render --as-chunk": f"render {RUN} --as-chunk",
     "farm": f"farm {RUN} --chunks {{chunks}}",
     "fit": "fit {input} {glb} {save_fit} --layers {layers} --holdout {holdout} --env {env} "
-    "--aperture {aperture} --preset {preset} --report {report}",
+    "--camera-from {camera_from} --aperture {aperture} --preset {preset} --report {report}",
     "merge": "merge {output} {chunks} --from {input}",
+    "solve": "solve {input} {output}",
     "place": "place {input} {glb} {output}",
     "check": "check {result} --against {input} --report {report}",
     "evaluate": "evaluate coc {folder} --out {out}",
@@ -26,7 +27,8 @@ COMMANDS = {
 }
 NAMES = {
     "input": "in.mp4", "glb": "anim.glb", "layers": "layer.exr", "holdout": "matte.png",
-    "env": "sky.hdr", "aperture": "blades.png", "preset": "own.toml", "fit": "fit.json",
+    "env": "sky.hdr", "camera_from": "camera.json",
+    "aperture": "blades.png", "preset": "own.toml", "fit": "fit.json",
     "result": "result.mp4", "chunks": "chunk.nut", "folder": "plates",
     "output": "out.mp4", "save_fit": "found.json", "timings": "times.json", "report": "report",
     "aov": "aov", "out": "tables", "page": "page.html",
@@ -46,7 +48,8 @@ def arguments(form, folder, **changed):
 def inputs(folder):
     """Files of everything that is read; what they hold does not matter, for none is opened."""
     (folder / "plates").mkdir()
-    for dest in ("input", "glb", "layers", "holdout", "env", "aperture", "preset", "fit", "result"):
+    read = ("input", "glb", "layers", "holdout", "env", "camera_from", "aperture", "preset", "fit")
+    for dest in (*read, "result"):
         (folder / NAMES[dest]).write_bytes(f"{dest} of somebody".encode())
     (folder / "chunk.nut").write_bytes(b"a chunk")
     (folder / "plates" / "bg.png").write_bytes(b"a plate")
