@@ -8,8 +8,8 @@ from nlens_video.options.files import CHUNKS
 
 RUN = (
     "{input} {glb} {output} --layers {layers} --holdout {holdout} --env {env} "
-    "--camera-from {camera_from} --aperture {aperture} --preset {preset} --fit {fit} --save-fit {save_fit} --timings {timings} "
-    "--report {report} --aov {aov}"
+    "--camera-from {camera_from} --aperture {aperture} --preset {preset} --fit {fit} "
+    "--save-fit {save_fit} --timings {timings} --report {report} --aov {aov}"
 )
 COMMANDS = {
     "render": f"render {RUN} --keep-partial",
