@@ -20,10 +20,10 @@ import numpy as np
 import PIL.Image
 
 from nlens_video.core.layers import Float32
-from nlens_video.evaluate.bench.glb_writer import GlbWriter
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
+from nlens_video.scene.gltf.writer import GlbWriter
 
 WIDTH, HEIGHT = 960, 512
 JOINTS = 24

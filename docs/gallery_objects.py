@@ -54,6 +54,15 @@ def unlit_chick(path: Path) -> None:
     object_chick.build([]).save(path)
 
 
+def chick_alone(path: Path) -> None:
+    """The chick with its lights, without a camera."""
+    made = object_chick.build(lights("in2"))
+    made.gltf.cameras = []
+    for node in made.gltf.nodes:
+        node.camera = None
+    made.save(path)
+
+
 def walking_chick(path: Path) -> None:
     """The chick before a camera that walks past it."""
     made = object_chick.build(lights("in2"))

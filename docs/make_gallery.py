@@ -18,8 +18,10 @@ from make_picture import frame_of
 from PIL import Image, ImageDraw, ImageFont
 
 from nlens_video import Compositor
+from nlens_video.cli.solve_command import solve_camera
 from nlens_video.core.color import ColorTags
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.placement import GroundPlacing
 from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
@@ -27,6 +29,7 @@ from nlens_video.core.settings import (
     RealSettings,
     Settings,
     SourceSettings,
+    SunSettings,
 )
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.graph.base.node import Node
@@ -35,6 +38,7 @@ from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.session import open_session
+from nlens_video.report.ground_grid import grid_in_view, over_plate
 from nlens_video.run.render import render
 from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -105,6 +109,22 @@ def environment(folder: Path) -> list[Panel]:
         scene = ObjectSettings(glb=glb, light=light)
         shown = composite(SAMPLES / "in2.mp4", scene, 4, fit=SAMPLES / "in2.json")
         panels.append((title, shown.crop((60, 130, 540, 490))))
+    return panels
+
+
+def plate_light(folder: Path) -> list[Panel]:
+    """A file without a light: by the plate alone, and with a sun."""
+    glb = folder / "unlit.glb"
+    objects.unlit_chick(glb)
+    panels = []
+    for title, sun in (
+        ("by the plate", None),
+        ("--sun 75,35", SunSettings(azimuth_deg=75.0, elevation_deg=35.0)),
+        ("--sun -100,20,4", SunSettings(azimuth_deg=-100.0, elevation_deg=20.0, strength=4.0)),
+    ):
+        scene = ObjectSettings(glb=glb, light=LightSettings(sun=sun))
+        shown = composite(SAMPLES / "in2.mp4", scene, 4, fit=SAMPLES / "in2.json")
+        panels.append((title, shown.crop((60, 152, 540, 512))))
     return panels
 
 
@@ -195,6 +215,26 @@ def holdout(folder: Path) -> list[Panel]:
     ]
 
 
+def walker(folder: Path) -> list[Panel]:
+    """Somebody who walks before the object."""
+    sys.path.append(str(SAMPLES))
+    from truth.walkers import Clip, write_clip
+
+    clip = Clip(7, 40)
+    write_clip(folder, clip)
+    fit = folder / "fit.json"
+    slope = clip.infinity * clip.focus
+    fit.write_text(LensFit(slope=slope, intercept=-clip.infinity, width=640, height=360).to_json())
+    scene = ObjectSettings(glb=folder / "object.glb", layers=str(folder / "object" / "%04d.exr"))
+    left_out = replace(scene, real=RealSettings(occlusion="none"))
+    plate, frame, crop = folder / "bg.mp4", 18, (160, 30, 560, 330)
+    return [
+        ("plate", frame_of(plate, frame).crop(crop)),
+        ("--occlusion none", composite(plate, left_out, frame, fit=fit).crop(crop)),
+        ("as it is", composite(plate, scene, frame, fit=fit).crop(crop)),
+    ]
+
+
 def reflection(_: Path) -> list[Panel]:
     """A polished floor."""
     scene = ObjectSettings(glb=SAMPLES / "anim.glb")
@@ -235,15 +275,64 @@ def moving_camera(folder: Path) -> list[Panel]:
     return [(f"{s} s", frame_of(output, s).resize((480, 256))) for s in range(3)]
 
 
+def solved_camera(folder: Path) -> list[Panel]:
+    """The plate's own camera, found from its pictures, its ground, and an object on it."""
+    rate, size = 12, (480, 256)
+    objects.walk(folder / "yard.glb")
+    objects.chick_alone(folder / "chick.glb")
+    lens = LensFit(slope=140.0, intercept=-50.0, width=960, height=512)
+    plate, camera, output = folder / "walk.mkv", folder / "camera.json", folder / "out.mkv"
+    sky = np.full((512, 960, 3), (215, 200, 190), np.uint8)
+    with (
+        Compositor(folder / "yard.glb", effects="defocus", fit=lens) as yard,
+        av.open(str(plate), "w") as container,
+    ):
+        stream = container.add_stream("ffv1", rate=rate)
+        stream.width, stream.height, stream.pix_fmt = 960, 512, "bgr0"
+        for number in range(2 * rate + 1):
+            shown = yard.process(sky, time=number / rate)
+            frame = av.VideoFrame.from_ndarray(shown, "bgr24")
+            container.mux(stream.encode(frame.reformat(format="bgr0")))
+        container.mux(stream.encode())
+    source = SourceSettings(spec=str(plate))
+    solved = solve_camera(source, camera)
+    scene = ObjectSettings(
+        glb=folder / "chick.glb",
+        camera_from=camera,
+        on_ground=GroundPlacing(at=(0.47, 0.68), size=0.32),
+    )
+    render(
+        Settings(
+            source=source,
+            scene=scene,
+            output=OutputSettings(spec=str(output), codec="ffv1"),
+            effects="defocus,shadow",
+        )
+    )
+    grid = grid_in_view(solved.at(0.0), solved.ground_y)
+    panels = []
+    for second in range(3):
+        before, after = (frame_of(path, second * rate) for path in (plate, output))
+        ground = over_plate(np.array(before), solved, float(second), grid)
+        column = Image.new("RGB", (size[0], 3 * size[1] + 2 * GAP), "white")
+        for row, one in enumerate((before, Image.fromarray(ground), after)):
+            column.paste(one.resize(size), (0, row * (size[1] + GAP)))
+        panels.append((f"{second} s", column))
+    return panels
+
+
 PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "skinned": skinned,
     "morph": morph,
     "two_objects": two_objects,
+    "plate_light": plate_light,
     "environment": environment,
     "shadow": shadow,
     "holdout": holdout,
+    "walker": walker,
     "reflection": reflection,
     "moving_camera": moving_camera,
+    "solved_camera": solved_camera,
 }
 
 

@@ -122,26 +122,37 @@ class Glb:
         self.gltf.textures.append(gl.Texture(source=len(self.gltf.images) - 1, sampler=0))
         return len(self.gltf.textures) - 1
 
-    def material(self, name: str, texture: int, roughness: float) -> int:
-        """A dielectric that wears a texture; returns its index."""
+    def material(self, name: str, texture: int, roughness: float, *, matt: bool = False) -> int:
+        """A dielectric that wears a texture, without gloss if `matt`; returns its index."""
         surface = gl.PbrMetallicRoughness(
             baseColorTexture=gl.TextureInfo(index=texture),
             metallicFactor=0.0,
             roughnessFactor=roughness,
         )
-        self.gltf.materials.append(gl.Material(name=name, pbrMetallicRoughness=surface))
+        extensions = {"KHR_materials_specular": {"specularFactor": 0.0}} if matt else {}
+        if matt:
+            self.gltf.extensionsUsed.append("KHR_materials_specular")
+        self.gltf.materials.append(
+            gl.Material(name=name, pbrMetallicRoughness=surface, extensions=extensions)
+        )
         return len(self.gltf.materials) - 1
 
-    def camera(self, shot: Shot) -> None:
-        """The plate's camera."""
+    def camera(self, shot: Shot, roll_deg: float = 0.0) -> None:
+        """The plate's camera; roll is positive where the world's up leans right."""
         view = gl.Perspective(yfov=shot.yfov, aspectRatio=WIDTH / HEIGHT, znear=0.05, zfar=100.0)
         self.gltf.cameras.append(gl.Camera(name="camera", type="perspective", perspective=view))
-        half = -0.5 * math.radians(shot.pitch_deg)
+        tilt, turn = -0.5 * math.radians(shot.pitch_deg), 0.5 * math.radians(roll_deg)
+        sine, cosine = math.sin(tilt), math.cos(tilt)
         self.node(
             "camera",
             camera=0,
             translation=[0.0, shot.height_m, 0.0],
-            rotation=[math.sin(half), 0.0, 0.0, math.cos(half)],
+            rotation=[
+                sine * math.cos(turn),
+                -sine * math.sin(turn),
+                cosine * math.sin(turn),
+                cosine * math.cos(turn),
+            ],
         )
 
     def lights(self, lights: list[dict[str, Any]]) -> None:

@@ -98,7 +98,7 @@ def test_contributing_guides_example_option_reaches_the_settings(tmp_path):
     field, row = re.findall(r"^```text\n(    .*?)^```", PAGE, re.M | re.S)
     changes = {
         "core/settings.py": ("    pix_fmt: str | None = None\n", field),
-        "options/table.py": ('feeds="output.pix_fmt"),\n', row),
+        "options/run_rows.py": ('feeds="output.pix_fmt"),\n', row),
     }
     for name, (above, lines) in changes.items():
         text = (ROOT / "nlens_video" / name).read_text(encoding="utf-8")

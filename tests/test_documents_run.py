@@ -26,6 +26,7 @@ ELSEWHERE = {
     "nlens-video study make --demo": "tests/evaluate; it renders for a minute",
     "nlens-video study make PICTURES": IN_A_SHELL,
     "nlens-video study analyse": IN_A_SHELL,
+    "--marker 0.2m": "tests/cli/test_solve_scale.py, whose plate shows a marker",
 }
 HERE = [
     line
@@ -40,6 +41,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reader")
     shots.write_video(folder / "in.mp4", frames=14)
     shots.cube_glb(folder / "anim.glb", end=(0.1, 0.0, -1.6))
+    shots.cube_glb(folder / "object.glb", start=(0.0, 0.0, -4.0), camera=False)
     shots.fit_json(folder / "fit.json")
     for number in range(14):
         matte = np.zeros((shots.HEIGHT, shots.WIDTH), np.uint8)

@@ -15,18 +15,18 @@ FOLDERS = """
 core
 kernels  kernels/scatter
 video/pixels  video  video/input  video/output
-scene/gltf  scene  cameras  solve
+scene/gltf  scene  cameras  solve/still  solve/points  solve/paths  solve
 render/base  render/software  render/opengl  render
 stages
 networks
 options
-effects  effects/shadow  effects/camera
+effects  effects/foreground  effects/shadow  effects/camera
 graph/base  graph/nodes  graph
 report
 run
 compositor
 check
-evaluate  evaluate/coc  evaluate/bench  evaluate/composite  evaluate/study
+evaluate  evaluate/camera  evaluate/coc  evaluate/bench  evaluate/composite  evaluate/study
 farm
 cli
 .

@@ -7,17 +7,21 @@ Axes are glTF's. Nuke's cameras rotate about Z, then X, then Y.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlens_video.cameras.ground_grid import on_ground_zero
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float64
 
 ORDER: Literal["zxy"] = "zxy"
 """Rotation order of Nuke's cameras, about fixed axes (scipy's lower case)."""
+_STEEP = 1e-9  # cosine of a pitch
 
 
 def from_chan(text: str, source: str, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
@@ -60,18 +64,31 @@ def from_chan(text: str, source: str, size: tuple[int, int], rate: Fraction) -> 
 
 
 def to_chan(camera: SolvedCamera) -> str:
-    """The text of a .chan file, frames counted from 0."""
+    """The text of a .chan file, frames counted from 0; times and principal point are lost."""
+    camera = on_ground_zero(camera)
+    keys = camera.keys
+    if keys[0].index > 0:  # the first line is the plate's first frame
+        keys = (replace(keys[0], index=0), *keys)
     lines = []
-    for key in camera.keys:
+    for key in keys:
         pose = key.world_from_camera
-        pose[1, 3] -= camera.ground_y
-        turns = Rotation.from_matrix(pose[:3, :3]).as_euler(ORDER, degrees=True)
-        by_axis = dict(zip(ORDER, turns, strict=True))
         tan = math.tan(0.5 * math.radians(key.fov_x_deg)) * camera.height / camera.width
         fov_y = 2.0 * math.degrees(math.atan(tan))
-        values = (*pose[:3, 3], *(by_axis[axis] for axis in "xyz"), fov_y)
+        values = (*pose[:3, 3], *_turns_deg(pose[:3, :3]), fov_y)
         lines.append(f"{key.index}\t" + "\t".join(f"{value:.9g}" for value in values))
     return "\n".join(lines) + "\n"
+
+
+def _turns_deg(rotation: Float64) -> tuple[float, float, float]:
+    """Turns about X, Y and Z of a rotation (3, 3) in the order of `ORDER` [deg]."""
+    level = math.hypot(rotation[0, 2], rotation[2, 2])
+    x = math.atan2(-rotation[1, 2], level)
+    if level < _STEEP:  # straight up or down, a turn about Z is one about Y
+        y, z = math.atan2(-rotation[2, 0], rotation[0, 0]), 0.0
+    else:
+        y = math.atan2(rotation[0, 2], rotation[2, 2])
+        z = math.atan2(rotation[1, 0], rotation[1, 1])
+    return math.degrees(x), math.degrees(y), math.degrees(z)
 
 
 def _key(row: list[float], index: int, size: tuple[int, int], rate: Fraction) -> CameraKey:

@@ -7,64 +7,80 @@ from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
+from nlens_video.cameras.camera_json import camera_of_json
 from nlens_video.cameras.chan import from_chan, to_chan
 from nlens_video.cameras.colmap import read_colmap
 from nlens_video.cameras.fspy import from_fspy, is_fspy
+from nlens_video.cameras.glb import from_glb, to_glb
 from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.usd import SUFFIXES, from_usd, require_usd, to_usda
 from nlens_video.core.errors import SceneError, UsageError
 
 _RATE = Fraction(24)  # of files that count frames, where the plate's rate is not known
-_WRITERS: dict[str, Callable[[SolvedCamera], str]] = {
-    ".json": SolvedCamera.to_json,
-    ".chan": to_chan,
+_WRITERS: dict[str, Callable[[SolvedCamera], bytes]] = {
+    ".json": lambda camera: camera.to_json().encode(),
+    ".glb": to_glb,
+    ".chan": lambda camera: to_chan(camera).encode(),
+    ".usda": to_usda,
 }
+_KNOWN = (
+    "camera.json, fSpy's .json, Nuke's .chan, a .glb or .gltf, a .usda, .usdc, .usd or .usdz, or "
+    "the folder of a COLMAP text model"
+)
 
 
 def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> SolvedCamera:
     """Read a camera for a plate.
 
     Args:
-        path: `camera.json`, fSpy's `.json`, Nuke's `.chan`, or the folder of a COLMAP text model.
+        path: `camera.json`, fSpy's `.json`, Nuke's `.chan`, a glTF or USD file, or the folder of a
+            COLMAP text model.
         size: columns and rows of the plate [px].
         rate: frames a second of the plate, None where it is not known.
 
     Raises:
         SceneError: it cannot be read, holds no camera, or that of a frame of another shape.
+        UsageError: it is a USD file, and OpenUSD is not installed.
     """
+    suffix = path.suffix.lower()
     if path.is_dir():
         return read_colmap(path, rate or _RATE).resized(*size)
+    if suffix in (".glb", ".gltf"):
+        return from_glb(path, size, rate or _RATE).resized(*size)
+    if suffix in SUFFIXES:
+        return from_usd(path, size, rate or _RATE)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: cannot be read ({error}); expected a camera") from error
-    if path.suffix.lower() == ".chan":
+    if suffix == ".chan":
         return from_chan(text, str(path), size, rate or _RATE)
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise SceneError(
-            f"{path}: no camera ({error}); expected camera.json, fSpy's .json, Nuke's .chan or the "
-            "folder of a COLMAP text model"
-        ) from error
+        raise SceneError(f"{path}: no camera ({error}); expected {_KNOWN}") from error
     if is_fspy(raw):
         return from_fspy(raw, str(path)).resized(*size)
-    return SolvedCamera.from_json(text, str(path)).resized(*size)
+    return camera_of_json(text, str(path)).resized(*size)
 
 
 def check_camera_name(path: Path) -> None:
     """Refuse a name that no format has.
 
     Raises:
-        UsageError: the suffix is of no format that can be written.
+        UsageError: the suffix is of no format that can be written, or OpenUSD is not installed.
     """
-    if path.suffix.lower() not in _WRITERS:
+    suffix = path.suffix.lower()
+    if suffix not in _WRITERS:
         raise UsageError(
-            f"{path}: no format of cameras; expected a name that ends in {' or '.join(_WRITERS)}"
+            f"{path}: no format of cameras; expected a name that ends in {', '.join(_WRITERS)}"
         )
+    if suffix in SUFFIXES:
+        require_usd(path)
 
 
-def camera_text(camera: SolvedCamera, path: Path) -> str:
-    """The text of a camera in the format that the file's name asks for.
+def camera_bytes(camera: SolvedCamera, path: Path) -> bytes:
+    """The bytes of a camera in the format that the file's name asks for.
 
     Raises:
         UsageError: no format has this suffix.

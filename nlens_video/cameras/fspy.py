@@ -7,6 +7,7 @@ plane z = 0, on which the origin lies. Its image plane spans -1 to 1 along the l
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +25,18 @@ def is_fspy(raw: object) -> bool:
     return isinstance(raw, dict) and "viewTransform" in raw and "horizontalFieldOfView" in raw
 
 
-def from_fspy(raw: dict[str, object], source: str) -> SolvedCamera:
+def from_fspy(raw: dict[str, Any], source: str) -> SolvedCamera:
     """The camera of a parsed export.
 
     Raises:
         SceneError: a value is missing or wrong.
     """
     try:
-        width, height = int(raw["imageWidth"]), int(raw["imageHeight"])  # type: ignore[call-overload]
-        fov = math.degrees(float(raw["horizontalFieldOfView"]))  # type: ignore[arg-type]
-        view = rigid_matrix(raw["viewTransform"]["rows"])  # type: ignore[index]
+        width, height = int(raw["imageWidth"]), int(raw["imageHeight"])
+        fov = math.degrees(float(raw["horizontalFieldOfView"]))
+        view = rigid_matrix(raw["viewTransform"]["rows"])
         point = raw.get("principalPoint", {"x": 0.0, "y": 0.0})
-        offset = float(point["x"]), float(point["y"])  # type: ignore[index]
+        offset = float(point["x"]), float(point["y"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise SceneError(f"{source}: no whole export of fSpy ({error!r})") from error
     if view is None or not 0.0 < fov < 180.0 or min(width, height) < 1:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.layers import Float64
 
 _TRIALS = 2000
@@ -12,7 +15,8 @@ _LARGEST_ROLL = np.sin(np.radians(20.0))
 _BELOW_COSTS = 2.0  # a point below the ground speaks against it as two on it speak for it
 _LEAST_SHARE = 0.1  # of all points, on the ground
 _FEWEST = 20
-_ROUNDS = 5
+_ROUNDS = 12
+_LEAST_BAND = 0.05  # of the tolerance
 
 
 def fit_ground(
@@ -60,11 +64,18 @@ def fit_ground(
 def _refined(
     points: Float64, band: Float64, normal: Float64, offset: float
 ) -> tuple[Float64, float] | None:
-    """Least squares over the points near a plane, each weighed by its own tolerance."""
+    """Least squares over the points near a plane, each weighed by its own tolerance.
+
+    The tolerance shrinks to what the points on the plane need: what stands on the ground lies above
+    it alone, and would lift it.
+    """
+    share = 1.0
     for _ in range(_ROUNDS):
-        near = abs(points @ normal - offset) < 2.0 * band
+        away = abs(points @ normal - offset) / band
+        near = away < 2.0 * share
         if near.sum() < max(_FEWEST, _LEAST_SHARE * len(points)):
             return None
+        share = min(share, max(_LEAST_BAND, 1.4826 * float(np.median(away[near]))))
         weights = 1.0 / band[near] ** 2
         middle = np.average(points[near], axis=0, weights=weights)
         spread = (points[near] - middle) * np.sqrt(weights)[:, None]
@@ -95,3 +106,22 @@ def ground_frame(normal: Float64, offset: float, pose: Float64, height: float) -
     similarity[:3, :3] = scale * turn
     similarity[:3, 3] = -scale * turn @ (eye - above * normal)
     return similarity
+
+
+def moved(camera: SolvedCamera, similarity: Float64) -> SolvedCamera:
+    """A camera and its points in a world that is turned, shifted and scaled.
+
+    Args:
+        camera: to move; the height of its ground stays as it is given.
+        similarity: new world from old (4, 4); its scale is greater than 0.
+    """
+    scale = float(np.cbrt(np.linalg.det(similarity[:3, :3])))
+    keys = []
+    for key in camera.keys:
+        pose = similarity @ key.world_from_camera
+        pose[:3, :3] /= scale
+        keys.append(replace(key, world_to_camera=np.asarray(np.linalg.inv(pose))))
+    points = camera.points
+    if points is not None:
+        points = points @ similarity[:3, :3].T + similarity[:3, 3]
+    return replace(camera, keys=tuple(keys), points=points)

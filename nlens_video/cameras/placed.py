@@ -9,13 +9,15 @@ import numpy as np
 
 from nlens_video.cameras.placement import contact_depth
 from nlens_video.cameras.solved import SolvedCamera
-from nlens_video.core.errors import SceneError
+from nlens_video.core.errors import NoGroundError, SceneError, UsageError
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.core.placement import Placement
+from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.scene.camera import Camera
 
 _DOWN = 0.62  # of the way from the horizon, or the frame's top, to the lower border
 _LARGEST = 0.35
+_SMALLEST, _SMALLER = 0.02, 0.85
+_LOWEST = 0.9  # row of the horizon under which enough ground is left [frame height]
 _HEADROOM = 0.05  # between the object and the frame's top [frame height]
 
 
@@ -67,47 +69,148 @@ def place_on_ground(
         SceneError: the frame shows no ground there, or the object would reach behind the camera.
     """
     camera = solved.at(time_s)
+    ray, depth = _on_ground(placing.at, solved, camera)
+    turn = _turn(placing.yaw_deg, camera)
+    axes = turn @ camera.world_from_camera[:3, :3]
+    wanted = contact_depth(vertices, contact, placing, axes, ray, camera.fy, camera.height)
+    return _standing(contact, solved, camera, turn, ray, depth, wanted / depth)
+
+
+def stand_on_ground(
+    vertices: Float32, contact: Float64, wish: GroundPlacing, solved: SolvedCamera, time_s: float
+) -> tuple[PlacedCamera, str]:
+    """The cameras that show an object on the plate's ground, where it is wished or chosen.
+
+    A chosen place is the one that the solve found free, at its first frame, else the middle of the
+    ground. A chosen size fits into the frame.
+
+    Args:
+        vertices: the object's world positions (V, 3) at the moment it is placed.
+        contact: point of the object's world that touches the ground (3,) [scene unit].
+        wish: where it stands, and how large.
+        solved: the plate's cameras.
+        time_s: time of the frame that `wish.at` is of [s].
+
+    Returns:
+        The cameras, and the options that give this placement.
+
+    Raises:
+        UsageError: the height is given, but the plate's scale is not known.
+        SceneError: as `place_on_ground`, or the object has no height.
+    """
+    at = wish.at
+    if at is None:
+        at, time_s = default_placement(solved).at, solved.keys[0].pts_s
+    said = f"--at {at[0]:.4g},{at[1]:.4g}"
+    turned = f"--yaw {wish.yaw_deg:.4g}"
+    if wish.height_m is not None:
+        placed = _at_height(vertices, contact, at, wish.height_m, wish.yaw_deg, solved, time_s)
+        return placed, f"{said} --height {wish.height_m:.4g}m {turned}"
+    size = _usual_size(at) if wish.size is None else wish.size
+    while True:
+        placing = Placement(at=at, size=size, yaw_deg=wish.yaw_deg, horizon=None)
+        placed = place_on_ground(vertices, contact, placing, solved, time_s)
+        fits = wish.size is not None or size < _SMALLEST or _in_frame(vertices, placed.at(time_s))
+        if fits:
+            return placed, placing.describe()
+        size *= _SMALLER
+
+
+def _at_height(
+    vertices: Float32, contact: Float64, at: tuple[float, float], height_m: float, yaw_deg: float,
+    solved: SolvedCamera, time_s: float,
+) -> PlacedCamera:  # fmt: skip
+    if solved.scale != "metres":
+        raise UsageError(
+            f"--height {height_m:g}m: the plate's scale is not known; give --size, or solve "
+            "the camera by something known (nlens-video solve --marker SIDE, --person-height)"
+        )
+    tall = float(vertices[:, 1].max() - contact[1])
+    if not tall > 0.0:
+        raise SceneError(f"--height {height_m:g}m: the object does not rise above its ground")
+    camera = solved.at(time_s)
+    ray, depth = _on_ground(at, solved, camera)
+    turn = _turn(yaw_deg, camera)
+    return _standing(contact, solved, camera, turn, ray, depth, tall / height_m)
+
+
+def _on_ground(
+    at: tuple[float, float], solved: SolvedCamera, camera: Camera
+) -> tuple[Float64, float]:
+    """Direction of a place of the frame in camera axes (3,), with z = -1; the ground's depth."""
     ray = np.array([
-        (placing.at[0] * camera.width - camera.cx) / camera.fx,
-        -(placing.at[1] * camera.height - camera.cy) / camera.fy,
+        (at[0] * camera.width - camera.cx) / camera.fx,
+        -(at[1] * camera.height - camera.cy) / camera.fy,
         -1.0,
     ])  # fmt: skip
     pose = camera.world_from_camera
-    direction, eye = pose[:3, :3] @ ray, pose[:3, 3]
-    depth = (solved.ground_y - eye[1]) / direction[1] if direction[1] < 0.0 else -1.0
+    fall = float(pose[1, :3] @ ray)
+    depth = (solved.ground_y - float(pose[1, 3])) / fall if fall < 0.0 else -1.0
     if not depth > 0.0:
-        x, y = placing.at
         raise SceneError(
-            f"--at {x:g},{y:g} lies above the horizon of the solved camera, where no ground is; "
-            "give a greater Y"
+            f"--at {at[0]:g},{at[1]:g} lies above the horizon of the solved camera, where no "
+            "ground is; give a greater Y"
         )
-    heading = math.atan2(pose[0, 2], pose[2, 2])
-    turn = _about_y(-math.radians(placing.yaw_deg) - heading)
-    wanted = contact_depth(
-        vertices, contact, placing, turn @ pose[:3, :3], ray, camera.fy, camera.height
-    )
-    scale = wanted / depth
-    ground = eye + depth * direction
+    return ray, depth
+
+
+def _turn(yaw_deg: float, camera: Camera) -> Float64:
+    """From the solved world's axes to those of an object (3, 3) that faces a camera at 0 [deg]."""
+    pose = camera.world_from_camera
+    return _about_y(-math.radians(yaw_deg) - math.atan2(pose[0, 2], pose[2, 2]))
+
+
+def _standing(
+    contact: Float64, solved: SolvedCamera, camera: Camera, turn: Float64, ray: Float64,
+    depth: float, scale: float,
+) -> PlacedCamera:  # fmt: skip
+    pose = camera.world_from_camera
+    ground = pose[:3, 3] + depth * pose[:3, :3] @ ray
     return PlacedCamera(
         solved=solved, scale=scale, turn=turn, shift=contact - scale * turn @ ground
     )
 
 
 def default_placement(solved: SolvedCamera) -> Placement:
-    """A place on the ground in the middle of the first frame, at a size that fits.
+    """A place on the ground of the first frame: the one the solve found free, else the middle.
 
     Raises:
-        SceneError: the frame shows no ground.
+        NoGroundError: the frame shows none.
     """
-    camera = solved.at(solved.keys[0].pts_s)
+    at = solved.place
+    if at is None:
+        top = ground_top(solved.at(solved.keys[0].pts_s))
+        at = 0.5, top + _DOWN * (1.0 - top)
+    return Placement(at=at, size=_usual_size(at), horizon=None)
+
+
+def _usual_size(at: tuple[float, float]) -> float:
+    """A height that leaves room above [frame height]."""
+    return min(_LARGEST, max(at[1] - _HEADROOM, _SMALLEST))
+
+
+def ground_top(camera: Camera) -> float:
+    """The row below which a camera sees ground, at the frame's middle column [frame height].
+
+    Raises:
+        NoGroundError: it sees next to none.
+    """
     up = camera.world_from_camera[1, :3]
     row = camera.cy - camera.fy * up[2] / up[1] if up[1] > 0.0 else math.inf
-    horizon = row / camera.height
-    if not horizon < 0.9:
-        raise SceneError("the solved camera sees no ground; give --at, --size and --horizon")
-    top = max(horizon, 0.0)
-    y = top + _DOWN * (1.0 - top)
-    return Placement(at=(0.5, y), size=min(_LARGEST, y - _HEADROOM), horizon=None)
+    horizon = float(row / camera.height)
+    if not horizon < _LOWEST:
+        raise NoGroundError("the solved camera sees no ground; give --at, --size and --horizon")
+    return max(horizon, 0.0)
+
+
+def _in_frame(vertices: Float32, camera: Camera) -> bool:
+    """Whether a camera sees the whole object."""
+    seen = camera.to_camera(vertices.astype(np.float64))
+    if not (seen[:, 2] < 0.0).all():
+        return False
+    spots = camera.pixels(seen)
+    low, high = spots.min(axis=0), spots.max(axis=0)
+    return bool((low >= 0.0).all() and (high <= (camera.width, camera.height)).all())
 
 
 def _about_y(angle: float) -> Float64:

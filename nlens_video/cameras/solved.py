@@ -6,7 +6,7 @@ import bisect
 import json
 import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Literal, TypeVar, get_args
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,9 +20,9 @@ HorizonSource = Literal["measured", "assumed"]
 PathKind = Literal["still", "rotation", "moving", "assumed"]
 Scale = Literal["metres", "arbitrary"]
 
-_W = TypeVar("_W", bound=str)
 _RIGID = 1e-3  # rotations read from text are orthonormal to about six digits
-_LARGEST = 1e9
+LARGEST = 1e9
+"""Numbers beyond that are taken for mistakes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,6 +87,12 @@ class SolvedCamera:
         errors: standard errors of the first frame.
         method: how it was solved, in a few words.
         principal_px: principal point, pixel centres at +0.5, None for the frame's middle [px].
+        place: column and row of the first frame where an object stands on the ground in no one's
+            way, None where that is not known [frame width, frame height].
+        reprojection_px: median distance of tracked points from where the cameras see them, None
+            where no point was tracked [px].
+        points: points of the scene that were solved with it (N, 3), None without; of scene files,
+            not of `camera.json` [scene unit].
     """
 
     width: int
@@ -100,6 +106,14 @@ class SolvedCamera:
     errors: CameraErrors = field(default_factory=CameraErrors)
     method: str = ""
     principal_px: tuple[float, float] | None = None
+    place: tuple[float, float] | None = None
+    reprojection_px: float | None = None
+    points: Float64 | None = None
+
+    @property
+    def fov_source(self) -> str:
+        """Where the field of view comes from, in words."""
+        return "from metadata" if self.fov == "metadata" else self.fov
 
     def at(self, time_s: float) -> Camera:
         """The camera at a time, interpolated between frames and held beyond them.
@@ -175,107 +189,11 @@ class SolvedCamera:
         }
         if self.principal_px is not None:
             values["principal_px"] = list(self.principal_px)
+        if self.place is not None:
+            values["place"] = list(self.place)
+        if self.reprojection_px is not None:
+            values["reprojection_px"] = self.reprojection_px
         return json.dumps(values, indent=1) + "\n"
-
-    @classmethod
-    def from_json(cls, text: str, source: str = "camera.json") -> SolvedCamera:
-        """Read the text of `camera.json`.
-
-        Raises:
-            SceneError: not JSON, or a value is missing or wrong; the message names it.
-        """
-        try:
-            raw = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise SceneError(f"{source}: not JSON ({error}); expected a saved camera") from error
-        return _Reader(source).camera(raw)
-
-
-class _Reader:
-    """Checks the values of a `camera.json`."""
-
-    def __init__(self, source: str) -> None:
-        self._source = source
-
-    def camera(self, raw: object) -> SolvedCamera:
-        """The camera of a parsed file."""
-        if not isinstance(raw, dict) or not isinstance(raw.get("frames"), list):
-            raise self._error('expected an object with "width", "height" and a list "frames"')
-        if not raw["frames"]:
-            raise self._error('"frames" is empty; expected at least one')
-        keys = tuple(self._key(number, one) for number, one in enumerate(raw["frames"]))
-        if any(b.pts_s <= a.pts_s for a, b in zip(keys, keys[1:], strict=False)):
-            raise self._error('"pts_s" must rise from frame to frame')
-        errors = raw.get("stderr")
-        return SolvedCamera(
-            width=self._size(raw, "width"),
-            height=self._size(raw, "height"),
-            keys=keys,
-            ground_y=self._number(raw, "ground_y", 0.0),
-            fov=self._word(raw, "fov", get_args(FovSource), "assumed"),
-            horizon=self._word(raw, "horizon", get_args(HorizonSource), "assumed"),
-            path=self._word(raw, "path", get_args(PathKind), "still"),
-            scale=self._word(raw, "scale", get_args(Scale), "arbitrary"),
-            errors=self._errors(errors if isinstance(errors, dict) else {}),
-            method=str(raw.get("method", "given")),
-            principal_px=self._principal(raw),
-        )
-
-    def _key(self, number: int, raw: object) -> CameraKey:
-        if not isinstance(raw, dict):
-            raise self._error(f"frame {number} is no object")
-        matrix = rigid_matrix(raw.get("world_to_camera"))
-        if matrix is None:
-            raise self._error(
-                f'frame {number}: "world_to_camera" must be a rigid 4x4 matrix by rows'
-            )
-        fov = self._number(raw, "fov_x_deg", None)
-        if not 0.0 < fov < 180.0:
-            raise self._error(f'frame {number}: "fov_x_deg" is {fov:g}, expected 0 to 180 degrees')
-        return CameraKey(
-            index=int(self._number(raw, "index", float(number))),
-            pts_s=self._number(raw, "pts_s", 0.0),
-            world_to_camera=matrix,
-            fov_x_deg=fov,
-        )
-
-    def _errors(self, raw: dict[str, object]) -> CameraErrors:
-        names = ("fov_deg", "pitch_deg", "roll_deg")
-        known = {name: self._number(raw, name, 0.0) for name in names if name in raw}
-        return CameraErrors(**known)
-
-    def _principal(self, raw: dict[str, object]) -> tuple[float, float] | None:
-        point = raw.get("principal_px")
-        if point is None:
-            return None
-        if not isinstance(point, list) or len(point) != 2:
-            raise self._error('"principal_px" must be a column and a row [px]')
-        named: dict[str, object] = {"column": point[0], "row": point[1]}
-        return self._number(named, "column", None), self._number(named, "row", None)
-
-    def _size(self, raw: dict[str, object], name: str) -> int:
-        value = self._number(raw, name, None)
-        if value < 1 or value != int(value):
-            raise self._error(f'"{name}" is {value:g}, expected a number of pixels')
-        return int(value)
-
-    def _number(self, raw: dict[str, object], name: str, default: float | None) -> float:
-        value = raw.get(name, default)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._error(f'"{name}" is {value!r:.40}, expected a number')
-        if not abs(value) <= _LARGEST:
-            raise self._error(f'"{name}" is {value!r:.40}, expected a finite number')
-        return float(value)
-
-    def _word(self, raw: dict[str, object], name: str, words: tuple[_W, ...], default: _W) -> _W:
-        value = raw.get(name, default)
-        for word in words:
-            if value == word:
-                return word
-        raise self._error(f'"{name}" is {value!r:.40}, expected one of {", ".join(words)}')
-
-    def _error(self, text: str) -> SceneError:
-        return SceneError(f"{self._source}: {text}")
 
 
 def rigid_matrix(raw: object) -> Float64 | None:
@@ -284,7 +202,7 @@ def rigid_matrix(raw: object) -> Float64 | None:
         matrix = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         return None
-    if matrix.shape != (4, 4) or not (abs(matrix) <= _LARGEST).all():
+    if matrix.shape != (4, 4) or not (abs(matrix) <= LARGEST).all():
         return None
     turn = matrix[:3, :3]
     rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_RIGID) and np.linalg.det(turn) > 0.0

@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nlens_video.cameras.files import read_camera
 from nlens_video.check.frames import FrameFeatures, find_range, frame_features, pair_frames
 from nlens_video.check.judge import (
+    judge_drift,
     judge_frames,
     judge_object,
     judge_plate,
@@ -48,8 +50,8 @@ class Checked:
 
 
 def check(
-    result: str, plate: SourceSettings, *, search_range: bool, objects: int, report: Path | None,
-    as_json: bool, quiet: bool,
+    result: str, plate: SourceSettings, *, search_range: bool, objects: int,
+    camera_from: Path | None = None, report: Path | None, as_json: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Compare a result with its plate, print the findings and write the page.
 
@@ -58,6 +60,7 @@ def check(
         plate: its plate, with the same range.
         search_range: whether the range is unknown and found by the pictures.
         objects: number of separate regions that the composite changes.
+        camera_from: the camera that the object was rendered with, None where it is not known.
         report: folder of the page with charts.
         as_json: print everything as JSON.
         quiet: print nothing but JSON.
@@ -71,7 +74,9 @@ def check(
     """
     if report is not None:
         check_target_folder(report)
-    checked = compare(result, plate, objects=objects, search_range=search_range)
+    checked = compare(
+        result, plate, objects=objects, search_range=search_range, camera_from=camera_from
+    )
     try:
         if as_json:
             print_out(json.dumps(checked.verdict.as_json(), indent=2) + "\n")
@@ -84,13 +89,15 @@ def check(
 
 
 def compare(
-    result: str, plate: SourceSettings, *, objects: int = 1, search_range: bool = False
-) -> Checked:
+    result: str, plate: SourceSettings, *, objects: int = 1, search_range: bool = False,
+    camera_from: Path | None = None,
+) -> Checked:  # fmt: skip
     """Read both side by side and judge; arguments as of `check`.
 
     Raises:
         InputError: one of the two cannot be read, or their frames differ in size.
         UsageError: the plate has no frames in the range.
+        SceneError: the camera cannot be used.
     """
     assumed = find_range(result, plate) if search_range else None
     if assumed is not None:
@@ -99,6 +106,9 @@ def compare(
         _check_sizes(given, made)
         bases = (given.info.time_base, made.info.time_base)
         measures = Measures(tick_s=float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S)
+        if camera_from is not None:
+            size = given.info.width, given.info.height
+            measures.drift.solved = read_camera(camera_from, size, given.info.average_rate)
         codecs = [
             [one.codec for one in source.info.copied if one.type == "audio"]
             for source in (given, made)
@@ -112,6 +122,7 @@ def compare(
         with closing(frames[0]), closing(frames[1]):
             for pair in pair_frames(*frames):
                 signals.check()
+                measures.drift.start_s = readers[0].start_s
                 measures.add(pair)
     if not readers[0].count:
         begin, end = plate.frames
@@ -121,6 +132,7 @@ def compare(
     for track in tracks:
         found += judge_object(track)
     found += judge_plate(measures, tracks)
+    found += judge_drift(measures.drift)
     found += judge_sound(sound, max(0, len(codecs[0]) - len(codecs[1])))
     largest = max(tracks, key=lambda one: sum(one.area), default=None)
     bends = (0.0, 0.0) if largest is None else median_bends(largest)
@@ -134,6 +146,7 @@ def compare(
         measures={
             "encoding_level": float(np.median(measures.noise)) if measures.noise else 0.0,
             "worst_time_ms": 1e3 * measures.worst_late_s,
+            **({} if measures.drift.rms_px is None else {"drift_px": measures.drift.rms_px}),
             "sharpness_bend": bends[0],
             "coverage_bend": bends[1],
             "sound_shift_ms": 1e3
@@ -141,6 +154,7 @@ def compare(
         },
         findings=tuple(found),
         notes=(*range_note, *_notes(tracks, measures)),
+        unknown=("drift",) if tracks and measures.drift.rms_px is None else (),
     )
     return Checked(verdict=verdict, objects=tracks)
 
@@ -154,6 +168,7 @@ class _Reader:
     sound: list[SoundPair]
     from_plate: bool
     count: int = 0
+    start_s: float = 0.0
     first_pts: int | None = None
     streams: list[int] = field(default_factory=list)
 
@@ -167,7 +182,7 @@ class _Reader:
                 early.append(item)
                 continue
             if self.first_pts is None:
-                self.first_pts = item.pts
+                self.first_pts, self.start_s = item.pts, item.time_s
                 first_s = float(item.pts * item.time_base)
             for packet in early:
                 self._add_sound(packet, first_s)
@@ -192,6 +207,11 @@ def _notes(objects: list[Track], measures: Measures) -> list[str]:
         notes.append(
             f"frames {shadow.first} to {shadow.last}: {width}x{height} px at {x},{y} are the plate "
             "with less light: taken for the object's shadow"
+        )
+    if objects and measures.drift.rms_px is None:
+        notes.append(
+            "the plate moves, and the object by itself: give the camera that it was rendered with "
+            "(--camera-from CAMERA) to measure whether it slides over the ground"
         )
     if measures.tracks.crowded:
         notes.append("more than 64 regions differ; only the first 64 are listed")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.check.drift import DriftMeasure
 from nlens_video.check.measure import (
     LEAST_TOLERANCE,
     NOISE_FACTOR,
@@ -155,6 +156,23 @@ def judge_object(track: Track) -> list[Finding]:
             )
         )  # fmt: skip
     return found
+
+
+def judge_drift(drift: DriftMeasure) -> list[Finding]:
+    """An object that slides over the plate's ground."""
+    if not drift.slides or drift.rms_px is None:
+        return []
+    text = (
+        f"the object slides over the plate's ground by up to {drift.worst_px:.1f} px "
+        f"(rms {drift.rms_px:.1f} px)"
+    )
+    why = (
+        "the camera does not follow the plate"
+        if drift.solved is not None
+        else "it stays at rest in the frame while the plate moves: render it with the plate's own "
+        "camera (--camera-from), unless it is to ride with the camera"
+    )
+    return [at("drift", None, drift.rms_px, f"{text}; {why}")]
 
 
 def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Float64]]:

@@ -12,6 +12,7 @@ from zlib import crc32
 
 import numpy as np
 
+from nlens_video.check.drift import DriftMeasure
 from nlens_video.check.frames import FrameFeatures, Pair, Unpaired, block_mean, block_rms
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.core.layers import Float32, Float64
@@ -48,6 +49,7 @@ class Measures:
         worst_late_s: largest delay of a frame [s].
         pairs: compared so far [1].
         previous: the result's frame of the pair before.
+        drift: of the largest object over the ground.
     """
 
     tick_s: float = 0.0
@@ -61,6 +63,7 @@ class Measures:
     worst_late_s: float = 0.0
     pairs: int = 0
     previous: FrameFeatures | None = None
+    drift: DriftMeasure = field(default_factory=DriftMeasure)
 
     def add(self, pair: Pair | Unpaired) -> None:
         """Measure the next pair, or count a frame without a partner."""
@@ -91,6 +94,8 @@ class Measures:
         motion = None
         if self.previous is not None:
             motion = block_mean(np.abs(pair.result.luma - self.previous.luma))
+        largest = max(tracks, key=lambda one: sum(one.area), default=None)
+        self.drift.add(pair.plate, pair.result, None if largest is None else largest.mask)
         for track in tracks:
             _append(track, pair.result, difference, gain, motion)
             track.shadowed.append(_is_shadow(pair, track.mask, tolerance))

@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 from nlens_video.check.regions import Track
-from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import Float64
 from nlens_video.report.html import (
     count,
@@ -23,13 +22,13 @@ from nlens_video.report.html import (
     table,
 )
 from nlens_video.report.svg import Axes, path
-from nlens_video.video.atomic_files import replacing
+from nlens_video.video.atomic_files import make_folder, replacing
 
 _LISTED = 8  # findings of each kind in the printed table; JSON and page have all
 _WIDTH, _HEIGHT = 900.0, 220.0
 _MOST_POINTS = 1500  # a line of more is no clearer
 
-Kind = Literal["frames", "time", "freeze", "plate", "pop", "flicker", "sound"]
+Kind = Literal["frames", "time", "freeze", "plate", "pop", "flicker", "drift", "sound"]
 KINDS: dict[Kind, str] = {
     "frames": "dropped, added or repeated frames",
     "time": "times of the frames",
@@ -37,6 +36,7 @@ KINDS: dict[Kind, str] = {
     "plate": "plate pixels away from the object",
     "pop": "jumps of a single frame",
     "flicker": "flicker of sharpness or coverage",
+    "drift": "object against the plate's ground",
     "sound": "audio against the pictures",
 }
 
@@ -81,6 +81,7 @@ class Verdict:
         measures: the figures behind the findings; name to value, the unit in the name.
         findings: faults, empty where there is none.
         notes: assumptions, and what could not be judged.
+        unknown: kinds that could not be judged; a note says why.
     """
 
     result: str
@@ -90,6 +91,7 @@ class Verdict:
     measures: dict[str, float]
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+    unknown: tuple[Kind, ...] = ()
 
     @property
     def fine(self) -> bool:
@@ -113,7 +115,8 @@ class Verdict:
         ]
         for kind, words in KINDS.items():
             found = self.of(kind)
-            lines.append(f"{'ok  ' if not found else f'{len(found):<4d}'}{words}")
+            state = str(len(found)) if found else "?" if kind in self.unknown else "ok"
+            lines.append(f"{state:<4}{words}")
             lines += [f"      {one.text}" for one in found[:_LISTED]]
             if len(found) > _LISTED:
                 lines.append(f"      and {len(found) - _LISTED} more; --json names all")
@@ -138,10 +141,7 @@ def write_page(folder: Path, verdict: Verdict, objects: list[Track]) -> Path:
     Raises:
         OutputError: the folder or the file cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error}); give a writable folder") from error
+    make_folder(folder)
     target = folder / "index.html"
     with replacing(target) as partial:
         partial.write_text(page(verdict, objects), encoding="utf-8", errors="replace")
@@ -153,7 +153,11 @@ def page(verdict: Verdict, objects: list[Track]) -> str:
     title = f"{file_name(verdict.result)} against {file_name(verdict.plate)}"
     word = "Nothing was found." if verdict.fine else f"{count(len(verdict.findings), 'finding')}."
     rows = [
-        (words, "; ".join(one.text for one in verdict.of(kind)) or "fine")
+        (
+            words,
+            "; ".join(one.text for one in verdict.of(kind))
+            or ("not known" if kind in verdict.unknown else "fine"),
+        )
         for kind, words in KINDS.items()
     ]
     charts = "".join(_charts(number, track) for number, track in enumerate(objects))

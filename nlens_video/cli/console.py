@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from nlens_video.cameras.solved import SolvedCamera
-    from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.planner import Decision
     from nlens_video.farm.chunk import Chunk
     from nlens_video.farm.merge import Merged
@@ -100,12 +99,14 @@ class Console:
         if self._json:
             self._emit({"fit": asdict(outcome.fit), "saved": str(outcome.path)})
         elif not self._quiet:
-            self._say("lens", fit_line(outcome.fit))
+            self._say("lens", outcome.fit.describe())
             self._notes(outcome.notes)
             self._say("saved", str(outcome.path))
 
     def camera(self, path: Path, camera: SolvedCamera) -> None:
         """Show a plate's camera that was saved."""
+        from nlens_video.cameras.doubt import doubt  # compiled kernels load with it
+
         first, errors = camera.keys[0], camera.errors
         if self._json:
             self._emit({"saved": str(path), "camera": json.loads(camera.to_json())})
@@ -114,11 +115,18 @@ class Console:
             self._say(
                 "camera",
                 f"field of view {first.fov_x_deg:.1f} +- {errors.fov_deg:.1f} degrees "
-                f"({camera.fov}), pitch {first.pitch_deg:.1f} +- {errors.pitch_deg:.1f}, roll "
-                f"{first.roll_deg:.1f} +- {errors.roll_deg:.1f} ({camera.horizon})",
+                f"({camera.fov_source}), pitch {first.pitch_deg:.1f} +- {errors.pitch_deg:.1f}, "
+                f"roll {first.roll_deg:.1f} +- {errors.roll_deg:.1f} ({camera.horizon})",
             )
             self._say("path", f"{camera.path}, {frames}, scale {camera.scale}; {camera.method}")
+            if uncertain := doubt(camera):
+                self._say("note", uncertain)
             self._say("saved", str(path))
+
+    def note(self, text: str) -> None:
+        """Show a note."""
+        if not self._quiet:
+            self._say("note", text)
 
     def choices(self, path: Path, options: tuple[str, ...]) -> None:
         """Show that a contact sheet was written, and the options of each of its pictures."""
@@ -178,7 +186,7 @@ class Console:
         timing = outcome.timing
         where = "standard output" if outcome.output == "-" else outcome.output
         self._say("wrote", f"{where}, {timing.frames} frames, {outcome.composited} of them changed")
-        self._say("lens", fit_line(outcome.fit) if outcome.fit else "none: no object in view")
+        self._say("lens", outcome.fit.describe() if outcome.fit else "none: no object in view")
         self._effects(outcome.decisions)
         if self._verbose:
             nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
@@ -217,15 +225,3 @@ class Console:
 
     def _emit(self, value: object) -> None:
         print_out(json.dumps(value, indent=2) + "\n", self._results)
-
-
-def fit_line(fit: LensFit) -> str:
-    """The lens in one line."""
-    if fit.slope == 0:
-        return f"constant CoC of {abs(fit.intercept):.1f} px ({fit.sign}); {fit.method}"
-    return (
-        f"coc_px = {fit.slope:.4g} ± {fit.slope_stderr:.2g} · disparity "
-        f"{fit.intercept:+.4g} ± {fit.intercept_stderr:.2g}, in focus at depth "
-        f"{1 / fit.focus_disparity if fit.focus_disparity > 0 else float('inf'):.4g}; "
-        f"residual {fit.rmse_px:.2f} px, sign {fit.sign} (margin {fit.sign_margin:.2f})"
-    )

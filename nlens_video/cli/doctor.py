@@ -24,9 +24,14 @@ RESIDENT = 0.4 * _GB
 """Memory that the smallest run uses [bytes]."""
 _LIBRARIES = (
     "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "numba", "pyrender2",
-    "PyOpenGL", "trimesh", "OpenEXR", "torch",
+    "PyOpenGL", "trimesh", "OpenEXR", "torch", "pycolmap", "usd-core",
 )  # fmt: skip
-_OPTIONAL = {"torch", "OpenGL"}
+_OPTIONAL = {
+    "torch": "needed for training only",
+    "pycolmap": "needed to solve cameras that move: pip install nlens-video[solve]",
+    "usd-core": "needed for cameras in USD files: pip install nlens-video[usd]",
+    "OpenGL": "",
+}
 _ENCODERS = ("libx264", "libx265", "libvpx-vp9", "libsvtav1", "ffv1", "prores_ks", "png", "aac")
 
 
@@ -129,7 +134,7 @@ def _library(name: str) -> Finding:
         return Finding(what=name, works=True, detail=metadata.version(name))
     except metadata.PackageNotFoundError:
         if name in _OPTIONAL:
-            return Finding(what=name, works=None, detail="not installed; needed for training only")
+            return Finding(what=name, works=None, detail=f"not installed; {_OPTIONAL[name]}")
         return Finding(what=name, works=False, detail=f"not installed; pip install {name}")
 
 

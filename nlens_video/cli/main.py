@@ -24,8 +24,8 @@ from nlens_video.core.stdio import (
     standard_error,
 )
 from nlens_video.options import to_settings
+from nlens_video.options.commands import COMMANDS
 from nlens_video.options.parser import parse, parser_of
-from nlens_video.options.table import COMMANDS
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Console
@@ -130,11 +130,9 @@ def _run(argv: list[str]) -> int:
 def _dispatch(args: Namespace, console: Console) -> int:
     """Run a command whose results the console shows."""
     if args.command == "place":
-        from nlens_video.cli.placement_sheet import write_contact_sheet
+        from nlens_video.cli.placement_sheet import run_place
 
-        plate, placed = to_settings.source_settings(args), to_settings.place_settings(args)
-        console.choices(args.output, write_contact_sheet(plate, *placed, args.output))
-        return 0
+        return run_place(args, console)
     if args.command == "solve":
         from nlens_video.cli.solve_command import run_solve
 
@@ -151,13 +149,17 @@ def _dispatch(args: Namespace, console: Console) -> int:
 
 def _composite(args: Namespace, console: Console) -> int:
     """The commands that composite, or find the lens: `render`, `farm`, `fit`."""
-    settings = to_settings.settings(args)
-    try:
-        return _with_camera(args, settings, console)
-    except MissingCameraError:
-        from nlens_video.video.input.open import can_be_read_again
+    from nlens_video.video.input.open import can_be_read_again
 
-        if args.command == "farm" or not can_be_read_again(settings.source.spec):
+    settings = to_settings.settings(args)
+    again = args.command != "farm" and can_be_read_again(settings.source.spec)
+    if settings.scale.given and not again:
+        raise UsageError("--marker and --person-height need a file to solve, not a stream")
+    try:
+        if not (settings.needs_camera and again):
+            return _with_camera(args, settings, console)
+    except MissingCameraError:
+        if not again:
             raise
     from nlens_video.cli.solve_command import solved_camera
 
@@ -201,16 +203,9 @@ def _doctor(args: Namespace) -> int:
 
 
 def _evaluate(args: Namespace) -> int:
-    if args.what == "composite":
-        from nlens_video.evaluate.composite.composite import evaluate_composite as evaluate
-    elif args.what == "scene":
-        from nlens_video.evaluate.composite.scene import evaluate_scene as evaluate
-    elif args.what == "sequences":
-        from nlens_video.evaluate.composite.sequences import evaluate_sequences as evaluate
-    else:
-        from nlens_video.evaluate.coc.protocol import evaluate_coc as evaluate
-    evaluate(args.folder, args.out, as_json=args.json, quiet=args.quiet)
-    return 0
+    from nlens_video.cli.evaluate_command import run_evaluate
+
+    return run_evaluate(args)
 
 
 def _check(args: Namespace) -> int:
@@ -219,7 +214,7 @@ def _check(args: Namespace) -> int:
     plate = to_settings.source_settings(args)
     return check(
         args.result, plate, search_range=args.range is None, objects=args.objects,
-        report=args.report, as_json=args.json, quiet=args.quiet,
+        camera_from=args.camera_from, report=args.report, as_json=args.json, quiet=args.quiet,
     )  # fmt: skip
 
 

@@ -21,9 +21,10 @@ from urllib.parse import unquote
 
 from nlens_video.core.errors import OutputError
 from nlens_video.core.stdio import escape_controls, standard_error
+from nlens_video.options.commands import JOBS
 from nlens_video.options.files import PAGE, Files
 from nlens_video.options.option import Option
-from nlens_video.options.table import JOBS, ROWS
+from nlens_video.options.table import ROWS
 from nlens_video.video.named_files import NamedFiles, local_path
 
 _URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from nlens_video.core.errors import NlensError, UsageError
@@ -69,7 +70,7 @@ def as_objects(glb: str | Path | ObjectSettings, args: argparse.Namespace) -> Ob
     """
     if not isinstance(glb, ObjectSettings):
         args.glb = Path(glb)
-        return object_settings(args)
+        return _under_a_horizon(object_settings(args))
     given = [
         name
         for name, option in PARAMETERS.items()
@@ -78,6 +79,17 @@ def as_objects(glb: str | Path | ObjectSettings, args: argparse.Namespace) -> Ob
     if given:
         raise UsageError(f"{', '.join(given)}: stand in the ObjectSettings; leave them out")
     return glb
+
+
+def _under_a_horizon(objects: ObjectSettings) -> ObjectSettings:
+    """Settings for frames whose camera is not solved: a place is on the ground of a level one."""
+    if objects.camera_from is not None:
+        return objects
+    if objects.on_ground is not None:
+        return replace(objects, placing=objects.on_ground.under(), on_ground=None)
+    if objects.placing is None and objects.fov_deg is not None:
+        raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
+    return objects
 
 
 def as_lens(

@@ -80,12 +80,15 @@ class Compositor:
         at: where a GLB without a camera touches the ground: column and row, in fractions of the
             frame from its upper left corner; needs `size` [frame width, frame height].
         size: height of the object there, > 0 [frame height].
+        height: its height in place of `size`, where `camera_from` is in metres [m].
         yaw: turn about the vertical, 0 faces the viewer [deg].
         fov: field of view across the frame, 1 to 170 [deg].
         horizon: row of the horizon, above `at`; None for a level camera's [frame height].
-        env: equirectangular map of the light from around, .hdr or .exr.
+        env: equirectangular map of the light from around, .hdr or .exr; None for the frame's.
         env_rotation: turn of the map about the vertical [deg].
-        env_exposure: brightness of the map in stops [EV].
+        env_exposure: brightness of the map in stops, None for the frame's level [EV].
+        sun: degrees to the right of the view, degrees above the horizon, and how much stronger than
+            all other light it is on the ground.
         shadow_strength: 0 none, 1 as the light has it, up to 2 [1].
         holdout: matte or depth of what stands in front of the object.
         occlusion: `auto` finds what stands in front by the frame's blur.
@@ -128,12 +131,14 @@ class Compositor:
         animation_offset: float | None = None,
         at: tuple[float, float] | None = None,
         size: float | None = None,
+        height: float | None = None,
         yaw: float | None = None,
         fov: float | None = None,
         horizon: float | None = None,
         env: str | Path | None = None,
         env_rotation: float | None = None,
         env_exposure: float | None = None,
+        sun: tuple[float, ...] | None = None,
         shadow_strength: float | None = None,
         holdout: str | Path | None = None,
         occlusion: Occlusion | None = None,

@@ -34,6 +34,10 @@ class SceneError(NlensError):
     exit_code = 4
 
 
+class NoGroundError(SceneError):
+    """The camera sees no ground to stand on."""
+
+
 class MissingCameraError(SceneError):
     """The glTF scene has no camera, and none was given."""
 
@@ -67,6 +71,8 @@ class NoteKind(Enum):
     INFORMATION = "information"
     """Nothing needs doing."""
     CAMERA = "camera"
+    UNCERTAIN = "uncertain"
+    """The result may be wrong; the note says what to do."""
     FOOTPRINT_UNSEEN = "footprint unseen"
     LIGHTS_MISSING = "lights missing"
     LIGHTS_LIMITED = "lights limited"

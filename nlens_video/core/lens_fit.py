@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.layers import Float32
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.numbers import with_error
 
 Sign = Literal["resolved", "assumed", "ambiguous"]
 MODEL = "coc_px = slope * disparity + intercept"
+IN_FOCUS_PX = 0.5  # a CoC below it is not seen
 LARGEST_COC_PX = 1e9
 """CoC diameters are clamped to this: larger than any frame, its square still a float32 [px]."""
 _NUMBERS: dict[str, type[float] | type[int]] = {"float": float, "int": int}  # by annotation
@@ -30,6 +33,7 @@ class LensFit:
         intercept: signed CoC diameter at infinity [px]; negative: infinity lies behind the focus.
         slope_stderr: standard error of the slope [px * scene unit].
         intercept_stderr: standard error of the intercept [px].
+        correlation: of the errors of slope and intercept, -1 to 1 [1].
         rmse_px: weighted root mean square residual of the inliers [px].
         n: pixels that entered the fit [1].
         inlier_fraction: share of them that the robust loss kept, 0 to 1 [1].
@@ -47,6 +51,7 @@ class LensFit:
     intercept: float
     slope_stderr: float = 0.0
     intercept_stderr: float = 0.0
+    correlation: float = 0.0
     rmse_px: float = 0.0
     n: int = 0
     inlier_fraction: float = 1.0
@@ -77,7 +82,7 @@ class LensFit:
         """Disparity at which the CoC is zero [1 / scene unit]; infinite for a constant CoC."""
         return -self.intercept / self.slope if self.slope else math.inf
 
-    def coc_px(self, disparity: Float32) -> Float32:
+    def coc_px(self, disparity: Float32 | Float64) -> Float32:
         """Signed CoC diameter [px], positive nearer than focus, of disparity [1 / scene unit].
 
         A finite number for any finite disparity: beyond `LARGEST_COC_PX` it stays there.
@@ -85,6 +90,42 @@ class LensFit:
         with np.errstate(over="ignore"):
             coc = np.float32(self.slope) * disparity + np.float32(self.intercept)
         return np.asarray(np.clip(coc, -LARGEST_COC_PX, LARGEST_COC_PX), dtype=np.float32)
+
+    def coc_stderr_px(self, disparity: npt.ArrayLike) -> Float64:
+        """Standard error of the CoC [px] of disparity [1 / scene unit], of the same shape."""
+        far, near = self.intercept_stderr, self.slope_stderr * np.asarray(disparity, np.float64)
+        variance = near**2 + far**2 + 2.0 * self.correlation * near * far
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+    @property
+    def depends_on_depth(self) -> bool:
+        """Whether the slope is told from zero: it is at least two standard errors."""
+        return self.slope > 0.0 and self.slope >= 2.0 * self.slope_stderr
+
+    @property
+    def usual_coc_px(self) -> float:
+        """Unsigned CoC in the middle of the ground in view, at infinity if none was seen [px]."""
+        seen = [disparity for disparity, _ in self.ground_seen]
+        middle = seen[len(seen) // 2] if seen else 0.0
+        return abs(self.slope * middle + self.intercept)
+
+    def describe(self) -> str:
+        """The lens in one line; a slope that is not told from zero is not shown as one."""
+        if not self.depends_on_depth:
+            blur = self.usual_coc_px
+            alike = f"the same blur at all depths ({blur:.1f} px)"
+            return f"{'in focus everywhere' if blur < IN_FOCUS_PX else alike}; {self.method}"
+        focus = self.focus_disparity
+        depth = "infinity"
+        if focus > 0.0:
+            error = float(self.coc_stderr_px(focus)) / self.slope / focus**2
+            depth = f"depth {with_error(1.0 / focus, error)}"
+        return (
+            f"coc_px = {with_error(self.slope, self.slope_stderr)} · disparity "
+            f"{'-' if self.intercept < 0 else '+'} "
+            f"{with_error(abs(self.intercept), self.intercept_stderr)}, in focus at {depth}; "
+            f"residual {self.rmse_px:.2f} px, sign {self.sign} (margin {self.sign_margin:.2g})"
+        )
 
     def ground_share(self, disparity: Float32) -> Float32:
         """Share of the plate that shows the ground plane, by the plane's disparity >= 0 (h, w) [1].
@@ -98,11 +139,25 @@ class LensFit:
 
     def for_width(self, width: int, height: int) -> LensFit:
         """The same lens on a frame of another size: diameters scale with the width."""
-        scale = width / self.width
+        return self._scaled(width / self.width, width=width, height=height)
+
+    def zoomed(self, ratio: float) -> LensFit:
+        """The same lens at another focal length, with its f-number and its focus held.
+
+        On the sensor the diameter of the aperture and the magnification both grow with the focal
+        length f, and a CoC with their product: f A (1/s - 1/d), A = f / N.
+
+        Args:
+            ratio: that focal length by the one of the fit [1].
+        """
+        return self._scaled(ratio * ratio)
+
+    def _scaled(self, scale: float, **changed: int) -> LensFit:
+        """All diameters times a factor."""
         values = asdict(self)
         for name in ("slope", "intercept", "slope_stderr", "intercept_stderr", "rmse_px"):
             values[name] *= scale
-        return LensFit(**{**values, "width": width, "height": height})
+        return LensFit(**{**values, **changed})
 
     def to_json(self) -> str:
         """The text of `fit.json`."""

@@ -111,6 +111,8 @@ def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture:
 
 
 ASSUMED_ANGLE_DEG = 180.0
+LONGEST_ASSUMED_S = 1 / 48
+"""Half of a film's frame. A camera of few frames a second seldom exposes for longer [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,6 +143,12 @@ class Shutter:
     def middles(self, time_s: float, count: int) -> tuple[float, ...]:
         """Middles of `count` equal parts of the time that it is open round a frame's moment [s]."""
         return tuple(time_s + self.open_s * ((i + 0.5) / count - 0.5) for i in range(count))
+
+
+def assumed_shutter(frame_s: float) -> Shutter:
+    """A shutter of 180 degrees, or of 1/48 s where that is shorter; `frame_s` as of `Shutter`."""
+    longest = 360.0 * LONGEST_ASSUMED_S / frame_s if frame_s > 0.0 else ASSUMED_ANGLE_DEG
+    return Shutter(angle_deg=min(ASSUMED_ANGLE_DEG, longest), frame_s=frame_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nlens_video.core.errors import UsageError
@@ -15,7 +14,6 @@ LEVEL = 0.5
 """Row of the horizon of a camera that is not pitched [frame height]."""
 _FARTHEST = 5.0  # from the frame's middle: farther off it is a number of pixels [frame]
 _TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
-_FOCAL_KEYS = ("focal_length.35mm_equivalent", "focallengthin35mmfilm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,16 +37,8 @@ class Placement:
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon or 0.0))):
             raise UsageError(f"--at, --size, --yaw, --horizon must be numbers: {self.describe()}")
-        x, y = self.at
-        if max(abs(x - 0.5), abs(y - 0.5)) > _FARTHEST:
-            raise UsageError(
-                f"--at {x:g},{y:g} is far off; expected fractions of the frame, 0 to 1, such as "
-                "0.5,0.8, and no pixels"
-            )
-        if not 0.0 < self.size <= _TALLEST:
-            raise UsageError(
-                f"--size {self.size:g} is a share of the frame's height, above 0, such as 0.3"
-            )
+        _check_place(self.at)
+        _check_size(self.size)
         if self.horizon is None:
             return
         if abs(self.horizon - 0.5) > _FARTHEST:
@@ -75,6 +65,63 @@ class Placement:
         return given if self.horizon is None else f"{given} --horizon {self.horizon:.4g}"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundPlacing:
+    """A place on the ground of a solved camera; what is None is chosen.
+
+    Attributes:
+        at: column and row where the object touches the ground [frame width, frame height].
+        size: rows from there up to the object's highest point, > 0 [frame height].
+        height_m: height of the object, in place of `size` [m].
+        yaw_deg: as of `Placement` [deg].
+    """
+
+    at: tuple[float, float] | None = None
+    size: float | None = None
+    height_m: float | None = None
+    yaw_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.size is not None and self.height_m is not None:
+            raise UsageError("--size and --height both give the object's height; leave one out")
+        if not math.isfinite(self.yaw_deg):
+            raise UsageError(f"--yaw {self.yaw_deg:g} must be a number of degrees")
+        if self.at is not None:
+            _check_place(self.at)
+        if self.size is not None:
+            _check_size(self.size)
+
+    def under(self, horizon: float = LEVEL) -> Placement:
+        """The place under a horizon that is given.
+
+        Raises:
+            UsageError: a part of it is to be chosen, or it needs a scale.
+        """
+        if self.height_m is not None:
+            raise UsageError(
+                "--height needs a camera in metres (--camera-from); give --size in its place"
+            )
+        if self.at is None or self.size is None:
+            raise UsageError(
+                "to place the object give both --at X,Y and --size S, fractions of the frame"
+            )
+        return Placement(at=self.at, size=self.size, yaw_deg=self.yaw_deg, horizon=horizon)
+
+
+def _check_place(at: tuple[float, float]) -> None:
+    x, y = at
+    if not max(abs(x - 0.5), abs(y - 0.5)) <= _FARTHEST:
+        raise UsageError(
+            f"--at {x:g},{y:g} is far off; expected fractions of the frame, 0 to 1, such as "
+            "0.5,0.8, and no pixels"
+        )
+
+
+def _check_size(size: float) -> None:
+    if not 0.0 < size <= _TALLEST:
+        raise UsageError(f"--size {size:g} is a share of the frame's height, above 0, such as 0.3")
+
+
 def focal_of_fov(fov_deg: float, size: tuple[int, int], pixel_aspect: float = 1.0) -> float:
     """35 mm equivalent focal length, by the frame's diagonal, of a field of view [mm].
 
@@ -92,16 +139,3 @@ def fov_of_focal(focal_mm: float, size: tuple[int, int]) -> float:
     """Field of view across a frame of square pixels, the inverse of `focal_of_fov` [deg]."""
     distance = focal_mm * math.hypot(*size) / FULL_FRAME_DIAGONAL_MM
     return 2.0 * math.degrees(math.atan(0.5 * size[0] / distance))
-
-
-def focal_35mm(metadata: Mapping[str, str]) -> float | None:
-    """35 mm equivalent focal length from a recording's metadata [mm], None without."""
-    for key, value in metadata.items():
-        if key.lower().endswith(_FOCAL_KEYS):
-            try:
-                focal = float(value)
-            except ValueError:
-                continue
-            if 1.0 <= focal <= 10_000.0:
-                return focal
-    return None

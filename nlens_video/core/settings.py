@@ -9,13 +9,14 @@ from typing import Literal
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides
-from nlens_video.core.placement import Placement
+from nlens_video.core.placement import GroundPlacing, Placement
+from nlens_video.core.scale import UNKNOWN_SCALE, ScaleSettings
 
 Device = Literal["auto", "cpu", "cuda"]
 Fallback = Literal["none", "constant"]
 Late = Literal["keep", "drop"]
 TrackFocus = Literal["auto", "off"] | int
-Occlusion = Literal["none", "auto"]
+Occlusion = Literal["none", "moving", "auto"]
 REFLECTANCE = 0.04
 """Of glass, water, polished stone and lacquer (a refractive index of 1.5), from straight above."""
 
@@ -103,21 +104,42 @@ ONCE = Playback()
 """All animations, once, from the plate's first frame on."""
 
 
+SUN_STRENGTH = 2.0
+"""Light of a sun on the ground by all other light, where it is not given [1]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SunSettings:
+    """A sun.
+
+    Attributes:
+        azimuth_deg: 0 where the camera looks on the first frame, 90 to its right [deg].
+        elevation_deg: above the horizon, above 0 to 90 [deg].
+        strength: its light on the ground by all other light [1].
+    """
+
+    azimuth_deg: float
+    elevation_deg: float
+    strength: float = SUN_STRENGTH
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightSettings:
     """What lights the object beside its file's lights, and how dark its shadow is.
 
     Attributes:
-        env: equirectangular map of the surroundings, None for none.
+        env: equirectangular map of the surroundings, None to estimate them from the plate.
         env_rotation_deg: turn of the map about the up axis, counter-clockwise from above [deg].
-        env_exposure_ev: brightness of the map in stops, 0 as it is [EV].
-        shadow_strength: 1 as the light has it, 0 none, up to 2; above 0 the shadow is on even where
-            no light is known, None leaves that to `effects` [1].
+        env_exposure_ev: brightness of the map in stops, 0 as it is, None as the plate's level [EV].
+        sun: a sun, which takes its part of the plate's level; None for none.
+        shadow_strength: 1 as the light has it, 0 none, up to 2; above 0 the shadow is on even of
+            pre-rendered layers, None leaves that to `effects` [1].
     """
 
     env: Path | None = None
     env_rotation_deg: float = 0.0
-    env_exposure_ev: float = 0.0
+    env_exposure_ev: float | None = None
+    sun: SunSettings | None = None
     shadow_strength: float | None = None
 
 
@@ -127,13 +149,14 @@ class RealSettings:
 
     Attributes:
         holdout: matte or depth of the foreground, None for none.
-        occlusion: `auto` estimates the foreground from the plate's CoC; `none` does not.
+        occlusion: `moving` finds what moves in front of it in the shot of a still camera, where
+            that is certain; `auto` falls back to the plate's CoC; `none` does neither.
         reflectance: share of the light that the ground mirrors seen from straight above, 0 to 1;
             None for 0, or `REFLECTANCE` where `effects` names the reflection [1].
     """
 
     holdout: str | None = None
-    occlusion: Occlusion = "none"
+    occlusion: Occlusion = "moving"
     reflectance: float | None = None
 
 
@@ -147,7 +170,9 @@ class ObjectSettings:
         layers: pattern of pre-rendered EXR layers, None to render the GLB.
         ground_y: height of the ground plane in the GLB's world, None to find it [scene unit].
         playback: which of its animations play, and when.
-        placing: where it stands in the frame, None to use the GLB's camera.
+        placing: where it stands in the frame under a given horizon, None without.
+        on_ground: where it stands on the ground of a solved camera, None to use the GLB's camera,
+            or where it has none, to choose.
         footprint: name of the node under which the lens is fitted, None for the whole object.
         light: what lights it, and its shadow.
         real: occlusion and reflection.
@@ -163,6 +188,7 @@ class ObjectSettings:
     ground_y: float | None = None
     playback: Playback = ONCE
     placing: Placement | None = None
+    on_ground: GroundPlacing | None = None
     footprint: str | None = None
     light: LightSettings = LightSettings()
     real: RealSettings = RealSettings()
@@ -198,6 +224,7 @@ class Settings:
     Attributes:
         source: the plate.
         scene: the object.
+        scale: what tells the plate's scale where its camera is solved.
         output: the result; None for runs that write no picture (`fit`, `--plan`).
         preset: shipped pipeline's name or path of a pipeline file.
         effects: as `EffectRequest.parse` reads it, such as `auto,+shadow,-grain`.
@@ -221,6 +248,7 @@ class Settings:
     source: SourceSettings
     scene: ObjectSettings
     output: OutputSettings | None
+    scale: ScaleSettings = UNKNOWN_SCALE
     preset: str = "standard"
     effects: str = "auto"
     budget_ms: float = 180.0
@@ -237,3 +265,9 @@ class Settings:
     report: Path | None = None
     aov: Path | None = None
     timings: Path | None = None
+
+    @property
+    def needs_camera(self) -> bool:
+        """Whether the plate's camera must be solved before the scene is looked at."""
+        placed = self.scene.on_ground is not None and self.scene.camera_from is None
+        return placed or self.scale.given

@@ -18,11 +18,20 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
+from nlens_video.core.layers import (
+    Bool,
+    Box,
+    CocMap,
+    DepthMap,
+    Float32,
+    MovingMatte,
+    ObjectLayer,
+    Picture,
+)
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.coc_discontinuities import extend_nearest
 from nlens_video.kernels.depth_layers import inpaint
-from nlens_video.stages.composite import ForegroundMatte
+from nlens_video.stages.composite import Foreground, ForegroundMatte
 from nlens_video.stages.l_reblur import ScatterKernel
 
 CONTEXT_PX = 48  # margin around a region from which foreground and background are extended [px]
@@ -57,9 +66,9 @@ def foreground_light(plate: Float32, coverage: Float32, corner: tuple[int, int])
     free = np.float32(1.0) - m
     if not back.any():
         return np.asarray(m * plate, dtype=np.float32)
-    behind_it = _inpainted(plate, back, corner)
+    behind_it = inpainted(plate, back, corner)
     if front.any():
-        alone = _inpainted(plate, front, corner)
+        alone = inpainted(plate, front, corner)
         missing = plate - m * alone - free * behind_it
         light = m * alone + (m * m / (m * m + free * free)) * missing
     else:
@@ -68,8 +77,14 @@ def foreground_light(plate: Float32, coverage: Float32, corner: tuple[int, int])
     return np.asarray(np.clip(light, 0.0, np.maximum(plate, 0.0)), dtype=np.float32)
 
 
-def _inpainted(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
-    """A plate (h, w, 3) inpainted from where it is known."""
+def inpainted(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
+    """A plate (h, w, 3) continued by pull-push from where it is known.
+
+    Args:
+        plate: scene-linear light (h, w, 3).
+        known: where it is kept (h, w); somewhere at least.
+        corner: row and column of the first pixel in the frame.
+    """
     ones = np.ones((*known.shape, 1), np.float32)
     maps = np.concatenate([plate, ones], axis=2) * known[..., None]
     filled = inpaint(np.ascontiguousarray(maps, dtype=np.float32), known, corner)
@@ -96,6 +111,28 @@ def foreground_matte(picture: Picture, region: Box, coverage: Float32) -> Foregr
         picture.linear(wide), coverage[wide.slices_in(frame)], (wide.y0, wide.x0)
     )
     return ForegroundMatte(box=region, coverage=seen, light=light[region.slices_in(wide)])
+
+
+def moving_mattes(picture: Picture, moving: MovingMatte) -> Foreground:
+    """Mattes of things that move before a known background.
+
+    All of them hide the ground that they stand on; those that are nearer hide the object.
+
+    Args:
+        picture: the plate as decoded.
+        moving: what moves on a region.
+    """
+    light = picture.linear(moving.box)
+    hidden = (np.float32(1.0) - moving.coverage[..., None]) * moving.background
+    own = np.clip(light - hidden, 0.0, np.maximum(light, 0.0))
+    own[moving.coverage <= 0.0] = 0.0
+    before = moving.before[..., None]
+    return Foreground(
+        before_object=ForegroundMatte(
+            box=moving.box, coverage=moving.coverage * moving.before, light=own * before
+        ),
+        before_ground=ForegroundMatte(box=moving.box, coverage=moving.coverage, light=own),
+    )
 
 
 def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:

@@ -9,6 +9,7 @@ from typing import Literal, cast, get_args
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import Shutter
+from nlens_video.effects.finding import Finding
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
 
 DEFOCUS = "defocus"
@@ -19,6 +20,7 @@ REFLECTION = "reflection"
 OCCLUSION = "occlusion"
 EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS)
 Base = Literal["auto", "all", "none"]
+GIVE = "give --holdout PATH or --occlusion auto"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +124,8 @@ class ShotFacts:
     """Facts about a shot that call for effects.
 
     Attributes:
-        lamps: lights, of the file or the environment map, that reach the ground.
-        surroundings: whether an environment map gives the ambient light.
+        lamps: lights, of the file, the options or the environment map, that reach the ground.
+        sun: whether one of them is a sun that the user gives.
         pre_rendered: whether the object is a pre-rendered layer.
         strength: of the shadow, 0 to 2 [1].
         strength_given: whether the user set it, and so asks for a shadow.
@@ -131,12 +133,11 @@ class ShotFacts:
         shutter: of the plate.
         measured: measurements on the plate's first pictures, by effect.
         reflectance: of the ground at normal incidence, 0 to 1 [1].
-        holdout: description of the source of occlusion, empty without one.
-        occlusion_by_coc: whether the plate's CoC is the source of occlusion.
+        occlusion: what was found of things in front of the object, None where none was looked for.
     """
 
     lamps: int = 0
-    surroundings: bool = False
+    sun: bool = False
     pre_rendered: bool = False
     strength: float = 1.0
     strength_given: bool = False
@@ -144,8 +145,7 @@ class ShotFacts:
     shutter: Shutter = Shutter()
     measured: Mapping[str, Measurement] = field(default_factory=dict)
     reflectance: float = 0.0
-    holdout: str = ""
-    occlusion_by_coc: bool = False
+    occlusion: Finding | None = None
 
 
 def decide(requested: str, shot: ShotFacts | None = None) -> tuple[Decision, ...]:
@@ -205,13 +205,19 @@ def _called_for(shot: ShotFacts) -> list[Decision]:
         DEFOCUS: (True, "decided on each frame: called for where the object's CoC reaches 0.5 px"),
         SHADOW: _shadow(shot),
         REFLECTION: _reflection(shot),
-        OCCLUSION: _occlusion(shot),
+        OCCLUSION: (False, f"nothing tells what stands in front; {GIVE}"),
         MOTION_BLUR: _motion_blur(shot),
     }
     decisions = [
         Decision(effect=effect, wanted=wanted, reason=reason)
         for effect, (wanted, reason) in by_scene.items()
     ]
+    if shot.occlusion is not None:
+        found = shot.occlusion
+        decisions[EFFECTS.index(OCCLUSION)] = Decision(
+            effect=OCCLUSION, wanted=found.wanted, reason=found.reason, measured=found.certainty,
+            threshold=found.threshold,
+        )  # fmt: skip
     on_plate = (_measured(effect, shot.measured.get(effect)) for effect in PLATE_EFFECTS)
     return [*decisions, _exposure(shot), *on_plate]
 
@@ -255,21 +261,15 @@ def _motion_blur(shot: ShotFacts) -> tuple[bool, str]:
         return False, "--shutter 0"
     return True, (
         "decided on each frame: called for where the object moves by 1 px while the shutter "
-        f"is open ({shutter.angle_deg:.4g} degrees, {shutter.source}), on its shadow and "
-        "mirror image where they do"
+        f"is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, {shutter.source}), "
+        "on its shadow and mirror image too"
     )
 
 
 def _shadow(shot: ShotFacts) -> tuple[bool, str]:
     if shot.strength <= 0.0:
         return False, "--shadow-strength 0"
-    if not (shot.lamps or shot.surroundings):
-        unlit = "no light is known to fall on the ground, from the GLB or --env"
-        if not shot.strength_given:
-            return False, f"{unlit}; --effects auto,+shadow darkens the contact only"
-        given = f"asked for by --shadow-strength {shot.strength:g}"
-        return True, f"{given}; darkens the contact only: {unlit}"
-    if shot.pre_rendered and not shot.strength_given:
+    if shot.pre_rendered and not shot.strength_given and not shot.sun:
         return False, (
             "the light that the layers were rendered in is not known; "
             "--effects auto,+shadow casts one by the GLB's lights"
@@ -289,11 +289,3 @@ def _reflection(shot: ShotFacts) -> tuple[bool, str]:
         f"--reflect: the ground mirrors {shot.reflectance:g} of the light seen from straight "
         "above, more towards grazing (Schlick)"
     )
-
-
-def _occlusion(shot: ShotFacts) -> tuple[bool, str]:
-    if shot.holdout:
-        return True, f"--holdout {shot.holdout}"
-    if shot.occlusion_by_coc:
-        return True, "--occlusion auto: where the plate's CoC is certainly of nearer things"
-    return False, "nothing tells what stands in front; give --holdout PATH or --occlusion auto"

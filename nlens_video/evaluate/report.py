@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
-from nlens_video.core.errors import OutputError, UsageError
+from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
-from nlens_video.video.atomic_files import check_target_folder, replacing
+from nlens_video.video.atomic_files import check_target_folder, make_folder, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +29,9 @@ _REDUCTIONS: Mapping[str, Callable[[list[float]], float]] = {
     "mean": lambda known: float(np.mean(known)),
     "median": lambda known: float(np.median(known)),
     "worst": lambda known: max(map(abs, known)),
+    "p90": lambda known: float(np.percentile(known, 90)),
     "most": max,
+    "least": min,
 }
 
 
@@ -42,13 +44,13 @@ class Column:
         heading: with the unit.
         digits: after the point.
         over: how the plates' figures become one: `worst` is the largest whatever its sign, `most`
-            the largest.
+            the largest, `least` the smallest, `p90` the 90th percentile.
     """
 
     key: str
     heading: str
     digits: int = 2
-    over: Literal["mean", "worst", "most", "median", "count"] = "mean"
+    over: Literal["mean", "worst", "most", "least", "median", "p90", "count"] = "mean"
 
     @property
     def name(self) -> str:
@@ -80,7 +82,7 @@ class Table:
         name: of its file.
         title: above it.
         columns: of the summary.
-        detail: key of the figure that is also shown plate by plate.
+        detail: key of the figure that is also shown plate by plate, empty for none.
         notes: below it.
         entries: what was measured, in the rows' order.
         empty: Markdown in place of a table without entries.
@@ -89,7 +91,7 @@ class Table:
     name: str
     title: str
     columns: tuple[Column, ...]
-    detail: str
+    detail: str = ""
     notes: tuple[str, ...] = ()
     entries: list[Entry] = field(default_factory=list)
     empty: str = ""
@@ -129,20 +131,15 @@ class Table:
             [row, *(cell(self._value(row, c), c.digits) for c in self.columns)]
             for row in self.rows()
         ]
-        shown = next(c for c in self.columns if c.key == self.detail)
-        on = {(e.row, e.plate): e.figures.get(self.detail, math.nan) for e in self.entries}
-        detail = [
-            [row, *(cell(on.get((row, plate), math.nan), shown.digits) for plate in self.plates())]
-            for row in self.rows()
-        ]
-        parts = [
-            f"## {self.title}",
-            grid(["", *(c.heading for c in self.columns)], summary),
-            f"{shown.heading}, plate by plate:",
-            grid(["", *self.plates()], detail),
-            *self.notes,
-        ]
-        return "\n\n".join(parts) + "\n"
+        parts = [f"## {self.title}", grid(["", *(c.heading for c in self.columns)], summary)]
+        for shown in [c for c in self.columns if c.key == self.detail][:1]:
+            on = {(e.row, e.plate): e.figures.get(shown.key, math.nan) for e in self.entries}
+            detail = [
+                [row, *(cell(on.get((row, one), math.nan), shown.digits) for one in self.plates())]
+                for row in self.rows()
+            ]
+            parts += [f"{shown.heading}, plate by plate:", grid(["", *self.plates()], detail)]
+        return "\n\n".join([*parts, *self.notes]) + "\n"
 
     def csv(self) -> str:
         """A line for each row and plate, all its figures; empty where not defined."""
@@ -289,9 +286,4 @@ def prepare_folder(out: Path | None, *, plots: bool) -> None:
     # without a home to write to it keeps its fonts in a temporary folder, and warns at length
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     check_target_folder(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"{out}: cannot be made ({error.strerror}); give another --out"
-        ) from error
+    make_folder(out, "give another --out")

@@ -13,11 +13,12 @@ from pathlib import Path
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.core.version import VERSION
-from nlens_video.farm.store import Folder, create
+from nlens_video.farm.store import NAME_A_FOLDER, Folder
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
 from nlens_video.render.select import renderer_name
 from nlens_video.run.render import OnProgress, RunResult, render
+from nlens_video.video.atomic_files import make_folder
 from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.named_files import ImageSequence
@@ -105,7 +106,7 @@ def write_chunks(
     Raises:
         NlensError: as `run.render`; chunks that are complete stay.
     """
-    create(folder)
+    make_folder(folder, NAME_A_FOLDER)
     run = replace(settings, output=OutputSettings(spec=str(folder)), track_focus="off")
     return render(run, on_progress, feed)
 

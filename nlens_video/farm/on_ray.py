@@ -25,6 +25,7 @@ from ray.exceptions import RayError
 from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.farm.merge import Merged
+from nlens_video.farm.ray_folder import ray_folder, restore_handlers
 from nlens_video.farm.tasks import Plan, QueuedTask, Task, TaskQueue
 from nlens_video.farm.worker import Worker
 from nlens_video.render.select import VARIABLE, renderer_name
@@ -68,7 +69,11 @@ class Cluster:
             if self.address is None:
                 pool.begin()
             # Ray reports lost workers on standard output, which is for results; a note reports them
-            with redirect_stdout(StringIO()), _connected(self) as count:
+            with (
+                redirect_stdout(StringIO()),
+                ray_folder(local=self.address is None) as folder,
+                _connected(self, folder) as count,
+            ):
                 pool.run(count)
             return pool.finish()
         finally:
@@ -245,16 +250,9 @@ class WorkerPool:
             self._queue.answered(waiting, self._local.take())
 
 
-def _restore_handlers(handlers: dict[signal.Signals, Any]) -> None:
-    """Restore signal handlers: Ray installs its own and removes them when it ends."""
-    for number, handler in handlers.items():
-        if handler is not None:
-            signal.signal(number, handler)
-
-
 @contextmanager
-def _connected(cluster: Cluster) -> Iterator[int]:
-    """Connect to Ray; yields the number of workers to use."""
+def _connected(cluster: Cluster, folder: str | None) -> Iterator[int]:
+    """Connect to Ray, its files in a folder; yields the number of workers to use."""
     main = threading.current_thread() is threading.main_thread()  # others get no signals
     handlers = {number: signal.getsignal(number) for number in signals.ENDING if main}
     workers = cluster.workers or max(1, (os.cpu_count() or 1) // _CPUS)
@@ -273,6 +271,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             log_to_driver=False,
             # local workers inherit the environment; a runtime environment would need a process
             runtime_env=None if local else {"env_vars": {VARIABLE: renderer_name()}},
+            _temp_dir=folder,
         )
     except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
         raise UsageError(
@@ -280,7 +279,7 @@ def _connected(cluster: Cluster) -> Iterator[int]:
             f"({str(error).splitlines()[0]}); start one with ray start --head, or leave it out"
         ) from error
     try:
-        _restore_handlers(handlers)
+        restore_handlers(handlers)
         # Ray leaves this function without types
         found: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
         if cluster.address and cluster.workers is None:
@@ -296,4 +295,4 @@ def _connected(cluster: Cluster) -> Iterator[int]:
         yield workers
     finally:
         ray.shutdown()
-        _restore_handlers(handlers)
+        restore_handlers(handlers)

@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlens_video.core.errors import InputError, NlensError, OutputError, UsageError
-from nlens_video.video.atomic_files import partial_name
+from nlens_video.video.atomic_files import make_folder, partial_name
 from nlens_video.video.chunk_file import ChunkFile
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
+NAME_A_FOLDER = "name a folder for the chunks"
+"""What to do where a folder for chunks cannot be made."""
 _FARM_FILES = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
 """Names of chunks and fits, and of their temporaries."""
 _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "adl", "oss", "oci", "memory"}
@@ -49,7 +51,7 @@ class Folder:
         Raises:
             OutputError: it cannot be created, or another run has locked it.
         """
-        create(self.local)
+        make_folder(self.local, NAME_A_FOLDER)
         try:
             handle = _lock(self.local)
         except OSError as error:
@@ -91,20 +93,6 @@ class Folder:
                 if _FARM_FILES.fullmatch(path.name):
                     path.unlink()
             self.local.rmdir()
-
-
-def create(folder: Path) -> None:
-    """Create a folder for chunks, if missing.
-
-    Raises:
-        OutputError: it cannot be created.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise OutputError(f"{folder}: is a file; name a folder for the chunks") from error
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
 
 
 def _lock(folder: Path) -> int | None:

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
-from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, OcclusionCue, Picture
-from nlens_video.core.settings import REFLECTANCE, ObjectSettings, RealSettings
+from nlens_video.core.layers import BlurredLayer, DefocusedLayer
+from nlens_video.core.settings import REFLECTANCE, ObjectSettings
 from nlens_video.effects.planner import OCCLUSION, Decision, EffectRequest
 from nlens_video.graph.base.context import (
     CocEstimator,
     DepthOrder,
     NodeContext,
-    OcclusionSource,
     ShadowScene,
 )
 from nlens_video.graph.base.node import Lane, Node, Unavailable
@@ -23,10 +22,11 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
+from nlens_video.graph.occlusion_source import open_occlusion_source
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.networks.device import DeviceChoice
-from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
     from nlens_video.networks.onnx_networks import OnnxRepairNetwork
@@ -54,9 +54,12 @@ def open_dependencies(
     ground = shadow_scene(objects, scene)
     estimate_coc = lazy_coc_estimator(view.pixel_aspect, device)
     asked_for = EffectRequest.parse(lens.effects).asks_for(OCCLUSION)
-    size = (view.width, view.height)
-    occlusion = open_occlusion_source(objects.real, size, estimate_coc, asked_for=asked_for)
-    effects = plan_effects(lens, pipeline, objects, scene, ground, occlusion, plate, profiler)
+    simulated = any(spec.type.effect == OCCLUSION for spec in pipeline.nodes)
+    possible = simulated and OCCLUSION in EffectRequest.parse(lens.effects).possible
+    occlusion, in_front = open_occlusion_source(
+        objects, scene, view, estimate_coc, plate.again if possible else None, asked_for=asked_for
+    )
+    effects = plan_effects(lens, pipeline, objects, scene, ground, in_front, plate, profiler)
     view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance
@@ -131,39 +134,6 @@ def lazy_coc_estimator(pixel_aspect: float, device: DeviceChoice) -> CocEstimato
     return lambda picture, following: estimator()(picture, following)
 
 
-def open_occlusion_source(
-    real: RealSettings, size: tuple[int, int], estimate: CocEstimator, *, asked_for: bool
-) -> OcclusionSource | None:
-    """The matte or depth file, or the plate's CoC; None where no option calls for either.
-
-    Args:
-        real: the options on occlusion.
-        size: width and height of the plate [px].
-        estimate: F.
-        asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
-
-    Raises:
-        InputError: the holdout cannot be read.
-    """
-    if real.holdout is not None:
-        from nlens_video.video.input.holdout import open_holdout
-
-        reader = open_holdout(real.holdout, size)
-        return OcclusionSource(
-            reader.description, lambda index, picture, plate_coc: reader.read(index), reader.close
-        )
-    if real.occlusion != "auto" and not asked_for:
-        return None
-
-    def coc_of_frame(index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
-        """CoC map of this frame alone, since the foreground may move."""
-        if plate_coc is not None and plate_coc.frames == 1:
-            return plate_coc
-        return estimate(picture, ())
-
-    return OcclusionSource("F: CoC network on each frame, onnxruntime on the CPU", coc_of_frame)
-
-
 def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:
     """Geometry and lighting of the shadow: the posed scene, lights and environment map.
 
@@ -175,11 +145,14 @@ def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:
     if light.env is not None:
         from nlens_video.scene.environment import load_environment
 
-        environment = load_environment(light.env, light.env_rotation_deg, light.env_exposure_ev)
+        exposure_ev = light.env_exposure_ev or 0.0
+        environment = load_environment(light.env, light.env_rotation_deg, exposure_ev)
     given = light.shadow_strength
     return ShadowScene(
         pose=scene.pose,
-        light=SceneLight(scene.light_count, environment),
+        light=SceneLight(
+            scene.light_count, environment, light.env_exposure_ev is not None, light.sun
+        ),
         pre_rendered=objects.layers is not None,
         strength=1.0 if given is None else given,
         strength_given=given is not None,

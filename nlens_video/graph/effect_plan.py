@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.optics import ASSUMED_ANGLE_DEG, ROUND, Aperture, LensOverrides, Shutter
+from nlens_video.core.optics import ROUND, Aperture, LensOverrides, Shutter, assumed_shutter
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
+from nlens_video.effects.finding import Finding
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate, overridden
 from nlens_video.effects.planner import (
     MOTION_BLUR,
@@ -21,12 +22,13 @@ from nlens_video.effects.planner import (
     decide,
     restrict_to_pipeline,
 )
-from nlens_video.graph.base.context import OcclusionSource, ShadowScene
+from nlens_video.graph.base.context import ShadowScene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.video.info import SourceFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +44,7 @@ class LensRequest:
         aperture: shape of its aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         frame_s: from one frame to the next, 0 for a still [s].
+        exposure_s: how long the shutter is open as the recording states it, if it does [s].
         optics: known vignetting and distortion.
         track: the lens over the length of a file, where it changes, in the pixels of its frames.
         live: whether a lens that changes is followed as frames come.
@@ -56,6 +59,7 @@ class LensRequest:
     aperture: Aperture = ROUND
     shutter_deg: float | None = None
     frame_s: float = 0.0
+    exposure_s: float | None = None
     optics: LensOverrides = LensOverrides()
     track: FitTrack | None = None
     live: bool = False
@@ -64,9 +68,14 @@ class LensRequest:
     @property
     def shutter(self) -> Shutter:
         """The plate's shutter."""
-        if self.shutter_deg is None:
-            return Shutter(angle_deg=ASSUMED_ANGLE_DEG, frame_s=self.frame_s, source="assumed")
-        return Shutter(angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given", given=True)
+        if self.shutter_deg is not None:
+            return Shutter(
+                angle_deg=self.shutter_deg, frame_s=self.frame_s, source="given", given=True
+            )
+        if self.exposure_s is not None and 0.0 < self.exposure_s <= self.frame_s:
+            angle = 360.0 * self.exposure_s / self.frame_s
+            return Shutter(angle_deg=angle, frame_s=self.frame_s, source="from metadata")
+        return assumed_shutter(self.frame_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +85,12 @@ class PlatePreview:
     Attributes:
         pictures: reads them, perhaps only one; called where an effect is measured on them.
         first: number of the frame that the time of measuring is counted to [1].
+        again: reads all frames of the shot, None where it can be read only once.
     """
 
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
+    again: Callable[[], Iterator[SourceFrame]] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +109,7 @@ def plan_effects(
     objects: ObjectSettings,
     scene: Scene,
     ground: ShadowScene,
-    occlusion: OcclusionSource | None,
+    occlusion: Finding | None,
     plate: PlatePreview,
     profiler: Profiler,
 ) -> EffectPlan:
@@ -110,7 +121,7 @@ def plan_effects(
         objects: ground, occlusion and reflection as the user gives them.
         scene: the object.
         ground: geometry and light of its shadow.
-        occlusion: source of occlusion, if there is one.
+        occlusion: what was found of things in front of it.
         plate: the shot's first pictures.
         profiler: times the measuring.
 
@@ -172,7 +183,7 @@ def _shot_facts(
     objects: ObjectSettings,
     scene: Scene,
     ground: ShadowScene,
-    occlusion: OcclusionSource | None,
+    occlusion: Finding | None,
     shutter: Shutter,
     measured: Mapping[str, Measurement],
 ) -> ShotFacts:
@@ -182,8 +193,8 @@ def _shot_facts(
     light = ground.light.on_ground(posed.lights)
     real = objects.real
     return ShotFacts(
-        lamps=sum(reaches(lamp, height) for lamp in light.lamps),
-        surroundings=ground.light.known and light.ambient is not None,
+        lamps=sum(reaches(lamp, height) for lamp in light.lamps) + (ground.light.sun is not None),
+        sun=ground.light.sun is not None,
         pre_rendered=ground.pre_rendered,
         strength=ground.strength,
         strength_given=ground.strength_given,
@@ -191,6 +202,5 @@ def _shot_facts(
         shutter=shutter,
         measured=measured,
         reflectance=real.reflectance or 0.0,
-        holdout=occlusion.description if occlusion is not None and real.holdout is not None else "",
-        occlusion_by_coc=real.occlusion == "auto",
+        occlusion=occlusion,
     )

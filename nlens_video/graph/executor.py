@@ -17,6 +17,7 @@ from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.base.values import FrameValues, ShotValues
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.scheduler import Worker
+from nlens_video.stages.r_camera_zoom import CameraZoom
 from nlens_video.stages.r_lens_track import FitTrack, LiveLens
 from nlens_video.video.info import SourceFrame
 
@@ -115,6 +116,7 @@ class GraphExecutor:
         profiler: times them.
         fit: the lens, when it is known beforehand, in the pixels of this stream; or all along it.
         live: follows a lens that changes, None to keep the first.
+        zoom: of the camera, which takes a lens that is kept along; None where it does not zoom.
 
     Attributes:
         fit: the lens, once found or given.
@@ -127,6 +129,7 @@ class GraphExecutor:
         profiler: Profiler,
         fit: LensFit | FitTrack | None = None,
         live: LiveLens | None = None,
+        zoom: CameraZoom | None = None,
     ) -> None:
         self.graph = graph
         self.profiler = profiler
@@ -134,6 +137,7 @@ class GraphExecutor:
         self.shot = ShotValues()
         self._track = fit if isinstance(fit, FitTrack) else None
         self._live = live
+        self._zoom = zoom
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -149,6 +153,8 @@ class GraphExecutor:
         """Use this lens, in pixels of this stream, from now on and ignore its changes."""
         self._track = self._live = None
         self.fit = fit
+        if self._zoom is not None:
+            self._zoom.fitted_s = None
 
     def begin_frame(self, frame: SourceFrame, following: tuple[Picture, ...] = ()) -> FrameState:
         """Start a frame: the ports that are given.
@@ -199,6 +205,8 @@ class GraphExecutor:
             state.values.fit = self._track.at(state.frame.index)
         elif self._live is not None and self.fit is not None:
             self._follow(state, self._live)
+        elif self._zoom is not None and self.fit is not None:
+            state.values.fit = self._zoom.follow(self.fit, state.frame.time_s)
 
     def _value(self, state: FrameState, node: Node) -> object:
         arguments = node.arguments(state.values)
@@ -243,6 +251,8 @@ class GraphExecutor:
         if found is not None:
             self.fit = state.values.fit = found.fit
             state.carried_fit = True
+            if self._zoom is not None:
+                self._zoom.fitted_s = state.frame.time_s
             if self._live is not None:
                 self._live.found(found.fit)
 

@@ -25,7 +25,10 @@ from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene
+from nlens_video.stages.r_camera_zoom import CameraZoom
 from nlens_video.stages.r_lens_track import LiveLens
+
+_WITH_BACKEND = ("estimate-coc", "render", "reblur", "lens-sampling")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +38,7 @@ class Session:
     Attributes:
         graph: the nodes.
         context: their dependencies.
+        view: how the plate's frames see the scene.
         executor: runs them.
         decisions: which effects, and why.
         device: where networks and kernels run.
@@ -44,6 +48,7 @@ class Session:
 
     graph: Graph
     context: NodeContext
+    view: View
     executor: GraphExecutor
     decisions: tuple[Decision, ...]
     device: DeviceChoice
@@ -128,7 +133,10 @@ def open_session(
     built: Built = {}
     graph = build(pipeline, effects.decisions, context, fit_given=known is not None, built=built)
     live = LiveLens(frame_s) if lens.live and known is None else None
-    executor = GraphExecutor(graph, profiler, known, live)
+    zoom = None
+    if view.zoom_ends(scene):
+        zoom = CameraZoom(lambda time_s: context.objects.camera(time_s).fx, frame_s)
+    executor = GraphExecutor(graph, profiler, known, live, zoom)
     quality = None
     if lens.hold_budget:
         graphs = lower_levels(graph, effects.decisions, context, built)
@@ -137,6 +145,7 @@ def open_session(
     return Session(
         graph=graph,
         context=context,
+        view=view,
         executor=executor,
         decisions=effects.decisions,
         device=device,
@@ -166,35 +175,64 @@ class PlanRow:
 
 
 def describe(session: Session, *, all_reasons: bool = True) -> Iterator[str]:
-    """The plan and the notes of a run as lines of text; arguments as `plan_rows`."""
-    yield from map(str, plan_rows(session, all_reasons=all_reasons))
+    """The plan and the notes of a run as lines of text.
+
+    Args:
+        session: the resolved graph.
+        all_reasons: every row of `plan_rows`; else what fits a screen.
+    """
+    yield from map(str, plan_rows(session) if all_reasons else _short_rows(session))
     for note in session.notes:
         yield f"note: {note}"
 
 
-def plan_rows(session: Session, *, all_reasons: bool = True) -> Iterator[PlanRow]:
-    """Pipeline, device, effects, and nodes with backend and condition.
-
-    Args:
-        session: the resolved graph.
-        all_reasons: also why the effects are off that are, in place of one line with their names.
-    """
+def plan_rows(session: Session) -> Iterator[PlanRow]:
+    """Pipeline, device, effects, and nodes with backend and condition."""
     graph = session.graph
-    yield PlanRow(f"pipeline {graph.pipeline}", graph.summary)
-    yield PlanRow(f"device {session.device.name}", session.device.reason)
+    yield from _pipeline_rows(session)
     for decision in session.decisions:
-        if decision.wanted or all_reasons:
-            word = "yes" if decision.wanted else "no"
-            yield PlanRow(f"effect {decision.effect}", f"{word}, {decision.reason}")
-    off = [decision.effect for decision in session.decisions if not decision.wanted]
-    if off and not all_reasons:
-        yield PlanRow("effects off", f"{', '.join(off)} (-v says why)")
+        yield _effect_row(decision)
     for node in graph.nodes:
         yield PlanRow(
             f"node {node.name}", node.description, when=f"{_when(node)}; lane {node.lane}"
         )
     for name, reason in graph.left_out:
         yield PlanRow(f"left out {name}", reason)
+
+
+def _short_rows(session: Session) -> Iterator[PlanRow]:
+    """The effects that are on, the names of the nodes, and the backends of the main ones."""
+    graph = session.graph
+    yield from _pipeline_rows(session)
+    off = []
+    for decision in session.decisions:
+        if decision.wanted:
+            yield _effect_row(decision)
+        else:
+            off.append(decision.effect)
+    if off:
+        yield PlanRow("effects off", ", ".join(off))
+    for node in graph.nodes:
+        if node.name in _WITH_BACKEND:
+            yield PlanRow(f"node {node.name}", node.description)
+    for lane in dict.fromkeys(node.lane for node in graph.nodes):
+        names = ", ".join(node.name for node in graph.nodes if node.lane == lane)
+        yield PlanRow(f"lane {lane}", names)
+    left_out = len(graph.left_out)
+    if left_out or off:
+        yield PlanRow(
+            "left out", f"{left_out} nodes that nothing calls for (-v gives every reason)"
+        )
+
+
+def _pipeline_rows(session: Session) -> Iterator[PlanRow]:
+    yield PlanRow(f"pipeline {session.graph.pipeline}", session.graph.summary)
+    yield PlanRow(f"device {session.device.name}", session.device.reason)
+
+
+def _effect_row(decision: Decision) -> PlanRow:
+    word = "yes" if decision.wanted else "no"
+    return PlanRow(f"effect {decision.effect}", f"{word}, {decision.reason}")
 
 
 def _when(node: Node) -> str:

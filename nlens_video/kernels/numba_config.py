@@ -29,15 +29,18 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _COMMON: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 _KERNEL: dict[str, Any] = {**_COMMON, "cache": True, "nogil": True}
 _INLINED: dict[str, Any] = {**_COMMON, "forceinline": True}
-# The ignored types below: compiled code works on NumPy's scalars, which are no `float` or `int`
-# to a type checker, and its callers write them as plain numbers.
 # Divisions become multiplications, and square roots may be estimated and refined: to about 1e-7.
 _QUICK: dict[str, Any] = {"fastmath": {"contract", "arcp", "afn"}}
+# Compiled code works on NumPy's scalars, which are no `float` or `int` to a type checker. Callers
+# write them as plain numbers, so their constructors are said here to make some.
+_float32 = cast(Callable[[object], float], np.float32)
+_int64 = cast(Callable[[object], int], np.int64)
+_floor = cast(Callable[[object], float], np.floor)
 
 
 def f32(value: float) -> float:
     """A float32 constant: with a float64 one all arithmetic would be float64."""
-    return np.float32(value)  # type: ignore[return-value]
+    return _float32(value)
 
 
 def kernel(function: _Function) -> _Function:
@@ -72,40 +75,40 @@ def fastmath_inlined(function: _Function) -> _Function:
 @inlined
 def to_f32(value: float) -> float:
     """A number as float32."""
-    return np.float32(value)  # type: ignore[return-value]
+    return _float32(value)
 
 
 @inlined
 def floor(value: float) -> float:
     """The whole number below, of the same type."""
-    return np.floor(value)  # type: ignore[no-any-return]
+    return _floor(value)
 
 
 @inlined
 def truncated(value: float) -> int:
     """A number without its fraction, as an index."""
-    return np.int64(np.int32(value))  # type: ignore[return-value]
+    return _int64(np.int32(value))
 
 
 @inlined
 def exponent(value: float) -> float:
     """`np.floor(np.log2(value))` of a positive, normal float32."""
     bits = np.float32(value).view(np.int32)
-    return np.float32((bits >> np.int32(23)) - np.int32(127))  # type: ignore[return-value]
+    return _float32((bits >> np.int32(23)) - np.int32(127))
 
 
 @inlined
 def significand(value: float) -> float:
     """`value / 2**exponent(value)` of a positive, normal float32, in [1, 2)."""
     bits = np.float32(value).view(np.int32) & np.int32(0x7FFFFF)
-    return np.int32(bits | np.int32(127 << 23)).view(np.float32)  # type: ignore[return-value]
+    return _float32(np.int32(bits | np.int32(127 << 23)).view(np.float32))
 
 
 @inlined
 def half_power(power: float) -> float:
     """`0.5 ** power` of a whole number from 0 to 126, float32."""
     bits = (np.int32(127) - np.int32(power)) << np.int32(23)
-    return np.int32(bits).view(np.float32)  # type: ignore[return-value]
+    return _float32(np.int32(bits).view(np.float32))
 
 
 ENOUGH = 64 << 20

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
 from nlens_video.core.version import VERSION
+from nlens_video.options.commands import ANALYSE, COMMANDS, JOBS, MAKE
 from nlens_video.options.readers import word
-from nlens_video.options.table import ANALYSE, COMMANDS, JOBS, MAKE, OPTIONS, ROWS
+from nlens_video.options.table import OPTIONS, ROWS
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -31,7 +32,7 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
   nlens-video check OUT --plate IN    is a result steady, its plate untouched; 1 where it is not
   nlens-video graph PRESET            the frame graph as a diagram (Mermaid, Graphviz)
-  nlens-video evaluate coc|composite|scene|sequences FOLDER   against rendered ground truth
+  nlens-video evaluate camera|coc|composite|scene|sequences|occlusion FOLDER   by known truth
   nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
   nlens-video study make|analyse      the paper's user study: its page, and its answers
   nlens-video doctor                  what works on this machine, and what to install
@@ -44,8 +45,8 @@ _ABOUTS = {
     "farm": "Composite in chunks on a Ray cluster, by default one on this machine.",
     JOBS: "Composite many shots on a Ray cluster.",
     "merge": "Join the chunks of a run: times checked, encoded once, the rest as in IN.",
-    "place": "Draw choices of --at, --size, --yaw, --horizon, around those given, on the first "
-    "frame.",
+    "place": "Draw choices of --at, --size and --yaw, around those given, on the first frame: on "
+    "the\nground of the plate's camera, or under --horizon.",
     "solve": "Solve the plate's camera: field of view, horizon and path, each measured, from "
     "metadata\nor assumed, with its standard error.",
     "check": "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, "

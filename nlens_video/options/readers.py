@@ -11,11 +11,12 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from nlens_video.core.settings import TrackFocus
+from nlens_video.core.settings import SUN_STRENGTH, SunSettings, TrackFocus
 from nlens_video.video.named_files import input_name, output_name
 
 _LARGEST = 1e9
 """Numbers beyond it are typing errors, and overflow somewhere."""
+_TURN_DEG, _UPRIGHT_DEG, _STRONGEST_SUN = 360.0, 90.0, 100.0
 _LONGEST_NAME = 255  # of a file or folder on Linux and macOS [byte]
 
 
@@ -80,6 +81,28 @@ def path(text: str) -> Path:
     return Path(word(text))
 
 
+def light_around(text: str) -> Path | None:
+    """A map of the surroundings; None for `plate`, which estimates them."""
+    return None if text == "plate" else path(text)
+
+
+def sun(text: str) -> SunSettings:
+    """A sun from `AZ,EL` or `AZ,EL,STRENGTH`."""
+    values = [_float(part) for part in text.split(",")]
+    if (
+        len(values) not in (2, 3)
+        or not abs(values[0]) <= _TURN_DEG
+        or not 0.0 < values[1] <= _UPRIGHT_DEG
+        or not 0.0 < (values[2] if values[2:] else 1.0) <= _STRONGEST_SUN
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not AZ,EL or AZ,EL,STRENGTH, such as 60,35 (from the right of where the "
+            "camera looks, 35 degrees up; above 0 to 90) or 60,35,3 (up to 100)"
+        )
+    azimuth, elevation, strength = (*values, SUN_STRENGTH)[:3]
+    return SunSettings(azimuth_deg=azimuth, elevation_deg=elevation, strength=strength)
+
+
 def point(text: str) -> tuple[float, float]:
     """X,Y; `core.placement.Placement` checks their range."""
     try:
@@ -87,6 +110,30 @@ def point(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
     return x, y
+
+
+_UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "": 1.0}
+
+
+def length(text: str) -> float:
+    """A length in metres: `0.4`, `0.4m`, `40cm`, `400mm`."""
+    digits = text.rstrip("cm")
+    value = _float(digits) * _UNITS_M.get(text[len(digits) :], math.nan)
+    if not 1e-4 <= value <= 1e4:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a length, such as 0.4m or 40cm")
+    return value
+
+
+def box(text: str) -> tuple[float, float, float, float]:
+    """X0,Y0,X1,Y1, fractions of the frame, with X0 < X1 and Y0 < Y1."""
+    values = [_float(part) for part in text.split(",")]
+    if len(values) == 4:
+        left, upper, right, lower = values
+        if -1.0 <= left < right <= 2.0 and -1.0 <= upper < lower <= 2.0:
+            return left, upper, right, lower
+    raise argparse.ArgumentTypeError(
+        f"{text!r} is not X0,Y0,X1,Y1 in fractions of the frame, such as 0.4,0.2,0.5,0.9"
+    )
 
 
 def distortion(text: str) -> tuple[float, float]:

@@ -8,7 +8,8 @@ from typing import Any
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import LensOverrides, parse_aperture
-from nlens_video.core.placement import LEVEL, Placement
+from nlens_video.core.placement import GroundPlacing, Placement
+from nlens_video.core.scale import ScaleSettings
 from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
@@ -38,6 +39,7 @@ def settings(args: argparse.Namespace) -> Settings:
         output=None if args.command == "fit" else output_settings(args),
         aperture=parse_aperture(args.aperture, cat_eye=args.cat_eye),
         optics=lens_overrides(args),
+        scale=_scale_beside(args),
         **{**defaults, **_given(args, "run")},
     )
 
@@ -69,13 +71,39 @@ def object_settings(args: argparse.Namespace) -> ObjectSettings:
             raise UsageError(f"--env-{name} needs a map; give --env-map MAP.hdr too")
     if "holdout" in real and real["occlusion"] == "auto":
         raise UsageError("--holdout gives the foreground; leave --occlusion auto out")
+    placing, on_ground = _placings(args)
     return ObjectSettings(
         **_given(args, "scene"),
         playback=Playback(**_given(args, "playback")),
-        placing=_placement(args),
+        placing=placing,
+        on_ground=on_ground,
         light=LightSettings(**light),
         real=RealSettings(**real),
     )
+
+
+def scale_settings(args: argparse.Namespace) -> ScaleSettings:
+    """What tells the plate's scale.
+
+    Raises:
+        UsageError: two things tell it, or one only in part.
+    """
+    return ScaleSettings(**_given(args, "scale"))
+
+
+def _scale_beside(args: argparse.Namespace) -> ScaleSettings:
+    """The scale of a run, whose camera may come from a file."""
+    scale = scale_settings(args)
+    if args.height is not None and not scale.given and args.camera_from is None:
+        raise UsageError(
+            f"--height {args.height:g}m: the plate's scale is not known; give --marker SIDE or "
+            "--person-height too, or --size in its place"
+        )
+    if scale.given and args.camera_from is not None:
+        raise UsageError(
+            "--camera-from gives the scale; give --marker or --person-height to nlens-video solve"
+        )
+    return scale
 
 
 def place_settings(args: argparse.Namespace) -> tuple[ObjectSettings, Placement]:
@@ -95,20 +123,20 @@ def _given(args: argparse.Namespace, owner: str) -> dict[str, Any]:
     return {field: value for field, value in values.items() if value is not None}
 
 
-def _placement(args: argparse.Namespace) -> Placement | None:
-    place = _given(args, "placing")
-    if not place:
-        if args.fov is not None:
-            raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
-        return None
-    if "at" not in place or "size" not in place:
-        raise UsageError(
-            "to place the object give both --at X,Y and --size S, fractions of the frame"
-        )
+def _placings(args: argparse.Namespace) -> tuple[Placement | None, GroundPlacing | None]:
+    """Where the object stands: under a horizon that is given, or on a solved ground."""
+    place, ground = _given(args, "placing"), _given(args, "ground")
+    file = getattr(args, "camera_from", None)
+    if file is not None and args.fov is not None:
+        raise UsageError("--camera-from gives the field of view; leave --fov out")
+    if not place and not ground:
+        return None, None
     if args.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
-    if getattr(args, "camera_from", None) is None:
-        return Placement(**{"horizon": LEVEL, **place})
-    if "horizon" in place:
+    horizon = place.pop("horizon", None)
+    wish = GroundPlacing(**place, **ground)
+    if horizon is None:
+        return None, wish
+    if file is not None:
         raise UsageError("--camera-from gives the horizon; leave --horizon out")
-    return Placement(**place, horizon=None)
+    return wish.under(horizon), None

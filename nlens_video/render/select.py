@@ -12,8 +12,8 @@ from pathlib import Path
 
 from nlens_video.core.errors import UsageError
 from nlens_video.render.base.box_renderer import BoxRenderer
-from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 
 VARIABLE = "NLENS_RENDERER"
 """Environment variable: `auto`, `opengl` or `software`."""

@@ -17,7 +17,7 @@ from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.report.findings import EvenPick, Findings, MainFrame, StripFrame, TimingBins
 from nlens_video.report.html import Image, jpeg, to_8_bit
-from nlens_video.video.atomic_files import remove_stale, replacing
+from nlens_video.video.atomic_files import make_folder, remove_stale, replacing
 from nlens_video.video.pixels import blend
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import Axis, Samples
@@ -50,12 +50,7 @@ class Report(Observer):
 
     def __init__(self, folder: Path, info: SourceInfo, session: Session, output: str) -> None:
         super().__init__()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(
-                f"{folder}: cannot be made ({error.strerror}); give --report a writable folder"
-            ) from error
+        make_folder(folder, "give --report a writable folder")
         self.what = f"--report {folder}"
         self._path = folder / PAGE
         remove_stale(self._path)

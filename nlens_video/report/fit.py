@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from nlens_video.core.layers import Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Findings, MainFrame
 from nlens_video.report.html import figure, key, missing, section, table
@@ -17,39 +14,6 @@ _DRAWN_SAMPLES = 3000
 _WEIGHT_STEPS = 4  # shades of a sample
 _WIDTH, _HEIGHT = 560.0, 420.0
 _MARGINS = (58.0, 46.0, 14.0, 52.0)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitCurve:
-    """The fitted line with its standard error.
-
-    Attributes:
-        fit: the lens.
-        correlation: of the errors of slope and intercept, -1 to 1 [1].
-    """
-
-    fit: LensFit
-    correlation: float
-
-    @classmethod
-    def of(cls, fit: LensFit, samples: FitSamples) -> FitCurve:
-        """The correlation is that of weighted least squares on the same samples."""
-        weight = samples.weight / np.maximum(samples.sigma_px, 1e-3) ** 2
-        weight = weight / max(float(weight.sum()), 1e-300)
-        mean = float(weight @ samples.disparity)
-        square = float(weight @ samples.disparity**2)
-        return cls(fit=fit, correlation=-mean / max(np.sqrt(square), 1e-300))
-
-    def coc_px(self, disparity: Float64) -> Float64:
-        """Signed CoC [px]."""
-        return np.asarray(self.fit.slope * disparity + self.fit.intercept)
-
-    def stderr_px(self, disparity: Float64) -> Float64:
-        """Standard error of the line [px]."""
-        slope, intercept = self.fit.slope_stderr, self.fit.intercept_stderr
-        both = 2 * self.correlation * slope * intercept * disparity
-        variance = (slope * disparity) ** 2 + intercept**2 + both
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def object_disparity(main: MainFrame | None) -> tuple[float, float] | None:
@@ -125,8 +89,7 @@ def fit_plot(
         around: the object's range of disparities, marked; None for none.
         signed: whether samples take the sign that the fit gives them.
     """
-    curve = FitCurve.of(fit, samples)
-    axes = _axes(curve, samples, around, signed=signed)
+    axes = _axes(fit, samples, around, signed=signed)
     subject = "Signed" if signed else "Unsigned"
     depths = [
         (1 / depth, f"{depth:g}")
@@ -141,7 +104,7 @@ def fit_plot(
         ),
         axes.top_labels([(0.0, "\N{INFINITY}"), *depths], "depth (m)"),
         _samples(axes, fit, samples, signed=signed),
-        _line(axes, curve, signed=signed),
+        _line(axes, fit, signed=signed),
         _focus(axes, fit),
     ]
     return axes.drawing(
@@ -153,13 +116,13 @@ def fit_plot(
 
 
 def _axes(
-    curve: FitCurve, samples: FitSamples, around: tuple[float, float] | None, *, signed: bool
+    fit: LensFit, samples: FitSamples, around: tuple[float, float] | None, *, signed: bool
 ) -> Axes:
     right = float(np.quantile(samples.disparity, 0.998))
     if around is not None:
         right = max(right, around[1])
     right *= 1.04
-    ends = curve.coc_px(np.array([0.0, right]))
+    ends = fit.coc_px(np.array([0.0, right], np.float32))
     high = max(float(np.quantile(samples.coc_px, 0.99)), float(np.abs(ends).max()) * 1.05, 1.0)
     low = 0.0
     if signed:
@@ -191,12 +154,12 @@ def _samples(axes: Axes, fit: LensFit, samples: FitSamples, *, signed: bool) -> 
     return "".join(parts)
 
 
-def _line(axes: Axes, curve: FitCurve, *, signed: bool) -> str:
-    focus = curve.fit.focus_disparity
+def _line(axes: Axes, fit: LensFit, *, signed: bool) -> str:
+    focus = fit.focus_disparity
     disparity = np.linspace(*axes.x, 161)
     if axes.x[0] < focus < axes.x[1]:
         disparity = np.sort(np.append(disparity, focus))
-    coc, error = curve.coc_px(disparity), curve.stderr_px(disparity)
+    coc, error = fit.coc_px(disparity), fit.coc_stderr_px(disparity)
     if not signed:
         coc = np.abs(coc)
     low, high = np.clip([coc - error, coc + error], *axes.y)

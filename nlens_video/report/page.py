@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from nlens_video.report.camera import ground_section
 from nlens_video.report.findings import NEVER_SEEN, Findings
 from nlens_video.report.fit import fit_section
 from nlens_video.report.html import (
@@ -28,7 +29,9 @@ from nlens_video.report.times import plan_section, times_section
 def page(findings: Findings) -> str:
     """The page as text; everything that came from outside is escaped."""
     arrow = "\N{RIGHTWARDS ARROW}"
-    sections = (_compare, _strip, maps_section, fit_section, times_section, plan_section)
+    sections = (
+        _compare, _strip, ground_section, maps_section, fit_section, times_section, plan_section,
+    )  # fmt: skip
     return document(
         "report",
         f"{file_name(findings.info.name)} {arrow} {file_name(findings.output)}",

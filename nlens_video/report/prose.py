@@ -11,7 +11,7 @@ import numpy as np
 from nlens_video.core.errors import NoteKind, kind_of
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Findings, MainFrame
-from nlens_video.report.fit import FitCurve, margin_words, object_disparity
+from nlens_video.report.fit import margin_words, object_disparity
 
 _SEEN_SHARE, _SEEN_PX = 0.15, 1.0  # visible errors of the CoC: the larger one counts
 _FEW_INLIERS = 0.5
@@ -20,6 +20,7 @@ _MET = 0.9  # share of frames within the budget that needs no note
 _REMEDIES = {
     NoteKind.OTHER: "If the picture looks wrong, change this in the GLB or the plate.",
     NoteKind.INFORMATION: "",
+    NoteKind.UNCERTAIN: "",
     NoteKind.CAMERA: "Name the camera with --camera if another one was meant.",
     NoteKind.FOOTPRINT_UNSEEN: (
         "Start on a frame with the object wholly in view (--range), or give --ground-y."
@@ -116,8 +117,7 @@ def _regression_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
     samples = regression.samples
     there = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
     middle = np.array([np.median(samples.disparity[there])])
-    curve = FitCurve.of(fit, samples)
-    error, coc = float(curve.stderr_px(middle)[0]), abs(float(curve.coc_px(middle)[0]))
+    error, coc = float(fit.coc_stderr_px(middle)[0]), abs(float(fit.coc_px(middle)[0]))
     seen = max(_SEEN_PX, _SEEN_SHARE * coc)
     if error > seen:
         yield Advice(
@@ -125,7 +125,7 @@ def _regression_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
             f"The CoC where the object stands is known to {error:.1f} px only.",
             "Use a frame with more texture on the ground or more of it in view (--range).",
         )
-    differences = samples.coc_px[there] - np.abs(curve.coc_px(samples.disparity[there]))
+    differences = samples.coc_px[there] - np.abs(fit.coc_px(samples.disparity[there]))
     if abs(difference := float(np.median(differences))) > seen:
         yield Advice(
             "warning",
@@ -168,4 +168,9 @@ def _run_advice(findings: Findings) -> Iterator[Advice]:
     for note in findings.notes:
         if note == findings.doubt and findings.fit is not None and findings.fit.slope == 0:
             continue
-        yield Advice("note", note[:1].upper() + note[1:] + ".", _REMEDIES[kind_of(note)])
+        kind = kind_of(note)
+        yield Advice(
+            "warning" if kind is NoteKind.UNCERTAIN else "note",
+            note[:1].upper() + note[1:] + ".",
+            _REMEDIES[kind],
+        )

@@ -1,6 +1,6 @@
 """Focus and zoom tracking: a first pass over a file detects lens changes and fits each of them.
 
-The change detector (`stages.r_lens_track`) measures every third frame; the CoC network runs
+The change detector (`stages.r_lens_change`) measures every third frame; the CoC network runs
 only on the frames where it reports a change. A file whose lens does not change costs the detection
 pass alone, and its lens is fitted in the run itself.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise, takewhile
+from itertools import groupby, pairwise, takewhile
 
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
@@ -19,16 +19,16 @@ from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.open_run import frame_s, open_run, opened
-from nlens_video.stages.r_lens_track import (
+from nlens_video.stages.r_lens_change import (
     CHANGED,
-    FitTrack,
-    Keyframe,
     Signature,
     changed,
-    hold_segments,
+    differs,
     is_cut,
     signature,
+    stands_still,
 )
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
 
@@ -47,10 +47,12 @@ class FitRequest:
     Attributes:
         index: of the frame [1].
         shot: number of the shot [1].
+        seen: its signature.
     """
 
     index: int
     shot: int
+    seen: Signature
 
 
 def lens_track_pass(
@@ -97,7 +99,7 @@ def lens_track_pass(
     on_counted(count)
     if len(requests) < 2:
         return None
-    keyframes = tuple(_keyframes(settings, requests))
+    keyframes = _told_changes(tuple(_keyframes(settings, requests)), requests)
     if len(keyframes) < 2:
         return None
     spacing = max(1, round(_SPACING_S / seconds))
@@ -120,7 +122,7 @@ def _fit_requests(
         if reference is None or before is None:
             reference = before = signature(picture)
             last = index
-            yield FitRequest(index, shot)
+            yield FitRequest(index, shot, reference)
             continue
         if (index - last) % _EVERY and every is None:
             skipped.append((index, picture))
@@ -129,10 +131,10 @@ def _fit_requests(
         if is_cut(before, now):
             shot, last = shot + 1, _first_after_cut(before, now, skipped, index)
             reference = now
-            yield FitRequest(last, shot)
+            yield FitRequest(last, shot, now)
         elif _needs_fit(reference, now, index - last, frame_s, every):
             reference, last = now, index
-            yield FitRequest(index, shot)
+            yield FitRequest(index, shot, now)
         before = now
         skipped.clear()
 
@@ -186,6 +188,24 @@ def _keyframes(settings: Settings, requests: tuple[FitRequest, ...]) -> Iterator
                 continue
             known = fit
             yield Keyframe(item.index, wanted[item.index].shot, fit)
+
+
+def _told_changes(
+    keys: tuple[Keyframe, ...], requests: tuple[FitRequest, ...]
+) -> tuple[Keyframe, ...]:
+    """All keys of the shots in which the lens changes, the first key of the others."""
+    seen = {request.index: request.seen for request in requests}
+    kept: list[Keyframe] = []
+    for _, group in groupby(keys, key=lambda key: key.shot):
+        first, *others = group
+        told = [
+            differs(first.fit, key.fit, still=stands_still(seen[first.index], seen[key.index]))
+            for key in others
+        ]
+        # one fit alone may be of a passing thing, unless the change comes last
+        changes = sum(told) > 1 or (bool(told) and told[-1])
+        kept += [first, *others] if changes else [first]
+    return tuple(kept)
 
 
 def _doubtful(known: LensFit, fit: LensFit) -> bool:

@@ -19,7 +19,7 @@ from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.pipeline_file import FORMER_NAMES
 from nlens_video.graph.session import Session
-from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
+from nlens_video.video.atomic_files import check_folder, make_folder, remove_stale, replacing
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import SourceInfo
 
@@ -136,12 +136,7 @@ class AovLayers(Observer):
 
     def __init__(self, folder: Path, info: SourceInfo, session: Session) -> None:
         super().__init__()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(
-                f"{folder}: cannot be made ({error}); give a writable folder"
-            ) from error
+        make_folder(folder)
         remove_stale(folder / "any.exr", whole_folder=True)
         self.what = f"--aov {folder}"
         self._folder = folder

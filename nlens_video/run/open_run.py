@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from nlens_video.cameras.files import read_camera
+from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.placement import focal_35mm
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.profiler import Profiler
@@ -24,6 +25,8 @@ from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.chunk_queue import ChunkFeed
+from nlens_video.video.exposure_time import exposure_time_s
+from nlens_video.video.focal_length import tagged_focal
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.reconnect import Reconnecting
@@ -35,6 +38,10 @@ if TYPE_CHECKING:
     import av
 
     Packet = av.Packet[Any]
+
+
+_SHORT = 3000
+"""Most frames of a file that is read as a whole for a part of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,6 +193,7 @@ def _assembled(
         aperture=settings.aperture,
         shutter_deg=settings.shutter_deg,
         frame_s=frame_s(info),
+        exposure_s=exposure_time_s(info.camera_tags),
         optics=settings.optics,
         track=track or _given_track(settings, info),
         hold_budget=settings.hold_budget,
@@ -195,8 +203,28 @@ def _assembled(
     def pictures() -> tuple[Picture, ...]:
         return run_in_thread(lambda: frames.peek(MOST_PICTURES if _may_wait(info) else 1))
 
-    plate = PlatePreview(pictures, settings.source.frames[0])
+    plate = PlatePreview(pictures, settings.source.frames[0], _read_again(settings, info))
     return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
+
+
+def _read_again(settings: Settings, info: SourceInfo) -> Callable[[], Iterator[SourceFrame]] | None:
+    """Reads the shot, None where it is no file or is not composited.
+
+    All of it, whatever the range, so that a range equals the whole; of a long file up to the end of
+    the range.
+    """
+    spec, end = settings.source.spec, settings.source.frames[1]
+    if settings.output is None or not _may_wait(info) or not can_be_read_again(spec):
+        return None
+    last = end if (info.frame_count or 0) > _SHORT else None
+
+    def again() -> Iterator[SourceFrame]:
+        with opened(replace(settings.source, frames=(0, None))) as source:
+            for frame in takewhile(lambda frame: last is None or frame.index < last, source):
+                signals.check()
+                yield frame
+
+    return again
 
 
 def view_of(settings: Settings, info: SourceInfo) -> View:
@@ -207,12 +235,13 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
     """
     file = settings.scene.camera_from
     size = info.width, info.height
+    focal = tagged_focal(info)
     return View(
         width=info.width,
         height=info.height,
         pixel_aspect=info.pixel_aspect,
         camera=settings.scene.camera,
-        focal_35mm=focal_35mm(info.metadata),
+        focal_35mm=None if focal is None else focal.equivalent_mm,
         solved=None if file is None else read_camera(file, size, info.average_rate),
     )
 

@@ -174,9 +174,10 @@ def _check_in_view(objects: ObjectSettings, scene: Scene, view: View, info: Sour
     if not moments or any(bounds_near_frame(scene, view, moment) is not None for moment in moments):
         return
     when = "" if info.kind == "still" else " on all frames"
+    placed = objects.placing or objects.on_ground
     raise SceneError(
         f"{objects.glb}: the object is out of view{when}, {_where(scene, view, moments[0])}; check "
-        f"{'--at and --size' if objects.placing else '--camera'}, --animation and --scene, or "
+        f"{'--at and --size' if placed else '--camera'}, --animation and --scene, or "
         "render a part with --range"
     )
 

@@ -18,6 +18,7 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
+from nlens_video.run.drift_check import DriftCheck
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import frame_s, open_run, opened, take_in
@@ -195,10 +196,14 @@ def render(
         run_input = take_in(source, settings, profiler, lens_track_pass(settings), chunks)
         session = run_input.session
         warmup = stack.enter_context(KernelWarmup(session.nodes))
-        zoom = ZoomCheck(frame_s(source.info))
+        step = frame_s(source.info)
+        zoom = ZoomCheck(step)
+        drift = DriftCheck(
+            step, session.context.ground_height, solved=settings.scene.camera_from is not None
+        )
         found = observers(settings, source.info, session, output)
         sidecars = stack.enter_context(SidecarOutputs(found))
-        observing = (sidecars, zoom)
+        observing = (sidecars, zoom, drift)
         total = _expected(source.info, settings)
         workers = session.workers()
         may_drop = run_input.may_drop if settings.late == "drop" else None
@@ -233,6 +238,7 @@ def render(
                 *sink.notes,
                 *_reconnections(source),
                 *zoom.notes,
+                *drift.notes,
             ),
         )  # fmt: skip
         sink.commit()

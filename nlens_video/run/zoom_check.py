@@ -15,6 +15,7 @@ from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.scene.camera import Camera
+from nlens_video.solve.tracks import luma_of
 
 _EVERY_S = 0.5
 _TOLERATED = 0.03  # of the size: focus breathing is less, a visible zoom more
@@ -133,7 +134,8 @@ class ZoomTracker:
 
     def __call__(self, picture: Picture) -> Zoom:
         """Track one frame."""
-        seen = _small(picture)
+        width = min(_WIDTH, picture.width)
+        seen = luma_of(picture, (width, max(1, round(picture.height * width / picture.width))))
         if self._before is not None and not self._follow(self._before, seen):
             self._shot += 1
             self._log_scale = 0.0
@@ -174,11 +176,3 @@ class ZoomTracker:
         self._first, self._now = first[fits[:, 0] == 1], now[fits[:, 0] == 1]
         self._since = float(np.log(max(np.hypot(matrix[0, 0], matrix[1, 0]), 1e-6)))
         return True
-
-
-def _small(picture: Picture) -> npt.NDArray[np.uint8]:
-    """Square root of the green light as 8 bit (h, w)."""
-    width = min(_WIDTH, picture.width)
-    height = max(1, round(picture.height * width / picture.width))
-    light: Float32 = picture.downsample(width, height)[..., 1]
-    return np.asarray(np.sqrt(np.clip(light, 0.0, 1.0)) * 255.0, np.uint8)

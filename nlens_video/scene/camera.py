@@ -12,6 +12,7 @@ import numpy as np
 
 from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Box, Float64
+from nlens_video.scene.gltf.animations import Animation
 from nlens_video.scene.gltf.document import Document
 
 
@@ -79,6 +80,14 @@ class Camera:
             self, cx=self.cx - box.x0, cy=self.cy - box.y0, width=box.width, height=box.height
         )
 
+    def resized(self, width: int, height: int) -> Camera:
+        """The camera of the same frame at another size [px]."""
+        x, y = width / self.width, height / self.height
+        return replace(
+            self, fx=self.fx * x, fy=self.fy * y, cx=self.cx * x, cy=self.cy * y, width=width,
+            height=height,
+        )  # fmt: skip
+
     @property
     def camera_from_world(self) -> Float64:
         """Inverse of the pose (4, 4)."""
@@ -142,15 +151,33 @@ class Perspective:
         name: its own name, else its node's, else `camera N`.
         node_name: name of the node that carries it.
         node: index of that node.
-        yfov: vertical field of view [rad].
+        number: its own index among the file's cameras.
+        yfov: vertical field of view where no animation changes it [rad].
         aspect_ratio: width by height it was made for, or None [1].
     """
 
     name: str
     node_name: str
     node: int
+    number: int
     yfov: float
     aspect_ratio: float | None
+
+    def yfov_at(self, animation: Animation, time_s: float) -> float:
+        """Vertical field of view at a time [s] of an animation [rad].
+
+        Raises:
+            SceneError: a spline between its keys leaves what a camera can have.
+        """
+        animated = animation.yfov(self.number, time_s)
+        if animated is None:
+            return self.yfov
+        if not 0.0 < animated < math.pi:
+            raise SceneError(
+                f"its animated field of view is {animated:.4g} at {time_s:.4g} s, expected an "
+                "angle between 0 and pi; straighten the curve between its keys"
+            )
+        return animated
 
 
 def read_cameras(document: Document, visible: frozenset[int]) -> tuple[Perspective, ...]:
@@ -179,6 +206,7 @@ def read_cameras(document: Document, visible: frozenset[int]) -> tuple[Perspecti
                 name=item.name or node.name or f"camera {number}",
                 node_name=node.name,
                 node=index,
+                number=number,
                 yfov=yfov,
                 aspect_ratio=lens.positive("aspectRatio"),
             )

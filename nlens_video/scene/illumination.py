@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from nlens_video.core.errors import Note, NoteKind, SceneError
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float64
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
 
@@ -17,7 +17,6 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear BT.709."""
 LAMP_DIAMETER = math.radians(4.0)
 """Apparent size of a light whose size no file tells: glTF's lights are points [rad]."""
-_GREY_WORLD = 0.2  # reflectance that the world has on average
 _KEY_DIRECTION = np.array([-0.4, -0.8, -0.45]) / np.linalg.norm([-0.4, -0.8, -0.45])
 _KEY_SHARE = 0.6  # of the light on the ground; the rest comes from around
 _AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
@@ -48,6 +47,10 @@ class Light:
     range: float | None = None
     inner_cone: float = 0.0
     outer_cone: float = math.pi / 4.0
+
+    def scaled(self, gain: float) -> Light:
+        """The same light, so many times as bright."""
+        return replace(self, intensity=gain * self.intensity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,25 +139,35 @@ class Illumination:
     ambient: Float64 | None
 
     @classmethod
-    def of_plate(cls, linear: Float32 | None) -> Illumination:
-        """A plausible light for a plate: its level, its tint, brighter above where it is.
+    def plausible(cls) -> Illumination:
+        """The light where no file and no plate tells it: a key light from above, half left."""
+        key = np.full(3, math.pi * _KEY_SHARE / -float(_KEY_DIRECTION[1]))
+        around = np.full(3, 1.0 - _KEY_SHARE)
+        return cls((Lamp(sun(key, _KEY_DIRECTION)),), hemispheres(around, around))
 
-        The level is that which shows a world of average reflectance as bright as the plate. Where
-        the key light comes from is a guess: from above, half left.
+    def scaled(self, gain: float) -> Illumination:
+        """So many times as bright."""
+        lamps = tuple(
+            replace(lamp, posed=replace(lamp.posed, light=lamp.posed.light.scaled(gain)))
+            for lamp in self.lamps
+        )
+        return Illumination(lamps, None if self.ambient is None else gain * self.ambient)
 
-        Args:
-            linear: the plate, scene-linear (H, W, 3); None for a plate of average brightness.
-        """
-        third = 1 if linear is None else max(1, len(linear) // 3)
-        plate = np.full((3, 1, 3), _GREY_WORLD) if linear is None else linear.astype(np.float64)
-        top, bottom = plate[:third].mean((0, 1)), plate[-third:].mean((0, 1))
-        level = float(np.clip(plate.mean((0, 1)) @ LUMINANCE / _GREY_WORLD, 0.05, 5.0))
-        lean = float(np.clip((bottom @ LUMINANCE + 0.01) / (top @ LUMINANCE + 0.01), 0.4, 1.0))
-        sky = (1.0 - _KEY_SHARE) * level * _tint(top)
-        ground = (1.0 - _KEY_SHARE) * level * lean * _tint(bottom)
-        strength = math.pi * _KEY_SHARE * level / -float(_KEY_DIRECTION[1])
-        key = sun(_tint(plate.mean((0, 1))) * strength, _KEY_DIRECTION)
-        return cls((Lamp(key),), hemispheres(sky, ground))
+    def on_plane(self, point: Float64) -> Float64:
+        """Irradiance (3,) of the ground at a point (3,), by all that is known of the light."""
+        lamps = (from_lamp(lamp, point) for lamp in self.lamps if reaches(lamp, float(point[1])))
+        return np.asarray(sum(lamps, self.irradiance_around(_UP)))
+
+    @property
+    def level(self) -> float:
+        """Luminous irradiance, averaged over surfaces of all directions, by distant light [1]."""
+        around = 0.0 if self.ambient is None else math.pi * float(self.ambient[0] @ LUMINANCE)
+        lights = (lamp.posed.light for lamp in self.lamps)
+        return around + sum(
+            0.25 * light.intensity * float(light.color @ LUMINANCE)
+            for light in lights
+            if light.kind == "directional"
+        )
 
     def irradiance_around(self, normal: Float64) -> Float64:
         """Irradiance (3,) that the ambient light gives a surface of a unit normal (3,)."""
@@ -183,12 +196,6 @@ def sun(irradiance: Float64, direction: Float64) -> PosedLight:
     color = tuple(float(value) / intensity if intensity > 0.0 else 1.0 for value in irradiance)
     light = Light(kind="directional", color=color, intensity=intensity)
     return PosedLight(light, np.zeros(3), direction)
-
-
-def _tint(color: Float64) -> Float64:
-    """Colour of the light behind a mean colour (3,): half its hue is taken for the surfaces'."""
-    hue = np.sqrt(np.maximum(color, 1e-4))
-    return np.asarray(hue / (hue @ LUMINANCE))
 
 
 def reaches(lamp: Lamp, ground_y: float) -> bool:
@@ -230,69 +237,3 @@ def from_around(light: Illumination, ground: Float64) -> Float64:
     strongest, all_ = float(strengths.max(initial=0.0)), float(strengths.sum())
     around = _AROUND * max(0.0, 2.0 * strongest - all_)
     return np.asarray(np.maximum(around + all_ - given.sum(axis=0), 0.0) * (around > 0.0))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SceneLight:
-    """Light on the object and its ground, from the scene file and an environment map.
-
-    Without either, the methods use the light estimated from the plate.
-
-    Attributes:
-        count: lights that the file has.
-        environment: a reduced environment map, which lights the object beside them.
-    """
-
-    count: int
-    environment: Illumination | None = None
-
-    @property
-    def known(self) -> bool:
-        """Whether a file gives the light; otherwise it is estimated from the plate."""
-        return self.count > 0 or self.environment is not None
-
-    @property
-    def note(self) -> Note:
-        """Description of the light sources."""
-        found = []
-        if self.count:
-            found.append(f"the file's {self.count} light{'s' if self.count > 1 else ''}")
-        if self.environment is not None:
-            count = len(self.environment.lamps)
-            found.append(
-                f"the environment map ({count or 'no'} light{'' if count == 1 else 's'} of it, "
-                "the rest from around)"
-            )
-        if not found:
-            return Note(
-                "the file has no lights and there is no --env: level and tint of the light are "
-                "estimated from the plate, a key light from above is a guess",
-                NoteKind.LIGHTS_MISSING,
-            )
-        lamps = self.count + len(self.environment.lamps if self.environment else ())
-        text = f"lit by {' and '.join(found)}"
-        if lamps > MAX_LAMPS:
-            return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
-        return Note(text, NoteKind.INFORMATION)
-
-    def on_object(
-        self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
-    ) -> Illumination:
-        """Illumination of the object.
-
-        Args:
-            lights: the file's, at this moment.
-            plate_light: estimated from the plate; None for a plausible light.
-        """
-        if not self.known:
-            return plate_light or Illumination.of_plate(None)
-        own = tuple(map(Lamp, lights))
-        environment = self.environment or Illumination((), None)
-        return Illumination((*own, *environment.lamps)[:MAX_LAMPS], environment.ambient)
-
-    def on_ground(
-        self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
-    ) -> Illumination:
-        """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
-        light = self.on_object(lights, plate_light)
-        return light if self.known else Illumination((), light.ambient)

@@ -14,7 +14,8 @@ from nlens_video.core.layers import Float64
 from nlens_video.core.settings import ONCE, Playback
 from nlens_video.scene.camera import Camera, Perspective, read_cameras, rigid
 from nlens_video.scene.gltf.accessors import AccessorReader
-from nlens_video.scene.gltf.animations import Animation, Animations, listed, read_animations
+from nlens_video.scene.gltf.animation_reader import read_animations
+from nlens_video.scene.gltf.animations import Animation, Animations, listed
 from nlens_video.scene.gltf.document import Document, read_document
 from nlens_video.scene.gltf.materials import read_materials
 from nlens_video.scene.gltf.meshes import TriangleMesh, read_meshes
@@ -92,7 +93,7 @@ class Scene:
             playback,
             hierarchy,
             animations.chosen(playback.animation),
-            animations.of_nodes(hierarchy.with_ancestors(camera.node for camera in cameras)),
+            animations.of_cameras(hierarchy.with_ancestors(camera.node for camera in cameras)),
             instances,
             cameras,
             tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
@@ -195,7 +196,8 @@ class Scene:
     ) -> Camera:
         """The virtual camera at a time, on a frame of a size.
 
-        It moves as the file has it, at the plate's own time, whatever the object's animation does.
+        It moves and zooms as the file has it, at the plate's own time, whatever the object's
+        animation does.
         The vertical field of view is the file's; a camera made for another aspect ratio is
         reported in `warnings`.
 
@@ -207,7 +209,8 @@ class Scene:
             pixel_aspect: width of a pixel by its height [1].
 
         Raises:
-            SceneError: the file has no such camera, or its node has no extent.
+            SceneError: the file has no such camera, its node has no extent, or its field of view
+                no angle.
         """
         key = (width, height, name, pixel_aspect)
         if not self._camera_motion.tracks and key in self._resting:
@@ -226,10 +229,19 @@ class Scene:
         try:
             moved = self._camera_motion.apply(self._hierarchy.rest, time_s)
             pose = rigid(self._hierarchy.world(moved)[chosen.node])
+            yfov = chosen.yfov_at(self._camera_motion, time_s)
         except SceneError as error:
             raise SceneError(f"{self.path}: camera '{chosen.name}': {error}") from error
-        self._resting = {key: Camera.from_yfov(pose, chosen.yfov, width, height, pixel_aspect)}
+        self._resting = {key: Camera.from_yfov(pose, yfov, width, height, pixel_aspect)}
         return self._resting[key]
+
+    def zoom_ends(self, name: str | None = None) -> tuple[float, ...]:
+        """Times of a camera's narrowest and widest keys [s], none where its lens stays.
+
+        Raises:
+            SceneError: the file has no such camera.
+        """
+        return self._camera_motion.zoom_ends(self._camera(name).number)
 
     def _camera(self, name: str | None) -> Perspective:
         if not self._cameras:
@@ -252,9 +264,10 @@ class Scene:
 def _name_alternatives(document: Document, animations: Animations, playback: Playback) -> None:
     left_out = animations.left_out(playback.animation)
     if left_out:
+        played = animations.played()
         document.warn(
-            "not played, because they move what an earlier animation moves: "
-            f"{listed(left_out)}; choose one with --animation NAME"
+            f"{listed(played)} {'plays' if len(played) == 1 else 'play'}; {listed(left_out)} would "
+            "move the same parts: choose with --animation NAME"
         )
 
 

@@ -138,7 +138,7 @@ def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> flo
     Args:
         points: in the world (N, 3) at each moment, of which every point of the body is the same
             convex combination at all of them [scene unit].
-        cameras: of each moment, of the same focal length.
+        cameras: of each moment, of the same principal point.
 
     Returns:
         The bound; infinite where a point does not lie in front of the camera.
@@ -166,15 +166,19 @@ def _travel(points: Float64, lenses: Float64) -> float:
             way_x, way_y = max(way_x, abs(right - right0)), max(way_y, abs(up - up0))
             way_z = max(way_z, abs(depth - depth0))
         moved_x, moved_y = way_x + slope_x * way_z, way_y + slope_y * way_z
-        total += math.hypot(lenses[0, 12] * moved_x, lenses[0, 13] * moved_y) / nearest
+        moved_x *= lenses[m, 12]
+        moved_y *= lenses[m, 13]
+        moved_x += abs(lenses[m, 12] - lenses[m - 1, 12]) * slope_x * nearest
+        moved_y += abs(lenses[m, 13] - lenses[m - 1, 13]) * slope_y * nearest
+        total += math.hypot(moved_x, moved_y) / nearest
     return total
 
 
 def travel_ref(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
     """Definition of `travel_bound_px`.
 
-    With x / z the projection, x1 / z1 - x0 / z0 = ((x1 - x0) - x0 / z0 (z1 - z0)) / z1; each factor
-    is bounded by its maximum over all points.
+    With f x / z the projection, x1 / z1 - x0 / z0 = ((x1 - x0) - x0 / z0 (z1 - z0)) / z1, and f1 s1
+    - f0 s0 = f1 (s1 - s0) + (f1 - f0) s0; each factor is bounded by its maximum over all points.
     """
     pairs = zip(points, cameras, strict=True)
     seen = np.array([camera.to_camera(moment) for moment, camera in pairs])
@@ -184,4 +188,6 @@ def travel_ref(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:
     slope = np.abs(seen[..., :2] / depth[..., None]).max(axis=(0, 1))
     way = np.abs(np.diff(seen, axis=0)).max(axis=1)
     moved = (way[:, :2] + slope * way[:, 2:]) / depth.min()
-    return float(np.hypot(cameras[0].fx * moved[:, 0], cameras[0].fy * moved[:, 1]).sum())
+    focal = np.array([(camera.fx, camera.fy) for camera in cameras])
+    on_screen = focal[1:] * moved + np.abs(np.diff(focal, axis=0)) * slope
+    return float(np.hypot(on_screen[:, 0], on_screen[:, 1]).sum())

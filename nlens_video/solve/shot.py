@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,37 +13,33 @@ from scipy.spatial.transform import Rotation
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathKind, SolvedCamera
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import Float64
-from nlens_video.solve.moving import MovingPath, solve_moving
-from nlens_video.solve.rotation import RotationPath, resect_rotations, solve_rotation
-from nlens_video.solve.segments import Segments, find_segments
+from nlens_video.core.layers import CocMap, Float64
+from nlens_video.solve.focal import (
+    KnownFov,
+    focal_by_lines,
+    pooled,
+    product,
+    turned_segments,
+)
+from nlens_video.solve.paths.bundle import Bundle
+from nlens_video.solve.paths.joining import Joined, parts_of
+from nlens_video.solve.paths.moving import Part, PartSolver, bundle_turn, with_focal
+from nlens_video.solve.points.observations import Observations
+from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
+from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
+from nlens_video.solve.still.segments import Segments, find_segments
+from nlens_video.solve.still.vanishing import Horizon, Mixture
 from nlens_video.solve.tracks import Tracker
-from nlens_video.solve.vanishing import FOCAL_PRIOR, Horizon, Mixture
 
 EYE_HEIGHT = 1.6
 """Height of the first camera above the ground where no scale is known [scene unit]."""
-_STILL_PX = 0.75
-_ROTATION_PX = 0.6
-_WORST_PX = 1.0  # of a reconstruction that is believed
-_KEYFRAMES = 13
+_FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
+_STRAIGHT = math.radians(1.0)  # turn of a path whose pictures share their vanishing points
+_POOLED = 6  # pictures whose lines are pooled, at most
 _FOV_MEASURED = 0.08  # largest standard error of a focal length that counts as measured [1]
 _PITCH_MEASURED, _ROLL_MEASURED = math.radians(3.0), math.radians(1.5)
 _GROUND_ERROR_DEG = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class KnownFov:
-    """A field of view that need not be measured.
-
-    Attributes:
-        focal: focal length by the frame's width [1].
-        error: its relative standard error [1].
-        given: by the user, else by the file's metadata.
-    """
-
-    focal: float
-    error: float
-    given: bool
+_FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
 
 
 @dataclass(slots=True)
@@ -52,132 +49,223 @@ class ShotSolver:
     Attributes:
         size: columns and rows [px].
         known: field of view from metadata or the user, None to measure it.
+        first: number of the first picture in the plate.
         every: keyframes lie at least this many frames apart, 0 for a number by the shot's length.
+        coc: reads the blur of the first picture, which tells of the ground; None for lines alone.
     """
 
     size: tuple[int, int]
     known: KnownFov | None = None
+    first: int = 0
     every: int = 0
+    coc: Callable[[], CocMap] | None = None
     _tracker: Tracker = field(default_factory=Tracker)
     _times: list[float] = field(default_factory=list)
-    _segments: Segments | None = None
+    _lines: Segments | None = None
+    _pictures: dict[int, npt.NDArray[np.uint8]] = field(default_factory=dict)
+    _apart: int = 1
+
+    @property
+    def seen(self) -> Observations:
+        """Where points were seen."""
+        return self._tracker.observations
+
+    @property
+    def times_s(self) -> list[float]:
+        """Times of the pictures [s]."""
+        return self._times
+
+    @property
+    def segments(self) -> Segments:
+        """Line segments of the first picture."""
+        if self._lines is None:
+            self._lines = find_segments(self._pictures[0])
+        return self._lines
 
     def add(self, luma: npt.NDArray[np.uint8], pts_s: float) -> None:
         """Take the next picture (H, W) and its time [s]."""
-        if self._segments is None:
-            self._segments = find_segments(luma)
+        index = len(self._times)
         self._tracker.add(luma)
         self._times.append(pts_s)
+        if index % self._apart == 0:
+            self._pictures[index] = luma
+            if len(self._pictures) > _POOLED:
+                self._apart *= 2
+                for one in [one for one in self._pictures if one % self._apart]:
+                    del self._pictures[one]
 
     def solve(self) -> SolvedCamera:
         """The camera of the pictures so far.
 
         Raises:
-            InputError: there was no picture.
+            InputError: there was no picture, or no path explains them.
             UsageError: the camera moves and pycolmap is missing.
         """
-        if self._segments is None:
+        if not self._times:
             raise InputError("no picture to solve the camera from")
-        tracks = self._tracker.long_tracks()
-        if self._motion(tracks) < _STILL_PX:
-            return self._still()
-        frames = list(range(len(self._times)))
-        keyframes = self._keyframes()
-        width = self.size[0]
-        focal = None if self.known is None else self.known.focal * width
-        rotation = solve_rotation(tracks, keyframes, self.size, focal)
-        if rotation is not None and rotation.residual_px < _ROTATION_PX:
-            turns = resect_rotations(tracks, keyframes, frames, rotation, self.size)
-            return self._turning(rotation, turns)
-        moving = solve_moving(tracks, keyframes, frames, self.size, focal)
-        if focal is None and (moving is None or not _tells_focal(moving)):
-            # A straight path without a turn fits any focal length: take that of the still picture.
-            focal = math.exp(self._horizon().log_focal) * width
-            moving = solve_moving(tracks, keyframes, frames, self.size, focal)
-        if moving is None or moving.residual_px > _WORST_PX:
+        if self._tracker.cut is not None:
+            cut = self.first + self._tracker.cut
             raise InputError(
-                f"the camera moves, but its path cannot be solved from {len(tracks)} tracked "
-                "points: too little texture, or too much of the picture moves; give --camera-from"
+                f"frame {cut}: another shot begins, and a camera is of one shot; give --range "
+                f"{self.first}:{cut} or --range {cut}:"
             )
-        return self._moving(moving)
+        if len(self._times) == 1 or not self._tracker.moves:
+            return self._still()
+        # What the user gives is kept; a tag, which knows no crop, yields to a better measurement.
+        given = self.known is not None and self.known.given
+        focal = self.known.focal * self.size[0] if self.known and given else None
+        solver = PartSolver(self.seen, self.size, self.first)
+        joined: Joined | None = None
+        error = 0.0
+        for keyframes in parts_of(self._tracker.steps_px, self.size[0], self.every):
+            part = self._part(solver, keyframes, focal)
+            if joined is None:
+                joined, error = Joined.begun(part), part.focal_error
+            else:
+                joined.add(part)
+            if focal is None and part.focal_error < _FOV_KNOWN and not part.zooms:
+                focal = float(np.median(part.focals_px))
+        assert joined is not None
+        if joined.depth is None:
+            return self._turning(joined, error)
+        return self._moving(joined, error)
 
-    def _motion(self, tracks: list[dict[int, npt.NDArray[np.float32]]]) -> float:
-        """How far the middle track strays from where it began [px]."""
-        if not tracks:
-            return 0.0
-        strayed = []
-        for track in tracks:
-            points = np.array(list(track.values()))
-            strayed.append(float(np.linalg.norm(points - points[0], axis=1).max()))
-        return float(np.median(strayed))
+    def _part(self, solver: PartSolver, keyframes: list[int], focal_px: float | None) -> Part:
+        """A part of the shot, with a focal length from lines where its path tells none."""
+        found = solver.solve(keyframes, focal_px)
+        if isinstance(found, Part):
+            if found.focal_error < min(_FOV_MEASURED, self._focal_prior()[1]):
+                return found
+            prior = math.log(found.focals_px[0] / self.size[0]), found.focal_error
+            still = self._horizon(self.segments, product(prior, self._focal_prior()))
+            again = solver.solve(keyframes, math.exp(still.log_focal) * self.size[0])
+            if isinstance(again, Part):
+                return replace(again, focal_error=math.sqrt(still.covariance[2, 2]))
+            return found
+        zooms = float(np.ptp(found.focals_px)) > 0.0
+        error = 0.0 if focal_px is not None else solver.focal_error(found)
+        if error > min(_FOV_KNOWN, self._focal_prior()[1]) and not zooms:
+            found, error = self._with_focal(keyframes, found, error)
+        return solver.moving(keyframes, found, error)
 
-    def _keyframes(self) -> list[int]:
-        last = len(self._times) - 1
-        step = self.every or max(1, math.ceil(last / (_KEYFRAMES - 1)))
-        return sorted({*range(0, last + 1, step), last})
+    def _with_focal(self, keyframes: list[int], path: Bundle, error: float) -> tuple[Bundle, float]:
+        """A path with the focal length that lines over its ground tell, and its error [1]."""
+        width = self.size[0]
+        focal = float(np.median(path.focals_px)) / width
+        prior = product((math.log(focal), error), self._focal_prior())
+        places = path.solved
+        ground = fit_ground(path.points[np.isfinite(path.points[:, 0])], path.poses[places])
+        first = path.poses[places[0]]
+        shown = {keyframes[place]: path.poses[place] for place in places}
+        turned = {
+            frame: first[:3, :3].T @ shown[min(shown, key=lambda key: abs(key - frame))][:3, :3]
+            for frame in self._pictures
+            if keyframes[0] <= frame <= keyframes[-1]
+        }
+        if bundle_turn(path) > _STRAIGHT:
+            turned = dict(list(turned.items())[:1])  # turned segments depend on the focal length
+        if not turned:
+            return path, error
+        pictures = self._segments(turned, focal)
+        if ground is None:
+            found = self._horizon(pooled(pictures), prior)
+            log, error = found.log_focal, math.sqrt(found.covariance[2, 2])
+        else:
+            normal = first[:3, :3].T @ ground[0]
+            log, error = focal_by_lines(pictures, self.size, normal, focal, prior)
+        return with_focal(path, math.exp(log) * width), error
 
-    def _horizon(self, focal: tuple[float, float] | None = None) -> Horizon:
+    def _segments(self, turned: dict[int, Float64], focal: float) -> list[Segments]:
+        """Line segments of some pictures in the axes of the first frame."""
+        return [
+            turned_segments(find_segments(self._pictures[frame]), turn, focal, self.size)
+            for frame, turn in turned.items()
+        ]
+
+    def _horizon(
+        self, segments: Segments, focal: tuple[float, float] | None = None,
+        blur: GroundBlur | None = None,
+    ) -> Horizon:  # fmt: skip
         """Attitude of the first picture, with a focal length that is known to an error."""
-        assert self._segments is not None
-        if focal is None and self.known is not None:
-            focal = math.log(self.known.focal), max(self.known.error, 1e-3)
-        return Mixture(self._segments, self.size, focal or FOCAL_PRIOR).solve()
+        prior = CameraPrior(focal or self._focal_prior(), blur)
+        return Mixture(segments, self.size, prior).solve()
+
+    def _blur(self) -> GroundBlur | None:
+        return None if self.coc is None else fit_ground_blur(self.coc())
+
+    def _focal_prior(self) -> tuple[float, float]:
+        """Logarithm of the focal length by the frame's width, and its spread, before measuring."""
+        if self.known is None:
+            return FOCAL_PRIOR
+        return math.log(self.known.focal), max(self.known.error, 1e-3)
 
     def _still(self) -> SolvedCamera:
-        horizon = self._horizon()
+        horizon = self._horizon(self.segments, blur=self._blur())
+        errors = np.sqrt(np.diag(horizon.covariance))
+        sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
         return self._solved(
-            [_pose(horizon)], horizon, path="still", focal=math.exp(horizon.log_focal),
+            [0], [_pose(horizon)], [math.exp(horizon.log_focal)], errors, path="still", sure=sure,
             method="vanishing points",
         )  # fmt: skip
 
-    def _turning(self, rotation: RotationPath, turns: Float64) -> SolvedCamera:
-        focal = rotation.focal_px / self.size[0]
-        error = max(rotation.focal_stderr_px / rotation.focal_px, 1e-3)
-        horizon = self._horizon((math.log(focal), error))
-        first = _pose(horizon)
+    def _turning(self, path: Joined, error: float) -> SolvedCamera:
+        width = self.size[0]
+        place = {frame: n for n, frame in enumerate(path.frames)}
+        first = path.poses[0][:3, :3]
+        turned = {
+            frame: first.T @ path.poses[place[frame]][:3, :3]
+            for frame in self._pictures
+            if frame in place
+        }
+        focal = path.focals_px[0] / width
+        segments = pooled(self._segments(turned, focal))
+        horizon = self._horizon(segments, (math.log(focal), max(error, 1e-3)), self._blur())
+        errors = np.sqrt(np.diag(horizon.covariance))
+        errors[2] = max(error, 1e-3)
+        sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
         poses = []
-        for turn in turns:
-            pose = first.copy()
-            pose[:3, :3] = first[:3, :3] @ turn
-            poses.append(pose)
+        for pose in path.poses:
+            level = _pose(horizon)
+            level[:3, :3] = level[:3, :3] @ first.T @ pose[:3, :3]
+            poses.append(level)
         return self._solved(
-            poses, horizon, path="rotation", focal=focal, method="rotation and vanishing points"
-        )
+            path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
+            sure=sure, method="rotation and vanishing points",
+        )  # fmt: skip
 
-    def _moving(self, path: MovingPath) -> SolvedCamera:
-        focal = path.focal_px / self.size[0]
-        error = path.focal_stderr_px / path.focal_px
-        poses = np.array(list(path.poses.values()))
-        ground = fit_ground(path.points, poses)
+    def _moving(self, path: Joined, error: float) -> SolvedCamera:
+        poses = np.array(path.poses)
+        ground = fit_ground(path.ground, poses[: path.ground_frames])
         if ground is None:
             raise InputError(
-                f"the camera's path is solved, but no ground is found among {len(path.points)} "
+                f"the camera's path is solved, but no ground is found among {len(path.ground)} "
                 "points: expected a plane below the camera; give --camera-from"
             )
-        horizon = self._horizon((math.log(focal), max(error, 1e-3)) if error > 0.0 else None)
-        covariance = horizon.covariance.copy()
-        covariance[:2, :2] = np.eye(2) * math.radians(_GROUND_ERROR_DEG) ** 2
-        horizon = replace(horizon, covariance=covariance, share=1.0)
         level = ground_frame(*ground, poses[0], EYE_HEIGHT)
         scale = float(np.cbrt(np.linalg.det(level[:3, :3])))
         turned = level @ poses
         turned[:, :3, :3] /= scale
-        return self._solved(
-            list(turned), horizon, path="moving", focal=focal, method="structure from motion",
-            frames=list(path.poses),
+        # A focal length that is off stretches the scene along the axis, and tilts its ground.
+        tilt = 0.5 * abs(math.sin(2.0 * math.asin(float(turned[0, 1, 2])))) * error
+        errors = np.array([
+            math.hypot(math.radians(_GROUND_ERROR_DEG), tilt), math.radians(_GROUND_ERROR_DEG),
+            max(error, 1e-3),
+        ])  # fmt: skip
+        camera = self._solved(
+            path.frames, list(turned), [one / self.size[0] for one in path.focals_px], errors,
+            path="moving", sure=True, method="structure from motion",
         )  # fmt: skip
+        return replace(camera, points=path.ground @ level[:3, :3].T + level[:3, 3])
 
     def _solved(
-        self, poses: list[Float64], horizon: Horizon, *, path: PathKind, focal: float, method: str,
-        frames: list[int] | None = None,
+        self, frames: list[int], poses: list[Float64], focals: list[float], errors: Float64, *,
+        path: PathKind, sure: bool, method: str,
     ) -> SolvedCamera:  # fmt: skip
         """The camera with the sources and errors of its values."""
-        errors = np.sqrt(np.diag(horizon.covariance))
-        fov = 2.0 * math.degrees(math.atan(0.5 / focal))
-        sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
-        source: FovSource = "measured" if errors[2] < _FOV_MEASURED else "assumed"
-        if self.known is not None:
-            source = "metadata"
+        fovs = [2.0 * math.degrees(math.atan(0.5 / focal)) for focal in focals]
+        source: FovSource = "assumed" if self.known is None else "metadata"
+        if errors[2] < min(_FOV_MEASURED, _FINER * (self.known.error if self.known else 1.0)):
+            source = "measured"
         return SolvedCamera(
             width=self.size[0],
             height=self.size[1],
@@ -186,24 +274,19 @@ class ShotSolver:
                     index=frame, pts_s=self._times[frame],
                     world_to_camera=np.asarray(np.linalg.inv(pose)), fov_x_deg=fov,
                 )
-                for frame, pose in zip(frames or range(len(poses)), poses, strict=True)
+                for frame, pose, fov in zip(frames, poses, fovs, strict=True)
             ),
             fov=source,
             horizon="measured" if sure else "assumed",
             path=path,
             errors=CameraErrors(
                 # d fov / d log focal = -sin(fov)
-                fov_deg=math.degrees(math.sin(math.radians(fov)) * float(errors[2])),
+                fov_deg=math.degrees(math.sin(math.radians(fovs[0])) * float(errors[2])),
                 pitch_deg=math.degrees(errors[0]),
                 roll_deg=math.degrees(errors[1]),
             ),
             method=method,
         )  # fmt: skip
-
-
-def _tells_focal(path: MovingPath) -> bool:
-    """Whether a path measures the focal length."""
-    return path.focal_stderr_px < _FOV_MEASURED * path.focal_px
 
 
 def _pose(horizon: Horizon) -> Float64:

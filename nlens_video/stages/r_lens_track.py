@@ -1,10 +1,4 @@
-"""R over time: detects changes of the lens, and smooths its fits over a shot.
-
-Estimating the CoC takes a tenth of a second, the change detector a few milliseconds. It compares
-the plate's blur with that at the last fit: patches on a grid are split in octaves of detail. Blur
-removes detail octave by octave, whatever the light and the contrast, so the ratio of neighbouring
-octaves is compared: by rows of patches, since the depth of a ground, and so its blur, goes by rows;
-and by medians, so that moving things do not count.
+"""R over time: smooths the fits of a lens that changes over a shot.
 
 A file is fitted in a pass of its own (`FitTrack`). On a live stream a change is detected only after
 it occurred; the lens then moves towards the newest fit by a fixed share per frame (`LiveLens`).
@@ -18,89 +12,26 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.layers import Box, Float32, Float64, Picture
+from nlens_video.core.layers import Float64, Picture
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.stages.r_lens_change import (
+    CHANGED,
+    Signature,
+    changed,
+    differs,
+    is_cut,
+    signature,
+    stands_still,
+)
 
-CHANGED = 0.1
-"""Change of the log-ratio of two octaves that calls for another fit: a focus that moves by 7 %
-gives as much, or an aperture that opens by a fifth; noise and a panning camera seldom do."""
-
-CUT = 0.12  # mean change of the patches' brightness from one frame to the next [1]
 EVERY = 3  # frames from one change detection of a live stream to the next
-_ROWS, _COLUMNS = 6, 8
-_PATCH_SHARE = 1 / 16  # of the frame's width
-_SMALLEST_PX, _LARGEST_PX = 24, 64
-_BLURS_PX = (0.8, 1.6, 3.2, 6.4)  # between which the octaves lie
-_FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light) [1]
 _LEAST_ERROR = 1e-3  # of a fit [px]
 _MOST_FRAMES = 1 << 40  # limit of frame numbers in a file
 _SPACING_S = 0.2  # least time between two fits of a live stream
 _SMOOTHING_S = 0.15  # time constant of its smoothing
-
-
-@dataclass(frozen=True, slots=True)
-class Signature:
-    """Blur and light of a frame on a grid of patches.
-
-    Attributes:
-        ratios: log-ratios of neighbouring octaves (rows, columns, octaves - 1), nan where a patch
-            has no detail.
-        light: mean of each patch (rows, columns), root of scene-linear light [1].
-    """
-
-    ratios: Float64
-    light: Float64
-
-
-def signature(picture: Picture) -> Signature:
-    """Signature of a frame."""
-    side = int(min(max(_PATCH_SHARE * picture.width, _SMALLEST_PX), _LARGEST_PX))
-    side = min(side, picture.width, picture.height)
-    patches = np.empty((side, side, _ROWS * _COLUMNS), np.float32)
-    for at in range(_ROWS * _COLUMNS):
-        row, column = divmod(at, _COLUMNS)
-        y = (picture.height - side) * (2 * row + 1) // (2 * _ROWS)
-        x = (picture.width - side) * (2 * column + 1) // (2 * _COLUMNS)
-        patches[..., at] = picture.linear(Box(x, y, x + side, y + side))[..., 1]
-    root = np.sqrt(np.maximum(patches, 0.0))
-    grid = (_ROWS, _COLUMNS)
-    return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(0, 1)).reshape(grid))
-
-
-def _octaves(patches: Float32) -> Float64:
-    """Log-ratios of adjacent octaves (N, octaves - 1) of patches (side, side, N), nan in noise."""
-    soft = [
-        cv2.GaussianBlur(patches, (0, 0), blur, borderType=cv2.BORDER_REFLECT) for blur in _BLURS_PX
-    ]
-    bands = zip(soft[:-1], soft[1:], strict=True)
-    detail = np.stack([(fine - coarse).std(axis=(0, 1)) for fine, coarse in bands], axis=1)
-    ratios = np.diff(np.log(np.maximum(detail, _FLOOR)).astype(np.float64), axis=1)
-    ratios[detail[:, 1:] <= _FLOOR] = np.nan
-    return np.asarray(ratios)
-
-
-def changed(reference: Signature, now: Signature) -> float:
-    """Change of the blur: the second largest of the rows' median changes, in log-ratios [1].
-
-    A change of the lens shows at most depths.
-    """
-    with np.errstate(all="ignore"):
-        difference = now.ratios - reference.ratios
-    rows = sorted(
-        abs(float(np.median(seen)))
-        for octave in difference.swapaxes(1, 2).reshape(-1, _COLUMNS)
-        if len(seen := octave[np.isfinite(octave)]) >= _COLUMNS // 2
-    )
-    return rows[-2] if len(rows) >= 2 else 0.0
-
-
-def is_cut(before: Signature, now: Signature) -> bool:
-    """Whether another shot begins between two neighbouring frames."""
-    return float(np.abs(now.light - before.light).mean()) > CUT
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,14 +130,23 @@ class FitTrack:
 
     def describe(self) -> str:
         """A note for the user."""
-        focus = [key.fit.focus_disparity for key in self.keys]
-        ends = [1.0 / d if d > 0.0 else float("inf") for d in (focus[0], focus[-1])]
-        cuts = f" over {len(self.cuts) + 1} shots" if self.cuts else ""
-        found = len({key.fit.frame for key in self.keys})
+        own: dict[int, set[int]] = {}
+        for key in self.keys:
+            own.setdefault(key.shot, set()).add(key.fit.frame)
+        found = sum(map(len, own.values()))
+        if found == len(own):
+            return f"the lens is fitted once in each of {found} shots"
+        shots = f" over {len(self.cuts) + 1} shots" if self.cuts else ""
+        first, last = self.keys[0].fit, self.keys[-1].fit
+        ends = [_focus_depth(first), _focus_depth(last)]
         return (
-            f"the lens changes: followed by {found} fits{cuts}, in focus at depth "
-            f"{ends[0]:.3g} at first, {ends[1]:.3g} at last"
+            f"the lens changes: followed by {found} fits{shots}, in focus at {ends[0]} at first, "
+            f"{ends[1]} at last"
         )
+
+
+def _focus_depth(fit: LensFit) -> str:
+    return f"depth {1.0 / fit.focus_disparity:.3g}" if fit.focus_disparity > 0.0 else "infinity"
 
 
 def hold_segments(keys: Sequence[Keyframe], spacing: int, end: int) -> tuple[Keyframe, ...]:
@@ -253,6 +193,7 @@ class LiveLens:
         self._before: Signature | None = None
         self._since = 0
         self._cut = False
+        self._still = True
         self._target: LensFit | None = None
         self._now: LensFit | None = None
         self.fits = 0
@@ -271,11 +212,18 @@ class LiveLens:
         waited = self._since >= self._spacing
         if not self._cut and not (waited and changed(self._reference, seen) > CHANGED):
             return False
+        self._still = stands_still(self._reference, seen)
         self._reference, self._since = seen, 0
         return True
 
     def found(self, fit: LensFit) -> None:
-        """Smooth towards this fit from now on; jump to it if it is the first or after a cut."""
+        """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
+
+        Within a shot, a fit that does not differ from the last by more than its error is left out.
+        """
+        if self._target is not None and not self._cut:
+            if not differs(self._target, fit, still=self._still):
+                return
         self._target = fit
         self.fits += 1
         if self._now is None or self._cut:

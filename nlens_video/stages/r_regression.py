@@ -117,12 +117,14 @@ class FitLens:
         weight = problem.inlier_weight(lens)
         covariance = problem.covariance(lens, samples.cluster, _INDEPENDENT)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
-        sign, margin = _sign(problem, lens)
+        stderr = np.sqrt(np.diag(covariance))
+        sign, margin = _sign(problem, lens, float(stderr[0]))
         fit = LensFit(
             slope=lens.slope,
             intercept=-lens.slope * lens.focus,
-            slope_stderr=float(np.sqrt(covariance[0, 0])),
-            intercept_stderr=float(np.sqrt(covariance[1, 1])),
+            slope_stderr=float(stderr[0]),
+            intercept_stderr=float(stderr[1]),
+            correlation=float(covariance[0, 1] / max(stderr[0] * stderr[1], 1e-300)),
             rmse_px=float(np.sqrt(np.average(error**2, weights=weight + 1e-12))),
             n=len(error),
             inlier_fraction=float(np.mean(weight > 0.25)),
@@ -227,8 +229,10 @@ def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitS
     )
 
 
-def _sign(problem: VFit, lens: VCandidate) -> tuple[Sign, float]:
+def _sign(problem: VFit, lens: VCandidate, slope_stderr: float) -> tuple[Sign, float]:
     """Whether the data resolve the side of the focus on which the object's ground lies."""
+    if lens.slope < 2.0 * slope_stderr:  # one blur at all depths: either sign makes it
+        return "ambiguous", 0.0
     if abs(problem.coc_at_median(lens)) < 1.0:
         return "resolved", 1.0  # in focus there: either sign makes the same picture
     margin = problem.sign_margin(lens)

@@ -135,6 +135,20 @@ def check_target_folder(folder: Path) -> None:
         raise OutputError(f"{folder}: the folder {there} cannot be written to")
 
 
+def make_folder(folder: Path, remedy: str = "give a writable folder") -> None:
+    """Make a folder with all above it, if it is missing.
+
+    Raises:
+        OutputError: it cannot be made; the message ends with what to do.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise OutputError(f"{folder}: is a file; {remedy}") from error
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror}); {remedy}") from error
+
+
 def publish(partial: Path, path: Path) -> None:
     """Flush a finished file to the disk and rename it to its final name.
 

@@ -74,6 +74,7 @@ class SourceInfo:
         copied: the other streams, which are carried over.
         metadata: of the container.
         stream_metadata: of the video stream, such as language and timecode.
+        camera_tags: what it says of its camera: tags of the file, EXIF, tags of a QuickTime track.
         disposition: FFmpeg's flags of the video stream.
         chapters: of the container.
         notes: streams that are left out, and why.
@@ -100,6 +101,7 @@ class SourceInfo:
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
     stream_metadata: dict[str, str] = field(default_factory=dict)
+    camera_tags: dict[str, str] = field(default_factory=dict)
     disposition: int = 1
     chapters: tuple[av.container.Chapter, ...] = ()
     notes: tuple[str, ...] = ()

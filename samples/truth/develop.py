@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import OpenEXR
@@ -20,6 +21,7 @@ from truth.plan import SENSOR_MM, WIDTH, Floats, Lens, View, matrices
 
 Float32 = npt.NDArray[np.float32]
 NO_OBJECT_M = 1e10
+SKY_M = 1e4
 BRIGHT, BRIGHT_PERCENTILE = 0.45, 90.0
 
 
@@ -37,6 +39,12 @@ class Take:
         """Scene-linear to picture-linear, the same for every focus [1]."""
         first = min(self.raw.glob("bg_*.exr"))
         return exposure(self.view.seed, read_rgb(first))
+
+    @property
+    def sun(self) -> dict[str, object] | None:
+        """The sun, as params.json describes it."""
+        found: dict[str, object] | None = json.loads((self.raw / "lights.json").read_text())
+        return found
 
 
 def read_rgb(path: Path) -> Float32:
@@ -105,12 +113,37 @@ def write_plate(take: Take, folder: Path, samples: int) -> None:
     truth = take.raw / f"gt_{take.focus}.exr"
     if truth.exists():
         Image.fromarray(to_code(take.exposure * read_rgb(truth))).save(folder / "gt_noshadow.png")
+    shadowed = take.raw / f"shadow_{take.focus}.exr"
+    if shadowed.exists():
+        picture = take.exposure * read_rgb(shadowed)
+        Image.fromarray(to_code(picture)).save(folder / "gt.png")
+        write_exr(folder / "bg_depth.exr", {"Z": np.minimum(depth, np.float32(SKY_M))})
+        write_around(take, folder / "env.hdr")
     known = params(take, light.shape[:2]) | {
         "coc_bg_px_max": float(np.abs(coc.astype(np.float32)).max()),
-        "sun": json.loads((take.raw / "lights.json").read_text()),
+        "sun": take.sun,
         "samples_dof": samples,
     }
     (folder / "params.json").write_text(json.dumps(known, indent=1))
+
+
+def write_around(take: Take, path: Path) -> None:
+    """The light around the object, with the sun's, which Cycles does not show, as a disc."""
+    around = read_rgb(take.raw / "around.exr").astype(np.float64)
+    sun = json.loads((take.raw / "lights.json").read_text())
+    if sun:
+        height, width = around.shape[:2]
+        up = math.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
+        turn = 2.0 * math.pi * ((np.arange(width) + 0.5) / width - 0.5)[None]
+        x, z = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn)
+        directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
+        solid = np.cos(up) * (math.pi / height) * (2.0 * math.pi / width)
+        cosine = directions @ -np.array(sun["direction_gltf"])
+        radius = max(math.radians(0.5 * float(sun["angle_deg"])), 2.0 * math.pi / width)
+        disc = (cosine >= math.cos(radius)) * solid
+        power = float(sun["irradiance_w_m2"]) * np.array(sun["color"])
+        around += (disc > 0.0)[..., None] * power / disc.sum()
+    cv2.imwrite(str(path), np.float32(take.exposure * around)[..., ::-1])
 
 
 def params(take: Take, size: tuple[int, int]) -> dict[str, object]:
@@ -141,8 +174,8 @@ def params(take: Take, size: tuple[int, int]) -> dict[str, object]:
     }
 
 
-def write_object(take: Take, folder: Path, body: Part) -> None:
-    """object.exr, object_rgba.png, object_coc.npy, object_depth.npz, object.glb."""
+def write_object(take: Take, folder: Path) -> None:
+    """object.exr, object_rgba.png, object_coc.npy, object_depth.npz."""
     layer = _pixels(take.raw / "object.exr") * np.float32([*[take.exposure] * 3, 1.0])
     depth = read_depth(take.raw / "object_depth.exr")
     held = depth < 0.5 * NO_OBJECT_M
@@ -156,7 +189,6 @@ def write_object(take: Take, folder: Path, body: Part) -> None:
     coc = np.where(held, coc_map(take.lens, depth, depth.shape[1]), np.float16(0.0))
     np.save(folder / "object_coc.npy", coc)
     np.savez_compressed(folder / "object_depth.npz", depth=depth)
-    write_glb(take.view, body, json.loads((take.raw / "lights.json").read_text()), folder)
 
 
 def write_glb(view: View, body: Part, sun: dict[str, object] | None, folder: Path) -> None:
@@ -168,12 +200,12 @@ def write_glb(view: View, body: Part, sun: dict[str, object] | None, folder: Pat
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
     file = Glb()
     file.gltf.animations = []
-    paint = file.material("paint", file.texture(subject.paint(view)), 1.0)
+    paint = file.material("paint", file.texture(subject.paint(view)), 1.0, matt=True)
     normals = np.repeat(side, 3, axis=0)
     mesh = file.primitive(positions, normals, body.uv[corners], triangles, paint)
     file.gltf.meshes.append(Mesh(name="object", primitives=[mesh]))
     file.node("object", mesh=0)
-    file.camera(view)
+    file.camera(view, view.roll_deg)
     if sun:
         towards = [-float(v) for v in sun["direction_gltf"]]
         lamp = {"name": "sun", "towards": towards}

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from truth import develop, subject
-from truth.plan import FOCUSES, POINT_RADIUS_PX, Lens, View, draw_lens, draw_view
+from truth.plan import FOCALS_MM, FOCUSES, POINT_RADIUS_PX, Lens, View, draw_lens, draw_view
 
 HERE = Path(__file__).parent
 FILTER_VARIANCE_PX2 = 0.17
@@ -33,12 +33,16 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, required=True, help="names the scene")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--focus", nargs="+", choices=[*FOCUSES, "any"], default=list(FOCUSES))
+    parser.add_argument("--camera", choices=list(FOCALS_MM), default="usual", help="what is drawn")
     parser.add_argument("--samples", type=int, default=128, help="most rays of a pixel")
     parser.add_argument("--error", type=float, default=0.04, help="relative; a pixel stops there")
     parser.add_argument("--percent", type=int, default=100, help="size of the picture")
     parser.add_argument("--threads", type=int, default=0, help="of Blender; 0: all")
     parser.add_argument("--plates-only", action="store_true", help="no object")
     parser.add_argument("--composite", action="store_true", help="also gt_noshadow.png")
+    parser.add_argument(
+        "--shadow", action="store_true", help="also gt.png, bg_depth.exr, env.hdr; light bounces"
+    )
     parser.add_argument("--point", action="store_true", help="check the law of the blur, no scene")
     return parser.parse_args()
 
@@ -85,15 +89,21 @@ def main() -> None:
     focuses = given.focus
     if "any" in focuses:
         focuses = [FOCUSES[int(np.random.default_rng([given.seed, 5]).integers(len(FOCUSES)))]]
-    view = draw_view(given.seed)
+    view = draw_view(given.seed, given.camera)
     body = subject.mesh(view)
     depths = subject.depths(view, body)
     given.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
         raw = Path(name)
-        job = {"seed": given.seed, "out": name, "focuses": focuses, "samples": given.samples}
-        job |= {"error": given.error, "percent": given.percent, "objects": not given.plates_only}
-        job |= {"composite": given.composite, "point": given.point}
+        job = {"seed": given.seed, "camera": given.camera, "out": name, "focuses": focuses}
+        job |= {
+            "samples": given.samples,
+            "error": given.error,
+            "percent": given.percent,
+            "objects": not given.plates_only,
+        }
+        job |= {"composite": given.composite or given.shadow, "shadow": given.shadow}
+        job |= {"point": given.point}
         run_blender(job, given.threads)
         if given.point:
             lens = draw_lens(view, focuses[0], depths)
@@ -108,8 +118,9 @@ def main() -> None:
                 view=view, lens=draw_lens(view, focus, depths), focus=focus, raw=raw
             )
             develop.write_plate(take, fresh, given.samples)
+            develop.write_glb(view, body, take.sun, fresh)
             if not given.plates_only:
-                develop.write_object(take, fresh, body)
+                develop.write_object(take, fresh)
             shutil.rmtree(folder, ignore_errors=True)
             fresh.replace(folder)
 

@@ -25,6 +25,11 @@ NEAREST = 0.85
 """Depth that nothing may come nearer than, by the depth of the ground at the lower border [1]."""
 DISTANCES = {"table": (0.5, 1.3), "room": (1.1, 2.8), "yard": (1.8, 6.0)}
 OBJECT_M = (0.1, 1.5)
+FOCALS_MM = {"usual": (28.0, 100.0), "wild": (24.0, 85.0)}
+PITCHES_DEG = {"usual": (8.0, 40.0), "wild": (3.0, 50.0)}
+WILD_ROLL_DEG = 4.0
+BARE_EVERY = 3
+"""Of the scenes with wild cameras: every third has little to hold on to."""
 POINT_RADIUS_PX = 2.0
 """Of the "points" of light of --point: much smaller ones are hit by too few rays."""
 
@@ -41,6 +46,8 @@ class View:
         height_m: camera above the object's ground [m].
         place: x and y of the object's foot [m].
         size_m: largest extent of the object across the view [m].
+        roll_deg: turn about the optical axis, positive where the world's up leans right [deg].
+        bare: few things about, on a ground without lines.
     """
 
     seed: int
@@ -50,6 +57,8 @@ class View:
     height_m: float
     place: tuple[float, float]
     size_m: float
+    roll_deg: float = 0.0
+    bare: bool = False
 
     @property
     def focal_px(self) -> float:
@@ -64,35 +73,41 @@ class View:
     @property
     def nearest_m(self) -> float:
         """Depth that nothing comes nearer than [m]."""
-        half = 0.5 * self.yfov
-        return (
-            NEAREST * self.height_m * math.cos(half) / math.sin(math.radians(self.pitch_deg) + half)
-        )
+        pitch = math.radians(self.pitch_deg)
+        fall = math.sin(pitch) + math.cos(pitch) * self._reach_px / self.focal_px
+        return NEAREST * self.height_m / fall
 
     @property
     def farthest_m(self) -> float:
         """Depth of the ground at the upper border with room to spare, or infinite [m]."""
-        half = 0.5 * self.yfov
-        steep = math.radians(self.pitch_deg) - half
-        if steep <= 0.0 or self.setting == "table":
-            return math.inf
-        return 1.3 * self.height_m * math.cos(half) / math.sin(steep)
+        pitch = math.radians(self.pitch_deg)
+        fall = math.sin(pitch) - math.cos(pitch) * self._reach_px / self.focal_px
+        return math.inf if fall <= 0.0 or self.setting == "table" else 1.3 * self.height_m / fall
+
+    @property
+    def _reach_px(self) -> float:
+        """From the frame's middle to its lowest corner, along the fall of the ground [px]."""
+        roll = math.radians(self.roll_deg)
+        return 0.5 * (HEIGHT * math.cos(roll) + WIDTH * abs(math.sin(roll)))
 
     def project(self, points: Floats) -> Floats:
         """Column, row and depth (N, 3) [px, px, m] of points (N, 3) [m]."""
-        pitch = math.radians(self.pitch_deg)
-        y, z = points[:, 1], points[:, 2] - self.height_m
+        pitch, roll = math.radians(self.pitch_deg), math.radians(self.roll_deg)
+        x, y, z = points[:, 0], points[:, 1], points[:, 2] - self.height_m
         depth = y * math.cos(pitch) - z * math.sin(pitch)
         up = y * math.sin(pitch) + z * math.cos(pitch)
-        safe = np.maximum(depth, 1e-6)
-        column = 0.5 * WIDTH + self.focal_px * points[:, 0] / safe
-        return np.stack([column, 0.5 * HEIGHT - self.focal_px * up / safe, depth], axis=1)
+        right = x * math.cos(roll) + up * math.sin(roll)
+        up = up * math.cos(roll) - x * math.sin(roll)
+        scale = self.focal_px / np.maximum(depth, 1e-6)
+        return np.stack([0.5 * WIDTH + scale * right, 0.5 * HEIGHT - scale * up, depth], axis=1)
 
     def on_ground(self, column: float, depth: float, level: float = 0.0) -> tuple[float, float]:
         """X and y of the point of the plane z = level at a depth [m], in a column [px]."""
-        pitch = math.radians(self.pitch_deg)
-        across = depth * (column - 0.5 * WIDTH) / self.focal_px
-        return across, (depth - (self.height_m - level) * math.sin(pitch)) / math.cos(pitch)
+        pitch, roll = math.radians(self.pitch_deg), math.radians(self.roll_deg)
+        y = (depth - (self.height_m - level) * math.sin(pitch)) / math.cos(pitch)
+        up = y * math.sin(pitch) - (self.height_m - level) * math.cos(pitch)
+        right = depth * (column - 0.5 * WIDTH) / self.focal_px
+        return (right - up * math.sin(roll)) / math.cos(roll), y
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,19 +140,25 @@ class Lens:
         return self.coc_at_infinity_px * (self.focus_m / np.asarray(depth, np.float64) - 1.0)
 
 
-def draw_view(seed: int) -> View:
-    """The camera of a scene, looking past the place where the object stands."""
+def draw_view(seed: int, camera: str = "usual") -> View:
+    """The camera of a scene, looking past the place where the object stands.
+
+    Args:
+        seed: names the scene.
+        camera: `usual`, or `wild`: more pitches, wider lenses, roll, and bare scenes.
+    """
     rng = np.random.default_rng([seed, 0])
     setting = str(rng.choice(list(DISTANCES)))
     low, high = DISTANCES[setting]
     distance = math.exp(rng.uniform(math.log(low), math.log(high)))
-    focal = math.exp(rng.uniform(math.log(28.0), math.log(100.0)))
+    focal = math.exp(rng.uniform(*np.log(FOCALS_MM[camera])))
     focal_px = focal / SENSOR_MM * WIDTH
-    pitch = rng.uniform(8.0, 40.0)
+    pitch = rng.uniform(*PITCHES_DEG[camera])
     column, row = rng.uniform(-0.22, 0.22) * WIDTH, rng.uniform(-0.02, 0.28) * HEIGHT
     size = rng.uniform(0.14, 0.36) * WIDTH * distance / focal_px
     slope = math.radians(pitch)
     down = distance * row / focal_px
+    roll = np.random.default_rng([seed, 7]).uniform(-WILD_ROLL_DEG, WILD_ROLL_DEG)
     return View(
         seed=seed,
         setting=setting,
@@ -149,6 +170,8 @@ def draw_view(seed: int) -> View:
             distance * math.cos(slope) - down * math.sin(slope),
         ),
         size_m=float(np.clip(size, *OBJECT_M)),
+        roll_deg=round(roll, 2) if camera == "wild" else 0.0,
+        bare=camera == "wild" and seed % BARE_EVERY == 0,
     )
 
 
@@ -174,16 +197,18 @@ def draw_lens(view: View, focus: str, depths_m: tuple[float, float, float]) -> L
 
 def matrices(view: View, near_m: float = 0.05, far_m: float = 2000.0) -> dict[str, Any]:
     """Camera matrices for params.json, row by row: world to camera in both worlds, projection."""
-    pitch = math.radians(view.pitch_deg)
+    pitch, roll = math.radians(view.pitch_deg), math.radians(view.roll_deg)
     c, s, h = math.cos(pitch), math.sin(pitch), view.height_m
-    blender = [[1, 0, 0, 0], [0, s, c, -c * h], [0, -c, s, -s * h], [0, 0, 0, 1]]
-    gltf = [[1, 0, 0, 0], [0, c, -s, -c * h], [0, s, c, -s * h], [0, 0, 0, 1]]
+    turn = np.eye(4)
+    turn[:2, :2] = [[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]]
+    blender = turn @ [[1, 0, 0, 0], [0, s, c, -c * h], [0, -c, s, -s * h], [0, 0, 0, 1]]
+    gltf = turn @ [[1, 0, 0, 0], [0, c, -s, -c * h], [0, s, c, -s * h], [0, 0, 0, 1]]
     x, y = 2.0 * view.focal_px / WIDTH, 2.0 * view.focal_px / HEIGHT
     a = (far_m + near_m) / (near_m - far_m)
     b = 2.0 * far_m * near_m / (near_m - far_m)
     return {
-        "view_matrix_blender": blender,
-        "view_matrix_gltf": gltf,
+        "view_matrix_blender": blender.tolist(),
+        "view_matrix_gltf": gltf.tolist(),
         "projection_matrix_opengl": [[x, 0, 0, 0], [0, y, 0, 0], [0, 0, a, b], [0, 0, -1, 0]],
         "near": near_m,
         "far": far_m,

@@ -3,7 +3,8 @@
 blender -b --python-use-system-env -P samples/truth/render.py -- JOB.json
 
 Leaves `bg_FOCUS.exr`, `depth.exr` (pinhole, pixel centres), with objects `object.exr` and
-`object_depth.exr`, with composites `gt_FOCUS.exr`; or `point.exr` only; and `lights.json`.
+`object_depth.exr`, with composites `gt_FOCUS.exr`, with shadows `shadow_FOCUS.exr` and
+`around.exr`; or `point.exr` only; and `lights.json`.
 """
 
 from __future__ import annotations
@@ -17,10 +18,15 @@ from pathlib import Path
 import blender_kit as kit
 import bpy
 import numpy as np
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from truth import scene, subject
 from truth.plan import HEIGHT, POINT_RADIUS_PX, SENSOR_MM, WIDTH, Lens, View, draw_lens, draw_view
+
+BOUNCES = 3
+"""Of light, where shadows are rendered: an object's underside sees the ground."""
+AROUND_PX = 256
+"""Width of the panorama around the object."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,6 +34,7 @@ class Job:
     """What `make.py` asks for; see its options."""
 
     seed: int
+    camera: str
     out: str
     focuses: list[str]
     samples: int
@@ -35,6 +42,7 @@ class Job:
     percent: int
     objects: bool
     composite: bool
+    shadow: bool
     point: bool
 
 
@@ -51,14 +59,15 @@ def set_up(view: View, job: Job) -> bpy.types.Scene:
     cycles.use_denoising = False
     cycles.use_adaptive_sampling = not job.composite  # it ties pixels to their neighbours
     cycles.adaptive_threshold, cycles.adaptive_min_samples = job.error, 12
-    cycles.max_bounces = 0
+    cycles.max_bounces = cycles.diffuse_bounces = BOUNCES if job.shadow else 0
     cycles.caustics_reflective = cycles.caustics_refractive = False
     data = bpy.data.cameras.new("camera")
     data.lens, data.sensor_width, data.sensor_fit = view.focal_mm, SENSOR_MM, "HORIZONTAL"
     data.clip_start, data.clip_end = 0.01, 2000.0
     camera = bpy.data.objects.new("camera", data)
-    camera.location = (0.0, 0.0, view.height_m)
-    camera.rotation_euler = (math.radians(90.0 - view.pitch_deg), 0.0, 0.0)
+    tilt = Matrix.Rotation(math.radians(90.0 - view.pitch_deg), 4, "X")
+    roll = Matrix.Rotation(math.radians(view.roll_deg), 4, "Z")
+    camera.matrix_world = Matrix.Translation((0.0, 0.0, view.height_m)) @ tilt @ roll
     made.collection.objects.link(camera)
     made.camera = camera
     return made
@@ -113,6 +122,12 @@ def render_object(made: bpy.types.Scene, target: bpy.types.Object, out: Path, sa
         thing.visible_camera = True
 
 
+def subject_seen_by_light(target: bpy.types.Object, *, seen: bool) -> None:
+    """Whether the object casts shadows and bounces light."""
+    for ray in scene.LIGHT_RAYS:
+        setattr(target, f"visible_{ray}", seen)
+
+
 def render_points(made: bpy.types.Scene, view: View, lens: Lens, job: Job) -> None:
     """Two points of light, one nearer than the focal plane and one farther."""
     glow = kit.emitter("glow", (1.0, 1.0, 1.0), 4000.0)
@@ -133,6 +148,31 @@ def render_points(made: bpy.types.Scene, view: View, lens: Lens, job: Job) -> No
     render(made, Path(job.out) / "point.exr", job.samples)
 
 
+def render_around(made: bpy.types.Scene, view: View, path: Path, samples: int) -> None:
+    """The light that comes to the object, as a panorama from its middle; its middle is +X."""
+    seen_by, settings = made.camera, made.render
+    size = settings.resolution_x, settings.resolution_y, settings.resolution_percentage
+    data = bpy.data.cameras.new("around")
+    data.type, data.cycles.panorama_type = "PANO", "EQUIRECTANGULAR"
+    data.clip_start = 1e-3
+    camera = bpy.data.objects.new("around", data)
+    camera.location = (*view.place, 0.3 * view.size_m)
+    camera.rotation_euler = (0.5 * math.pi, 0.0, -0.5 * math.pi)
+    made.collection.objects.link(camera)
+    lamps = [thing for thing in made.objects if thing.type == "LIGHT"]
+    for lamp in lamps:
+        lamp.visible_camera = True
+    made.camera = camera
+    settings.resolution_x, settings.resolution_y = AROUND_PX, AROUND_PX // 2
+    settings.resolution_percentage = 100
+    render(made, path, samples)
+    made.camera = seen_by
+    settings.resolution_x, settings.resolution_y, settings.resolution_percentage = size
+    for lamp in lamps:
+        lamp.visible_camera = False
+    bpy.data.objects.remove(camera)
+
+
 def describe_sun(made: bpy.types.Scene) -> dict[str, object] | None:
     """The sun for params.json and the GLB, glTF's axes."""
     sun = made.objects.get("sun")
@@ -150,7 +190,7 @@ def describe_sun(made: bpy.types.Scene) -> dict[str, object] | None:
 def main() -> None:
     """Build the scene once and render it for every focus."""
     job = Job(**json.loads(Path(sys.argv[sys.argv.index("--") + 1]).read_text()))
-    view, out = draw_view(job.seed), Path(job.out)
+    view, out = draw_view(job.seed, job.camera), Path(job.out)
     depths = subject.depths(view, subject.mesh(view))
     made = set_up(view, job)
     if job.point:
@@ -163,12 +203,18 @@ def main() -> None:
         render_object(made, target, out, job.samples)
     target.hide_render = True
     render_depth(made, out / "depth.exr")
+    if job.shadow:
+        render_around(made, view, out / "around.exr", job.samples)
     for focus in job.focuses:
         look_through(made, draw_lens(view, focus, depths))
         render(made, out / f"bg_{focus}.exr", job.samples)
         if job.composite:
             target.hide_render = False
             render(made, out / f"gt_{focus}.exr", job.samples)
+            if job.shadow:
+                subject_seen_by_light(target, seen=True)
+                render(made, out / f"shadow_{focus}.exr", job.samples)
+                subject_seen_by_light(target, seen=False)
             target.hide_render = True
 
 

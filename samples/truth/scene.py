@@ -18,6 +18,8 @@ Spot = tuple[float, float, float, float]
 CLEAR_PX = 48
 """Kept free around the object's silhouette, for what stands before it and is out of focus [px]."""
 TRIES = 30
+LIGHT_RAYS = ("shadow", "diffuse", "glossy", "transmission", "volume_scatter")
+"""By which the object would act on the scene."""
 
 
 class Ground:
@@ -61,7 +63,7 @@ def _grain(view: View, depth: float) -> float:
 
 
 def _lay_ground(view: View, ground: Ground, rng: Rng) -> None:
-    kind = str(rng.choice(surfaces.GROUNDS[view.setting]))
+    kind = str(rng.choice((surfaces.BARE if view.bare else surfaces.GROUNDS)[view.setting]))
     grain = _grain(view, view.project(np.array([[*view.place, 0.0]]))[0, 2])
     grain *= rng.uniform(0.7, 1.4)
     material = surfaces.surface(rng, kind, grain, flat=True)
@@ -83,6 +85,7 @@ def _lay_ground(view: View, ground: Ground, rng: Rng) -> None:
 
 def _raise_wall(view: View, y: float, rng: Rng) -> None:
     kind = str(rng.choice(["bricks", "bricks", "stone", "stone", "wood", "plain", "print"]))
+    kind = "plain" if view.bare else kind
     material = surfaces.surface(rng, kind, _grain(view, y) * rng.uniform(0.8, 1.5), flat=True)
     wall = kit.box("wall", (0, 0, 0), (20 * y, 8 * y, 0.2), material)
     turn = Matrix.Rotation(rng.normal(0, 0.15), 4, "Z") @ Matrix.Rotation(math.pi / 2, 4, "X")
@@ -101,7 +104,7 @@ def _add_subject(view: View) -> bpy.types.Object:
     layer = added.data.uv_layers.new(name="uv")
     uv = body.uv[body.triangles.ravel()]
     layer.data.foreach_set("uv", np.stack([uv[:, 0], 1.0 - uv[:, 1]], 1).astype(np.float32).ravel())
-    for ray in ("shadow", "diffuse", "glossy", "transmission", "volume_scatter"):
+    for ray in LIGHT_RAYS:
         setattr(added, f"visible_{ray}", False)
     return added
 
@@ -145,7 +148,8 @@ class Room:
 def _furnish(view: View, ground: Ground, wall_y: float, rng: Rng) -> None:
     room = Room(view)
     middle = float(view.project(np.array([[*view.place, 0.0]]))[0, 2])
-    for _ in range(int(np.exp(rng.uniform(np.log(9), np.log(40))))):
+    fewest, most = (1, 5) if view.bare else (9, 40)
+    for _ in range(int(np.exp(rng.uniform(np.log(fewest), np.log(most))))):
         build = things.BUILDERS[int(rng.integers(len(things.BUILDERS)))]
         size_px = WIDTH * np.exp(rng.uniform(np.log(0.05), np.log(0.3)))
         spots = []

@@ -219,6 +219,12 @@ GROUNDS = {
     "room": ["wood", "bricks", "bricks", "stone", "weave", "weave", "terrazzo"],
     "yard": ["stone", "stone", "gravel", "gravel", "bricks", "turf", "turf"],
 }
+BARE = {
+    "table": ["plain", "plain", "stone"],
+    "room": ["plain", "stone", "terrazzo"],
+    "yard": ["turf", "turf", "gravel", "stone"],
+}
+"""Grounds without lines."""
 
 
 def surface(rng: Rng, kind: str, grain: float, *, flat: bool = False) -> bpy.types.Material:

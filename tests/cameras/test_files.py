@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from nlens_video.cameras.files import camera_text, read_camera
+from nlens_video.cameras.files import camera_bytes, read_camera
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.core.errors import SceneError, UsageError
 
@@ -46,7 +46,7 @@ def test_camera_json_is_read(tmp_path):
 )  # fmt: skip
 def test_chan_is_read_as_it_was_written(tmp_path_factory, pitch, yaw, roll):
     path = tmp_path_factory.mktemp("chan") / "camera.chan"
-    path.write_text(camera_text(path_of(pitch=pitch, yaw=yaw, roll=roll), path))
+    path.write_bytes(camera_bytes(path_of(pitch=pitch, yaw=yaw, roll=roll), path))
     read = read_camera(path, SIZE, RATE)
     for one, other in zip(read.keys, path_of(pitch=pitch, yaw=yaw, roll=roll).keys, strict=True):
         assert np.allclose(one.world_to_camera, other.world_to_camera, atol=1e-6)
@@ -173,5 +173,5 @@ def test_file_that_holds_no_camera_is_refused(tmp_path, text):
 
 
 def test_name_without_a_format_is_refused(tmp_path):
-    with pytest.raises(UsageError, match=".json or .chan"):
-        camera_text(path_of(), tmp_path / "camera.txt")
+    with pytest.raises(UsageError, match=".json, .glb, .chan, .usda"):
+        camera_bytes(path_of(), tmp_path / "camera.txt")

@@ -1,6 +1,7 @@
 """Objects on the ground of a solved camera: where the frame shows them, and that they stay."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from nlens_video.cameras.placed import default_placement, in_solved_world, place_on_ground
+from nlens_video.cameras.placed import in_solved_world, place_on_ground, stand_on_ground
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
-from nlens_video.core.errors import SceneError
-from nlens_video.core.placement import Placement
+from nlens_video.core.errors import SceneError, UsageError
+from nlens_video.core.placement import GroundPlacing, Placement
 
 WIDTH, HEIGHT = 960, 512
 BODY = np.array(
@@ -85,14 +86,39 @@ def test_object_made_in_the_solved_world_is_seen_by_its_cameras():
 
 
 @pytest.mark.parametrize("pitch", [-5.0, -15.0, -40.0])
-def test_chosen_place_is_on_the_ground_and_the_object_fits(pitch):
-    path = solved(key(0, pitch=pitch))
-    placing = default_placement(path)
-    camera = place_on_ground(BODY, CONTACT, placing, path, 0.0).at(0.0)
-    found = pixels(camera, BODY)
+@pytest.mark.parametrize("wide", [1.0, 9.0])
+def test_chosen_place_is_on_the_ground_and_the_object_fits(pitch, wide):
+    path, body = solved(key(0, pitch=pitch)), BODY * np.array([wide, 1.0, 1.0], np.float32)
+    placed, said = stand_on_ground(body, CONTACT, GroundPlacing(), path, 0.0)
+    found = pixels(placed.at(0.0), body)
     assert (found > 0).all() and (found < (WIDTH, HEIGHT)).all()
+    assert said.startswith("--at 0.5,")
+
+
+def test_place_that_the_solve_found_free_is_taken():
+    path = replace(solved(key(0)), place=(0.3, 0.7))
+    placed, _ = stand_on_ground(BODY, CONTACT, GroundPlacing(), path, 0.0)
+    foot = pixels(placed.at(0.0), CONTACT)[0]
+    assert foot == pytest.approx((0.3 * WIDTH, 0.7 * HEIGHT), abs=1e-6)
+
+
+@pytest.mark.parametrize("at", [(0.5, 0.7), (0.3, 0.9)])
+def test_height_in_metres_is_that_of_the_object_in_the_plate(at):
+    path = replace(solved(key(0)), scale="metres")
+    placed, said = stand_on_ground(BODY, CONTACT, GroundPlacing(at=at, height_m=0.5), path, 0.0)
+    # The body is 2 high in its file and half a metre in the plate: the camera stands 1.6 m high.
+    camera = placed.at(0.0)
+    assert camera.world_from_camera[1, 3] == pytest.approx(1.6 * 2.0 / 0.5)
+    assert pixels(camera, CONTACT)[0] == pytest.approx((at[0] * WIDTH, at[1] * HEIGHT), abs=1e-6)
+    assert "--height 0.5m" in said
+
+
+def test_height_in_metres_is_refused_where_the_scale_is_not_known():
+    wish = GroundPlacing(at=(0.5, 0.8), height_m=0.5)
+    with pytest.raises(UsageError, match="scale is not known; give --size"):
+        stand_on_ground(BODY, CONTACT, wish, solved(key(0)), 0.0)
 
 
 def test_camera_that_looks_up_has_no_place():
     with pytest.raises(SceneError, match="no ground"):
-        default_placement(solved(key(0, pitch=40.0)))
+        stand_on_ground(BODY, CONTACT, GroundPlacing(), solved(key(0, pitch=40.0)), 0.0)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.core.errors import SceneError, UsageError
-from nlens_video.core.placement import Placement, focal_35mm
+from nlens_video.core.placement import Placement
 
 BOX = np.array([[x, y, z] for x in (1.0, 2.0) for y in (3.0, 5.0) for z in (-1.0, 1.0)], np.float32)
 FOOT = np.array([1.5, 3.0, 0.0])
@@ -105,16 +105,3 @@ def test_placement_that_reaches_behind_the_camera_is_refused():
         place(size=1.0, vertices=BOX * [1, 1, 50])
     with pytest.raises(SceneError, match="reach behind the camera"):
         place(vertices=np.zeros((3, 3), np.float32))
-
-
-@pytest.mark.parametrize(
-    ("metadata", "focal"),
-    [
-        ({"com.apple.quicktime.camera.focal_length.35mm_equivalent": "26"}, 26.0),
-        ({"FocalLengthIn35mmFilm": "50"}, 50.0),
-        ({"FocalLengthIn35mmFilm": "0"}, None),
-        ({"FocalLengthIn35mmFilm": "wide", "title": "26"}, None),
-    ],
-)
-def test_focal_length_is_read_from_the_recordings_metadata(metadata, focal):
-    assert focal_35mm(metadata) == focal

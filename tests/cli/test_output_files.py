@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from nlens_video.cli.output_files import file_options
+from nlens_video.options.commands import COMMANDS, JOBS
 from nlens_video.options.parser import parser_of
 from nlens_video.options.readers import path, word
-from nlens_video.options.table import COMMANDS, JOBS
 
 NO_PATHS = {
     "camera", "scene", "footprint", "animation", "input_format", "input_rate", "codec", "pix_fmt",

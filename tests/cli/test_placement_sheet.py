@@ -12,7 +12,7 @@ from support.command import nlens
 from support.glb_builder import GlbBuilder
 
 from nlens_video import Compositor
-from nlens_video.cli.placement_sheet import Choice, choices
+from nlens_video.cli.placement_choices import Choice, choices, choices_on_ground
 from nlens_video.core.errors import UsageError
 from nlens_video.core.placement import Placement, focal_of_fov, fov_of_focal
 from nlens_video.core.settings import ObjectSettings
@@ -92,12 +92,24 @@ def test_unknown_scene_name_lists_the_scenes_of_the_file(files, tmp_path):
 @pytest.mark.parametrize(
     ("glb", "words", "code", "line"),
     [
-        ("cube.glb", ["--at", "0.5,0.9"], 2, "give both --at X,Y and --size S"),
-        ("cube.glb", ["--yaw", "20"], 2, "give both --at X,Y and --size S"),
+        (
+            "cube.glb",
+            ["--at", "0.5,0.9", "--horizon", "0.3"],
+            2,
+            "give both --at X,Y and --size S",
+        ),
+        ("cube.glb", ["--yaw", "20", "--horizon", "0.3"], 2, "give both --at X,Y and --size S"),
+        ("cube.glb", ["--size", "0.2", "--height", "1m"], 2, "leave one out"),
+        ("cube.glb", ["--height", "1m"], 2, "the plate's scale is not known; give --marker SIDE"),
         ("cube.glb", ["--at", "0.5", "--size", "1"], 2, "is not X,Y"),
-        ("camera.glb", ["--fov", "60"], 2, "--fov is of a placed object; give --at X,Y"),
+        ("camera.glb", ["--fov", "60"], 2, "--fov is of an object without a camera"),
         ("cube.glb", [*WORDS, "--fov", "180"], 2, "not an angle from 1 to 170 degrees"),
-        ("cube.glb", ["--at", "0.5,0.4", "--size", "1"], 2, "lies above the horizon"),
+        (
+            "cube.glb",
+            ["--at", "0.5,0.4", "--size", "1", "--horizon", "0.5"],
+            2,
+            "lies above the horizon",
+        ),
         ("camera.glb", [*WORDS, "--camera", "Plate"], 2, "leave one of them out"),
         ("camera.glb", [*WORDS, "--layers", "l.exr"], 2, "leave --at out"),
         (
@@ -128,6 +140,44 @@ def test_contact_sheet_has_nine_placements_that_differ_in_one_parameter():
     assert [p.size for p in places[6:8]] == pytest.approx([0.2, 0.45])
     assert shown[8] == Choice(start, 30.0)
     assert [choice.fov_deg for choice in choices(start, 40.0, 60.0)] == [40.0] * 8 + [20.0]
+
+
+def test_choices_on_a_solved_ground_differ_in_place_size_and_turn():
+    start = Placement(at=(0.5, 0.6), size=0.3, horizon=None)
+    shown = choices_on_ground(start, None)
+    assert len(set(shown)) == 9 and shown[0].placing == start
+    places = [choice.placing for choice in shown]
+    assert [p.at[0] for p in places[1:3]] == pytest.approx([0.3, 0.7])
+    assert places[3].at == pytest.approx((0.5, 0.72)) and places[3].size > start.size
+    assert [p.size for p in places[4:6]] == pytest.approx([0.2, 0.45])
+    assert [p.yaw_deg for p in places[6:]] == [-45.0, 45.0, 180.0]
+    words = places[1].describe()
+    assert "--horizon" not in words
+
+
+def test_contact_sheet_starts_from_the_plates_camera_where_no_horizon_is_given(files, tmp_path):
+    solve = nlens("solve", files / "plate.png", tmp_path / "camera.json")
+    assert solve.returncode == 0, solve.stderr
+    sheets = []
+    for words in ((), ("--camera-from", tmp_path / "camera.json"), ("--no-grid",)):
+        run = nlens(
+            "place", files / "plate.png", files / "cube.glb", tmp_path / "s.png", "-y", *words,
+            "--json",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        told = json.loads(run.stdout)["choices"]
+        assert len(told) == 9 and not any("--horizon" in line for line in told)
+        assert all(("--camera-from" in line) == bool("--camera-from" in words) for line in told)
+        sheets.append(cv2.imread(str(tmp_path / "s.png")))
+    assert sheets[0].shape[:2] == sheets[2].shape[:2]
+    assert np.array_equal(sheets[0][:270], sheets[1][:270])  # the captions are longer
+    assert not np.array_equal(sheets[0][:270], sheets[2][:270])
+
+
+def test_contact_sheet_refuses_a_horizon_beside_a_camera(files, tmp_path):
+    words = ("--camera-from", files / "fit.json", "--horizon", "0.3")
+    run = nlens("place", files / "plate.png", files / "cube.glb", tmp_path / "s.png", *words)
+    assert run.returncode == 2 and "leave --horizon out" in run.stderr
 
 
 def test_field_of_view_and_focal_length_are_inverse_functions():

@@ -1,52 +1,20 @@
 """`solve`, and runs whose GLB has no camera: the plate's own is found and used."""
 
 import json
+import re
 
 import av
-import cv2
 import numpy as np
+import PIL.Image
+import pygltflib
 import pytest
 from support import shots
-from support.camera_paths import focal_of, rotation
+from support.camera_paths import SIZE, focal_of, rotation
 from support.command import nlens, one_line
+from support.grounds import FOV_DEG, write_plate
 
 pytestmark = [pytest.mark.needs_gl, pytest.mark.slow]
-WIDTH, HEIGHT, FOV_DEG = 960, 512, 50.0
-
-
-def view(texture, turn, eye):
-    """A textured ground seen by a camera (H, W, 3)."""
-    focal = focal_of(FOV_DEG)
-    lens = np.array([[focal, 0.0, -WIDTH / 2], [0.0, -focal, -HEIGHT / 2], [0.0, 0.0, -1.0]])
-    size = texture.shape[0]
-    # texture pixels to the ground: 12 units wide, from 2 behind the camera to 10 before it
-    ground = np.array([[12.0 / size, 0.0, -6.0], [0.0, 0.0, 0.0], [0.0, 12.0 / size, -10.0]])
-    from_ground = lens @ turn.T @ (ground - np.outer(eye, (0.0, 0.0, 1.0)))
-    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH] + 0.5
-    back = np.linalg.inv(from_ground)
-    at = np.tensordot(back, np.stack([columns, rows, np.ones_like(rows)]), axes=1)
-    x, y = (at[:2] / at[2]).astype(np.float32)
-    seen = cv2.remap(texture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    behind = (from_ground @ np.stack([x, y, np.ones_like(x)]).reshape(3, -1))[2] <= 0.0
-    seen[behind.reshape(HEIGHT, WIDTH)] = 190
-    return seen
-
-
-def write_plate(path, poses):
-    """A clip of a ground by a camera that moves; lossless."""
-    rng = np.random.default_rng(4)
-    texture = cv2.resize(
-        rng.integers(40, 220, (128, 128, 3), np.uint8), (2048, 2048), interpolation=cv2.INTER_CUBIC
-    )
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264rgb", rate=24, options={"crf": "0"})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "rgb24"
-        for turn, eye in poses:
-            picture = np.ascontiguousarray(view(texture, turn, np.array(eye)))
-            frame = av.VideoFrame.from_ndarray(picture, "rgb24")
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-    return path
+WIDTH, HEIGHT = SIZE
 
 
 @pytest.fixture(scope="module")
@@ -88,10 +56,45 @@ def test_walk_is_solved_with_the_ground_below_it(files, tmp_path):
     assert np.degrees(np.arcsin(up[2])) == pytest.approx(20.0, abs=1.0)
 
 
+def test_report_shows_the_ground_and_what_the_camera_was_found_from(files, tmp_path):
+    camera, _ = solved(files, "pan.mkv", tmp_path, "--report", tmp_path / "page")
+    text = (tmp_path / "page" / "index.html").read_text()
+    assert text.count("Grid on the ground of frame") == 3
+    assert "Tracked points by reprojection error" in text
+    assert f"{camera['reprojection_px']:.2f} px" in text
+    assert camera["reprojection_px"] < 0.5
+    assert "The camera turns on the spot." in text
+
+
 def test_still_is_solved_to_one_camera_for_all_frames(files, tmp_path):
     camera, _ = solved(files, "still.png", tmp_path)
     assert camera["path"] == "still"
     assert len(camera["frames"]) == 1
+
+
+@pytest.mark.parametrize(("orientation", "across"), [(1, 960), (6, 512)])
+def test_field_of_view_of_a_photograph_is_that_of_its_exif(files, tmp_path, orientation, across):
+    exif = PIL.Image.Exif()
+    exif[274] = orientation
+    exif.get_ifd(34665)[41989] = 35
+    rng = np.random.default_rng(2)
+    noise = rng.integers(0, 255, (512, 960, 3), np.uint8)
+    PIL.Image.fromarray(noise).save(tmp_path / "in.jpg", exif=exif)
+    expected = 2.0 * np.degrees(np.arctan(0.5 * across / (35 / np.hypot(36, 24) * 1088)))
+    camera, run = solved(files, tmp_path / "in.jpg", tmp_path)
+    assert camera["fov"] == "metadata"
+    assert camera["frames"][0]["fov_x_deg"] == pytest.approx(expected, rel=0.02)
+    assert 0.5 < camera["stderr"]["fov_deg"] < 3.0
+    assert "from metadata" in run.stderr and "FocalLengthIn35mmFilm" in run.stderr
+
+
+def test_given_field_of_view_beats_the_recordings(files, tmp_path):
+    exif = PIL.Image.Exif()
+    exif.get_ifd(34665)[41989] = 35
+    PIL.Image.fromarray(np.full((512, 960, 3), 90, np.uint8)).save(tmp_path / "in.jpg", exif=exif)
+    camera, _ = solved(files, tmp_path / "in.jpg", tmp_path, "--fov", "80")
+    assert camera["frames"][0]["fov_x_deg"] == pytest.approx(80.0, abs=0.3)
+    assert "--fov 80" in camera["method"]
 
 
 def test_object_without_a_camera_stays_on_its_point_of_the_ground(files, tmp_path):
@@ -104,6 +107,7 @@ def test_object_without_a_camera_stays_on_its_point_of_the_ground(files, tmp_pat
     run = nlens(files / "walk.mkv", files / "bare.glb", tmp_path / "out.mkv", *words)
     assert run.returncode == 0, run.stderr
     assert "placed by --at 0.5,0.8" in run.stderr
+    assert "slides" not in run.stderr
     first, later = (np.array(camera["frames"][n]["world_to_camera"]) for n in (0, 4))
     ray = np.array([0.0, -(0.8 * HEIGHT - HEIGHT / 2) / focal_of(FOV_DEG), -1.0])
     pose = np.linalg.inv(first)
@@ -117,10 +121,73 @@ def test_object_without_a_camera_stays_on_its_point_of_the_ground(files, tmp_pat
     assert abs(middle(plates[4], results[4]) - expected) < 12.0
 
 
+@pytest.mark.parametrize("suffix", ["glb", "chan", "usda"])
+def test_object_is_composited_alike_through_each_kind_of_camera_file(files, tmp_path, suffix):
+    for kind in ("json", suffix):
+        run = nlens(
+            "solve", files / "walk.mkv", tmp_path / f"camera.{kind}", "--fov", "50",
+            "--no-progress", "--range", "2:",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        run = nlens(
+            files / "walk.mkv", files / "bare.glb", tmp_path / f"{kind}.mkv", "--camera-from",
+            tmp_path / f"camera.{kind}", "--at", "0.5,0.8", "--size", "0.2", "--fit",
+            files / "fit.json", "--preset", "draft", "--no-progress", "--effects", "none",
+            "--codec", "ffv1", "--range", "2:",
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+    both = [list(frames(tmp_path / f"{kind}.mkv")) for kind in ("json", suffix)]
+    plates = list(frames(files / "walk.mkv"))[2:]
+    for plate, one, other in zip(plates, *both, strict=True):
+        # a .chan has even times, the plate whole milliseconds: a border may fall a pixel beside
+        assert middle(plate, other) == pytest.approx(middle(plate, one), abs=1.1)
+        assert abs(one - other).mean() < 0.05
+    if suffix == "glb":
+        file = pygltflib.GLTF2().load(str(tmp_path / "camera.glb"))
+        points = next(node.mesh for node in file.nodes if node.name == "points")
+        x, y, z = positions(file, file.meshes[points].primitives[0].attributes.POSITION)
+        # All of the plate is the ground, 1.6 below the first camera; a track that slipped may be
+        # off, so the outermost hundredth does not count.
+        assert len(y) > 50 and abs(np.percentile(y, [1, 99])).max() < 0.1
+        # The nearest ground is that in the frame's bottom row, ahead of the camera.
+        below = np.radians(20.0) + np.arctan(HEIGHT / 2 / focal_of(FOV_DEG))
+        assert np.percentile(z, 99) == pytest.approx(-1.6 / np.tan(below), rel=0.15)
+        assert x.min() < -1.0 and x.max() > 1.0
+    shots_in_json = json.loads((tmp_path / "camera.json").read_text())["frames"]
+    assert [frame["index"] for frame in shots_in_json] == list(range(2, 14))
+
+
+def test_name_of_no_format_of_cameras_is_refused_before_solving(files, tmp_path):
+    run = nlens("solve", files / "walk.mkv", tmp_path / "camera.txt")
+    one_line(run, 2)
+    assert ".json, .glb, .chan, .usda" in run.stderr
+
+
+@pytest.mark.parametrize("plate", ["pan.mkv", "walk.mkv"])
+def test_still_camera_on_a_plate_that_moves_is_told_with_the_drift(files, tmp_path, plate):
+    words = (
+        "--at", "0.5,0.8", "--size", "0.2", "--horizon", "0.2", "--fit", files / "fit.json",
+        "--preset", "draft", "--no-progress", "--effects", "none",
+    )  # fmt: skip
+    run = nlens(files / plate, files / "bare.glb", tmp_path / "out.mkv", *words)
+    assert run.returncode == 0, run.stderr
+    told = re.search(r"the object's does not: it slides by up to (\d+) px", run.stderr)
+    assert told is not None and int(told[1]) > 20
+    assert "--camera-from" in run.stderr
+
+
 def frames(path):
     with av.open(str(path)) as container:
         for frame in container.decode(video=0):
             yield frame.to_ndarray(format="rgb24").astype(np.int16)
+
+
+def positions(file, accessor):
+    """The x, y and z of an accessor's points [scene units]."""
+    told = file.accessors[accessor]
+    view = file.bufferViews[told.bufferView]
+    start = (view.byteOffset or 0) + (told.byteOffset or 0)
+    return np.frombuffer(file.binary_blob(), "<f4", told.count * 3, start).reshape(-1, 3).T
 
 
 def middle(plate, result):
@@ -133,9 +200,11 @@ def test_run_solves_the_camera_by_itself_and_says_what_it_assumes(files, tmp_pat
     out = tmp_path / "out.mkv"
     run = nlens(
         files / "pan.mkv", files / "bare.glb", out, "--fit", files / "fit.json", "--preset",
-        "draft", "--no-progress",
+        "draft", "--no-progress", "--report", tmp_path / "page",
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert "Grid on the ground of frame 0" in page and "Reprojection" in page
     assert "field of view" in run.stderr and "path rotation" in run.stderr
     assert "(chosen; --at X,Y and --size S place it elsewhere)" in run.stderr
     assert out.is_file()
@@ -164,3 +233,22 @@ def test_camera_of_a_plate_of_another_shape_is_refused(files, tmp_path):
     )  # fmt: skip
     one_line(run, 4)
     assert "960x512" in run.stderr
+
+
+def test_object_on_a_plate_without_ground_in_view_stands_under_an_assumed_horizon(files, tmp_path):
+    pose = np.eye(4)
+    pose[:3, :3] = rotation(0.0, np.radians(40.0), 0.0)
+    pose[1, 3] = 1.6
+    looks_up = tmp_path / "up.json"
+    looks_up.write_text(json.dumps({
+        "width": shots.WIDTH, "height": shots.HEIGHT, "ground_y": 0.0, "fov": "assumed",
+        "horizon": "measured", "path": "still", "scale": "arbitrary", "method": "test",
+        "stderr": {"fov_deg": 5.0, "pitch_deg": 1.0, "roll_deg": 1.0},
+        "frames": [{"index": 0, "pts_s": 0.0, "fov_x_deg": 40.0,
+                    "world_to_camera": np.linalg.inv(pose).tolist()}],
+    }))  # fmt: skip
+    words = ("--fallback", "constant", "--camera-from", looks_up)
+    run = nlens(files / "still.png", files / "bare.glb", tmp_path / "out.png", *words)
+    assert run.returncode == 0, run.stderr
+    assert "(pitch 40.0 degrees, measured) sees no ground: the horizon is assumed" in run.stderr
+    assert "placed by --at 0.5,0.85 --size 0.35" in run.stderr

@@ -21,6 +21,7 @@ FILES_AND_STREAMS = {
     "input", "output", "glb", "layers", "input_format", "input_size", "input_rate",
     "input_transfer", "range", "report", "save_fit", "aov", "timings", "codec", "crf", "pix_fmt",
     "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
+    "marker", "person_height", "person",
 }  # fmt: skip
 TALK = {"help", "version", "verbose", "quiet", "json", "no_progress", "plan"}
 
@@ -77,6 +78,7 @@ def test_object_without_a_camera_is_placed_by_keywords(bare):
         ({"at": (0.5, 0.8), "size": "big"}, "size='big': 'big' is not a number"),
         ({"at": (0.5, 0.8), "size": 0.3, "fov": 190}, "fov=190: '190' is not an angle from 1 to"),
         ({"at": (0.5, 0.8), "size": 0.3, "yaw": float("nan")}, "yaw=nan: 'nan' is not a number"),
+        ({"at": (0.5, 0.8), "height": 0.4}, "height needs a camera in metres (camera_from)"),
         ({"fov": 40}, "fov is of a placed object; give at and size"),
         ({"env_rotation": 20}, "env_rotation needs a map; give env too"),
         ({"shadow_strength": 3}, "shadow_strength=3: '3' is not a number from 0 to 2"),

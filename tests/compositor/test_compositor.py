@@ -64,7 +64,8 @@ def test_integer_and_float_sample_types_give_the_same_picture(lens, dtype):
     result = lens.process((bgr() * np.array(scale, dtype)).astype(dtype), time=0.0)
     plain = lens.process(bgr(), time=0.0)
     assert result.dtype == dtype
-    assert np.abs(result.astype(np.float64) / scale - plain).max() <= 0.51
+    seen = np.minimum(result.astype(np.float64) / scale, 255.0)  # floats hold more than white
+    assert np.abs(seen - plain).max() <= 0.51
 
 
 def test_time_argument_moves_the_object_and_defaults_to_the_frame_count(lens):

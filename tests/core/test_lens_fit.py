@@ -4,6 +4,7 @@ import math
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from nlens_video.core.errors import LensFitError
@@ -29,6 +30,45 @@ def test_file_with_a_number_out_of_range_is_refused():
 def test_largest_fit_is_accepted():
     fit = LensFit(slope=1e18, intercept=-1e18, width=8, height=8)
     assert fit.focus_disparity == 1.0
+
+
+def lens(slope, intercept, **more):
+    return LensFit(slope=slope, intercept=intercept, width=960, height=512, **more)
+
+
+@pytest.mark.parametrize(
+    ("slope", "error", "intercept", "words"),
+    [
+        (25.23, 430.0, -0.3369, "in focus everywhere"),
+        (4.4, 610.0, -3.21, "the same blur at all depths (3.2 px)"),
+        (0.0, 0.0, -7.0, "the same blur at all depths (7.0 px)"),
+        (
+            65.23456,
+            1.27,
+            -12.3,
+            "coc_px = 65.2 \N{PLUS-MINUS SIGN} 1.3 \N{MIDDLE DOT} disparity - ",
+        ),
+        (2466.5, 96.6, 12.3, "coc_px = 2466 \N{PLUS-MINUS SIGN} 97 \N{MIDDLE DOT} disparity + "),
+    ],
+)
+def test_lens_is_described_with_the_digits_that_its_error_warrants(slope, error, intercept, words):
+    fit = lens(slope, intercept, slope_stderr=error, intercept_stderr=0.5)
+    assert fit.describe().startswith(words)
+
+
+def test_blur_at_all_depths_is_that_of_the_ground_in_view():
+    seen = ((0.1, 0.5), (0.2, 0.5), (0.3, 0.5))
+    fit = lens(10.0, -1.0, slope_stderr=20.0, ground_seen=seen)
+    assert fit.usual_coc_px == pytest.approx(1.0)
+
+
+def test_error_of_the_coc_is_that_of_simulated_fits():
+    covariance = np.array([[4.0, -1.5], [-1.5, 0.81]])
+    drawn = np.random.default_rng(0).multivariate_normal((30.0, -9.0), covariance, 20000)
+    fit = lens(30.0, -9.0, slope_stderr=2.0, intercept_stderr=0.9, correlation=-1.5 / 1.8)
+    for disparity in (0.05, 0.4, 1.0):
+        scatter = float(np.std(drawn @ (disparity, 1.0)))
+        assert fit.coc_stderr_px(disparity) == pytest.approx(scatter, rel=0.03)
 
 
 def test_numba_is_bounded_to_the_tested_range():

@@ -1,4 +1,4 @@
-"""The aperture as a user states it."""
+"""The aperture as a user states it, and the shutter that is assumed."""
 
 import math
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from nlens_video.core.errors import UsageError
-from nlens_video.core.optics import Aperture, parse_aperture
+from nlens_video.core.optics import Aperture, assumed_shutter, parse_aperture
 
 
 @pytest.mark.parametrize(
@@ -59,3 +59,13 @@ def test_cat_eye_with_a_picture_of_the_aperture_is_refused():
 )
 def test_aperture_reports_whether_it_is_a_round_disc(aperture, is_round):
     assert aperture.round is is_round
+
+
+@pytest.mark.parametrize(
+    ("rate", "angle"), [(10, 75.0), (23.976, 179.82), (24, 180.0), (60, 180.0)]
+)
+def test_assumed_shutter_is_open_for_half_a_frame_and_at_most_a_48th_of_a_second(rate, angle):
+    shutter = assumed_shutter(1 / rate)
+    assert shutter.angle_deg == pytest.approx(angle)
+    assert shutter.open_s <= 1 / 48 + 1e-12
+    assert assumed_shutter(0.0).open_s == 0.0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from support import shots
 
 from nlens_video.core.box import undistorted_radius
+from nlens_video.core.errors import UsageError
 from nlens_video.core.layers import (
     BlurredLayer,
     Box,
@@ -23,7 +24,13 @@ from nlens_video.effects.camera.distortion_apply import (
     distort_defocused,
     distort_shadow,
 )
+from nlens_video.effects.camera.distortion_measure import measure
+from nlens_video.effects.measurement import Measurement
 from nlens_video.effects.shadow.apply import Shadow
+from nlens_video.graph.base.view import View
+from nlens_video.graph.nodes.camera import overscan_px
+from nlens_video.scene.scene import Scene
+from nlens_video.video.pixels.picture import ArrayPicture
 
 CAMERA = shots.camera()
 FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)
@@ -115,6 +122,22 @@ def test_shadow_and_reflection_are_distorted_with_the_object():
     assert middle(moved) == pytest.approx(expected, abs=0.05)
 
 
+def test_strong_distortion_is_refused_where_it_is_given_and_simulated_where_measured(tmp_path):
+    scene, view = Scene.load(shots.cube_glb(tmp_path / "cube.glb")), View(width=96, height=64)
+
+    def found(model):
+        return {
+            "distortion": Measurement(
+                effect="distortion", value=20.0, threshold=3.0, unit="px", evidence="", model=model,
+                cost_ms=0.0,
+            )
+        }  # fmt: skip
+
+    assert overscan_px(scene, view, found(Distortion(k1=-0.37))) >= 0
+    with pytest.raises(UsageError, match="corners stay empty"):
+        overscan_px(scene, view, found(Distortion(k1=-9.0, focal_normalized=True)))
+
+
 def test_distortion_depends_on_the_focal_length_of_the_camera():
     longer = replace(CAMERA, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
     corner = np.array([0.0]), np.array([0.0])
@@ -125,3 +148,15 @@ def test_distortion_depends_on_the_focal_length_of_the_camera():
         for camera in (CAMERA, longer)
     )
     assert near[0] == pytest.approx(4 * far[0], rel=1e-6)
+
+
+def test_facade_with_curved_storeys_is_not_taken_for_a_lens_that_no_camera_has():
+    y, x = np.mgrid[0:600, 0:800].astype(np.float32)
+    across, down = (x - 399.5) / 500.0, (y - 299.5) / 500.0
+    k1 = -0.2  # beyond -4/27 the corners have no ideal position
+    radius = np.hypot(across, down)
+    scale = undistorted_radius(k1, 0.0, np.minimum(radius, 0.85).astype(np.float64)) / radius
+    storeys = np.where(np.sin(60.0 * down * scale) > 0, 200, 60).astype(np.uint8)
+    found = measure([ArrayPicture(np.repeat(storeys[..., None], 3, axis=2), "rgb")])
+    assert "bent by -" in found.evidence
+    assert not found.called_for and found.model is None

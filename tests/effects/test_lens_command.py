@@ -50,7 +50,7 @@ def test_barrel_distortion_option_moves_the_object_towards_the_centre(tmp_path):
 
 @pytest.mark.needs_gl
 def test_requested_effect_without_a_measurement_is_left_out_with_a_reason(tmp_path):
-    said = run(tmp_path, "plan", "--effects", "defocus,aberration,bloom", "--plan")
+    said = run(tmp_path, "plan", "--effects", "defocus,aberration,bloom", "--plan", "-v")
     assert "left out chromatic-aberration: edges of red and blue against green" in said
     assert "left out bloom: " in said
     bare = run(tmp_path, "bare", "-q", "--effects", "defocus")

@@ -86,7 +86,11 @@ def test_fast_motion_hidden_by_defocus_needs_fewer_shutter_samples():
 @pytest.mark.parametrize(
     ("scene", "wanted", "words"),
     [
-        (ShotFacts(moves=True, shutter=Shutter(frame_s=0.04)), True, "180 degrees, assumed"),
+        (
+            ShotFacts(moves=True, shutter=Shutter(frame_s=0.04)),
+            True,
+            "(180 degrees or 0.02 s, assumed)",
+        ),
         (ShotFacts(moves=False, shutter=Shutter(frame_s=0.04)), False, "moves"),
         (ShotFacts(moves=True, shutter=Shutter()), False, "still"),
         (ShotFacts(moves=True, shutter=Shutter(angle_deg=0, frame_s=1)), False, "--shutter 0"),
@@ -225,8 +229,8 @@ def test_command_blurs_a_moving_object_unless_motion_blur_is_off(tmp_path):
     for name, words in (
         ("auto", []),
         ("closed", ["--shutter", "0"]),
-        ("without", ["--effects", "defocus"]),
-        ("named", ["--effects", "defocus,motion-blur", "--shutter", "180"]),
+        ("without", ["--effects", "auto,-motion-blur"]),
+        ("named", ["--effects", "defocus,shadow,exposure,motion-blur", "--shutter", "180"]),
     ):
         out = tmp_path / f"{name}_%04d.png"
         timings = tmp_path / f"{name}.json"

@@ -173,3 +173,65 @@ def test_reflection_lies_on_the_ground_below_the_object(files, plain, tmp_path):
     plate = cv2.imread(str(files / "plate.png")).astype(int)
     assert np.array_equal(covered[:, :EDGE], plate[:, :EDGE])
     assert np.array_equal(covered[:, EDGE:], got[:, EDGE:])
+
+
+CARD = (40, 110)  # columns and rows of what walks [px]
+
+
+@pytest.fixture(scope="module")
+def walked(files):
+    """A video in which a card walks past the cube, nearer than it, and one farther away."""
+    plate = shots.plate()
+    for name, foot in (("before", 225), ("behind", 108)):
+        with av.open(str(files / f"{name}.mp4"), "w") as container:
+            stream = container.add_stream("libx264", rate=25, options={"crf": "18"})
+            stream.width, stream.height, stream.pix_fmt = shots.WIDTH, shots.HEIGHT, "yuv420p"
+            for number in range(24):
+                rgb, left = plate.copy(), 10 + 18 * number
+                rgb[max(0, foot - CARD[1]) : foot, left : left + CARD[0]] = (200, 40, 30)
+                rgb = np.clip(rgb + np.random.default_rng(number).normal(0, 1, rgb.shape), 0, 255)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb.astype(np.uint8))))
+            container.mux(stream.encode())
+    return files
+
+
+def moving(files, plate, out, *words):
+    """Planes of a plate and of its composite, frame by frame, and the decision on occlusion."""
+    run = nlens(
+        files / plate, files / "anim.glb", out, "--fit", files / "fit.json", "--codec", "ffv1",
+        "--effects", "auto,-grain,-exposure", "--json", *words,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    decisions = json.loads(run.stdout)["decisions"]
+    found = next(one for one in decisions if one["effect"] == "occlusion")
+    pictures = [planes[0] for _, planes in shots.read_planes(out)]
+    return [planes[0] for _, planes in shots.read_planes(files / plate)], pictures, found
+
+
+@pytest.mark.slow
+def test_what_walks_before_the_object_hides_it_by_default(walked, tmp_path):
+    plate, seen, found = moving(walked, "before.mp4", tmp_path / "o.mkv")
+    assert found["wanted"] and found["measured"] > 0.9
+    *_, left_out = moving(walked, "before.mp4", tmp_path / "n.mkv", "--occlusion", "none")
+    assert not left_out["wanted"]
+    there = np.s_[150:190, 10 + 18 * 11 + 5 : 10 + 18 * 11 + 35]  # the card before the cube
+    off = np.abs(seen[11][there].astype(int) - plate[11][there])
+    assert (off <= 2).mean() > 0.98
+    over = np.abs(shots.read_planes(tmp_path / "n.mkv")[11][1][0].astype(int) - plate[11])[there]
+    assert (over > 10).mean() > 0.5
+
+
+@pytest.mark.slow
+def test_what_walks_behind_the_object_is_hidden_by_it(walked, tmp_path):
+    _, seen, found = moving(walked, "behind.mp4", tmp_path / "o.mkv")
+    assert found["wanted"] and "behind" in found["reason"]
+    _, alone, _ = moving(walked, "behind.mp4", tmp_path / "n.mkv", "--occlusion", "none")
+    inside = np.s_[150:180, 215:265]  # the cube
+    assert np.array_equal(seen[11][inside], alone[11][inside])
+
+
+@pytest.mark.slow
+def test_a_range_of_a_shot_in_which_something_walks_equals_the_whole(walked, tmp_path):
+    _, whole, _ = moving(walked, "before.mp4", tmp_path / "o.mkv")
+    _, part, _ = moving(walked, "before.mp4", tmp_path / "p.mkv", "--range", "10:13")
+    assert all(np.array_equal(a, b) for a, b in zip(whole[10:13], part, strict=True))

@@ -3,6 +3,7 @@
 import pytest
 
 from nlens_video.core.errors import UsageError
+from nlens_video.effects.finding import Finding
 from nlens_video.effects.planner import ShotFacts, decide, restrict_to_pipeline
 
 SUNLIT = ShotFacts(lamps=1)
@@ -38,8 +39,8 @@ def test_pipeline_with_every_node_keeps_all_planned_effects():
         (ShotFacts(reflectance=0.2), "reflection", True, "mirrors 0.2"),
         (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "not drawn"),
         (ShotFacts(), "occlusion", False, "give --holdout PATH or --occlusion auto"),
-        (ShotFacts(holdout="m.png, by its alpha"), "occlusion", True, "m.png, by its alpha"),
-        (ShotFacts(occlusion_by_coc=True), "occlusion", True, "certainly of nearer things"),
+        (ShotFacts(occlusion=Finding("m.png", wanted=True)), "occlusion", True, "m.png"),
+        (ShotFacts(occlusion=Finding("the camera moves")), "occlusion", False, "camera moves"),
     ],
 )
 def test_reflection_and_occlusion_are_planned_only_if_their_inputs_are_given(

@@ -11,6 +11,7 @@ from support.definitions import marked
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.shadow.ambient import hemisphere, surface_points
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import Casters, ClippedMesh
@@ -290,8 +291,8 @@ def test_coverage_of_folded_meshes_with_holes_equals_the_reference():
 @pytest.mark.needs_truth
 @pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
 def test_shadow_agrees_with_a_path_tracer(shared, scene, gain_db):
-    from nlens_video.scene.illumination import SceneLight
     from nlens_video.scene.scene import Scene
+    from nlens_video.scene.scene_light import SceneLight
 
     folder = shared / "data" / "cycles" / "dev" / scene
     loaded = Scene.load(folder / "object.glb")
@@ -314,3 +315,36 @@ def test_shadow_agrees_with_a_path_tracer(shared, scene, gain_db):
         return float(((result[region].astype(float) - truth[region]) ** 2).mean())
 
     assert 10.0 * math.log10(error(without) / error(picture)) >= gain_db
+
+
+def test_contact_darkening_shows_no_pattern_of_its_directions():
+    around = hemispheres(GREY / math.pi, GREY / math.pi)
+    few, many = (
+        loss(cast(Illumination((), around), ambient_directions=count))[..., 0]
+        for count in (32, 2048)
+    )
+    # The card hides at most the part of the sky under which it is seen from the ground.
+    assert 0.2 < many.max() < 0.4
+    assert np.abs(few - many).max() < 0.05
+
+    def roughness(shadow):
+        return float(np.abs(np.diff(shadow, n=2, axis=1)).max())
+
+    assert roughness(few) < 2.0 * roughness(many) + 1e-3
+
+
+def test_samples_of_the_sky_are_denser_where_it_is_brighter():
+    even = hemisphere(256, hemispheres(GREY, GREY))
+    assert even == pytest.approx(hemisphere(256), abs=1e-6)
+    bright = hemispheres(GREY, GREY)
+    bright[3] = 0.5  # towards +X
+    toward = hemisphere(256, bright)
+    assert toward[:, 0].mean() > even[:, 0].mean() + 0.1
+    assert np.linalg.norm(toward, axis=1) == pytest.approx(1.0)
+
+
+def test_points_of_a_surface_lie_on_it_evenly():
+    points = surface_points(CARD, FACES)
+    spread = points[: -len(CARD)]
+    assert (spread[:, 1] == 1.0).all() and np.abs(spread[:, [0, 2]]).max() <= 0.5
+    assert np.histogram(spread[:, 0], 4, (-0.5, 0.5))[0] == pytest.approx(len(spread) / 4, rel=0.3)

@@ -21,7 +21,8 @@ from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode, equal_values
 from nlens_video.scene import Scene
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination, Lamp, SceneLight, sun
+from nlens_video.scene.illumination import Illumination, Lamp, sun
+from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -184,7 +185,7 @@ def test_shadow_of_a_moving_object_has_motion_blur_if_enabled(tmp_path):
     def profile(shutter, given):
         shadow = stages(scene, shutter)[0](placed(1.5), None, given)
         row = shadow.loss[60 - shadow.box.y0, :, 0]
-        return int((row > 0.1).sum()), float(np.abs(np.diff(row)).max())
+        return int((row > 0.2).sum()), float(np.abs(np.diff(row)).max())
 
     still = profile(Shutter(frame_s=1.0), None)
     assert profile(Shutter(frame_s=0.1), motion) == still  # its shadow moves by half a pixel

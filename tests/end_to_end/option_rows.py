@@ -101,11 +101,24 @@ PLACING = {
     "fov": option("--fov", "50", nonsense=(*NOT_NUMBERS, "0", "180", "-40"), placed=True),
     "horizon": option("--horizon", "0.2", nonsense=(*NOT_NUMBERS, "0.9"), placed=True),
 }  # fmt: skip
+LENGTHS = (*NOT_NUMBERS, "0", "-1", "2ft", "1e9m")
+PERSON = ("--person-height", "1.75m", "--person", "0.4,0.3,0.5,0.95")
+SCALE = {
+    "marker": option("--marker", "0.2m", nonsense=LENGTHS, code=3),  # no plate here has one
+    "person_height": option(*PERSON, nonsense=LENGTHS),
+    "person": option(
+        *PERSON, nonsense=("", "0.5,0.8", "0.5,0.9,0.4,0.2", "40,20,50,90", "a,b,c,d")
+    ),
+}
+SCALE_ELSEWHERE = {
+    name: replace(row, elsewhere="tests/cli/test_solve_scale.py") for name, row in SCALE.items()
+}
 ENV = ("--env", "map.hdr")
 LIGHT = {
     "env": option(*ENV, nonsense=NO_FILE, codes=(2, 3, 4)),
     "env_rotation": option(*ENV, "--env-rotation", "-90", nonsense=(*NOT_NUMBERS, "90")),
     "env_exposure": option(*ENV, "--env-exposure", "-1", nonsense=(*NOT_NUMBERS, "1")),
+    "sun": option("--sun", "-60,35,3", nonsense=(*NOT_NUMBERS, "60", "60,0", "60,91", "60,35,0")),
     "shadow_strength": option("--shadow-strength", "2", nonsense=(*NOT_NUMBERS, "-1", "2.1")),
 }
 OBJECT = {
@@ -119,6 +132,10 @@ OBJECT = {
     "layers": option("--layers", "layers.exr", nonsense=(*NO_FILE, "in.png"), codes=(2, 3, 6)),
     "ground_y": option("--ground-y", "-0.1", nonsense=NOT_NUMBERS),
     "footprint": option("--footprint", "cube", nonsense=("", "nosuch"), codes=(2, 4)),
+    "height": Row(
+        sense=("--height", "40cm"), nonsense=(*NOT_NUMBERS, "0", "-1", "2ft"),
+        elsewhere="tests/cli/test_solve_scale.py",
+    ),
     **PLAYBACK, **PLACING, **LIGHT,
     "holdout": option("--holdout", "in.png", nonsense=NO_FILE, codes=(2, 3, 6)),
     "occlusion": option("--occlusion", "auto", nonsense=("", "yes", "AUTO")),

@@ -24,6 +24,8 @@ from end_to_end.option_rows import (
     RANGE,
     RESULTS,
     RUN,
+    SCALE,
+    SCALE_ELSEWHERE,
     SHOWN,
     STREAM,
     TALK,
@@ -46,6 +48,7 @@ COMMANDS = {
         places={"input": 1, "glb": 2, "output": 3},
         rows={
             **TALK, "input": INPUT, **OBJECT, "output": OUTPUT, **LENS, **PLATE, **RANGE, **SHOWN,
+            **SCALE_ELSEWHERE,
             **EFFECTS, **RUN, **{name: replace(row, words=VIDEO) for name, row in ENCODING.items()},
             "input_format": replace(PLATE["input_format"], words=STREAM),
             "as_chunk": option("--as-chunk", words=(*VIDEO[:3], "{tmp}/chunks", *VIDEO[4:])),
@@ -58,6 +61,7 @@ COMMANDS = {
         places={"input": 1, "glb": 2, "save_fit": 3},
         rows={
             **TALK, "input": INPUT, **OBJECT, **LENS, **PLATE, **RANGE, **SHOWN,
+            **SCALE_ELSEWHERE,
             "save_fit": Row(sense=("{tmp}/other.json",), nonsense=NO_TARGET, codes=(2, 6)),
         },
     ),
@@ -95,11 +99,12 @@ COMMANDS = {
         words=("solve", "in.png", "{tmp}/camera.json", "--no-progress"),
         places={"input": 1, "output": 2},
         rows={
-            **TALK, "input": INPUT, **PLATE, **RANGE, "overwrite": SHOWN["overwrite"],
+            **TALK, "input": INPUT, **PLATE, **RANGE, **SCALE, "overwrite": SHOWN["overwrite"],
             "no_progress": SHOWN["no_progress"],
             "output": Row(sense=("{tmp}/camera.chan",), nonsense=(*NO_TARGET, "camera.txt"),
                           codes=(2, 6)),
             "fov": option("--fov", "50", nonsense=(*NOT_NUMBERS, "0", "180", "-40")),
+            "report": SHOWN["report"],
             "every": option("--every", "2", nonsense=(*NOT_NUMBERS, "-1", "1.5")),
         },
     ),
@@ -110,7 +115,8 @@ COMMANDS = {
             **TALK, "input": INPUT, "glb": OBJECT["glb"], **PLATE, **RANGE, **PLACING,
             "output": Row(sense=("{tmp}/sheet.png",), nonsense=RESULTS, codes=(2, 6)),
             "ground_y": OBJECT["ground_y"], "scene": OBJECT["scene"], **PLAYBACK,
-            "overwrite": SHOWN["overwrite"],
+            "overwrite": SHOWN["overwrite"], "camera_from": OBJECT["camera_from"],
+            "no_grid": option("--no-grid"),
         },
     ),
     "check": Command(
@@ -122,7 +128,7 @@ COMMANDS = {
             "result": Row(sense=("in.png",), nonsense=NO_FILE, codes=(2, 3)),
             "input": option("--against", "in.png", nonsense=NO_FILE, codes=(2, 3)),
             "objects": option("--objects", "2", nonsense=(*NOT_NUMBERS, "0", "-1", "1.5")),
-            "report": SHOWN["report"],
+            "report": SHOWN["report"], "camera_from": OBJECT["camera_from"],
         },
     ),
     "graph": Command(

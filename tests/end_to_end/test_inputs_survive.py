@@ -18,9 +18,9 @@ COMMANDS = {
     "fit": "fit {input} {glb} {save_fit} --layers {layers} --holdout {holdout} --env {env} "
     "--camera-from {camera_from} --aperture {aperture} --preset {preset} --report {report}",
     "merge": "merge {output} {chunks} --from {input}",
-    "solve": "solve {input} {output}",
-    "place": "place {input} {glb} {output}",
-    "check": "check {result} --against {input} --report {report}",
+    "solve": "solve {input} {output} --report {report}",
+    "place": "place {input} {glb} {output} --camera-from {camera_from}",
+    "check": "check {result} --against {input} --camera-from {camera_from} --report {report}",
     "evaluate": "evaluate coc {folder} --out {out}",
     "bench": "bench {folder} --out {out}",
     "study make": "study make {folder} {page}",

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -187,7 +188,10 @@ def test_summary_and_plan_list_disabled_effects_in_one_line(files, tmp_path):
     assert {one["effect"] for one in told if not one["wanted"]} == set(names)
 
     plan = nlens(*command, "--plan").stdout
-    assert f"effects off: {', '.join(names)} (-v says why)" in plan
+    assert f"effects off: {', '.join(names)}" in plan.splitlines()
+    end = r"^left out: \d+ nodes that nothing calls for \(-v gives every reason\)$"
+    assert len(re.findall(end, plan, re.MULTILINE)) == 1
     for words in (("--plan", "-v"), ("--plan", "--json")):
         whole = nlens(*command, *words).stdout
         assert f"effect {names[0]}: no, " in whole and "effects off: " not in whole
+        assert "nothing calls for" not in whole

@@ -129,6 +129,9 @@ def test_placement_in_pixels_is_refused(shot, tmp_path, place, words):
     assert words in one_line(run, 2)
 
 
+FAR_LEFT = ("--at", "-4,0.9", "--size", "0.3", "--horizon", "0.5")
+
+
 class TestOutOfView:
     @pytest.mark.usefixtures("no_pass")
     @pytest.mark.parametrize("plate", ["in.mp4", "plate.png"])
@@ -138,7 +141,7 @@ class TestOutOfView:
             ("behind.glb", [], "behind the camera; check --camera"),
             ("left.glb", [], "left of the frame; check --camera"),
             ("left.glb", ["--effects", "none"], "left of the frame"),
-            ("bare.glb", ["--at", "-4,0.9", "--size", "0.3"], "left of the frame; check --at and"),
+            ("bare.glb", [*FAR_LEFT], "left of the frame; check --at and"),
         ],
     )
     def test_object_outside_every_frame_is_refused(self, shot, tmp_path, plate, glb, more, words):

@@ -15,10 +15,10 @@ from nlens_video.effects.shadow.casters import Casters
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.plates import load_plate
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.video.exr import write_layers
+from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.pixels.picture import ArrayPicture
 
 
@@ -52,13 +52,32 @@ def measured(capsys, *words):
 def test_shadow_is_evaluated_where_the_ground_truth_has_one(plate, capsys):
     told = measured(capsys, plate.parent, "--out", plate.parent / "tables")
     rows = {row["name"]: row for row in told["shadow"]["summary"]}
-    given, best = rows["by the given light"], rows["the same, told its strength"]
-    assert best["strength"] == pytest.approx(0.75, abs=0.051)
-    assert best["gain_db"] > 15.0 > given["gain_db"] > 5.0
+    lights, guessed = rows["with its lights"], rows["GLB without lights"]
     assert rows["no shadow"]["gain_db"] == 0.0
-    assert given["left"] < best["left"] == pytest.approx(1.0, abs=0.03)
+    assert lights["gain_db"] > 3.0 and guessed["gain_db"] > 0.0
+    assert lights["gain_db_least"] == lights["gain_db"]
+    assert lights["left"] < 1.5
+    assert "with its map" not in rows
     names = {path.name for path in (plate.parent / "tables").iterdir()}
-    assert names == {"scene.md", "drawn.csv", "shadow.csv"}
+    assert names == {"scene.md", "drawn.csv", "light.csv", "shadow.csv"}
+
+
+def test_map_of_the_surroundings_is_a_case_where_it_is_there(plate, capsys):
+    assert cv2.imwrite(str(plate / "env.hdr"), np.full((16, 32, 3), 0.5, np.float32))
+    told = measured(capsys, plate)
+    for table in ("light", "shadow"):
+        assert "with its map" in {row["name"] for row in told[table]["summary"]}
+
+
+def test_light_is_compared_with_the_layer_in_stops(plate, capsys):
+    def bias():
+        rows = measured(capsys, plate)["light"]["summary"]
+        return next(row["bias_ev"] for row in rows if row["name"] == "GLB without lights")
+
+    before, channels = bias(), read_exr(plate / "object.exr").channels
+    doubled = {name: values * (2.0 if name in "RGB" else 1.0) for name, values in channels.items()}
+    write_layers(plate / "object.exr", doubled)
+    assert bias() == pytest.approx(before - 1.0, abs=0.01)
 
 
 def test_rasterised_cube_has_the_mask_and_depth_of_the_slab_method(plate, capsys):

@@ -77,6 +77,7 @@ TERMINATED = """
 import os, signal, time
 from nlens_video.core import signals
 from nlens_video.farm.on_ray import Cluster, _connected
+from nlens_video.farm.ray_folder import ray_folder
 
 def interrupted():
     try:
@@ -88,7 +89,7 @@ def interrupted():
     return False
 
 signal.signal(signal.SIGTERM, signals.handler)
-with _connected(Cluster(workers=1)):
+with ray_folder(local=True) as folder, _connected(Cluster(workers=1), folder):
     during = interrupted()
 print(during, interrupted())
 """

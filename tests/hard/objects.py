@@ -30,7 +30,7 @@ def folder():
 
 
 def cube(path: Path, *, unit: float = 1.0, at=(0.0, 0.0, -1.6), size=0.35, lamp="sun") -> Path:
-    """A cube on the ground, a camera and a lamp, all of it in units of `unit`."""
+    """A cube on the ground, a camera and a lamp (or an unlit cube), all in units of `unit`."""
     builder = GlbBuilder()
     pbr = {"baseColorFactor": [0.8, 0.25, 0.1, 1], "metallicFactor": 0}
     paint = builder.add("materials", {"pbrMetallicRoughness": pbr, "doubleSided": True})
@@ -42,7 +42,9 @@ def cube(path: Path, *, unit: float = 1.0, at=(0.0, 0.0, -1.6), size=0.35, lamp=
     pose[:3, 3] *= unit
     lens = builder.camera(shots.YFOV, name="Plate", aspect=SIZE[0] / SIZE[1])
     builder.node(camera=lens, matrix=pose.T.ravel().tolist())
-    if lamp == "sun":
+    if lamp == "none":  # the base colour is the radiance itself
+        builder.document["materials"][paint]["extensions"] = {"KHR_materials_unlit": {}}
+    elif lamp == "sun":
         builder.light(intensity=2.0, node={"rotation": [-0.5, 0.2, 0.0, 0.84]})
     else:  # a lamp's light falls off with the square of the distance
         there = [0.5 * unit, 1.5 * unit, -0.8 * unit]

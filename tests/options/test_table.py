@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 
 from nlens_video.core.optics import LensOverrides
-from nlens_video.core.placement import Placement
+from nlens_video.core.placement import GroundPlacing, Placement
+from nlens_video.core.scale import ScaleSettings
 from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
@@ -15,13 +16,14 @@ from nlens_video.core.settings import (
     Settings,
     SourceSettings,
 )
+from nlens_video.options.commands import COMMANDS, JOBS
 from nlens_video.options.parser import parser_of
-from nlens_video.options.table import COMMANDS, JOBS, ROWS
+from nlens_video.options.table import ROWS
 
 OWNERS = {
     "run": Settings, "source": SourceSettings, "output": OutputSettings, "scene": ObjectSettings,
     "playback": Playback, "placing": Placement, "light": LightSettings, "real": RealSettings,
-    "optics": LensOverrides,
+    "optics": LensOverrides, "scale": ScaleSettings, "ground": GroundPlacing,
 }  # fmt: skip
 
 

@@ -15,7 +15,8 @@ from nlens_video.core.layers import Box
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
-from nlens_video.scene.illumination import Illumination, SceneLight, hemispheres
+from nlens_video.scene.illumination import Illumination, hemispheres
+from nlens_video.scene.scene_light import SceneLight
 
 RENDERERS = {"opengl": PyrenderObjectRenderer, "software": SoftwareObjectRenderer}
 
@@ -183,6 +184,24 @@ def test_ambient_occlusion_darkens_only_ambient_light(tmp_path):
 
     assert around(255) == pytest.approx(0.8, rel=3e-3)
     assert around(0) == pytest.approx(0.4, rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("base", "metallic", "expected"),
+    [
+        (1.0, 1.0, 1.0),  # a rough white mirror returns all light
+        (0.0, 0.0, 0.0165),  # Karis: 0.04 * 0.452 - 0.0024, and 5 % of that between facets
+    ],
+)
+def test_rough_surface_in_even_light_reflects_its_share(tmp_path, base, metallic, expected):
+    builder = GlbBuilder()
+    pbr = {"metallicFactor": metallic, "roughnessFactor": 1.0}
+    quad(builder, number=material(builder, (base, base, base, 1), {}, pbr=pbr))
+    scene = Scene.load(builder.write(tmp_path / "scene.glb"))
+    light = Illumination((), hemispheres(np.ones(3), np.ones(3)))
+    with ObjectRenderer(scene, SceneLight(0, light)) as renderer:
+        rgba, _ = centre(renderer.render(0.0, camera_at(4.0)))
+    assert rgba[0] == pytest.approx(expected, rel=0.01)
 
 
 def test_more_than_four_lights_of_a_kind_add_up(tmp_path):
@@ -422,7 +441,7 @@ def test_scene_without_lights_is_lit_by_default_with_a_note(tmp_path):
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
     with ObjectRenderer(scene) as renderer:
         rgba, _ = centre(renderer.render(0.0, camera_at(4.0)))
-        assert "no lights" in renderer.light_note
+        assert "estimated from the plate" in renderer.light_note
     assert 0.05 < rgba[0] < 1.0
 
 

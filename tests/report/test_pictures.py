@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from nlens_video.core.layers import Box
-from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.collect import copied, thumbnail
-from nlens_video.report.fit import FitCurve
 from nlens_video.report.html import embedded_jpeg, jpeg, to_8_bit
 from nlens_video.report.maps import COC_MAP, Scale
 from nlens_video.report.svg import Axes, nice_step, ticks
-from nlens_video.stages.r_regression import FitSamples
 from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
 
 RAMP = np.linspace(30, 220, 960)[None, :, None] * np.ones((512, 1, 3))
@@ -76,25 +73,6 @@ def test_colour_scale_starts_at_zero_and_saturates_at_its_top():
     np.testing.assert_allclose(colors[0], [68, 1, 84], atol=1)  # viridis begins dark violet
     np.testing.assert_allclose(colors[1], [253, 231, 37], atol=3)  # and ends yellow
     np.testing.assert_array_equal(colors[1], colors[2])
-
-
-def test_fit_curve_band_is_the_standard_error_of_a_line():
-    """Ordinary least squares: sigma / sqrt(n) at the mean, growing with the distance from it."""
-    disparity = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
-    sigma, spread = 2.0, float(((disparity - 0.3) ** 2).sum())
-    fit = LensFit(
-        slope=10.0, intercept=-3.0, width=64, height=36,
-        slope_stderr=sigma / np.sqrt(spread),
-        intercept_stderr=sigma * np.sqrt((disparity**2).mean() / spread),
-    )  # fmt: skip
-    ones = np.ones(5)
-    samples = FitSamples(
-        disparity=disparity, coc_px=ones, sigma_px=sigma * ones, anchor=ones > 1, weight=ones,
-        cluster=np.arange(5),
-    )  # fmt: skip
-    error = FitCurve.of(fit, samples).stderr_px(np.array([0.3, 0.5]))
-    assert error[0] == pytest.approx(sigma / np.sqrt(5))
-    assert error[1] == pytest.approx(sigma * np.sqrt(1 / 5 + 0.2**2 / spread))
 
 
 def test_axes_place_values_at_their_ticks():

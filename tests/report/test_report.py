@@ -339,7 +339,7 @@ def test_plates_of_frames_without_the_object_are_not_kept(tmp_path):
 def test_report_folder_that_is_a_file_is_refused_in_one_line(tmp_path):
     bench = Bench(tmp_path / "run")
     (bench.folder / "report").write_text("a file")
-    with pytest.raises(OutputError, match="report: cannot be made") as refused:
+    with pytest.raises(OutputError, match="report: is a file") as refused:
         bench.report()
     assert "\n" not in str(refused.value)
 

@@ -1,6 +1,7 @@
 """A lens that changes over a file is followed; one that does not is left alone."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,16 +17,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run.lens_track_pass import lens_track_pass
-from nlens_video.stages.r_lens_track import (
-    CHANGED,
-    FitTrack,
-    Keyframe,
-    LiveLens,
-    changed,
-    hold_segments,
-    is_cut,
-    signature,
-)
+from nlens_video.stages.r_lens_change import CHANGED, changed, differs, is_cut, signature
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, LiveLens, hold_segments
 from nlens_video.video.pixels.picture import ArrayPicture
 
 
@@ -139,6 +132,41 @@ def test_constant_focus_is_not_tracked(pulled, tmp_path):
     assert lens_track_pass(settings(parse(arguments(pulled, "--track-focus", "off")))) is None
     given = shots.fit_json(tmp_path / "fit.json")
     assert lens_track_pass(settings(parse(arguments(pulled, "--fit", str(given))))) is None
+
+
+@pytest.mark.slow
+def test_no_change_is_told_on_twenty_shots_of_a_constant_lens_with_walkers(tmp_path):
+    """Every third frame is fitted; a dark or bright figure walks over the ground of each shot."""
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        shots.cube_glb(folder / "anim.glb")
+        rgb = shots.plate(seed, slope=rng.uniform(0.5, 1.5) * shots.SLOPE)
+        tone, top = rng.integers(20, 235), rng.integers(0, shots.HEIGHT // 2)
+        for index in range(10):
+            walked = rgb.copy()
+            left = int(shots.WIDTH * (index / 10))
+            walked[top:, left : left + shots.WIDTH // 8] = tone
+            shots.write_png(folder / f"in_{index:04d}.png", shot(walked, 2.0, seed=index).array)
+        track = lens_track_pass(settings(parse(arguments(folder, "--track-focus", "3"))))
+        assert track is None, f"shot {seed}: {track.describe()}"
+
+
+def test_fit_that_differs_by_less_than_its_error_does_not_move_the_live_lens():
+    live = LiveLens(1 / 25)
+    live.found(fit(-10.0, error=2.0))
+    live.found(fit(-12.0, error=2.0))
+    assert live.fits == 1 and live.step().intercept == -10.0
+    live.found(fit(-18.0, error=2.0))
+    assert live.fits == 2 and live.step().intercept < -10.0
+
+
+def test_unsigned_blur_is_compared_where_the_sign_is_ambiguous():
+    near = LensFit(slope=0.1, intercept=4.0, sign="ambiguous", width=8, height=8)
+    far = LensFit(slope=0.1, intercept=-4.2, width=8, height=8)
+    assert not differs(near, far, still=True)
+    assert differs(replace(near, sign="resolved"), far, still=True)
 
 
 @pytest.mark.slow

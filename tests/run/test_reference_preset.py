@@ -90,7 +90,7 @@ def test_prerendered_layers_fall_back_to_single_view_blur_with_a_note(files, tmp
     assert "reblur" in nodes and "lens-sampling" not in nodes
     plan = succeed(
         files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
-        "--layers", tmp_path / "layer.exr", "--plan",
+        "--layers", tmp_path / "layer.exr", "--plan", "-v",
     )  # fmt: skip
     views = "pre-rendered layers hold one view of the object"
     assert f"left out lens-sampling: {views}, so {STANDS_IN}" in plan
@@ -100,7 +100,7 @@ def test_prerendered_layers_fall_back_to_single_view_blur_with_a_note(files, tmp
 def test_plan_states_the_number_of_aperture_samples(files, tmp_path):
     plan = succeed(
         files / "plate.png", files / "anim.glb", tmp_path / "o.png", "--preset", "reference",
-        "--plan",
+        "--plan", "-v",
     )  # fmt: skip
     assert "aperture sampled at 29 points for 50 dB" in plan
     assert "left out reblur: not needed: lens-sampling runs" in plan

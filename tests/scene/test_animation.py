@@ -109,7 +109,9 @@ def test_animations_of_different_nodes_play_together_and_alternatives_do_not(tmp
     posed = scene.pose(1.0)
     assert [mesh.positions[0][0] for mesh in posed.meshes] == [1, 3]
     (line,) = scene.warnings
-    assert line.endswith("moves: other; choose one with --animation NAME")
+    assert line.endswith(
+        "one, two play; other would move the same parts: choose with --animation NAME"
+    )
 
 
 @pytest.mark.parametrize("times", [[0, 0], [1, 0.5]])

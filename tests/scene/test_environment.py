@@ -9,7 +9,6 @@ import pytest
 from nlens_video.core.errors import InputError
 from nlens_video.effects.planner import SHADOW, ShotFacts, decide
 from nlens_video.scene.environment import load_environment, reduce_environment
-from nlens_video.scene.illumination import Illumination, SceneLight
 
 
 def even(level=0.5, width=128):
@@ -112,37 +111,17 @@ def test_invalid_environment_map_is_refused_in_one_line(tmp_path, name, write, w
     assert "\n" not in str(caught.value)
 
 
-def test_light_estimated_from_the_plate_has_its_level_and_tint():
-    plate = np.zeros((90, 160, 3), np.float32)
-    plate[:45], plate[45:] = (0.3, 0.35, 0.5), (0.12, 0.1, 0.08)
-    light, double = Illumination.of_plate(plate), Illumination.of_plate(plate * 1.5)
-    up, down = (light.irradiance_around(np.array([0.0, s, 0.0])) for s in (1.0, -1.0))
-    assert up.sum() > down.sum() and up[2] > up[0] and down[0] > down[2]
-    assert double.irradiance_around(np.array([0.0, 1.0, 0.0])).sum() > 1.3 * up.sum()
-    assert light.lamps[0].posed.direction[1] < 0.0
-
-
-def test_light_is_estimated_from_the_plate_only_without_lights_in_the_files():
-    plate_light = Illumination.of_plate(np.full((9, 16, 3), 0.4, np.float32))
-    told = Illumination((), np.ones((9, 3)))
-    guess, environment = SceneLight(0), SceneLight(0, told)
-    assert "estimated from the plate" in guess.note and "environment map" in environment.note
-    assert guess.on_object((), plate_light) is plate_light
-    assert guess.on_object((), plate_light).lamps and not guess.on_ground((), plate_light).lamps
-    assert np.array_equal(environment.on_object((), plate_light).ambient, told.ambient)
-
-
 @pytest.mark.parametrize(
     ("scene", "wanted", "words"),
     [
         (ShotFacts(lamps=2), True, "2 lights"),
-        (ShotFacts(lamps=0), False, "no light is known"),
-        (ShotFacts(lamps=0, surroundings=True), True, "light around"),
+        (ShotFacts(lamps=0), True, "light around"),
         (ShotFacts(lamps=1, pre_rendered=True), False, "layers"),
+        (ShotFacts(lamps=1, pre_rendered=True, sun=True), True, "1 light"),
         (ShotFacts(lamps=1, strength=0.0), False, "--shadow-strength 0"),
     ],
 )
-def test_automatic_shadow_needs_a_known_light(scene, wanted, words):
+def test_automatic_shadow_falls_in_any_light_but_that_of_layers(scene, wanted, words):
     (decision,) = (one for one in decide("auto", scene) if one.effect == SHADOW)
     assert decision.wanted is wanted and words in decision.reason
 

@@ -1,5 +1,7 @@
 """Screen bounds of everything within the convex hull of a set of points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -68,16 +70,21 @@ def test_hull_with_nan_or_infinite_points_is_never_culled():
 @settings(max_examples=200)
 @given(
     seed=st.integers(0, 100_000), moments=st.integers(1, 4), count=st.integers(1, 9),
-    step=st.sampled_from([0.0, 1e-3, 0.3]),
+    step=st.sampled_from([0.0, 1e-3, 0.3]), zoom=st.sampled_from([0.0, 1e-3, 0.3]),
 )  # fmt: skip
-def test_screen_motion_of_a_hull_stays_within_the_bound(seed, moments, count, step):
+def test_screen_motion_of_a_hull_stays_within_the_bound(seed, moments, count, step, zoom):
     rng = np.random.default_rng(seed)
     camera = random_camera(rng)
+    scales = np.exp(zoom * rng.normal(size=moments))
+    cameras = [replace(camera, fx=camera.fx * by, fy=camera.fy * by) for by in scales]
     points = points_near(rng, camera, count, 0.3)
     points = points + step * rng.normal(size=(moments, count, 3)).cumsum(axis=0)
-    bound = travel_bound_px(list(points), [camera] * moments)
-    assert bound == pytest.approx(travel_ref(list(points), [camera] * moments), rel=1e-9)
+    bound = travel_bound_px(list(points), cameras)
+    assert bound == pytest.approx(travel_ref(list(points), cameras), rel=1e-9)
     assume(bound < np.inf)
-    ways = [camera.pixels(camera.to_camera(own)) for own in inside_hull(rng, points)]
+    ways = [
+        seen.pixels(seen.to_camera(own))
+        for seen, own in zip(cameras, inside_hull(rng, points), strict=True)
+    ]
     travelled = np.linalg.norm(np.diff(ways, axis=0), axis=-1).sum(axis=0)
     assert (travelled <= bound * (1.0 + 1e-9) + 1e-9).all()

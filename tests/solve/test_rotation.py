@@ -5,70 +5,96 @@ import math
 import numpy as np
 import pytest
 from support.camera_paths import SIZE, focal_of, project, rotation
+from support.seen_points import observed
 
-from nlens_video.solve.rotation import resect_rotations, solve_rotation
+from nlens_video.solve.paths.moving import PartSolver
+from nlens_video.solve.paths.rotation import solve_rotation
+from nlens_video.solve.points.observations import Observations
 
 FRAMES = list(range(12))
 
 
-def pan(fov_deg, noise_px=0.1, moving=0, parallax=0.0):
-    """Tracks of a pan over 12 degrees, and the camera axes of each frame."""
+def pan(fov_deg, noise_px=0.1, moving=0, parallax=0.0, zoom=1.0, turning=1.0):
+    """Observations of a pan over 12 degrees, camera axes and field of view of each frame."""
     rng = np.random.default_rng(3)
     points = np.column_stack(
         [rng.uniform(-6, 6, 400), rng.uniform(-3, 3, 400), rng.uniform(-9, -5, 400)]
     )
-    tracks = [{} for _ in points]
-    turns = []
+    turns, fovs, frames = [], [], []
     for frame in FRAMES:
-        turn = rotation(math.radians(6.0 - frame), math.radians(-10.0 + 0.2 * frame), 0.0)
+        turn = rotation(
+            turning * math.radians(6.0 - frame), math.radians(-10.0 + 0.2 * turning * frame), 0.0
+        )
+        share = zoom ** (frame / FRAMES[-1])
+        fov = 2.0 * math.degrees(math.atan(math.tan(0.5 * math.radians(fov_deg)) / share))
         turns.append(turn)
+        fovs.append(fov)
         shifted = points.copy()
         shifted[:moving, 0] += 0.05 * frame
-        pixels, seen = project(shifted, turn, np.array([parallax * frame, 0.0, 0.0]), fov_deg)
-        for number in np.flatnonzero(seen):
-            tracks[number][frame] = pixels[number] + rng.normal(0.0, noise_px, 2)
-    return tracks, np.array(turns)
+        pixels, seen = project(shifted, turn, np.array([parallax * frame, 0.0, 0.0]), fov)
+        frames.append((pixels + rng.normal(0.0, noise_px, pixels.shape), seen))
+    return observed(frames), np.array(turns), np.array(fovs)
+
+
+def solved(seen, focal_px=None, zooms=False):
+    return solve_rotation(seen.table(FRAMES), len(FRAMES), SIZE, focal_px, zooms=zooms)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fov_deg", [25.0, 40.0, 65.0])
 def test_field_of_view_and_rotations_of_a_pan_are_found(fov_deg):
-    tracks, turns = pan(fov_deg)
-    found = solve_rotation(tracks, FRAMES, SIZE)
-    assert found.focal_px == pytest.approx(focal_of(fov_deg), rel=0.01)
-    assert abs(found.focal_px - focal_of(fov_deg)) < 4.0 * found.focal_stderr_px
-    expected = turns[0].T @ turns
-    assert abs(found.rotations - expected).max() < 2e-3
+    seen, turns, _ = pan(fov_deg)
+    found = solved(seen)
+    assert found.focals_px[0] == pytest.approx(focal_of(fov_deg), rel=0.01)
+    assert abs(found.focals_px[0] / focal_of(fov_deg) - 1.0) < 4.0 * found.focal_error
+    assert abs(found.rotations - turns[0].T @ turns).max() < 2e-3
     assert found.residual_px < 0.3
 
 
 def test_things_that_move_are_left_out():
-    tracks, turns = pan(40.0, moving=80)
-    found = solve_rotation(tracks, FRAMES, SIZE)
-    assert found.focal_px == pytest.approx(focal_of(40.0), rel=0.02)
+    seen, _, _ = pan(40.0, moving=80)
+    assert solved(seen).focals_px[0] == pytest.approx(focal_of(40.0), rel=0.02)
 
 
 def test_known_focal_length_is_kept():
-    tracks, _ = pan(40.0)
-    found = solve_rotation(tracks, FRAMES, SIZE, focal_of(40.0))
-    assert found.focal_px == pytest.approx(focal_of(40.0))
-    assert found.focal_stderr_px == 0.0
+    seen, _, _ = pan(40.0)
+    found = solved(seen, focal_of(40.0))
+    assert found.focals_px[0] == pytest.approx(focal_of(40.0))
+    assert found.focal_error == 0.0
 
 
 def test_camera_that_moves_is_not_taken_for_one_that_turns():
-    tracks, _ = pan(40.0, parallax=0.25)
-    found = solve_rotation(tracks, FRAMES, SIZE)
+    seen, _, _ = pan(40.0, parallax=0.25)
+    found = solved(seen)
     assert found is None or found.residual_px > 1.0
 
 
 def test_frames_between_keyframes_follow_from_the_points():
-    tracks, turns = pan(40.0)
-    keyframes = FRAMES[::4] + FRAMES[-1:]
-    path = solve_rotation(tracks, keyframes, SIZE)
-    found = resect_rotations(tracks, keyframes, FRAMES, path, SIZE)
-    assert abs(found - turns[0].T @ turns).max() < 3e-3
+    seen, turns, _ = pan(40.0)
+    part = PartSolver(seen, SIZE).solve(FRAMES[::4] + FRAMES[-1:], None)
+    assert part.kind == "rotation"
+    assert part.frames == FRAMES
+    assert abs(part.poses[:, :3, :3] - turns[0].T @ turns).max() < 3e-3
+
+
+def test_zoom_of_a_pan_is_followed_in_each_frame():
+    seen, _, fovs = pan(50.0, zoom=1.6)
+    part = PartSolver(seen, SIZE).solve(FRAMES[::2] + FRAMES[-1:], None)
+    assert part.zooms
+    expected = [focal_of(fov) for fov in fovs]
+    assert part.focals_px == pytest.approx(expected, rel=0.02)
+
+
+def test_zoom_without_a_turn_does_not_tell_the_field_of_view():
+    seen, _, _ = pan(50.0, zoom=1.6, turning=0.0)
+    part = PartSolver(seen, SIZE).solve(FRAMES, None)
+    assert part.focals_px[-1] / part.focals_px[0] == pytest.approx(1.6, rel=0.01)
+    assert part.focal_error > 0.08
 
 
 def test_frames_without_common_points_are_not_solved():
-    tracks = [{0: np.array([10.0, 10.0])}, {1: np.array([20.0, 20.0])}]
-    assert solve_rotation(tracks, [0, 1], SIZE) is None
+    seen = Observations()
+    seen.add(np.arange(10), np.zeros((10, 2), np.float32))
+    seen.add(np.arange(10, 20), np.zeros((10, 2), np.float32))
+    assert solve_rotation(seen.table([0, 1], fewest=1), 2, SIZE) is None
+    assert solve_rotation(seen.table([0, 1]), 2, SIZE) is None

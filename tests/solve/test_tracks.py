@@ -2,53 +2,88 @@
 
 import cv2
 import numpy as np
+import pytest
 
-from nlens_video.solve.tracks import Tracker, observations
+from nlens_video.solve.tracks import Tracker
 
 
-def shifted(step, frames=8, seed=0):
-    """Pictures of smooth noise that moves by a step (columns, rows) each frame [px]."""
+def texture(seed=0, size=(300, 420)):
     rng = np.random.default_rng(seed)
-    wide = cv2.GaussianBlur(rng.uniform(0, 255, (300, 420)).astype(np.float32), (0, 0), 2.0)
-    wide = cv2.normalize(wide, None, 0, 255, cv2.NORM_MINMAX)
+    wide = cv2.GaussianBlur(rng.uniform(0, 255, size).astype(np.float32), (0, 0), 2.0)
+    return cv2.normalize(wide, None, 0, 255, cv2.NORM_MINMAX)
+
+
+def warped(matrix):
+    found = cv2.warpAffine(texture(), np.float32(matrix), (320, 200), flags=cv2.INTER_CUBIC)
+    return found.clip(0, 255).astype(np.uint8)
+
+
+def shifted(step, frames=8):
+    """Pictures of smooth noise that moves by a step (columns, rows) each frame [px]."""
     for n in range(frames):
-        move = np.float32([[1, 0, n * step[0] - 50], [0, 1, n * step[1] - 50]])
-        yield (
-            cv2.warpAffine(wide, move, (320, 200), flags=cv2.INTER_CUBIC)
-            .clip(0, 255)
-            .astype(np.uint8)
-        )
+        yield warped([[1, 0, n * step[0] - 50], [0, 1, n * step[1] - 50]])
 
 
-def test_points_follow_the_picture_to_a_tenth_of_a_pixel():
+def followed(pictures):
     tracker = Tracker()
-    for picture in shifted((1.3, -0.7)):
+    for picture in pictures:
         tracker.add(picture)
-    whole = [track for track in tracker.tracks if len(track) == 8]
-    moves = np.array([track[7] - track[0] for track in whole])
-    assert len(whole) > 50
-    assert abs(np.median(moves, axis=0) - (7 * 1.3, -7 * 0.7)).max() < 0.1
+    return tracker
+
+
+def whole(tracker):
+    """First and last positions of the points that all frames show."""
+    frames = range(len(tracker.observations))
+    table = tracker.observations.table(list(frames), fewest=len(frames))
+    return table.at(0)[1], table.at(len(frames) - 1)[1]
+
+
+def test_points_follow_the_picture_to_a_twentieth_of_a_pixel():
+    first, last = whole(followed(shifted((1.3, -0.7))))
+    assert len(first) > 50
+    assert abs(np.median(last - first, axis=0) - (7 * 1.3, -7 * 0.7)).max() < 0.05
+
+
+def test_points_do_not_drift_while_the_picture_grows():
+    frames = 40
+    scales = [1.01**n for n in range(frames)]
+    pictures = (warped([[s, 0, 160 - 210 * s], [0, s, 100 - 150 * s]]) for s in scales)
+    first, last = whole(followed(pictures))
+    expected = (first - 0.5 - (160, 100)) * scales[-1] + (160, 100) + 0.5
+    assert len(first) > 20
+    assert np.median(np.linalg.norm(last - expected, axis=1)) < 0.15
 
 
 def test_points_that_leave_the_frame_end():
-    tracker = Tracker()
-    for picture in shifted((12.0, 0.0)):
-        tracker.add(picture)
-    columns = [point[0] for track in tracker.tracks for point in track.values()]
-    assert max(columns) <= 320.0
-    assert any(len(track) < 8 and 7 not in track for track in tracker.tracks)
+    tracker = followed(shifted((12.0, 0.0)))
+    frames = [tracker.observations.frame(n) for n in range(8)]
+    assert max(pixels[:, 0].max() for _, pixels in frames) <= 320.0
+    assert not set(frames[0][0]) <= set(frames[7][0])
+
+
+def test_points_that_are_covered_end():
+    pictures = list(shifted((1.0, 0.0)))
+    for picture in pictures[4:]:
+        picture[60:140, 100:200] = 128
+    tracker = followed(pictures)
+    _, pixels = tracker.observations.frame(7)
+    inside = (abs(pixels - (150, 100)) < (40, 30)).all(axis=1)
+    assert not inside.any()
 
 
 def test_flat_pictures_have_no_points():
-    tracker = Tracker()
-    for _ in range(3):
-        tracker.add(np.full((200, 320), 128, np.uint8))
-    assert tracker.tracks == []
+    tracker = followed(np.full((3, 200, 320), 128, np.uint8))
+    assert tracker.points_begun == 0
+    assert not tracker.moves
 
 
-def test_observations_name_track_place_and_position():
-    tracks = [{0: np.array([1.0, 2.0]), 4: np.array([3.0, 4.0])}, {2: np.array([5.0, 6.0])}]
-    numbers, places, pixels = observations(tracks, [0, 4])
-    assert numbers.tolist() == [0, 0]
-    assert places.tolist() == [0, 1]
-    assert pixels.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+@pytest.mark.parametrize(("step", "moves"), [((0.0, 0.0), False), ((0.4, 0.0), True)])
+def test_still_pictures_are_told_from_moving_ones(step, moves):
+    assert followed(shifted(step, frames=12)).moves is moves
+
+
+def test_thing_that_moves_over_a_still_picture_does_not_move_the_camera():
+    pictures = list(shifted((0.0, 0.0), frames=12))
+    for n, picture in enumerate(pictures):
+        picture[50:110, 20 + 8 * n : 80 + 8 * n] = texture(1)[:60, :60].astype(np.uint8)
+    assert not followed(pictures).moves

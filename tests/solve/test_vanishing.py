@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from support.camera_paths import SIZE, focal_of, project, rotation
 
-from nlens_video.solve.segments import Segments, find_segments
-from nlens_video.solve.vanishing import Mixture
+from nlens_video.solve.still.prior import CameraPrior
+from nlens_video.solve.still.segments import Segments, find_segments
+from nlens_video.solve.still.vanishing import Mixture
 
 FOV_DEG = 48.0
 
@@ -42,6 +43,7 @@ def lines(pitch_deg, roll_deg, fov_deg=FOV_DEG, clutter=20, upright=25, level=40
     return Segments(both, np.full(len(both), 0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pitch_deg", "roll_deg"), [(-5.0, 0.0), (-15.0, 1.5), (-30.0, -2.0), (4.0, 0.0)]
 )
@@ -52,13 +54,15 @@ def test_camera_is_found_among_boxes_and_clutter(pitch_deg, roll_deg):
     assert math.exp(found.log_focal) == pytest.approx(focal_of(FOV_DEG) / SIZE[0], rel=0.08)
 
 
+@pytest.mark.slow
 def test_known_focal_length_is_kept():
     known = math.log(focal_of(FOV_DEG) / SIZE[0])
-    found = Mixture(lines(-15.0, 0.0), SIZE, (known, 1e-3)).solve()
+    found = Mixture(lines(-15.0, 0.0), SIZE, CameraPrior((known, 1e-3))).solve()
     assert found.log_focal == pytest.approx(known, abs=0.01)
     assert math.degrees(found.pitch) == pytest.approx(-15.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_clutter_alone_gives_large_errors():
     found = Mixture(lines(-15.0, 0.0, clutter=40, upright=0, level=0), SIZE).solve()
     assert math.degrees(math.sqrt(found.covariance[0, 0])) > 3.0
@@ -73,6 +77,53 @@ def test_errors_shrink_with_more_lines():
 
 def test_picture_without_an_edge_has_no_segment():
     assert len(find_segments(np.full((120, 200), 90, np.uint8)).ends) == 0
+
+
+def test_lines_of_a_chequered_floor_run_across_its_tiles():
+    tiles = np.indices((8, 12)).sum(axis=0) % 2
+    floor = np.kron(tiles, np.full((40, 40), 120)).astype(np.uint8) + 60
+    found = find_segments(np.ascontiguousarray(floor))
+    assert np.median(found.lengths[:10]) > 300.0
+
+
+def test_one_direction_does_not_stand_for_all():
+    luma = np.full((600, 600), 90, np.uint8)
+    for row in range(10, 590, 5):
+        luma[row : row + 2, 20:580:80] = 200
+        luma[row : row + 2, 20:60] = 200
+    luma[:, 300:303] = 30
+    found = find_segments(luma)
+    assert len(found.ends) <= 120
+    assert any(abs(ends[1, 0] - ends[0, 0]) < 2.0 for ends in found.ends)
+
+
+def test_picture_without_lines_leaves_what_is_known_beforehand():
+    found = Mixture(Segments(np.zeros((0, 2, 2)), np.zeros(0)), SIZE).solve()
+    assert math.degrees(math.sqrt(found.covariance[0, 0])) > 5.0
+    assert math.sqrt(found.covariance[2, 2]) > 0.3
+
+
+def test_chequered_floor_seen_from_above_gives_the_camera():
+    turn = rotation(math.radians(30.0), math.radians(-25.0), math.radians(1.0))
+    starts, ends = [], []
+    for place in np.arange(-4.0, 4.1, 0.5):
+        for first, last in (
+            ((place, -8.0), (place, 0.0)),
+            ((-4.0, place - 4.0), (4.0, place - 4.0)),
+        ):
+            line = np.array([(x, -1.5, z) for x, z in (first, last)])
+            share = np.linspace(0.0, 1.0, 400)[:, None]
+            pixels, seen = project(
+                line[0] + share * (line[1] - line[0]), turn, np.zeros(3), FOV_DEG
+            )
+            if seen.sum() > 20:
+                starts.append(pixels[seen][0])
+                ends.append(pixels[seen][-1])
+    both = np.stack([np.array(starts), np.array(ends)], axis=1)
+    found = Mixture(Segments(both, np.full(len(both), 0.5)), SIZE).solve()
+    assert math.degrees(found.pitch) == pytest.approx(-25.0, abs=1.0)
+    assert math.degrees(found.roll) == pytest.approx(1.0, abs=0.7)
+    assert math.exp(found.log_focal) == pytest.approx(focal_of(FOV_DEG) / SIZE[0], rel=0.05)
 
 
 def test_defocused_edge_is_found_once():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nlens_video.evaluate.bench.glb_writer import GlbWriter
+from nlens_video.scene.gltf.writer import GlbWriter
 
 QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
 QUAD_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint16)
@@ -55,23 +55,6 @@ class GlbBuilder(GlbWriter):
         if aspect is not None:
             lens["aspectRatio"] = aspect
         return self.add("cameras", {"type": "perspective", "perspective": lens, "name": name})
-
-    def animation(self, *channels: tuple[int, str, Any, Any, str], name: str = "") -> int:
-        """A clip of channels (node, path, times, values, interpolation)."""
-        samplers, targets = [], []
-        for node, path, times, values, interpolation in channels:
-            flat = np.asarray(values, np.float32)
-            output = flat.reshape(-1) if path == "weights" else flat.reshape(-1, flat.shape[-1])
-            samplers.append(
-                {
-                    "input": self.accessor(np.asarray(times, np.float32)),
-                    "output": self.accessor(output),
-                    "interpolation": interpolation,
-                }
-            )
-            target = {"node": node, "path": path}
-            targets.append({"sampler": len(samplers) - 1, "target": target})
-        return self.add("animations", {"samplers": samplers, "channels": targets, "name": name})
 
     def texture(self, pixels: Any, **sampler: int) -> int:
         """A texture of uint8 pixels (H, W, 3 or 4), nearest filter unless told."""

@@ -61,11 +61,15 @@ def test_random_lenses_keep_the_grounds_coc_within_the_limit(seed):
         assert np.abs(lens.coc_px([view.nearest_m, view.farthest_m])).max() <= MAX_COC_PX
 
 
+CAMERAS = pytest.mark.parametrize("camera", ["usual", "wild"])
+
+
+@CAMERAS
 @pytest.mark.parametrize("seed", range(4))
-def test_camera_matrices_and_view_project_to_the_same_pixel(seed):
+def test_camera_matrices_and_view_project_to_the_same_pixel(seed, camera):
     from truth.plan import HEIGHT, WIDTH, draw_view, matrices
 
-    view = draw_view(seed)
+    view = draw_view(seed, camera)
     x, y = view.place
     known = matrices(view)
     camera = np.array(known["view_matrix_gltf"]) @ [x, 0.3, -y, 1.0]
@@ -77,13 +81,56 @@ def test_camera_matrices_and_view_project_to_the_same_pixel(seed):
     np.testing.assert_allclose([column, row, clip[3]], expected)
 
 
-def test_ground_point_has_the_requested_column_and_depth():
+@CAMERAS
+def test_ground_point_has_the_requested_column_and_depth(camera):
     from truth.plan import draw_view
 
-    view = draw_view(3)
+    view = draw_view(3, camera)
     x, y = view.on_ground(200.0, 2.0, level=-0.5)
     column, _, depth = view.project(np.array([[x, y, -0.5]]))[0]
     assert (column, depth) == (pytest.approx(200.0), pytest.approx(2.0))
+
+
+def test_usual_cameras_have_no_roll_and_no_bare_scene():
+    from truth.plan import draw_view
+
+    assert {(v.roll_deg, v.bare) for v in map(draw_view, range(30))} == {(0.0, False)}
+
+
+def test_wild_cameras_cover_their_range_and_every_third_scene_is_bare():
+    from truth.plan import draw_view
+
+    views = [draw_view(seed, "wild") for seed in range(300)]
+    for values, low, high in (
+        ([v.focal_mm for v in views], 24, 85),
+        ([v.pitch_deg for v in views], 3, 50),
+        ([v.roll_deg for v in views], -4, 4),
+    ):
+        reach = high - low
+        assert low <= min(values) < low + 0.05 * reach and high - 0.05 * reach < max(values) <= high
+    assert [v.bare for v in views[:6]] == [True, False, False, True, False, False]
+
+
+def test_world_leans_right_in_the_picture_where_roll_is_positive():
+    from dataclasses import replace
+
+    from truth.plan import draw_view, matrices
+
+    known = matrices(replace(draw_view(1, "wild"), pitch_deg=0.0, roll_deg=3.0))
+    up = np.array(known["view_matrix_gltf"])[:3, 1]
+    assert np.degrees(np.arctan2(up[0], up[1])) == pytest.approx(3.0)
+
+
+def test_no_ground_in_view_of_a_rolled_camera_comes_nearer_than_its_nearest():
+    from truth.plan import HEIGHT, NEAREST, WIDTH, draw_view
+
+    view = draw_view(8002, "wild")
+    depths = np.linspace(view.nearest_m / NEAREST, 3.0, 2000)
+    columns = (0.0, WIDTH)
+    ground = np.array([(*view.on_ground(c, d), 0.0) for c in columns for d in depths])
+    seen = view.project(ground)
+    lowest = seen[seen[:, 1] <= HEIGHT, 2].min()
+    assert lowest == pytest.approx(view.nearest_m / NEAREST, rel=2e-3)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -101,14 +148,15 @@ def test_random_object_faces_outwards_and_stands_on_the_ground_in_view(seed):
     np.testing.assert_array_equal(subject.paint(view), subject.paint(view))
 
 
-def test_written_object_is_loaded_with_its_camera(tmp_path):
+@CAMERAS
+def test_written_object_is_loaded_with_its_camera(tmp_path, camera):
     from truth import subject
     from truth.develop import write_glb
     from truth.plan import HEIGHT, WIDTH, draw_view
 
     from nlens_video.scene.scene import Scene
 
-    view = draw_view(5)
+    view = draw_view(5, camera)
     body = subject.mesh(view)
     sun = {"direction_gltf": [0.0, -1.0, 0.0], "color": [1, 1, 1], "irradiance_w_m2": 2.0}
     write_glb(view, body, sun, tmp_path)

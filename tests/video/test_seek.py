@@ -3,6 +3,7 @@
 from fractions import Fraction
 
 import av
+import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -168,10 +169,14 @@ def test_packets_flagged_as_damaged_disable_seeking(clip, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-@pytest.mark.parametrize(("effects", "jumps"), [("defocus", 1), ("defocus,exposure", 0)])
+@pytest.mark.parametrize(
+    ("effects", "light_given", "jumps"),
+    [("defocus", True, 1), ("defocus", False, 0), ("defocus,exposure", True, 0)],
+)
 def test_range_is_read_by_seeking_unless_a_stage_needs_earlier_frames(
-    effects, jumps, tmp_path, monkeypatch
+    effects, light_given, jumps, tmp_path, monkeypatch
 ):
+    """The light is estimated from the first frame, unless a map gives it and its brightness."""
     shots.write_video(tmp_path / "in.mp4", 130, group=12)
     slide = {"start": (-0.3, 0.0, -1.6), "end": (0.3, 0.0, -1.4), "seconds": 5.2}
     shots.cube_glb(tmp_path / "anim.glb", **slide)
@@ -183,6 +188,9 @@ def test_range_is_read_by_seeking_unless_a_stage_needs_earlier_frames(
     words = [str(tmp_path / "in.mp4"), str(tmp_path / "anim.glb")]
     asked = ["--fit", str(tmp_path / "fit.json"), "--codec", "ffv1", "--effects", effects, "-q"]
     asked += ["--preset", "realtime"]
+    if light_given:
+        cv2.imwrite(str(tmp_path / "map.hdr"), np.full((8, 16, 3), 0.5, np.float32))
+        asked += ["--env-map", str(tmp_path / "map.hdr"), "--env-exposure", "0"]
     assert main([*words, str(tmp_path / "all.mkv"), *asked]) == 0
     assert main([*words, str(tmp_path / "part.mkv"), *asked, "--range", "120:123"]) == 0
     assert len(jumped) == jumps

@@ -31,6 +31,7 @@ _LEAST_CERTAINTY = 15.0
 _LEAST_QUADRANTS = 2
 _STRAIGHT_PX = 0.45  # what pixels of a straight edge lie off it
 _MOST = 0.36  # coefficient
+_LEAST_K1 = -4.0 / 27.0  # below it the corners of the frame have no ideal position: no lens
 _MS_PER_MEGAPIXEL = 120.0
 
 Edge = Float64
@@ -82,7 +83,8 @@ class _Bent:
     @property
     def certain(self) -> bool:
         return (
-            self.certainty >= _LEAST_CERTAINTY
+            self.k1 > _LEAST_K1
+            and self.certainty >= _LEAST_CERTAINTY
             and self.better >= max(_LEAST_BETTER, 3 * self.worse)
             and self.quadrants >= _LEAST_QUADRANTS
         )

@@ -17,6 +17,7 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.shadow.ambient import hemisphere, smoothed, surface_points
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
 from nlens_video.effects.shadow.coverage import PROJECTIONS, mark_covered
@@ -25,7 +26,7 @@ from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
-_RETURNED = 0.4  # of the ambient light that a body blocks, by its own bright surface
+_RETURNED = 0.25  # of the ambient light that a body blocks, by its own surface that lamps light
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening is smooth: step of its grid [px]
 _FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
@@ -34,7 +35,6 @@ _BLACKEST = 0.999  # largest loss: some ambient light always comes back
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _R2 = (0.7548776662466927, 0.5698402909980532)  # of Roberts' low-discrepancy sequence
 _FOLLOWED = 400  # vertices that measure the motion of the shadow
-_LOWEST = 0.93  # squared sine off the vertical beyond which ambient light is neglected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,7 @@ class CastShadow:
         ambient = from_around(light, middle * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0))
         lights = [lamp_points(lamp, middle, self.lamp_points) for lamp in lamps]
         if ambient.any():
-            lights.append(hemisphere(self.ambient_directions))
+            lights.append(hemisphere(self.ambient_directions, light.ambient))
         frame = Box(0, 0, camera.width, camera.height)
         _, most = ground_blur(camera, ground_y, frame, fit)
         seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
@@ -105,7 +105,12 @@ class CastShadow:
         hidden = _hidden_shares(occluders, queries, self.threads)
         shares = [_Share(share, one.grid) for one, share in zip(queries, hidden, strict=True)]
         if ambient.any():
-            shares[-1] = shares[-1].contact(self.ambient_directions)
+            around = queries[-1].grid
+            points = _surface(standing[len(standing) // 2])
+            soft = smoothed(
+                hidden[-1], around.view(camera), ground_y, points, self.ambient_directions
+            )
+            shares[-1] = _Share(soft, around).contact(self.ambient_directions)
         inner = reduce(Box.union, (one.bounds for one in shares), Box(0, 0, 0, 0))
         if inner.empty:
             return None
@@ -127,7 +132,8 @@ class CastShadow:
         given = [from_lamp(lamp, ground) for lamp in lamps]
         total = sum(given, ambient)
         if ambient.any():
-            given.append((1.0 - _RETURNED) * ambient)
+            returned = _RETURNED if lamps else 0.0
+            given.append((1.0 - returned) * ambient)
         loss = np.zeros((view.height, view.width, 3), np.float32)
         for light, share in zip(given, shares, strict=True):
             part = np.divide(light, total, out=np.zeros_like(total), where=total > 0.0)
@@ -233,20 +239,12 @@ def _counts(occluders: Sequence[Occluder | None], query: _Query, first: int) -> 
     return np.bitwise_count(bits).astype(np.float32) + absorption.taken
 
 
-def hemisphere(directions: int) -> Float64:
-    """Cosine-weighted directions (N, 4) to ambient light, of equal weight.
-
-    Those nearest to the horizon, which reach far and weigh little, are left out.
-
-    Args:
-        directions: their number with those.
-    """
-    number = np.arange(directions)
-    squared_sine = (number + 0.5) / directions  # of the angle off the vertical
-    turn, sine = number * _GOLDEN, np.sqrt(squared_sine)
-    up = np.sqrt(1.0 - squared_sine)
-    toward = np.stack([sine * np.cos(turn), up, sine * np.sin(turn), 0.0 * up], axis=1)
-    return np.asarray(toward[squared_sine <= _LOWEST])
+def _surface(occluder: Occluder) -> Float64:
+    """Points of the casters' surfaces (P, 3)."""
+    meshes = (occluder.opaque, *(mesh for mesh, _ in occluder.transparent))
+    return np.concatenate(
+        [surface_points(one.vertices, one.faces) for one in meshes if len(one.faces)]
+    )
 
 
 def lamp_points(lamp: Lamp, middle: Float64, count: int) -> Float64:

@@ -1,7 +1,8 @@
 """`nlens-video evaluate scene`: the rendered object and its shadow against a path tracer's.
 
-The object: mask and depth of the software rasteriser against the plate's layer. The shadow: how
-much nearer to the truth it brings the ground.
+The object: mask and depth of the software rasteriser against the plate's layer. The light: how
+bright the object is drawn, by the light of a run without hints, with the GLB's lights, and with the
+map of the surroundings. The shadow: how much nearer to the truth it brings the ground.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Box, UInt8
 from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
@@ -21,21 +23,22 @@ from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate, read_codes
 from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
 from nlens_video.scene.environment import load_environment
-from nlens_video.scene.illumination import Illumination, SceneLight
+from nlens_video.scene.illumination import LUMINANCE, Illumination
+from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
+from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.exr import read_exr
 from nlens_video.video.pixels.picture import ArrayPicture
 
-TRUTH, DEPTH, MAP = "gt.png", "bg_depth.exr", "env.hdr"
-NONE, GIVEN, BEST, GUESSED = (
-    "no shadow", "by the given light", "the same, told its strength", "by a light guessed",
-)  # fmt: skip
+TRUTH, DEPTH, MAP, LAYER = "gt.png", "bg_depth.exr", "env.hdr", "object.exr"
+NONE = "no shadow"
+CASES = GUESSED, LIGHTS, AROUND = "GLB without lights", "with its lights", "with its map"
 _HALF = 0.5  # coverage from which a pixel belongs to a mask [1]
 _ON_GROUND = 0.02  # share of its distance by which a point of the ground may miss the plane
 _SHADED = 0.9  # what is darker in the truth lies in the shadow [1]
 _MEAN_PX = 5  # grain of the truth is averaged over so many pixels each way
 _CLEAR_PX = 3  # from the outermost pixel that the object's blur reaches
-_STRENGTHS = np.arange(0.5, 1.55, 0.1)
+_DARK = 1e-4  # light below which none is compared [1]
 
 
 def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
@@ -52,17 +55,19 @@ def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool
     """
     found, _ = find_plates(folder)
     prepare_folder(out, plots=False)
-    objects, shadows = _objects_table(), _shadows_table()
+    objects, lit, shadows = _objects_table(), _light_table(), _shadows_table()
     for path in track(found, "drawing objects and shadows", quiet=quiet):
         plate = load_plate(path)
         objects.add("software rasteriser", plate.name, _object_figures(plate))
+        for row, figures in _light_figures(plate).items():
+            lit.add(row, plate.name, figures)
         for row, figures in _shadow_figures(plate).items():
             shadows.add(row, plate.name, figures)
     names = objects.plates()
     Report(
         name="scene",
         sections=[f"# Objects and shadows of {len(names)} plates\n\n{', '.join(names)}\n"],
-        tables=[objects, shadows],
+        tables=[objects, lit, shadows],
     ).publish(out, as_json=as_json, quiet=quiet)
 
 
@@ -114,26 +119,75 @@ def _shadow_figures(plate: Plate) -> dict[str, dict[str, float]]:
     darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
     base = psnr(without[region], truth[region])
 
-    def figures(light: Illumination, strength: float) -> dict[str, float]:
+    def figures(light: Illumination) -> dict[str, float]:
         picture = without.copy()
-        shadow = CastShadow(strength=strength)([moment], light, plate.ground_y, case.fit)
+        shadow = CastShadow()([moment], light, plate.ground_y, case.fit)
         if shadow is not None:
             darken(ArrayPicture(picture, "rgb"), shadow, frame)
         psnr_db = psnr(picture[region], truth[region])
         left = _light(picture, region) / _light(truth, region)
-        return {"gain_db": psnr_db - base, "psnr_db": psnr_db, "left": left, "strength": strength}
+        return {"gain_db": psnr_db - base, "psnr_db": psnr_db, "left": left}
 
-    environment = load_environment(folder / MAP, 0.0, 0.0) if (folder / MAP).is_file() else None
+    found = {NONE: {"gain_db": 0.0, "psnr_db": base}}
+    for row, light in _lights(plate).items():
+        found[row] = figures(light)
+    return found
+
+
+def _lights(plate: Plate) -> dict[str, Illumination]:
+    """The light of each case on object and ground."""
     lights = plate.scene.pose(0.0).lights
-    given = SceneLight(plate.scene.light_count, environment).on_ground(lights)
-    plate_light = Illumination.of_plate(ArrayPicture(case.plate, "rgb").linear(frame))
-    by_strength = [figures(given, strength) for strength in _STRENGTHS.tolist()]
-    return {
-        NONE: {"gain_db": 0.0, "psnr_db": base},
-        GIVEN: figures(given, 1.0),
-        BEST: max(by_strength, key=lambda found: found["psnr_db"]),
-        GUESSED: figures(SceneLight(0).on_ground((), plate_light), 1.0),
-    }
+    path = plate.folder / MAP
+    cases = {GUESSED: SceneLight(0)}
+    if lights:
+        cases[LIGHTS] = SceneLight(len(lights))
+    if path.is_file():
+        cases[AROUND] = SceneLight(0, load_environment(path, 0.0, 0.0), exposure_given=True)
+    picture = ArrayPicture(np.asarray(np.round(255.0 * plate.rgb), np.uint8), "rgb")
+    rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
+    small = picture.downsample(PLATE_COLUMNS, rows)
+    seat = Seat.of(plate.scene.pose(0.0).bounds(), plate.ground_y)
+    lit = {}
+    for row, light in cases.items():
+        around = light.around(small, plate.camera, seat, lights if light.count else ())
+        lit[row] = light.on_object(lights, around)
+    return lit
+
+
+def _light_figures(plate: Plate) -> dict[str, dict[str, float]]:
+    """How much brighter each case draws the object than its layer is, in stops.
+
+    Raises:
+        InputError: the layer cannot be read or does not fit.
+    """
+    from nlens_video.render.software.renderer import SoftwareObjectRenderer
+
+    path = plate.folder / LAYER
+    if not path.is_file():
+        return {}
+    channels = read_exr(path).channels
+    truth = np.stack([channels[name] for name in "RGB"], axis=-1).astype(np.float64) @ LUMINANCE
+    if truth.shape != plate.alpha.shape:
+        raise InputError(f"{path}: shape {truth.shape}, expected the picture's")
+    frame = Box(0, 0, plate.camera.width, plate.camera.height)
+    found = {}
+    for row, light in _lights(plate).items():
+        drawn = np.zeros((frame.height, frame.width, 4))
+        with SoftwareObjectRenderer(plate.scene, SceneLight(0)) as renderer:
+            layer = renderer.render(0.0, plate.camera, plate_light=light)
+        if layer is None:
+            continue
+        common = layer.box.intersection(frame)
+        drawn[common.slices_in(frame)] = layer.rgba[common.slices_in(layer.box)]
+        inside = plate.solid & (drawn[..., 3] >= 1.0 - 1e-4)
+        ratio = np.maximum(drawn[inside][:, :3] @ LUMINANCE, _DARK)
+        stops = np.log2(ratio / np.maximum(truth[inside], _DARK))
+        if stops.size:
+            found[row] = {
+                "error_ev": float(np.median(np.abs(stops))),
+                "bias_ev": float(np.median(stops)),
+            }
+    return found
 
 
 def _light(picture: UInt8, region: Bool) -> float:
@@ -175,25 +229,42 @@ def _objects_table() -> Table:
     )
 
 
+def _light_table() -> Table:
+    return Table(
+        name="light",
+        title="Light on the object, against a path tracer's",
+        columns=(
+            Column("error_ev", "median error [EV]"),
+            Column("bias_ev", "median difference [EV]"),
+            Column("error_ev", "plates", 0, "count"),
+        ),
+        detail="error_ev",
+        notes=(
+            "Over the pixels that the object covers wholly, its luminance by that of its layer. "
+            "The cases are those of the table below.",
+        ),
+        empty=f"No plate holds {LAYER}: nothing is said of light.\n",
+    )
+
+
 def _shadows_table() -> Table:
     return Table(
         name="shadow",
         title="The shadow on the ground, against a path tracer's",
         columns=(
             Column("gain_db", "gain over none [dB]"),
+            Column("gain_db", "least gain [dB]", 2, "least"),
             Column("psnr_db", "PSNR [dB]"),
             Column("left", "light left, of the truth's", 2, "median"),
-            Column("strength", "strength", 2, "median"),
             Column("gain_db", "plates", 0, "count"),
         ),
         detail="gain_db",
         notes=(
             "Over the pixels that show the ground (by the plate's true depth), which the blurred "
             f"object does not reach, and which the truth shows darker than {_SHADED:g} of what "
-            f"they are without a shadow. {GIVEN}: the lights of the GLB, and {MAP} where it is "
-            f"there; without it, how much light comes from around is a guess. {BEST}: with the "
-            f"--shadow-strength that suits the truth best. {GUESSED}: the GLB's lights taken away, "
-            "the light from around estimated from the plate. The lens is the true one.",
+            f"they are without a shadow. {GUESSED}: all light estimated from the plate. {LIGHTS}: "
+            f"these, and the light around them from the plate. {AROUND}: {MAP} at its own level. "
+            "The lens is the true one.",
         ),
         empty=f"No plate holds {TRUTH} and {DEPTH}: nothing is said of shadows.\n",
     )

@@ -12,8 +12,8 @@ from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.effects.measurement import Measurement
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
-from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer

@@ -17,8 +17,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.view import MARGIN_LIMIT_PX, ScreenBounds, View, bounds_near_frame
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 from nlens_video.scene.screen_projection import travel_bound_px
 
 if TYPE_CHECKING:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from nlens_video.cameras.doubt import doubt
 from nlens_video.cameras.placed import (
     PlacedCamera,
-    default_placement,
     in_solved_world,
-    place_on_ground,
+    stand_on_ground,
 )
 from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.cameras.solved import SolvedCamera
-from nlens_video.core.errors import Note, NoteKind, UsageError
+from nlens_video.core.errors import NoGroundError, Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
-from nlens_video.core.placement import ASSUMED_FOCAL_MM, focal_of_fov
+from nlens_video.core.placement import ASSUMED_FOCAL_MM, GroundPlacing, Placement, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
@@ -25,6 +25,9 @@ from nlens_video.scene.screen_projection import extent, misses
 
 MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
+
+_BELOW, _SIZE_BELOW = (0.5, 0.85), 0.35
+"""Where an object stands on a plate that shows no ground, and its height [frame]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +71,16 @@ class View:
             time_s, self.width, self.height, name=self.camera, pixel_aspect=self.pixel_aspect
         )
 
+    def zoom_ends(self, scene: Scene) -> tuple[float, ...]:
+        """Times of the narrowest and the widest field of view [s], none where it stays."""
+        if self.placed is not None:
+            return ()
+        if self.cameras is None:
+            return scene.zoom_ends(self.camera)
+        keys = sorted(self.cameras.solved.keys, key=lambda key: key.fov_x_deg)
+        ends = keys[0], keys[-1]
+        return tuple(key.pts_s for key in ends) if ends[0].fov_x_deg < ends[1].fov_x_deg else ()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScreenBounds:
@@ -106,11 +119,24 @@ def choose_camera(
     """
     if view.solved is not None:
         return _with_solved_camera(objects, scene, view, view.solved)
-    if objects.placing is None:
+    placing = objects.placing
+    if objects.on_ground is not None:
+        placing = objects.on_ground.under()
+    if placing is None:
         view.camera_at(scene, 0.0)
+        if objects.fov_deg is not None:
+            raise UsageError("--fov is of an object without a camera; leave it out")
         return view, ()
     if objects.layers is not None:
         raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
+    view, note = _placed_by_eye(objects, scene, view, placing)
+    return view, (note,)
+
+
+def _placed_by_eye(
+    objects: ObjectSettings, scene: Scene, view: View, placing: Placement
+) -> tuple[View, Note]:
+    """A camera under a given horizon, and a note on it."""
     size = (view.width, view.height)
     focal = view.focal_35mm or ASSUMED_FOCAL_MM
     known = "as the plate says" if view.focal_35mm else "assumed"
@@ -119,14 +145,14 @@ def choose_camera(
         known = f"by --fov {objects.fov_deg:g}"
     unused = "; the file's own camera is not used" if scene.camera_names else ""
     note = Note(
-        f"placed by {objects.placing.describe()}, focal length {focal:.4g} mm "
+        f"placed by {placing.describe()}, focal length {focal:.4g} mm "
         f"(35 mm equivalent, {known}){unused}",
         NoteKind.CAMERA if unused else NoteKind.OTHER,
     )
     vertices = scene.pose(0.0).vertices()
     contact = contact_point(vertices, objects.ground_y)
-    camera = place_camera(vertices, contact, objects.placing, focal, size, view.pixel_aspect)
-    return replace(view, placed=camera), (note,)
+    camera = place_camera(vertices, contact, placing, focal, size, view.pixel_aspect)
+    return replace(view, placed=camera), note
 
 
 def _with_solved_camera(
@@ -135,24 +161,37 @@ def _with_solved_camera(
     """The plate's cameras in the file's world, and a note on where the object stands."""
     if objects.layers is not None:
         raise UsageError("--layers were rendered through a camera of their own; leave them out")
-    if objects.placing is None and scene.camera_names:
+    wish = objects.on_ground
+    if wish is None and scene.camera_names:
         return replace(view, cameras=in_solved_world(solved)), ()
-    placing = objects.placing or default_placement(solved)
     keys = [key.pts_s for key in solved.keys if key.index == objects.at_frame]
     if objects.at_frame and len(solved.keys) > 1 and not keys:
         raise UsageError(f"--at-frame {objects.at_frame}: the camera file has no such frame")
     vertices = scene.pose(0.0).vertices()
     contact = contact_point(vertices, objects.ground_y)
     time_s = keys[0] if keys else solved.keys[0].pts_s
-    cameras = place_on_ground(vertices, contact, placing, solved, time_s)
-    chosen = "" if objects.placing else " (chosen; --at X,Y and --size S place it elsewhere)"
+    wish = wish or GroundPlacing()
+    try:
+        cameras, said = stand_on_ground(vertices, contact, wish, solved, time_s)
+    except NoGroundError:
+        if len(solved.keys) > 1 or wish.height_m is not None:
+            raise
+        below = replace(wish, at=_BELOW, size=wish.size or _SIZE_BELOW).under()
+        view, note = _placed_by_eye(objects, scene, replace(view, solved=None), below)
+        pitch = f"pitch {solved.keys[0].pitch_deg:.1f} degrees, {solved.horizon}"
+        unseen = f"the plate's camera ({pitch}) sees no ground: the horizon is assumed"
+        return view, (Note(unseen, NoteKind.UNCERTAIN), note)
+    chosen = "" if wish.at else " (chosen; --at X,Y and --size S place it elsewhere)"
     seen = (
-        f"the plate's camera: field of view {solved.keys[0].fov_x_deg:.3g} degrees ({solved.fov}), "
-        f"pitch {solved.keys[0].pitch_deg:.1f} ({solved.horizon}), path {solved.path}"
+        f"the plate's camera: field of view {solved.keys[0].fov_x_deg:.3g} degrees "
+        f"({solved.fov_source}), pitch {solved.keys[0].pitch_deg:.1f} ({solved.horizon}), "
+        f"path {solved.path}"
     )
+    uncertain = doubt(solved)
     return replace(view, cameras=cameras), (
         Note(seen, NoteKind.INFORMATION),
-        Note(f"placed by {placing.describe()}{chosen}"),
+        *([Note(uncertain, NoteKind.UNCERTAIN)] if uncertain else []),
+        Note(f"placed by {said}{chosen}"),
     )
 
 

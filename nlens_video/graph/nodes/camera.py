@@ -221,7 +221,7 @@ class RemoveOverscan(_Distorts, Node):
 
 
 def overscan_px(scene: Scene, view: View, measured: Mapping[str, Measurement]) -> int:
-    """Overscan that a distortion calls for, with the camera at time 0 [px].
+    """Overscan that a distortion calls for, with the camera at time 0 and where it zooms to [px].
 
     Raises:
         UsageError: a given distortion leaves corners of the frame empty.
@@ -229,10 +229,12 @@ def overscan_px(scene: Scene, view: View, measured: Mapping[str, Measurement]) -
     found = measured.get(_DISTORTION)
     if found is None or not isinstance(found.model, Distortion):
         return 0
-    warp = DistortionMap.of(found.model, view.camera_at(scene, 0.0))
-    if warp.folds:
+    times = {0.0, *view.zoom_ends(scene)} if found.model.focal_normalized else {0.0}
+    warps = [DistortionMap.of(found.model, view.camera_at(scene, time_s)) for time_s in times]
+    given = found.model.focal_normalized  # a measured one may leave the corners out
+    if given and any(warp.folds for warp in warps):
         raise UsageError(
             f"--distortion {found.model.k1:g},{found.model.k2:g}: the frame's corners stay empty "
             "with that; expected coefficients that count in focal lengths, as in OpenCV"
         )
-    return warp.margin
+    return max(warp.margin for warp in warps)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlens_video.core.box import Box
-from nlens_video.core.layers import DepthMap, Matte
+from nlens_video.core.layers import DepthMap, Matte, MovingThings
 from nlens_video.effects.occlusion import (
     CoverageFromCoc,
     CoverageFromDepth,
     foreground_matte,
+    moving_mattes,
     object_disparity,
 )
 from nlens_video.effects.planner import OCCLUSION
@@ -114,6 +115,10 @@ class ForegroundNode(Node):
             region = object_region.union(ground_region)
             cover = foreground_matte(picture, region, occlusion_cue.coverage)
             return None if cover is None else Foreground(before_object=cover, before_ground=cover)
+        if isinstance(occlusion_cue, MovingThings):
+            region = object_region.union(ground_region)
+            moving = occlusion_cue.matte(picture, region, fit)
+            return None if moving is None else moving_mattes(picture, moving)
         over_object = over_ground = None
         if layer is not None and not object_region.empty:
             surface = object_disparity(layer, frame_box)

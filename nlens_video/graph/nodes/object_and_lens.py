@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from nlens_video.core.box import Box
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
-from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens, constant_fit
 
@@ -19,11 +18,12 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
+    from nlens_video.scene.illumination import Illumination
     from nlens_video.video.info import SourceFrame
 
 
 class EstimateLight(Node):
-    """Lighting of the object from the first frame, where no file gives any."""
+    """The light around the object from the first frame, beside the file's lights."""
 
     name, writes = "estimate-light", "plate_light"
     stateful = True
@@ -32,17 +32,22 @@ class EstimateLight(Node):
         scene = context.shadow_scene
         if scene is None:
             raise Unavailable("no scene to light")
-        if scene.pre_rendered:
+        if scene.pre_rendered and scene.light.sun is None:
             raise Unavailable("pre-rendered layers are lit already")
         if scene.light.known:
-            raise Unavailable("the GLB or an environment map lights the object")
+            raise Unavailable("the environment map and --env-exposure give the light")
+        self._context, self._scene = context, scene
         self._light: Illumination | None = None
-        self.description = "from the mean colour of the first frame and of its upper part"
+        self.description = "the first frame on a sphere around the object, continued beyond it"
 
     def __call__(self, picture: Picture) -> Illumination:
         if self._light is None:
-            whole = Box(0, 0, picture.width, picture.height)
-            self._light = Illumination.of_plate(picture.linear(whole))
+            posed = self._scene.pose(0.0)
+            seat = Seat.of(posed.bounds(), self._context.ground_height)
+            rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
+            plate = picture.downsample(PLATE_COLUMNS, rows)
+            camera = self._context.objects.camera(0.0)
+            self._light = self._scene.light.around(plate, camera, seat, posed.lights)
         return self._light
 
 

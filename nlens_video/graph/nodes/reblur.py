@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
+    from nlens_video.render.base.box_renderer import BoxRenderer
     from nlens_video.stages.l_lens_sampling import Reblur
     from nlens_video.stages.l_view_blend import ViewBlend
 
@@ -47,6 +48,17 @@ def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
     )
 
 
+def _renderer(context: NodeContext, why_not: str) -> BoxRenderer:
+    """The renderer that shows the object from more than one side.
+
+    Raises:
+        Unavailable: the object's layers are given; the reason is `why_not`.
+    """
+    if context.renderer is None:
+        raise Unavailable(why_not)
+    return context.renderer
+
+
 class ObjectCoc(Node):
     """CoC of each pixel of the object from its depth (paper, eq. 2)."""
 
@@ -65,12 +77,11 @@ class DepthPeel(Node):
     effect, when, skip_if = DEFOCUS, DEPTH_RANGE, "moments"
 
     def __init__(self, context: NodeContext) -> None:
-        if context.renderer is None:
-            raise Unavailable(
-                "pre-rendered layers hold the nearest surfaces only: what they hide of the object "
-                "is guessed from what is seen of it"
-            )
-        self._renderer = context.renderer
+        self._renderer = _renderer(
+            context,
+            "pre-rendered layers hold the nearest surfaces only: what they hide of the object is "
+            "guessed from what is seen of it",
+        )
         self.description = f"depth-peeled second layer, {context.objects.description}"
 
     def __call__(
@@ -93,12 +104,12 @@ class ApertureViews(Node):
     effect, when, skip_if = DEFOCUS, OUT_OF_FOCUS, "moments"
 
     def __init__(self, context: NodeContext) -> None:
-        if context.renderer is None:
-            raise Unavailable(
-                "pre-rendered layers hold one view of the object: the scatter blurs small discs too"
-            )
+        renderer = _renderer(
+            context,
+            "pre-rendered layers hold one view of the object: the scatter blurs small discs too",
+        )
         self._sample = SampleSmallDiscs(
-            renderer=context.renderer, pixel_aspect=context.pixel_aspect, aperture=context.aperture
+            renderer=renderer, pixel_aspect=context.pixel_aspect, aperture=context.aperture
         )
         self.description = f"{VIEWS} more points of the aperture, {context.objects.description}"
 
@@ -119,15 +130,15 @@ class LensSampling(Node):
     effect, when = DEFOCUS, OUT_OF_FOCUS
 
     def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
-        if context.renderer is None:
-            raise Unavailable(
-                "pre-rendered layers hold one view of the object, so the lens cannot be sampled: "
-                "the blur of the preset standard stands in"
-            )
+        renderer = _renderer(
+            context,
+            "pre-rendered layers hold one view of the object, so the lens cannot be sampled: the "
+            "blur of the preset standard stands in",
+        )
         count = view_count(accuracy_db)
         wide = ReblurLayer(scatter=scatter, reach=blur_reach, pixel_aspect=context.pixel_aspect)
         self._sample = SampleLens(
-            renderer=context.renderer,
+            renderer=renderer,
             whole=cast("Reblur", make_reblur(context)),
             cell=BlurCell(wide, context.pixel_aspect),
             count=count,

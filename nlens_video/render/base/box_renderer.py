@@ -14,9 +14,10 @@ from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination, SceneLight
+from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 
 
 class BoxRenderer(ABC):

@@ -21,9 +21,9 @@ from nlens_video.render.base.drawer import (
     FrontSurfaces,
     ViewSetup,
 )
-from nlens_video.scene.illumination import SceneLight
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 
 Drawn = TypeVar("Drawn")
 

@@ -6,6 +6,8 @@ each side is shaded. This keeps meshes finer than the pixels affordable. Depth i
 nearest surface, never a mean of two.
 """
 
+# Kernels of other files are compiled into these, and numba notes changes of this file only: after
+# a change there, delete the cache in __pycache__ or edit this file too.
 from __future__ import annotations
 
 import numpy as np

@@ -20,6 +20,9 @@ _PI = f32(math.pi)
 _ONE, _ZERO, _HALF = f32(1.0), f32(0.0), f32(0.5)
 _LEAST_NV, _LEAST = f32(1e-4), f32(1e-30)
 _LEAST_ALPHA = f32(0.002)
+# Of Karis's fit to the reflectance of rough mirrors ("Physically Based Shading on Mobile", 2014).
+_BEND, _BEND_ROUGH = f32(0.0425), f32(0.0275)
+_SPAN, _SPAN_ROUGH, _BIAS, _BIAS_ROUGH = f32(1.04), f32(0.572), f32(0.04), f32(0.022)
 
 
 # Instead of max and min, whose NaN rules prevent vectorising.
@@ -114,6 +117,18 @@ def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
     )  # fmt: skip
 
 
+@fastmath_inlined
+def _mirrored(color: float, edge: float, nv: float, roughness: float) -> float:
+    """Share of even light that a rough mirror of that colour reflects, as `mirrored` there."""
+    gloss = _ONE - roughness
+    away = _ONE - smaller(larger(nv, _ZERO), _ONE)
+    away *= away
+    bend = smaller(gloss * gloss, away * away * away) * gloss + _BEND - _BEND_ROUGH * roughness
+    scale = _SPAN - _SPAN_ROUGH * roughness - _SPAN * bend
+    bias = _SPAN * bend - _BIAS + _BIAS_ROUGH * roughness
+    return (color * scale + edge * bias) * (_ONE + color * (_ONE / (scale + bias) - _ONE))
+
+
 @fastmath_kernel
 def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int, sum_: int) -> None:
     for i in range(_N):
@@ -122,9 +137,14 @@ def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int,
         nv = np.float32(2.0) * (n[0] * vx + n[1] * vy + n[2] * vz)
         mirrored = nv * n[0] - vx, nv * n[1] - vy, nv * n[2] - vz
         around, ahead = _around(ambient, c, n), _around(ambient, c, mirrored)
-        ahead += (around - ahead) * block[_U(at.ROUGHNESS + i)]
+        roughness = block[_U(at.ROUGHNESS + i)]
+        ahead += (around - ahead) * roughness
         metallic, base, f0 = block[_U(at.METALLIC + i)], block[_U(base_ + i)], block[_U(f0_ + i)]
-        lit = around * base * (_ONE - metallic) + ahead * (f0 + (base - f0) * metallic)
+        color = f0 + (base - f0) * metallic
+        edge = block[_U(at.SPECULAR + i)]
+        edge += (_ONE - edge) * metallic
+        lit = around * base * (_ONE - metallic)
+        lit += ahead * _mirrored(color, edge, _HALF * nv, roughness)
         block[_U(sum_ + i)] += block[_U(at.OCCLUSION + i)] * lit
 
 

@@ -21,9 +21,10 @@ from nlens_video.render.software.scene_buffers import SceneBuffers
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry
-from nlens_video.scene.illumination import Illumination, SceneLight
+from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 
 _BANDS = 3  # for each thread: some rows take longer than others
 

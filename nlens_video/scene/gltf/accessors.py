@@ -20,7 +20,8 @@ import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32
-from nlens_video.scene.gltf.document import DECODE_FIRST, Document
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.extensions import DECODE_FIRST
 from nlens_video.scene.gltf.fields import Fields
 
 _DTYPES: dict[int, npt.DTypeLike] = {

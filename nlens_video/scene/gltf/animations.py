@@ -1,4 +1,4 @@
-"""Animations: keyframe tracks evaluated at a time, which of the file's play, and their reader.
+"""Animations: keyframe tracks evaluated at a time, and which of the file's play.
 
 glTF 2.0, section 3.11 and appendix C: STEP, LINEAR (spherical for rotations), CUBICSPLINE; the
 first and last key hold before and after the key range.
@@ -6,7 +6,6 @@ first and last key hold before and after the key range.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -16,26 +15,20 @@ import numpy.typing as npt
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.settings import ALL
-from nlens_video.scene.gltf.accessors import AccessorReader
-from nlens_video.scene.gltf.animation_kernels import CUBIC, LINEAR, STEP, sample
-from nlens_video.scene.gltf.document import Document
-from nlens_video.scene.gltf.fields import Fields
-from nlens_video.scene.gltf.nodes import Hierarchy, normalized
+from nlens_video.scene.gltf.animation_kernels import sample
 
 TrackKey = tuple[int, str]
 _LISTED = 12
-_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 _COLUMNS = {"translation": 0, "rotation": 3, "scale": 7}  # of a node's row
-_KINDS = {"STEP": STEP, "LINEAR": LINEAR, "CUBICSPLINE": CUBIC}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnimationTrack:
-    """One animated property of one node.
+    """One animated property of one node or camera.
 
     Attributes:
-        node: index of the node.
-        path: `translation`, `rotation`, `scale` or `weights`.
+        node: index of the node; of the camera, for `yfov`.
+        path: `translation`, `rotation`, `scale`, `weights` or `yfov`.
         kind: LINEAR, STEP or CUBIC interpolation.
         times: key times, strictly increasing [s].
         values: keys (K, 3, W): in-tangent, value, out-tangent; zero tangents unless CUBIC.
@@ -61,14 +54,16 @@ class Animation:
     duration_s: float = field(init=False)
     _moving: _Bank | None = field(init=False)
     _morphing: dict[int, _Bank] = field(init=False)
+    _zooming: dict[int, _Bank] = field(init=False)
 
     def __post_init__(self) -> None:
         self.duration_s = max((track.times[-1] for track in self.tracks), default=0.0)
-        moving = [track for track in self.tracks if track.path != "weights"]
+        moving = [track for track in self.tracks if track.path in _COLUMNS]
         self._moving = _Bank.of(moving) if moving else None
-        self._morphing = {
-            track.node: _Bank.of([track]) for track in self.tracks if track.path == "weights"
-        }
+        self._morphing, self._zooming = (
+            {track.node: _Bank.of([track]) for track in self.tracks if track.path == path}
+            for path in ("weights", "yfov")
+        )
 
     def apply(self, rest: Float64, time_s: float) -> Float64:
         """Translation, rotation and scale of all nodes (N, 10) at a time [s].
@@ -97,6 +92,23 @@ class Animation:
             found[node] = row[0]
         return found
 
+    def yfov(self, camera: int, time_s: float) -> float | None:
+        """Vertical field of view of a camera at a time [s], None where it does not change [rad]."""
+        bank = self._zooming.get(camera)
+        if bank is None:
+            return None
+        row = np.empty((1, 1))
+        bank.sample(time_s, row)
+        return float(row[0, 0])
+
+    def zoom_ends(self, camera: int) -> tuple[float, ...]:
+        """Times of the keys of a camera's least and greatest field of view [s], none without."""
+        bank = self._zooming.get(camera)
+        if bank is None:
+            return ()
+        angles = bank.values[:, 1, 0]
+        return float(bank.times[np.argmin(angles)]), float(bank.times[np.argmax(angles)])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Bank:
@@ -118,8 +130,8 @@ class _Bank:
         for track in tracks:
             count, _, width = track.values.shape
             values[first : first + count, :, :width] = track.values
-            weights = track.path == "weights"
-            row, column = (0, 0) if weights else (track.node, _COLUMNS[track.path])
+            alone = track.path not in _COLUMNS  # in a bank of its own, whose row it fills
+            row, column = (0, 0) if alone else (track.node, _COLUMNS[track.path])
             rows.append((
                 row, column, width, track.kind, track.path == "rotation",
                 starts[id(track.times)], first, count,
@@ -159,18 +171,24 @@ class Animations:
             clips = [self.clips[self._number(which)]]
         return Animation(tuple(track for clip in clips for track in clip.values()))
 
+    def played(self) -> tuple[str, ...]:
+        """Names of those that play where `all` is said."""
+        left_out = self._alternatives()
+        playing = [number for number in range(len(self.names)) if number not in left_out]
+        return tuple(self.names[number] or f"number {number}" for number in playing)
+
     def left_out(self, which: str) -> tuple[str, ...]:
         """Names of those that do not play though `all` was said: alternatives of the others."""
         if which != ALL or ALL in self.names:
             return ()
         return tuple(self.names[number] or f"number {number}" for number in self._alternatives())
 
-    def of_nodes(self, nodes: frozenset[int]) -> Animation:
-        """All that moves some nodes, whichever animation plays on the rest."""
+    def of_cameras(self, nodes: frozenset[int]) -> Animation:
+        """All that moves some nodes and zooms cameras, whichever animation plays on the rest."""
         tracks: dict[TrackKey, AnimationTrack] = {}
         for clip in self.clips:
             tracks = clip | tracks
-        return Animation(tuple(track for track in tracks.values() if track.node in nodes))
+        return Animation(tuple(t for t in tracks.values() if t.path == "yfov" or t.node in nodes))
 
     def _alternatives(self) -> tuple[int, ...]:
         taken: set[TrackKey] = set()
@@ -196,96 +214,3 @@ def listed(names: Sequence[str]) -> str:
     """Names for a message, the first dozen of many."""
     known = ", ".join(name[:40] or f"number {at}" for at, name in enumerate(names[:_LISTED]))
     return known if len(names) <= _LISTED else f"{known} and {len(names) - _LISTED} more"
-
-
-def read_animations(
-    document: Document, accessors: AccessorReader, hierarchy: Hierarchy, morphs: dict[int, int]
-) -> Animations:
-    """All animations of the file.
-
-    Args:
-        document: the file.
-        accessors: its accessors.
-        hierarchy: its nodes.
-        morphs: number of morph targets by node.
-
-    Raises:
-        SceneError: key times that do not increase, or values that do not fit them.
-    """
-    reader = _TrackReader(document, accessors, hierarchy, morphs)
-    items = document.items("animations")
-    return Animations(
-        names=tuple(item.name for item in items),
-        clips=tuple(reader.clip(item) for item in items),
-    )
-
-
-@dataclass(slots=True)
-class _TrackReader:
-    document: Document
-    accessors: AccessorReader
-    hierarchy: Hierarchy
-    morphs: dict[int, int]
-    _times: dict[int, tuple[float, ...]] = field(default_factory=dict)
-
-    def clip(self, clip: Fields) -> dict[TrackKey, AnimationTrack]:
-        """An animation's tracks by node and property."""
-        samplers = clip.children("samplers")
-        tracks: dict[TrackKey, AnimationTrack] = {}
-        unplayed: Counter[str] = Counter()
-        for channel in clip.children("channels"):
-            target = channel.child("target")
-            path = target.text("path")
-            node = target.reference("node", len(self.hierarchy.has_matrix))
-            fault = self._fault(node, path)
-            if fault or node is None:
-                unplayed[fault] += 1
-                continue
-            sampler = samplers[channel.integer("sampler", below=len(samplers))]
-            width = self.morphs[node] if path == "weights" else _WIDTHS[path]
-            tracks[node, path] = self._track(sampler, node, path, width)
-        for fault, count in unplayed.items():
-            self.document.warn(f"{clip.place}: {count} channels are not played: {fault}")
-        return tracks
-
-    def _fault(self, node: int | None, path: str) -> str:
-        """Why a channel is not played, empty where it is."""
-        if node is None or (path not in _WIDTHS and path != "weights"):
-            return f"they animate '{path[:40]}' of no node"
-        if path == "weights" and not self.morphs.get(node):
-            return "they animate weights of a node that is not drawn or has no morph targets"
-        if path != "weights" and self.hierarchy.has_matrix[node]:
-            return "they animate a node with a matrix"
-        return ""
-
-    def _track(self, sampler: Fields, node: int, path: str, width: int) -> AnimationTrack:
-        kind = _KINDS[sampler.choice("interpolation", _KINDS, "LINEAR")]
-        times = self._key_times(sampler)
-        output = sampler.integer("output", below=self.accessors.count)
-        self.document.spend(2 * 8 * 3 * len(times) * width, sampler.place)
-        flat = self.accessors.floats(output, 1 if path == "weights" else width)
-        per_key = 3 if kind == CUBIC else 1
-        if flat.size != len(times) * per_key * width:
-            raise SceneError(
-                f"{sampler.place}.output has {flat.size} numbers, expected "
-                f"{len(times) * per_key * width} for {len(times)} keys; export the file again"
-            )
-        keys = flat.astype(np.float64).reshape(len(times), per_key, width)
-        if per_key == 1:
-            zero = np.zeros_like(keys)
-            keys = np.concatenate([zero, keys, zero], axis=1)
-        if path == "rotation" and per_key == 1:
-            keys[:, 1] = normalized(keys[:, 1])
-        return AnimationTrack(node, path, kind, times, keys)
-
-    def _key_times(self, sampler: Fields) -> tuple[float, ...]:
-        index = sampler.integer("input", below=self.accessors.count)
-        if index not in self._times:
-            self.document.spend(48 * self.accessors.length(index), sampler.place)
-            times = self.accessors.floats(index, 1)[:, 0].astype(np.float64)
-            if (np.diff(times) <= 0.0).any() or times[0] < 0.0:
-                raise SceneError(
-                    f"{sampler.place}.input holds times that do not increase from 0; export again"
-                )
-            self._times[index] = tuple(times.tolist())
-        return self._times[index]

@@ -15,27 +15,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from nlens_video.core.errors import SceneError
+from nlens_video.scene.gltf import meshopt
+from nlens_video.scene.gltf.extensions import check_required
 from nlens_video.scene.gltf.fields import Fields
 
-SUPPORTED_EXTENSIONS = frozenset(
-    {
-        "EXT_texture_webp",
-        "KHR_draco_mesh_compression",
-        "KHR_lights_punctual",
-        "KHR_materials_emissive_strength",
-        "KHR_materials_ior",
-        "KHR_materials_specular",
-        "KHR_materials_unlit",
-        "KHR_mesh_quantization",
-        "KHR_texture_transform",
-    }
-)
-DECODE_FIRST = "decode it first: gltf-transform cp IN.glb OUT.glb"
-_REMEDY = {
-    "EXT_meshopt_compression": DECODE_FIRST,
-    "KHR_meshopt_compression": DECODE_FIRST,
-    "KHR_texture_basisu": "decode it first: gltf-transform ktxdecompress IN.glb OUT.glb",
-}
 # Bounds of what a file may cost, however it lies about itself.
 MAX_FILE_BYTES = 1 << 30  # of the file and all that lies beside it
 MAX_JSON_PARTS = 2_000_000  # members and elements; each takes some 200 bytes once parsed
@@ -64,6 +47,7 @@ class Document:
     binary: bytes | None
     warnings: list[str] = field(default_factory=list)
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _decoded: dict[int, bytes] = field(default_factory=dict)
     _files: dict[Path, bytes] = field(default_factory=dict)
     _spent: int = 0
     _texture_bytes: int = 0
@@ -140,9 +124,21 @@ class Document:
         """The bytes of a buffer view.
 
         Raises:
-            SceneError: it reaches beyond its buffer.
+            SceneError: it reaches beyond its buffer, or its compressed data are damaged.
         """
         view = self.items("bufferViews")[index]
+        for name in meshopt.EXTENSIONS:
+            compressed = view.extension(name)
+            if compressed is not None:
+                if index not in self._decoded:
+                    size = compressed.integer("count") * compressed.integer("byteStride")
+                    self.spend(size, compressed.place)
+                    data = bytes(self._span(compressed))
+                    self._decoded[index] = meshopt.decompress(compressed, data)
+                return memoryview(self._decoded[index])
+        return self._span(view)
+
+    def _span(self, view: Fields) -> memoryview:
         data = self.buffer(view.integer("buffer", below=len(self.items("buffers"))))
         offset, length = view.integer("byteOffset", default=0), view.integer("byteLength")
         if offset + length > len(data):
@@ -227,7 +223,7 @@ def read_document(path: Path) -> Document:
     text, binary = _split_glb(data) if data.startswith(_GLB_MAGIC) else (data, None)
     document = Document(_parse_json(text), path.parent, binary)
     _check_version(document.root)
-    _check_required(document.root)
+    check_required(document.root)
     return document
 
 
@@ -288,10 +284,3 @@ def _check_version(root: Fields) -> None:
     version = asset.text("minVersion", asset.text("version"))
     if version.split(".")[0] != "2" or version not in {"2.0", "2"} and "minVersion" in asset:
         raise SceneError(f"glTF {version[:20]}, expected 2.0; convert the file to glTF 2.0")
-
-
-def _check_required(root: Fields) -> None:
-    for name in root.texts("extensionsRequired"):
-        if name not in SUPPORTED_EXTENSIONS:
-            remedy = _REMEDY.get(name, "export the file without it")
-            raise SceneError(f"the file requires the extension {name}, not supported; {remedy}")

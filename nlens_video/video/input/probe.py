@@ -12,6 +12,7 @@ from av.stream import Discard, Stream
 
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
+from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 
@@ -68,6 +69,7 @@ def describe(
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
+        camera_tags=camera_tags(spec, container, stream, first),
         notes=_left_out(container, stream, copied),
     )  # fmt: skip
 

@@ -97,6 +97,17 @@ vec3 from_around(vec3 n)
         + ambient[8].rgb * (n.x * n.x - n.y * n.y);
     return max(sum, vec3(0.0));
 }
+
+// Share of even light that a rough mirror of that colour reflects: Karis's fit (2014) with a power
+// for its exponential, and what bounces between facets (Fdez-Aguera 2019).
+vec3 mirrored(vec3 color, float edge, float nv, float roughness)
+{
+    float gloss = 1.0 - roughness, away = (1.0 - nv) * (1.0 - nv);
+    float bend = min(gloss * gloss, away * away * away) * gloss + 0.0425 - 0.0275 * roughness;
+    float scale = 1.04 - 0.572 * roughness - 1.04 * bend;
+    float bias = 1.04 * bend - 0.04 + 0.022 * roughness;
+    return (color * scale + edge * bias) * (1.0 + color * (1.0 / (scale + bias) - 1.0));
+}
 #endif
 
 vec3 lit(vec3 base, float metallic, float roughness)
@@ -127,8 +138,10 @@ vec3 lit(vec3 base, float metallic, float roughness)
     vec3 r = reflect(-v, n);
     vec3 around = from_around(n);
     vec3 ahead = mix(from_around(r), around, roughness);
+    vec3 color = mix(dielectric.rgb, base, metallic);
+    float nv = clamp(dot(n, v), 0.0, 1.0);
     sum += occlusion * (around * base * (1.0 - metallic)
-                        + ahead * mix(dielectric.rgb, base, metallic));
+                        + ahead * mirrored(color, mix(factors.z, 1.0, metallic), nv, roughness));
 #endif
     return sum;
 }

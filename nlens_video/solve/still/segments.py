@@ -1,4 +1,8 @@
-"""Line segments of a picture, at several scales: defocused edges show in reduced pictures."""
+"""Line segments of a picture, at several scales: defocused edges show in reduced pictures.
+
+Segments that lie on one line are joined, for a long line tells its vanishing point best: the rows
+of a chequered floor, which change side at each tile, become lines across the floor.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float64
+from nlens_video.solve.still.joining import join_segments
 
 _SCALES = (1, 2, 4)
-_SHORTEST = 0.02  # of the frame's diagonal, at full size
+_SHORTEST = 0.012  # of the frame's diagonal, at full size
 _LONGER = 0.5  # by how much longer a segment must be for each further scale [1]
-_MOST = 300
+_MOST = 900  # that are looked at
+_BINS, _MOST_PER_BIN = 18, 60  # one direction, such as the grain of wood, must not stand for all
 _PARALLEL = 0.06  # sine of the angle between segments of one edge
 _SAME_PX = 1.0
 
@@ -37,7 +43,7 @@ class Segments:
 
 
 def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
-    """Segments by LSD at three scales, each edge once.
+    """Segments by LSD at three scales, each edge once, joined along lines.
 
     Args:
         luma: picture (H, W).
@@ -63,7 +69,8 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
         scales.append(np.full(int(long.sum()), float(scale)))
     if not ends:
         return Segments(np.zeros((0, 2, 2)), np.zeros(0))
-    return _once(np.concatenate(ends), np.concatenate(scales))
+    segments = _once(np.concatenate(ends), np.concatenate(scales))
+    return _balanced(*join_segments(segments.ends, segments.error_px))
 
 
 def _once(ends: Float64, scales: Float64) -> Segments:
@@ -91,3 +98,14 @@ def _once(ends: Float64, scales: Float64) -> Segments:
         if not same.any():
             kept.append(n)
     return Segments(ends[kept], 0.7 * np.sqrt(scales[kept]))
+
+
+def _balanced(ends: Float64, error_px: Float64) -> Segments:
+    """Longest first, with at most so many of one direction in the picture."""
+    vectors = ends[:, 1] - ends[:, 0]
+    order = np.argsort(-np.linalg.norm(vectors, axis=1), kind="stable")
+    angle = np.arctan2(vectors[order, 1], vectors[order, 0]) % np.pi
+    bins = np.minimum(angle * (_BINS / np.pi), _BINS - 1).astype(int)
+    kept = [n for one in range(_BINS) for n in np.flatnonzero(bins == one)[:_MOST_PER_BIN]]
+    chosen = order[np.sort(np.array(kept, int))]
+    return Segments(ends[chosen], error_px[chosen])

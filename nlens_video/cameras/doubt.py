@@ -1,0 +1,35 @@
+"""What to say where a solved camera is uncertain."""
+
+from __future__ import annotations
+
+from nlens_video.cameras.solved import SolvedCamera
+
+_PITCH_DEG = 5.0  # standard error from which the ground visibly tilts
+_FOV_SHARE = 0.15  # standard error of the field of view, as a share of it [1]
+_REAL_DEG = (3.0, 150.0)  # fields of view of lenses in use
+_REMEDY = (
+    "give --fov DEG if the lens is known, --at, --size and --horizon to set the ground by eye, or "
+    "--camera-from CAMERA"
+)
+
+
+def doubt(solved: SolvedCamera) -> str:
+    """One sentence on what is uncertain about a plate's camera and what to give; empty if nothing.
+
+    A field of view that is assumed is no fault of a camera that moves: its path then makes up for
+    it where the object stands.
+    """
+    fov, errors = solved.keys[0].fov_x_deg, solved.errors
+    guessed = solved.fov == solved.horizon == "assumed"
+    found = []
+    if not _REAL_DEG[0] <= fov <= _REAL_DEG[1]:
+        found.append(f"its field of view came out as {fov:.3g} degrees, which no usual lens has")
+    elif solved.fov == "assumed" and solved.path != "moving":
+        if guessed or errors.fov_deg > _FOV_SHARE * fov:
+            found.append(f"its field of view is a guess, {fov:.0f} +- {errors.fov_deg:.0f} degrees")
+    if solved.horizon == "assumed" and (guessed or errors.pitch_deg > _PITCH_DEG):
+        pitch = solved.keys[0].pitch_deg
+        found.append(f"its pitch is a guess, {round(pitch)} +- {errors.pitch_deg:.0f} degrees")
+    if not found:
+        return ""
+    return f"the plate's camera is uncertain: {' and '.join(found)}; {_REMEDY}"

@@ -1,0 +1,142 @@
+"""Contact darkening: directions of the light from around, and what their small number leaves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf.meshes import Int32
+from nlens_video.scene.illumination import LUMINANCE, polynomial
+
+_GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))  # of a turn: Vogel's spiral
+_LOWEST = 0.93  # squared sine off the vertical beyond which ambient light is neglected
+_RINGS, _SECTORS = 32, 64  # of equal weight under an even sky
+_POINTS = 128  # of the casters' surface, to which the distance of the ground is measured
+_EVERY = 4  # the distance is measured on every so many pixels each way
+_FINEST_PX = 0.7  # standard deviation below which nothing is smoothed
+_LEVELS = 7
+_DARKEST = 0.1  # of the mean: radiance of second order rings below zero beside a bright part
+# Of a Lambert surface's response to each term of `Illumination.ambient` (Ramamoorthi and
+# Hanrahan 2001): dividing by them turns irradiance / pi into radiance.
+_RESPONSE = np.array([1.0, *[2.0 / 3.0] * 3, *[0.25] * 5])
+
+
+def hemisphere(directions: int, ambient: Float64 | None = None) -> Float64:
+    """Directions (N, 4) to ambient light from above, each of the same part of the irradiance.
+
+    Those nearest to the horizon, which reach far and weigh little, are left out.
+
+    Args:
+        directions: their number with those.
+        ambient: the light, as of `Illumination.ambient` (9, 3); None for an even one.
+    """
+    number = np.arange(directions)
+    squared_sine: Float64 = np.asarray(
+        (number + 0.5) / directions, np.float64
+    )  # of the angle off the vertical
+    turn: Float64 = np.asarray((number * _GOLDEN) % 1.0, np.float64)
+    if ambient is not None:
+        squared_sine, turn = _warped(squared_sine, turn, np.asarray(ambient @ LUMINANCE))
+    sine, up = np.sqrt(squared_sine), np.sqrt(1.0 - squared_sine)
+    angle = 2.0 * math.pi * turn
+    toward = np.stack([sine * np.cos(angle), up, sine * np.sin(angle), 0.0 * up], axis=1)
+    return np.asarray(toward[squared_sine <= _LOWEST])
+
+
+def _warped(squared_sine: Float64, turn: Float64, ambient: Float64) -> tuple[Float64, Float64]:
+    """Samples of an even sky (N,) moved so that they are as dense as a sky (9,) is bright."""
+    ring = (np.arange(_RINGS) + 0.5) / _RINGS
+    sector = 2.0 * math.pi * (np.arange(_SECTORS) + 0.5) / _SECTORS
+    sine, up = np.sqrt(ring)[:, None], np.sqrt(1.0 - ring)[:, None]
+    axes = np.stack(np.broadcast_arrays(sine * np.cos(sector), up, sine * np.sin(sector)), axis=-1)
+    bright = polynomial(axes) @ (ambient / _RESPONSE)
+    mean = float(bright.mean())
+    if mean <= 0.0:
+        return squared_sine, turn
+    bright = np.maximum(bright, _DARKEST * mean)
+    rings = np.append(0.0, np.cumsum(bright.sum(axis=1)))
+    rings /= rings[-1]
+    edges = np.linspace(0.0, 1.0, _RINGS + 1)
+    moved = np.interp(squared_sine, rings, edges)
+    around = np.linspace(0.0, 1.0, _SECTORS + 1)
+    row = np.minimum((moved * _RINGS).astype(int), _RINGS - 1)
+    sums = np.concatenate([np.zeros((_RINGS, 1)), np.cumsum(bright, axis=1)], axis=1)
+    sums /= sums[:, -1:]
+    turned = [np.interp(one, sums[at], around) for one, at in zip(turn, row, strict=True)]
+    return moved, np.array(turned)
+
+
+def surface_points(vertices: Float64, faces: Int32) -> Float64:
+    """Points (P, 3) of a surface, evenly by its area, and its lowest vertices."""
+    places = vertices[:, :3].astype(np.float32)
+    one, two = places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]]
+    # the area squared by Lagrange's identity, which is quicker than a cross product
+    square = (one * one).sum(1) * (two * two).sum(1) - ((one * two).sum(1)) ** 2
+    area = np.sqrt(np.maximum(square, 0.0), dtype=np.float64)
+    sums = np.cumsum(area)
+    number = np.arange(_POINTS)
+    at = np.searchsorted(sums, (number + 0.5) / _POINTS * sums[-1]).clip(0, len(faces) - 1)
+    along, aside = (number * 0.7548776662466927) % 1.0, (number * 0.5698402909980532) % 1.0
+    over = along + aside > 1.0
+    along, aside = np.where(over, 1.0 - along, along), np.where(over, 1.0 - aside, aside)
+    chosen = vertices[faces[at], :3]
+    spread = chosen[:, 0] + along[:, None] * (chosen[:, 1] - chosen[:, 0])
+    spread += aside[:, None] * (chosen[:, 2] - chosen[:, 0])
+    count = min(_POINTS // 4, len(vertices))
+    lowest = np.argpartition(places[:, 1], count - 1)[:count]
+    return np.concatenate([spread, vertices[lowest, :3]])
+
+
+def smoothed(
+    hidden: Float32, view: Camera, ground_y: float, points: Float64, directions: int
+) -> Float32:
+    """The blocked share (h, w) without the pattern of the few directions.
+
+    The share changes over lengths like the distance to the caster, and neighbouring directions
+    shift its outline by a part of that distance: a blur by as much takes the pattern only.
+
+    Args:
+        hidden: of the directions, each counted once.
+        view: camera whose pixels are those of `hidden`.
+        ground_y: height of the ground [scene unit].
+        points: of the casters (P, 3) [scene unit].
+        directions: their number.
+    """
+    height, width = hidden.shape
+    step = min(_EVERY, height, width)
+    far = replace(
+        view, fx=view.fx / step, fy=view.fy / step, cx=view.cx / step, cy=view.cy / step,
+        width=-(-width // step), height=-(-height // step),
+    )  # fmt: skip
+    ground = far.plane_points(ground_y).reshape(-1, 3).astype(np.float32)
+    there = points.astype(np.float32)
+    squared = (there * there).sum(axis=1) - 2.0 * (ground @ there.T)
+    nearest = squared.min(axis=1) + (ground * ground).sum(axis=1)
+    disparity = np.maximum(far.plane_disparity(ground_y), 0.0)
+    sigma = np.sqrt(np.maximum(nearest, 0.0)).reshape(disparity.shape) * disparity
+    sigma *= 0.5 * math.sqrt(2.0 * math.pi / directions) * view.fx / _FINEST_PX
+    level = np.log2(np.maximum(sigma, 0.5)).clip(-1.0, _LEVELS - 1.001) + 1.0
+    size = far.width * step, far.height * step
+    wide = cv2.resize(level.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    wide = wide[:height, :width]
+    slant = (view.world_from_camera[1, 3] - ground_y) * float(np.median(disparity)) * view.fy
+    out = np.zeros_like(hidden)
+    for number in range(int(level.min()), int(level.max()) + 2):
+        finest = _FINEST_PX * 2.0 ** (number - 1)
+        soft = hidden if number == 0 else _soft(hidden, finest, slant / view.fx)
+        out += np.maximum(np.float32(1.0) - np.abs(wide - np.float32(number)), 0.0) * soft
+    return out
+
+
+def _soft(hidden: Float32, sigma_px: float, slant: float) -> Float32:
+    """The share, blurred along the ground."""
+    down = max(sigma_px * slant, 0.05)
+    soft = cv2.GaussianBlur(
+        hidden, (0, 0), sigmaX=sigma_px, sigmaY=down, borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(soft, dtype=np.float32)

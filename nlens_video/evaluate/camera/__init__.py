@@ -1,0 +1,1 @@
+"""Accuracy of the solved camera against plates and clips whose camera is known."""

@@ -1,0 +1,256 @@
+"""What moves in front of the object in a shot of a still camera: found beforehand, in two passes.
+
+The first pass looks at small pictures: does the camera stand still, and does anything cross the
+place of the object? Only then a second one learns the background there and follows what moves.
+Memory is bounded by the frame: a few pictures are kept, and some numbers for each thing on a frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from nlens_video.cameras.placement import contact_point
+from nlens_video.core.layers import Box, Float32, MovingMatte, MovingThings, Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.finding import Finding
+from nlens_video.effects.foreground.background import (
+    FEW_KEPT,
+    LARGE_PX,
+    MOST_KEPT,
+    Background,
+    Reservoir,
+    SmallBackground,
+    Survey,
+    gain,
+    root,
+    small_size,
+)
+from nlens_video.effects.foreground.matte import soft_matte
+from nlens_video.effects.foreground.things import find_things, normalised, things_mask
+from nlens_video.effects.foreground.tracks import Ordered, Tracks
+from nlens_video.graph.base.view import View, bounds_near_frame
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.scene import Scene
+from nlens_video.video.info import SourceFrame
+
+ReadAgain = Callable[[], Iterator[SourceFrame]]
+"""Reads the frames of a shot from its first one; may be called more than once."""
+CERTAIN = 0.9
+"""Least share of the object's surroundings whose background is known, to be sure of it [1]."""
+_LEAST_FRAMES = 12
+_EVERY_S = 0.15  # from one frame that is looked at beforehand to the next [s]
+_SAMPLES = 12  # moments at which the object's place is looked up beforehand
+_MARGIN = 0.5  # of the object's height, around it: its shadow lies there [1]
+_LEAST_MARGIN_PX = 24
+_CONTEXT_PX = 24  # around a region from which a thing is continued [px]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovingForeground:
+    """What moves in a shot around its object.
+
+    Attributes:
+        small: background of the whole frame at a small size.
+        background: that of the object's surroundings.
+        things: what moves on each frame.
+    """
+
+    small: SmallBackground
+    background: Background
+    things: dict[int, tuple[Ordered, ...]]
+
+    def on_frame(self, index: int) -> MovingThings:
+        """What moves on a frame."""
+        things = self.things.get(index, ())
+
+        def matte(picture: Picture, region: Box, fit: LensFit | None) -> MovingMatte | None:
+            return self._matte(things, picture, region, fit)
+
+        return MovingThings(matte)
+
+    def _matte(
+        self, things: tuple[Ordered, ...], picture: Picture, region: Box, fit: LensFit | None
+    ) -> MovingMatte | None:
+        box = region.intersection(self.background.box)
+        small_box = self.small.small(box)
+        if box.empty or all(one.box.intersection(small_box).empty for one in things):
+            return None
+        near, before = self._things_near(things, picture)
+        frame = Box(0, 0, *self.small.size)
+        wide = box.expanded(_CONTEXT_PX).intersection(self.background.box)
+        size = frame.width, frame.height
+        inside = wide.slices_in(frame)
+        prior = cv2.resize(near, size, interpolation=cv2.INTER_LINEAR)[inside] > 0.5
+        if not prior.any():
+            return None
+        part = wide.slices_in(self.background.box)
+        light = picture.linear(wide)
+        roots = self.background.roots[part]
+        change = gain(root(picture.downsample(*small_size(*size))), self.small.roots)
+        below = np.square(roots * change)
+        scale = frame.width / self.small.noise.shape[1]
+        share = soft_matte(
+            light, below, self.background.noise[part], prior, self._edge_px(things, fit, scale),
+            scale,
+        )  # fmt: skip
+        order = np.asarray(cv2.resize(before, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        cut = box.slices_in(wide)
+        return MovingMatte(
+            box=box, coverage=share[cut], before=order[inside][cut], background=below[cut]
+        )
+
+    def _edge_px(self, things: tuple[Ordered, ...], fit: LensFit | None, scale: float) -> float:
+        """How wide the softest edge of a thing is, by lens and motion [px]."""
+        widest = 0.0
+        for one in things:
+            disparity = np.array([one.disparity], np.float32)
+            coc = 0.0 if fit is None else abs(float(fit.coc_px(disparity)[0]))
+            widest = max(widest, coc + 0.5 * one.moved_px * scale)
+        return min(max(0.75 * widest, 1.0) + 1.0, 40.0)
+
+    def _things_near(
+        self, things: tuple[Ordered, ...], picture: Picture
+    ) -> tuple[Float32, Float32]:
+        """Mask of what moves, and how much of it is before the object, at the small size (h, w)."""
+        mask = _mask(self.small, picture)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+        near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
+        frame = Box(0, 0, *mask.shape[::-1])
+        for number in range(1, count):
+            x, y, width, height, _ = (int(value) for value in stats[number])
+            region = Box(x, y, x + width, y + height)
+            parts = sorted(
+                (one for one in things if one.region == region), key=lambda one: one.disparity
+            )
+            inside = labels == number
+            near[inside] = bool(parts)
+            for one in parts:  # the nearest last
+                at = one.box.intersection(frame).slices_in(frame)
+                order[at][inside[at]] = one.before
+        _, nearest = cv2.distanceTransformWithLabels(
+            np.isnan(order).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        known = ~np.isnan(order)
+        values = np.zeros(int(nearest.max()) + 1, np.float32)
+        values[nearest[known]] = order[known]
+        return near, values[nearest]
+
+
+def _mask(small: SmallBackground, picture: Picture) -> np.ndarray:
+    roots = root(picture.downsample(*small_size(*small.size)))
+    return things_mask(normalised(roots, small.roots), small.roots, small.noise)
+
+
+def find_moving_foreground(
+    again: ReadAgain, scene: Scene, view: View, ground_y: float | None
+) -> tuple[MovingForeground | None, Finding]:
+    """Look for what moves around an object.
+
+    Args:
+        again: reads the shot.
+        scene: the object.
+        view: how the frames see it.
+        ground_y: height of the ground, None for the object's lowest point [scene unit].
+
+    Returns:
+        What moves there, None where nothing does or it cannot be told; and why.
+    """
+    size = view.width, view.height
+    survey = Survey(size)
+    times: list[float] = []
+    due = -math.inf
+    for frame in again():
+        if frame.time_s >= due:
+            survey.add(frame.picture)
+            due = frame.time_s + _EVERY_S
+        times.append(frame.time_s)
+    small = survey.result()
+    if small is None or len(times) < _LEAST_FRAMES:
+        return None, Finding("too few frames to know the background from")
+    place = _object_place(scene, view, times)
+    if not small.steady:
+        return None, Finding("the camera moves, or most of the picture; give --holdout PATH")
+    if not small.moves(place):
+        return None, Finding("nothing moves where the object stands")
+    certainty = small.certainty(place)
+    if certainty < CERTAIN:
+        reason = f"only {certainty:.0%} of the background around the object is known"
+        return None, Finding(
+            f"{reason}; give --holdout PATH", certainty=certainty, threshold=CERTAIN
+        )
+    found, steadiness = _follow(again, scene, view, ground_y, small, place)
+    if steadiness < CERTAIN:
+        reason = "what moves there has no steady outline; give --holdout PATH"
+        return None, Finding(reason, certainty=steadiness, threshold=CERTAIN)
+    if not found.things:
+        return None, Finding("what moves where the object stands is far behind it, or too brief")
+    if not any(one.before > 0.0 for things in found.things.values() for one in things):
+        return found, _sure("what moves there stays behind the object", certainty)
+    reason = f"things move past the object; background known in {certainty:.0%} around it"
+    return found, _sure(reason, certainty)
+
+
+def _sure(reason: str, certainty: float) -> Finding:
+    return Finding(reason, wanted=True, certainty=certainty, threshold=CERTAIN)
+
+
+def _object_place(scene: Scene, view: View, times: list[float]) -> Box:
+    """Where the object and its shadow are over the shot, inside the frame."""
+    place = Box(0, 0, 0, 0)
+    step = max(1, math.ceil(len(times) / _SAMPLES))
+    for time_s in times[::step]:
+        bounds = bounds_near_frame(scene, view, time_s)
+        if bounds is not None:
+            margin = max(_LEAST_MARGIN_PX, round(_MARGIN * bounds.box.height))
+            place = place.union(bounds.box.expanded(margin).intersection(view.box))
+    return place
+
+
+def _follow(
+    again: ReadAgain, scene: Scene, view: View, ground_y: float | None, small: SmallBackground,
+    place: Box,
+) -> tuple[MovingForeground, float]:  # fmt: skip
+    """The background around the object, and what moves before it; how steadily that goes [1]."""
+    large = place.width * place.height > LARGE_PX
+    reservoir, tracks = Reservoir(most=FEW_KEPT if large else MOST_KEPT), Tracks()
+    scale = view.width / small.noise.shape[1], view.height / small.noise.shape[0]
+    for frame in again():
+        picture = frame.picture
+        roots = root(picture.downsample(*small_size(*small.size)))
+        change = gain(roots, small.roots)
+        taken = reservoir.takes_next
+        reservoir.add(root(picture.linear(place)) / change if taken else None)
+        mask = things_mask(roots / change, small.roots, small.noise)
+        things = find_things(mask)
+        if not things:
+            continue
+        camera, contact = _contact(scene, view, ground_y, frame.time_s)
+        height = contact[1]
+        feet = [
+            _disparity(camera, one.foot[0] * scale[0], one.foot[1] * scale[1], height)
+            for one in things
+        ]
+        depth = -float(camera.to_camera(contact[None])[0, 2])
+        tracks.add(frame.index, things, feet, 1.0 / depth if depth > 0.0 else math.inf)
+    light, noise = reservoir.median()
+    background = Background(box=place, roots=light, noise=noise)
+    found = MovingForeground(small=small, background=background, things=tracks.ordered())
+    return found, tracks.steadiness(small.small(place))
+
+
+def _contact(
+    scene: Scene, view: View, ground_y: float | None, time_s: float
+) -> tuple[Camera, np.ndarray]:
+    vertices = scene.pose(time_s).vertices()
+    return view.camera_at(scene, time_s), contact_point(vertices, ground_y)
+
+
+def _disparity(camera: Camera, column: float, row: float, ground_y: float) -> float:
+    """Disparity of the ground at a place of the frame [1 / scene unit]."""
+    x, y = math.floor(column), math.floor(row)
+    return float(camera.cropped(Box(x, y, x + 1, y + 1)).plane_disparity(ground_y)[0, 0])

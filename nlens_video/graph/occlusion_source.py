@@ -1,0 +1,62 @@
+"""Where the occlusion of the object comes from: a file, what moves in the shot, or its blur."""
+
+from __future__ import annotations
+
+from nlens_video.core.layers import CocMap, OcclusionCue, Picture
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.effects.finding import Finding
+from nlens_video.graph.base.context import CocEstimator, OcclusionSource
+from nlens_video.graph.base.view import View
+from nlens_video.graph.moving_foreground import ReadAgain, find_moving_foreground
+from nlens_video.scene.scene import Scene
+
+
+def open_occlusion_source(
+    objects: ObjectSettings, scene: Scene, view: View, estimate: CocEstimator,
+    again: ReadAgain | None, *, asked_for: bool,
+) -> tuple[OcclusionSource | None, Finding | None]:  # fmt: skip
+    """The matte or depth file, what moves in the shot, or the plate's CoC.
+
+    Args:
+        objects: the object and the options on occlusion.
+        scene: the object.
+        view: how the plate's frames see it.
+        estimate: F.
+        again: reads the shot, None where it can be read only once or occlusion is not wanted.
+        asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
+
+    Returns:
+        The source, None where no option and nothing in the shot calls for one; and what was found.
+
+    Raises:
+        InputError: the holdout cannot be read.
+    """
+    real = objects.real
+    if real.holdout is not None:
+        from nlens_video.video.input.holdout import open_holdout
+
+        reader = open_holdout(real.holdout, (view.width, view.height))
+        source = OcclusionSource(
+            reader.description, lambda index, picture, plate_coc: reader.read(index), reader.close
+        )
+        return source, Finding(f"--holdout {reader.description}", wanted=True)
+    finding = None
+    if real.occlusion != "none" and again is not None:
+        moving, finding = find_moving_foreground(again, scene, view, objects.ground_y)
+        if moving is not None and finding.wanted:
+            return OcclusionSource(
+                "what moves before the shot's background",
+                lambda index, picture, plate_coc: moving.on_frame(index),
+            ), finding
+    if real.occlusion != "auto" and not asked_for:
+        return None, finding
+
+    def coc_of_frame(index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
+        """CoC map of this frame alone, since the foreground may move."""
+        if plate_coc is not None and plate_coc.frames == 1:
+            return plate_coc
+        return estimate(picture, ())
+
+    source = OcclusionSource("F: CoC network on each frame, onnxruntime on the CPU", coc_of_frame)
+    reason = "--occlusion auto: where the plate's CoC is certainly of nearer things"
+    return source, Finding(reason, wanted=True) if real.occlusion == "auto" else finding

@@ -1,0 +1,116 @@
+"""Options of the lens, the plate, the effects, the run and its result."""
+
+from __future__ import annotations
+
+from nlens_video.options import files
+from nlens_video.options import readers as read
+from nlens_video.options.commands import BAR, ENCODED, JOBS, RUN, SEEN, SHOT, SOURCE
+from nlens_video.options.option import Option
+
+# fmt: off
+RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
+    "the lens": (
+        Option("--preset", SHOT, "NAME",
+               help="draft, realtime, standard, reference, paper, or an own .toml",
+               default="standard", feeds="run.preset", parameter=True, often=True,
+               files=files.PIPELINE),
+        Option("--device", SHOT, choices=("auto", "cpu", "cuda"), default="auto",
+               help="where networks and kernels run", feeds="run.device", parameter=True),
+        Option("--fallback", SHOT, choices=("none", "constant"), default="none",
+               help="what if no lens fit is possible: stop, or one CoC for the whole object",
+               feeds="run.fallback", parameter=True),
+        Option("--aperture", SHOT, "A", default="round", parameter=True, files=files.APERTURE,
+               help="its shape: round, BLADES[:TURN[:ROUNDNESS]] as 6:15:0.2, or a picture A.png"),
+        Option("--cat-eye", SHOT, "S", read.number,
+               "how much the aperture narrows towards the corners, 0 to 1",
+               default=0.0, parameter=True),
+    ),
+    "the plate": (
+        Option("--input-format", SOURCE, "F", help="FFmpeg's name: rawvideo, lavfi, v4l2 …",
+               feeds="source.input_format"),
+        Option("--input-size", SOURCE, "WxH", read.frame_size,
+               "size of raw video, such as 960x512", feeds="source.input_size"),
+        Option("--input-rate", SOURCE, "FPS", feeds="source.input_rate",
+               help="frames a second of raw video and sequences, such as 25 or 30000/1001"),
+        Option("--input-transfer", SOURCE, "NAME", read.transfer,
+               "take the plate's transfer to be srgb, bt709, linear …, where its tag is wrong",
+               feeds="source.input_transfer"),
+        Option("--range", SEEN, "A:B", read.frame_range, "frames A to B-1, counted from 0",
+               default=(0, None), feeds="source.frames", often=True, one_of="range"),
+        Option("--frame", SEEN, "N", read.one_frame,
+               "this frame only, which may become a picture", dest="range",
+               default=(0, None), often=True, one_of="range"),
+        Option("--range", ["check"], "A:B", read.frame_range,
+               "the plate's frames A to B-1 became OUT (default: found by OUT's first one)",
+               feeds="source.frames", one_of="range"),
+        Option("--frame", ["check"], "N", read.one_frame, "the plate's frame N became OUT",
+               dest="range", one_of="range"),
+    ),
+    "what is shown": (
+        Option("--report", (*SHOT, "solve"), "DIR", read.path, "a self-contained HTML report",
+               feeds="run.report", often=True, files=files.REPORT),
+        Option("--no-progress", BAR, help="no progress bar"),
+    ),
+    "effects of the camera": (
+        Option("--effects", RUN, "E", default="auto", feeds="run.effects", parameter=True,
+               often=True, help="auto, all, none, names, or auto,+shadow,-grain; --plan says why "
+               "each is on or off"),
+        Option("--shutter-angle --shutter", RUN, "D",
+               read.between(0, 360, "an angle from 0 to 360 degrees"),
+               "how long the shutter is open, 360 is all of a frame (default: read, else 180)",
+               dest="shutter", feeds="run.shutter_deg", parameter=True),
+        Option("--vignetting", RUN, "STOPS",
+               read.between(0, 8, "a loss of light from 0 to 8 stops"),
+               "light lost at the corners, 0 for none", feeds="optics.vignetting_stops",
+               parameter=True),
+        Option("--distortion", RUN, "K1[,K2]", read.distortion,
+               "radial coefficients as OpenCV defines them, 0 for none",
+               feeds="optics.distortion", parameter=True),
+    ),
+    "the run": (
+        Option("--budget-ms", RUN, "MS", read.positive,
+               "what a frame may take, in milliseconds (180)", default=180.0,
+               feeds="run.budget_ms", parameter=True, often=True),
+        Option("--hold-budget --adaptive-quality", RUN, feeds="run.hold_budget",
+               help="step quality down and up to keep the budget"),
+        Option("--on-late --late", RUN, choices=("keep", "drop"), default="keep", dest="late",
+               help="frames that come faster than they are made: let them wait, or leave the "
+               "oldest out", feeds="run.late"),
+        Option("--reconnect", RUN, "SEC", read.positive, default=0.0, feeds="source.reconnect_s",
+               help="try for so many seconds to open a lost device or URL again"),
+        Option("--fit", RUN, "FIT.json", read.path, "use this lens fit",
+               feeds="run.fit", parameter=True, often=True, files=files.READ),
+        Option("--save-fit", RUN, "FIT.json", read.path, "keep the lens fit",
+               feeds="run.save_fit", files=files.WRITE),
+        Option("--aov", RUN, "DIR", read.path, "EXR layers of each frame",
+               feeds="run.aov", files=(files.Files("writes", inside=("*.exr",)),)),
+        Option("--timings", RUN, "T.json", read.path, "time of each node and frame",
+               feeds="run.timings", files=files.WRITE),
+        Option("--plan", RUN, often=True, help="print what would run and why, then stop"),
+        Option("--chunk-out --as-chunk", ["render"], dest="as_chunk",
+               help="OUT is a folder of chunks for merge; needs --fit"),
+        Option("--resume", ["render"], help="go on where a killed run with --resume was"),
+    ),
+    "the encoding (default: as the source)": (
+        Option("--codec", ENCODED, "NAME", help="FFmpeg's encoder, such as libx264 or ffv1",
+               feeds="output.codec", often=True),
+        Option("--crf", ENCODED, "Q", read.number,
+               "quality of encoders that have it: less is better", feeds="output.crf"),
+        Option("--pix-fmt", ENCODED, "NAME", help="pixel format, such as yuv420p10le",
+               feeds="output.pix_fmt"),
+        Option("--keep-partial", ENCODED, help="keep what an interrupt leaves",
+               feeds="output.keep_partial"),
+    ),
+    "the farm": (
+        Option("--workers", ("farm", JOBS), "N", read.count,
+               "processes (default: one to two processors)"),
+        Option("--chunk-seconds --chunk", ("farm", JOBS), "SECONDS", read.positive,
+               "length of a chunk (10)", dest="chunk", default=10.0),
+        Option("--address", ("farm", JOBS), "A", help="Ray cluster: auto, ray://HOST:PORT"),
+        Option("--chunk-store --chunks", ["farm"], "DIR|URL",
+               help="keep chunks here (default: none stay)", dest="chunks",
+               files=(files.Files("writes", inside=files.CHUNKS),)),
+        Option("--jobs", ["farm"], "JOBS.toml", help="many shots, in place of IN, ANIM.glb, OUT"),
+    ),
+}
+# fmt: on

@@ -1,0 +1,96 @@
+"""Check whether the object keeps its place on the plate's ground, as the camera has it."""
+
+from __future__ import annotations
+
+from threading import Lock
+
+from nlens_video.core.errors import Note, NoteKind
+from nlens_video.core.layers import Box, Float32
+from nlens_video.graph.base.profiler import FrameTiming
+from nlens_video.graph.executor import FrameState, Observer
+from nlens_video.scene.camera import Camera
+from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved
+from nlens_video.solve.tracks import Tracker, luma_of
+
+_WIDTH = 480  # of the picture that is tracked [px]
+_POINTS = 240
+_EVERY_S = 0.08  # between tracked frames: following them costs more than the rest of a draft [s]
+
+
+class DriftCheck(Observer):
+    """An `Observer` that compares the plate's ground with the ground of the object's camera.
+
+    Args:
+        frame_s: frame interval, 0 for a still [s].
+        ground_y: height of the object's ground [scene unit].
+        solved: whether the camera is one of the plate's, solved or given.
+    """
+
+    def __init__(self, frame_s: float, ground_y: float, *, solved: bool) -> None:
+        super().__init__()
+        self._every = max(1, round(_EVERY_S / frame_s)) if frame_s > 0.0 else 0
+        self._ground_y = ground_y
+        self._solved = solved
+        self._tracker = Tracker(most=_POINTS, recorded=False)
+        self._drift = GroundDrift()
+        self._camera: Camera | None = None
+        self._camera_moves = False
+        self._lock = Lock()
+        self._seen: dict[int, dict[int, Float32]] = {}
+        self._width = self._small = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A warning with the drift; empty where the object keeps its place."""
+        drift = self._drift
+        if not self._small or not drift.slides(self._small):
+            return ()
+        scale = self._width / self._small
+        words = (
+            f"by up to {scale * drift.worst_px:.0f} px over {drift.frames} frames "
+            f"(rms {scale * drift.rms_px:.1f} px)"
+        )
+        if not self._camera_moves:
+            remedy = "use another camera file" if self._solved else (
+                "solve the plate's camera (nlens-video solve IN camera.json) and give it with "
+                "--camera-from"
+            )  # fmt: skip
+            text = (
+                f"the plate's camera moves and the object's does not: it slides {words}; {remedy}"
+            )
+        else:
+            text = (
+                f"the object's camera does not follow the plate's ground: it slides {words}; check "
+                "the camera and --ground-y, or solve the camera with more of the ground in view"
+            )
+        return (Note(text, NoteKind.UNCERTAIN),)
+
+    def on_frame_start(self, state: FrameState) -> None:
+        """Track the plate."""
+        index, picture = state.frame.index, state.frame.picture
+        if not self._every or index % self._every:
+            return
+        self._width, self._small = picture.width, min(_WIDTH, picture.width)
+        size = self._small, max(1, round(picture.height * self._small / picture.width))
+        self._tracker.add(luma_of(picture, size))
+        with self._lock:
+            self._seen[index] = self._tracker.current
+
+    def frame(self, state: FrameState, timing: FrameTiming) -> None:
+        """Compare with the camera of that frame, where the object is in view."""
+        index = state.frame.index
+        with self._lock:
+            points = self._seen.pop(index, None)
+            for late in [one for one in self._seen if one < index]:
+                del self._seen[late]  # of dropped frames
+        bounds = state.values.bounds
+        if points is None or bounds is None:
+            return
+        scale = self._small / self._width
+        camera = bounds.camera.resized(self._small, max(1, round(bounds.camera.height * scale)))
+        edges = (round(scale * edge) for edge in (
+            bounds.box.x0, bounds.box.y0, bounds.box.x1, bounds.box.y1
+        ))  # fmt: skip
+        before, self._camera = self._camera or camera, camera
+        self._camera_moves = self._camera_moves or has_moved(before, camera)
+        self._drift.add(points, Box(*edges), ground_seen(before, camera, self._ground_y))

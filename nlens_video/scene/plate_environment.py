@@ -1,0 +1,220 @@
+"""The light around the object, estimated from the plate: a map of radiance over the sphere.
+
+What the plate shows is projected by the camera onto the sphere around the object: the ground where
+rays from the object's middle meet it, all else as if far away. Beyond the frame it is mirrored and
+spread, with falling certainty; there the rest is light of one level, which follows from the ground:
+its radiance is known, and its reflectance is that of common grounds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.illumination import LUMINANCE
+
+COLUMNS = 128
+"""Of the map, which has half as many rows: 2.8 degrees each."""
+PLATE_COLUMNS = 160
+"""Width to which a plate is reduced for it [px]."""
+_WHITE = 1.25  # radiance of a white sheet that lies on the ground, in a plate of average level [1]
+_MEAN = 0.22  # light of such a plate [1]
+_EXPOSED = 1.0  # so far from it a plate may be by what it shows; beyond, its light differs [EV]
+_FOLLOWED = 0.15  # of the difference in between, share that is the light's [1]
+_AROUND = 2.5  # light from around by that of the lamps, as is usual [1]
+_USUAL = 0.3  # weight of that ratio, where the level of the plate tells one too [1]
+_MIRRORED = 0.3  # certainty of what is mirrored, where what is seen has 1
+_SPREADS = (2.0, 5.0, 12.0, 30.0)  # of what is known over what is not, finest first [map pixels]
+_CLIPPED = 0.98  # code from which the plate tells no more how bright a source is
+_BY_SOURCES = 0.15  # of all light on the ground, what clipped sources in view give [1]
+_MOST_BOOST = 60.0  # how much brighter than white such a source is at most [1]
+_LEAST = 0.15  # of the light from around, by that which the ground asks for [1]
+_NEAR = 1.5  # ground that tells the level: so many object sizes around it [1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seat:
+    """Where the object stands.
+
+    Attributes:
+        middle: of the object, in the world (3,) [scene unit].
+        radius: of a sphere around it [scene unit].
+        ground_y: height of the ground [scene unit].
+    """
+
+    middle: Float64
+    radius: float
+    ground_y: float
+
+    @classmethod
+    def of(cls, bounds: Float32, ground_y: float) -> Seat:
+        """The place of an object, from its least and greatest coordinates (2, 3) [scene unit]."""
+        ends = bounds.astype(np.float64)
+        radius = 0.5 * float(np.linalg.norm(ends[1] - ends[0]))
+        return cls(middle=ends.mean(axis=0), radius=radius, ground_y=ground_y)
+
+    @property
+    def foot(self) -> Float64:
+        """The point of the ground under its middle (3,) [scene unit]."""
+        return np.asarray(self.middle * (1.0, 0.0, 1.0) + (0.0, self.ground_y, 0.0))
+
+
+def plate_environment(plate: Float32, camera: Camera, seat: Seat, lamps: Float64) -> Float32:
+    """Radiance around the object (COLUMNS / 2, COLUMNS, 3), as `reduce_environment` takes it.
+
+    Args:
+        plate: scene-linear (h, w, 3), of any size.
+        camera: of the frame.
+        seat: where the object stands.
+        lamps: irradiance that the file's lights give the ground (3,).
+    """
+    directions, solid = sphere(COLUMNS)
+    light, seen = _projected(plate, camera, seat, directions)
+    up = directions[..., 1]
+    ground = _ground_radiance(plate, camera, seat)
+    fill, certainty = _extended(light, seen, camera, directions)
+    below = up < 0.0
+    light = np.where((below & ~seen)[..., None], ground, light)
+    wanted = _irradiance_of_ground(plate, ground, lamps)
+    most = _BY_SOURCES * float(wanted @ LUMINANCE)
+    light = np.where(((~below) & seen)[..., None], _unclipped(light, solid, most), light)
+    open_ = (~below & ~seen)[..., None]
+    share = np.where(open_, certainty[..., None], 1.0)
+    known = np.where(open_, fill, light) * share
+    cosine = (np.maximum(up, 0.0) * solid)[..., None]
+    overcast = (1.0 + 2.0 * np.maximum(up, 0.0))[..., None] / 3.0  # the CIE's sky
+    rest = (1.0 - share) * overcast * cosine
+    level = (wanted - (known * cosine).sum((0, 1))) / max(float(rest.sum()), 1e-6)
+    level = np.maximum(level, _LEAST * wanted / math.pi)
+    return np.asarray(known + (1.0 - share) * overcast * level, dtype=np.float32)
+
+
+def sphere(columns: int) -> tuple[Float64, Float64]:
+    """Directions (h, w, 3) and solid angles (h, w) [sr] of a map's pixels; its middle is +X."""
+    rows = columns // 2
+    up = math.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
+    turn = 2.0 * math.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None]
+    x, z = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn)
+    directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
+    edges = np.sin(math.pi * (0.5 - np.arange(rows + 1) / rows))
+    area = (edges[:-1] - edges[1:]) * (2.0 * math.pi / columns)
+    return directions, np.repeat(area[:, None], columns, axis=1)
+
+
+def _ground_radiance(plate: Float32, camera: Camera, seat: Seat) -> Float64:
+    """Radiance (3,) of the ground around the object; of the whole plate where none is seen."""
+    height, width = plate.shape[:2]
+    points, before = _ground_points(camera, (height, width), seat)
+    away = np.linalg.norm(points - seat.foot, axis=-1) / max(seat.radius, 1e-9)
+    weight = before * np.exp(-0.5 * (away / _NEAR) ** 2)
+    if float(weight.sum()) < 1e-3 * height * width:
+        weight = before * 1.0 if before.any() else np.ones((height, width))
+    return np.asarray(np.einsum("hw,hwc->c", weight, plate.astype(np.float64)) / weight.sum())
+
+
+def _irradiance_of_ground(plate: Float32, ground: Float64, lamps: Float64) -> Float64:
+    """Irradiance (3,) that the ground gets from around, beside the file's lights.
+
+    A camera is set so that white is about as bright in most plates, whatever they show. With lamps
+    of the file, what they leave of that level and a usual share of their light are averaged.
+
+    Args:
+        plate: scene-linear (h, w, 3).
+        ground: its radiance near the object (3,).
+        lamps: irradiance that the file's lights give the ground (3,).
+    """
+    mean = plate.mean((0, 1)).astype(np.float64)
+    seen = math.sqrt(max(float(mean @ LUMINANCE), 1e-4) * max(float(ground @ LUMINANCE), 1e-4))
+    stops = math.log2(seen / _MEAN)
+    beyond = math.copysign(max(abs(stops) - _EXPOSED, 0.0), stops)
+    level = math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond)
+    given = float(lamps @ LUMINANCE)
+    if given > 0.0:
+        left = max(level - given, _LEAST * level)
+        level = left ** (1.0 - _USUAL) * (_AROUND * given) ** _USUAL
+    hue = np.sqrt(np.maximum(mean, 1e-4))
+    return np.asarray(level * hue / (hue @ LUMINANCE))  # half the hue is taken for the surfaces'
+
+
+def _ground_points(camera: Camera, size: tuple[int, int], seat: Seat) -> tuple[Float64, Bool]:
+    """Points of the ground (h, w, 3) at the pixels of a reduced frame, and where it is seen."""
+    height, width = size
+    across, down = width / camera.width, height / camera.height
+    small = replace(
+        camera, fx=camera.fx * across, fy=camera.fy * down, cx=camera.cx * across,
+        cy=camera.cy * down, width=width, height=height,
+    )  # fmt: skip
+    return small.plane_points(seat.ground_y), small.plane_disparity(seat.ground_y) > 0.0
+
+
+def _projected(
+    plate: Float32, camera: Camera, seat: Seat, directions: Float64
+) -> tuple[Float64, Bool]:
+    """The plate's light in each direction (h, w, 3), and where it shows any (h, w)."""
+    flat = directions.reshape(-1, 3)
+    height = max(float(seat.middle[1]) - seat.ground_y, 1e-6 * seat.radius)
+    steep = np.minimum(flat[:, 1], -1e-3)
+    on_ground = camera.to_camera(seat.middle + flat * (height / -steep)[:, None])
+    far = flat @ camera.world_from_camera[:3, :3]
+    looked = np.where((flat[:, 1] < -1e-3)[:, None], on_ground, far)
+    front = looked[:, 2] < -1e-9 * np.abs(looked).max(axis=1)
+    looked[~front] = (0.0, 0.0, -1.0)
+    places = camera.pixels(looked)
+    inside = (places >= 0.0).all(axis=1) & (places < (camera.width, camera.height)).all(axis=1)
+    seen = (front & inside).reshape(directions.shape[:2])
+    ratio = np.array([plate.shape[1] / camera.width, plate.shape[0] / camera.height])
+    x, y = (places * ratio - 0.5).T.astype(np.float32)
+    shape = directions.shape[:2]
+    sampled = cv2.remap(
+        plate, x.reshape(shape), y.reshape(shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    ).astype(np.float64)
+    return sampled * seen[..., None], seen
+
+
+def _extended(
+    light: Float64, seen: Bool, camera: Camera, directions: Float64
+) -> tuple[Float64, Float64]:
+    """What is known of the upper half, mirrored and spread (h, w, 3), and its certainty (h, w)."""
+    upper = seen & (directions[..., 1] >= 0.0)
+    if not upper.any():
+        upper = seen  # a camera that looks down: what it shows stands for the horizon too
+    if not upper.any():
+        return np.zeros_like(light), np.zeros(seen.shape)
+    forward = -camera.world_from_camera[:3, 2]
+    azimuth = math.atan2(forward[2], forward[0])
+    rows, columns = seen.shape
+    # mirrored in the plane across the view: what lies at `turn` is seen at 2 * side - turn
+    side = azimuth + 0.5 * math.pi
+    number = np.arange(columns)
+    other = np.round((2.0 * side) / (2.0 * math.pi) * columns - 1 + columns - number).astype(int)
+    mirrored, there = light[:, other % columns], upper[:, other % columns]
+    weight = np.where(upper, 1.0, _MIRRORED * there)
+    known = np.where(upper[..., None], light, mirrored) * weight[..., None]
+    out, sure = np.zeros_like(light), np.zeros(seen.shape)
+    for sigma in _SPREADS:
+        own, color = _blurred(weight, sigma), _blurred(known, sigma)
+        part = np.clip(own, 0.0, 1.0) * (1.0 - sure)
+        out += part[..., None] * color / np.maximum(own, 1e-9)[..., None]
+        sure += part
+    return out / np.maximum(sure, 1e-9)[..., None], sure
+
+
+def _blurred(values: Float64, sigma: float) -> Float64:
+    """A map, blurred round about [map pixels]."""
+    edge = values.shape[1] // 2
+    wide = np.concatenate([values[:, -edge:], values, values[:, :edge]], axis=1)
+    soft = cv2.GaussianBlur(wide, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(soft[:, edge : edge + values.shape[1]])
+
+
+def _unclipped(light: Float64, solid: Float64, irradiance: float) -> Float64:
+    """The light with clipped sources as bright as gives that irradiance across their direction."""
+    clipped = light.max(axis=2) >= _CLIPPED
+    size = float(solid[clipped].sum())
+    boost = float(np.clip(irradiance / max(size, 1e-9), 1.0, _MOST_BOOST))
+    return light * np.where(clipped, boost, 1.0)[..., None]

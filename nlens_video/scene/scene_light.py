@@ -1,0 +1,140 @@
+"""What lights the object: the file's lights, and the light around them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.core.errors import Note, NoteKind
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.settings import SunSettings
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.environment import reduce_environment
+from nlens_video.scene.illumination import (
+    MAX_LAMPS,
+    Illumination,
+    Lamp,
+    PosedLight,
+    sun,
+)
+from nlens_video.scene.plate_environment import Seat, plate_environment
+
+_SUN_DIAMETER = math.radians(0.53)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneLight:
+    """Light on the object and its ground: the scene file's, and that around it.
+
+    Attributes:
+        count: lights that the file has; with 0 they are not looked at.
+        environment: a reduced environment map; without one the plate gives the light around.
+        exposure_given: whether the map's brightness is given; else the plate's level gives it.
+        sun: a sun that the user gives, None for none.
+    """
+
+    count: int
+    environment: Illumination | None = None
+    exposure_given: bool = False
+    sun: SunSettings | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether files or options alone give the light; else the plate gives some of it."""
+        return self.environment is not None and self.exposure_given and self.sun is None
+
+    @property
+    def note(self) -> Note:
+        """Description of the light sources."""
+        found = []
+        if self.count:
+            found.append(f"the file's {self.count} light{'s' if self.count > 1 else ''}")
+        if self.sun is not None:
+            found.append(
+                f"--sun {self.sun.azimuth_deg:g},{self.sun.elevation_deg:g},{self.sun.strength:g}"
+            )
+        if self.environment is not None:
+            count = len(self.environment.lamps)
+            level = "" if self.exposure_given else ", at the plate's level"
+            found.append(
+                f"the environment map ({count or 'no'} light{'' if count == 1 else 's'} of it, "
+                f"the rest from around{level})"
+            )
+        else:
+            found.append("light estimated from the plate")
+        lamps = self.count + len(self.environment.lamps if self.environment else ())
+        text = f"lit by {' and '.join(found)}"
+        if lamps > MAX_LAMPS:
+            return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
+        if len(found) == 1 and self.environment is None:
+            return Note(
+                f"{text}: level and tint as it shows them, what lies beyond it is a guess "
+                "(--sun AZ,EL or --env-map MAP.hdr tell it)",
+                NoteKind.LIGHTS_MISSING,
+            )
+        return Note(text, NoteKind.INFORMATION)
+
+    def around(
+        self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...]
+    ) -> Illumination:
+        """The light beside the file's, at the plate's level unless the map's brightness is given.
+
+        Args:
+            plate: scene-linear (h, w, 3), of any size.
+            camera: of the frame that it shows.
+            seat: where the object stands.
+            lights: the file's, at that moment.
+        """
+        lamps = Illumination(tuple(map(Lamp, lights)), None).on_plane(seat.foot)
+        if self.environment is not None and self.exposure_given:
+            found = self.environment
+        else:
+            found = reduce_environment(plate_environment(plate, camera, seat, lamps))
+            if self.environment is not None and self.environment.level > 0.0:
+                found = self.environment.scaled(found.level / self.environment.level)
+        return found if self.sun is None else _with_sun(found, self.sun, camera, seat)
+
+    def on_object(
+        self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
+    ) -> Illumination:
+        """Illumination of the object.
+
+        Args:
+            lights: the file's, at this moment.
+            plate_light: from `around`; None where no plate is known.
+        """
+        own = tuple(map(Lamp, lights)) if self.count else ()
+        rest = plate_light or self.environment
+        if rest is None:
+            rest = Illumination((), None) if own else Illumination.plausible()
+        return Illumination((*own, *rest.lamps)[:MAX_LAMPS], rest.ambient)
+
+    def on_ground(
+        self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
+    ) -> Illumination:
+        """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
+        light = self.on_object(lights, plate_light)
+        told = self.count > 0 or plate_light is not None or self.environment is not None
+        return light if told else Illumination((), light.ambient)
+
+
+def _with_sun(light: Illumination, given: SunSettings, camera: Camera, seat: Seat) -> Illumination:
+    """The light with its level shared between a sun and what it was."""
+    level = light.on_plane(seat.foot)
+    share = given.strength / (1.0 + given.strength)
+    toward = _toward(given, camera)
+    lamp = sun(share * level / toward[1], -toward)
+    rest = light.scaled(1.0 - share)
+    return Illumination((Lamp(lamp, _SUN_DIAMETER), *rest.lamps), rest.ambient)
+
+
+def _toward(given: SunSettings, camera: Camera) -> Float64:
+    """Direction (3,) towards a sun whose azimuth counts from where the camera looks."""
+    azimuth, elevation = math.radians(given.azimuth_deg), math.radians(given.elevation_deg)
+    right = camera.world_from_camera[:3, 0] * (1.0, 0.0, 1.0)
+    right = right / max(float(np.linalg.norm(right)), 1e-9)
+    forward = np.array([right[2], 0.0, -right[0]])
+    flat = math.cos(azimuth) * forward + math.sin(azimuth) * right
+    return np.asarray(math.cos(elevation) * flat + math.sin(elevation) * np.array([0.0, 1.0, 0.0]))

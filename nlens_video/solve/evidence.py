@@ -1,0 +1,165 @@
+"""How well a solved camera explains what it was solved from: tracked points and line segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.core.layers import Float64
+from nlens_video.scene.camera import Camera
+from nlens_video.solve.points.observations import Ints, Observations
+from nlens_video.solve.still.segments import Segments
+
+VERTICAL, CLUTTER = 0, -1
+"""Groups of segments; horizontal directions count from 1."""
+_AT_REST = 1e-6  # movement of a camera, by its height, below which no depth can be found [1]
+_NEAR = np.radians(1.0)  # between a segment and its vanishing point
+_FEWEST = 3  # segments that make a horizontal direction
+_MOST_DIRECTIONS = 4
+_BINS = 180
+_MOST_FRAMES = 300  # of a shot, evenly
+_SHORTEST = 5  # frames that show a point
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reprojection:
+    """Distances of tracked points from where the cameras see them.
+
+    Attributes:
+        track: number of the track of each observation (N,).
+        frame: its place among the frames (N,).
+        position: where it was seen (N, 2) [px].
+        error_px: distance from where its point is seen by the cameras (N,) [px].
+    """
+
+    track: Ints
+    frame: Ints
+    position: Float64
+    error_px: Float64
+
+    @property
+    def median_px(self) -> float | None:
+        """Median over all observations, None without any [px]."""
+        return float(np.median(self.error_px)) if len(self.error_px) else None
+
+    def by_frame(self) -> tuple[Ints, Float64, Float64]:
+        """Frames that show points, and the median and the 90th percentile on each [px]."""
+        frames = np.unique(self.frame)
+        shown = [self.error_px[self.frame == frame] for frame in frames]
+        low = np.array([np.median(errors) for errors in shown])
+        return frames, low, np.array([np.quantile(errors, 0.9) for errors in shown])
+
+
+def reproject(seen: Observations, times_s: list[float], solved: SolvedCamera) -> Reprojection:
+    """Find each track's point by the solved cameras, and compare it with where it was seen.
+
+    A camera that does not leave its place sees directions, one that does sees points: those nearest
+    to all rays.
+
+    Args:
+        seen: where points were seen, at the size of the solved camera [px].
+        times_s: of the frames [s].
+        solved: the cameras.
+    """
+    frames = list(range(0, len(times_s), 1 + (len(times_s) - 1) // _MOST_FRAMES))
+    table = seen.table(frames, _SHORTEST)
+    numbers, places, pixels = table.numbers, table.places, table.pixels
+    if not len(numbers):
+        return Reprojection(numbers, places, pixels, np.zeros(0))
+    cameras = [solved.at(times_s[frame]) for frame in frames]
+    poses = np.array([camera.world_from_camera for camera in cameras])[places]
+    lens = np.array([(c.fx, c.fy, c.cx, c.cy) for c in cameras])[places]
+    rays = np.column_stack([
+        (pixels[:, 0] - lens[:, 2]) / lens[:, 0],
+        -(pixels[:, 1] - lens[:, 3]) / lens[:, 1],
+        -np.ones(len(pixels)),
+    ])  # fmt: skip
+    rays = np.einsum("nij,nj->ni", poses[:, :3, :3], rays)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    eyes, count = poses[:, :3, 3], int(numbers.max()) + 1
+    moved = np.ptp(eyes, axis=0).max() > _AT_REST * max(1.0, abs(eyes[:, 1]).max())
+    if moved:
+        points = _nearest_points(numbers, eyes, rays, count)[numbers] - eyes
+    else:
+        points = _sums(numbers, rays, count)[numbers]
+    local = np.einsum("nji,nj->ni", poses[:, :3, :3], points)
+    depth = np.maximum(-local[:, 2], 1e-9)
+    spots = np.column_stack([
+        lens[:, 2] + lens[:, 0] * local[:, 0] / depth,
+        lens[:, 3] - lens[:, 1] * local[:, 1] / depth,
+    ])  # fmt: skip
+    shown = np.array(frames)[places]
+    return Reprojection(numbers, shown, pixels, np.linalg.norm(spots - pixels, axis=1))
+
+
+def _nearest_points(numbers: Ints, eyes: Float64, rays: Float64, count: int) -> Float64:
+    """The point nearest to all rays of each track (count, 3), near rays counting more.
+
+    A distance across a ray counts by its angle, which takes the point's depth of a first round.
+    """
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
+    weights: Float64 = np.ones(len(rays))
+    points: Float64 = np.zeros((count, 3))
+    for _ in range(3):
+        sums = _sums(numbers, (weights[:, None, None] * across).reshape(-1, 9), count)
+        sides = _sums(numbers, weights[:, None] * np.einsum("nij,nj->ni", across, eyes), count)
+        # rays that are parallel leave the depth open: the least of it is taken
+        normal = sums.reshape(-1, 3, 3) + 1e-9 * np.eye(3)
+        points = np.asarray(np.linalg.solve(normal, sides[..., None])[..., 0], np.float64)
+        depth = np.einsum("ni,ni->n", points[numbers] - eyes, rays)
+        weights = 1.0 / np.maximum(depth, 1e-3) ** 2
+        scale = _sums(numbers, weights[:, None], count)[numbers, 0]
+        weights /= np.maximum(scale, 1e-12)
+    return points
+
+
+def _sums(numbers: Ints, values: Float64, count: int) -> Float64:
+    """Sum of the values (N, K) of each track (count, K)."""
+    found = np.zeros((count, values.shape[1]))
+    np.add.at(found, numbers, values)
+    return found
+
+
+def line_groups(segments: Segments, camera: Camera) -> Ints:
+    """Which vanishing point each segment points to, as a camera has it (N,).
+
+    Args:
+        segments: of the picture.
+        camera: at the picture's size.
+
+    Returns:
+        `VERTICAL`, the number of a horizontal direction from 1 on, or `CLUTTER`.
+    """
+    up = camera.world_from_camera[1, :3]
+    groups = np.full(len(segments.ends), CLUTTER)
+    if not len(groups):
+        return groups
+    groups[_angles(segments, camera, up) < _NEAR] = VERTICAL
+    axes = camera.world_from_camera[:3, :3]
+    lengths = segments.lengths
+    for number in range(1, _MOST_DIRECTIONS + 1):
+        turns = np.pi * np.arange(_BINS) / _BINS
+        directions = np.column_stack([np.cos(turns), np.zeros(_BINS), np.sin(turns)]) @ axes
+        near = np.array([_angles(segments, camera, one) < _NEAR for one in directions])
+        near &= groups == CLUTTER
+        best = int((near * lengths).sum(axis=1).argmax())
+        if near[best].sum() < _FEWEST:
+            break
+        groups[near[best]] = number
+    return groups
+
+
+def _angles(segments: Segments, camera: Camera, direction: Float64) -> Float64:
+    """Angle between each segment and the line to a direction's vanishing point (N,) [rad]."""
+    middles = segments.ends.mean(axis=1)
+    along = segments.ends[:, 1] - segments.ends[:, 0]
+    # the vanishing point in homogeneous pixels: finite where the direction leaves the image plane
+    depth = -direction[2]
+    x = camera.fx * direction[0] + depth * (camera.cx - middles[:, 0])
+    y = -camera.fy * direction[1] + depth * (camera.cy - middles[:, 1])
+    cross = abs(x * along[:, 1] - y * along[:, 0])
+    return np.asarray(np.arcsin(
+        np.clip(cross / np.maximum(np.hypot(x, y) * segments.lengths, 1e-12), 0.0, 1.0)
+    ))  # fmt: skip

@@ -1,0 +1,114 @@
+"""The focal length of a path that does not tell it: from lines over the ground that it shows.
+
+A camera that moves without a turn sees the same pictures whatever its focal length; the scene only
+stretches along the optical axis. The ground stretches with it, so each focal length has a vertical
+of its own, and lines along the vertical and the horizontal fit one of them best.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from nlens_video.core.layers import Float64
+from nlens_video.solve.still.segments import Segments
+from nlens_video.solve.still.vanishing import Mixture
+
+_FOCALS = np.linspace(math.log(0.4), math.log(2.6), 16)
+_NEAR = np.linspace(-0.25, 0.25, 13)
+_ROUGH = math.radians(1.5), math.radians(4.0)  # smoothing, and steps of azimuths
+_FINE = math.radians(0.5), math.radians(1.5)
+_AHEAD = 0.3  # cosine by which a turned segment lies before the camera
+_MOST = 400  # segments of several pictures
+_TEMPER = 0.5  # pictures of one scene are not independent
+
+
+@dataclass(frozen=True, slots=True)
+class KnownFov:
+    """A field of view that need not be measured.
+
+    Attributes:
+        focal: focal length by the frame's width [1].
+        error: its relative standard error [1].
+        given: by the user, else by the file's metadata.
+    """
+
+    focal: float
+    error: float
+    given: bool
+
+
+def focal_by_lines(
+    pictures: list[Segments],
+    size: tuple[int, int],
+    normal: Float64,
+    focal: float,
+    prior: tuple[float, float],
+) -> tuple[float, float]:
+    """Logarithm of the focal length by the frame's width, and its standard error [1].
+
+    Args:
+        pictures: segments of one or several pictures, in the axes of the first.
+        size: columns and rows [px].
+        normal: of the ground in camera axes, as a focal length shows it (3,).
+        focal: that focal length by the frame's width [1].
+        prior: logarithm of the focal length and its standard error.
+    """
+    whole = Mixture(pooled(pictures), size)
+    values = whole.log_evidence(_cameras(normal, focal, _FOCALS), *_ROUGH)
+    values = values - 0.5 * ((_FOCALS - prior[0]) / prior[1]) ** 2
+    near = _FOCALS[int(np.argmax(values))] + _NEAR
+    cameras = _cameras(normal, focal, near)
+    values = -0.5 * ((near - prior[0]) / prior[1]) ** 2
+    for one in pictures:
+        values = values + _TEMPER * Mixture(one, size).log_evidence(cameras, *_FINE)
+    fine = np.linspace(near[0], near[-1], 401)
+    between = CubicSpline(near, values)(fine)
+    weights = np.exp(between - between.max())
+    middle = float(np.average(fine, weights=weights))
+    return middle, math.sqrt(float(np.average((fine - middle) ** 2, weights=weights)))
+
+
+def turned_segments(
+    segments: Segments, turn: Float64, focal: float, size: tuple[int, int]
+) -> Segments:
+    """Segments as a camera sees them that is turned on the spot; vanishing points turn with it.
+
+    Args:
+        segments: of a picture.
+        turn: from its axes to those of the other camera (3, 3).
+        focal: focal length by the frame's width [1].
+        size: columns and rows [px].
+    """
+    middle, focal_px = np.array(size) / 2.0, focal * size[0]
+    flat = (segments.ends - middle) * (1.0, -1.0)
+    rays = np.concatenate([flat, np.full((*flat.shape[:2], 1), -focal_px)], axis=2) @ turn.T
+    depth = -rays[..., 2:] / focal_px
+    ahead = (depth > _AHEAD).all(axis=(1, 2))
+    ends = middle + rays[ahead, :, :2] / depth[ahead] * (1.0, -1.0)
+    return Segments(ends, segments.error_px[ahead] / depth[ahead].mean(axis=(1, 2)))
+
+
+def pooled(parts: list[Segments]) -> Segments:
+    """The longest segments of several pictures."""
+    ends = np.concatenate([one.ends for one in parts])
+    errors = np.concatenate([one.error_px for one in parts])
+    order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), kind="stable")[:_MOST]
+    return Segments(ends[order], errors[order])
+
+
+def product(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """Mean and deviation of the product of two normal densities."""
+    weights = 1.0 / one[1] ** 2, 1.0 / other[1] ** 2
+    mean = (one[0] * weights[0] + other[0] * weights[1]) / sum(weights)
+    return mean, 1.0 / math.sqrt(sum(weights))
+
+
+def _cameras(normal: Float64, focal: float, logs: Float64) -> Float64:
+    """Pitch, roll and log focal length (F, 3) of a scene stretched for other focal lengths."""
+    x, y, z = normal[0], normal[1], normal[2] * focal / np.exp(logs)
+    pitch = np.arctan2(-z, math.hypot(x, y))
+    return np.column_stack([pitch, np.full(len(logs), math.atan2(x, y)), logs])

@@ -1,0 +1,1 @@
+"""Paths of cameras from points that were followed."""

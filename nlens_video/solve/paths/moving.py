@@ -1,0 +1,266 @@
+"""A part of a shot whose camera turns or moves: keyframes first, then the frames between them."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from nlens_video.cameras.colmap import FLIP
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.layers import Float64
+from nlens_video.solve.paths.bundle import Bundle, bundle_of, turn_error
+from nlens_video.solve.paths.mapping import map_keyframes
+from nlens_video.solve.paths.rotation import (
+    RotationPath,
+    point_directions,
+    resect_rotation,
+    solve_rotation,
+)
+from nlens_video.solve.points.observations import Ints, Observations
+
+_ROTATION_PX = 0.6  # largest median residual of a rotation that is believed
+_STEADY_PX = 0.3  # above this the focal length may change
+_BETTER = 0.6  # of the residual with one focal length, with one for each keyframe
+_WORST_PX = 1.0  # of a reconstruction that is believed
+_LEAST_ZOOM = 0.02  # change of the focal length that is no error [1]
+_ZOOM_GAIN = 0.8  # of the cost with one focal length
+_LEAST_SEEN = 12  # points that a frame is resected from
+_FEWEST_POINTS = 30  # of a frame that shows texture
+_SEEN_OFTEN = 3  # keyframes that show a point of a path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A solved part of a shot, in a world of any scale and axes.
+
+    Attributes:
+        kind: whether there is depth; a rotation has its eye at the origin.
+        frames: those that are solved, in order (F,).
+        poses: world-from-camera matrices (F, 4, 4), glTF's camera axes.
+        focals_px: focal lengths (F,) [px].
+        focal_error: standard error of the focal length [1].
+        names: points that are solved (P,).
+        points: their positions (P, 3), those of a rotation at distance 1.
+        residual_px: median distance of an observation from its point [px].
+        zooms: whether the focal length changes.
+        turn: largest angle between the optical axes of two keyframes [rad].
+    """
+
+    kind: Literal["rotation", "moving"]
+    frames: list[int]
+    poses: Float64
+    focals_px: Float64
+    focal_error: float
+    names: Ints
+    points: Float64
+    residual_px: float
+    zooms: bool
+    turn: float
+
+
+def installed() -> bool:
+    """Whether paths can be solved."""
+    return importlib.util.find_spec("pycolmap") is not None
+
+
+def check_installed() -> None:
+    """Refuse before any work where pycolmap is missing.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    if not installed():
+        raise UsageError(
+            "a camera that moves needs pycolmap; install nlens-video[solve], or give --camera-from"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PartSolver:
+    """Solves parts of a shot.
+
+    Attributes:
+        seen: where points were seen.
+        size: columns and rows [px].
+        first: number of the first frame in the plate.
+    """
+
+    seen: Observations
+    size: tuple[int, int]
+    first: int = 0
+
+    def solve(self, keyframes: list[int], focal_px: float | None) -> Part | Bundle:
+        """Rotation where that explains the keyframes, else structure from motion.
+
+        Args:
+            keyframes: at least two, in order.
+            focal_px: focal length where it is known [px].
+
+        Returns:
+            A finished rotation, or the keyframes of a path.
+
+        Raises:
+            InputError: neither explains what was seen; the message says where.
+            UsageError: the camera moves and pycolmap is missing.
+        """
+        table = self.seen.table(keyframes, fewest=2)
+        count = len(keyframes)
+        rotation = solve_rotation(table, count, self.size, focal_px)
+        if rotation is None or rotation.residual_px > _STEADY_PX:
+            zoomed = solve_rotation(table, count, self.size, focal_px, zooms=True)
+            if zoomed is not None and _far_better(rotation, zoomed):
+                rotation = zoomed
+        if rotation is not None and rotation.residual_px < _ROTATION_PX:
+            zooms = float(np.ptp(rotation.focals_px)) > 0.0
+            if rotation.residual_px < _STEADY_PX and not zooms or not installed():
+                return self.turning(keyframes, rotation)
+            # A path through far things, or towards them, looks much like a turn or a zoom.
+            bundle = self._bundle(keyframes, focal_px)
+            if bundle is None or bundle.residual_px > _BETTER * rotation.residual_px:
+                return self.turning(keyframes, rotation)
+            return bundle
+        check_installed()
+        bundle = self._bundle(keyframes, focal_px)
+        if bundle is None or bundle.residual_px > _WORST_PX:
+            raise InputError(self._why(keyframes))
+        return bundle
+
+    def _bundle(self, keyframes: list[int], focal_px: float | None) -> Bundle | None:
+        """Keyframes with one focal length, or one for each where that fits far better."""
+        table, count = self.seen.table(keyframes, _SEEN_OFTEN), len(keyframes)
+        free = focal_px is None
+        structure = map_keyframes(table, count, self.size, focal_px)
+        if structure is not None:
+            bundle = bundle_of(structure, table, self.size, count).adjusted(focal=free)
+            used = bundle.believed()
+            zoomed = bundle.adjusted(zooms=True, used=used)
+            change = float(np.ptp(np.log(zoomed.focals_px)))
+            if change < _LEAST_ZOOM or zoomed.cost(used) > _ZOOM_GAIN * bundle.cost(used):
+                return bundle
+        structure = map_keyframes(table, count, self.size, focal_px, zooms=True)
+        if structure is None:
+            return None
+        return bundle_of(structure, table, self.size, count).adjusted(zooms=True)
+
+    def turning(self, keyframes: list[int], path: RotationPath) -> Part:
+        """A rotation's part: all frames from the directions of its points."""
+        table = self.seen.table(keyframes, fewest=2)
+        directions = point_directions(table, path, self.size)
+        zooms = float(np.ptp(np.log(path.focals_px))) > 0.0
+        focal_at = _between(keyframes, path.focals_px)
+        frames, poses, focals = [], [], []
+        for frame in range(keyframes[0], keyframes[-1] + 1):
+            names, pixels = self.seen.frame(frame)
+            _, here, there = np.intersect1d(names, table.names, return_indices=True)
+            found = resect_rotation(
+                directions[there], pixels[here], self.size, focal_at(frame), zooms=zooms
+            )
+            if found is not None:
+                pose = np.eye(4)
+                pose[:3, :3], focal = found
+                frames.append(frame)
+                poses.append(pose)
+                focals.append(focal)
+        turn = _largest_turn(path.rotations)
+        floor = turn_error(turn, path.focals_px[0] / self.size[0]) if path.focal_error else 0.0
+        return Part(
+            kind="rotation", frames=frames, poses=np.array(poses), focals_px=np.array(focals),
+            focal_error=math.hypot(path.focal_error, floor), names=table.names, points=directions,
+            residual_px=path.residual_px, zooms=zooms, turn=turn,
+        )  # fmt: skip
+
+    def moving(self, keyframes: list[int], bundle: Bundle, focal_error: float) -> Part:
+        """A path's part: the frames between the keyframes by resection."""
+        import pycolmap
+
+        solved = bundle.solved
+        zooms = float(np.ptp(bundle.focals_px)) > 0.0
+        focal_at = _between([keyframes[n] for n in solved], bundle.focals_px[solved])
+        kept = np.flatnonzero(np.isfinite(bundle.points[:, 0]))
+        world, names = bundle.points[kept], bundle.table.names[kept]
+        poses = {keyframes[n]: bundle.poses[n] for n in solved}
+        for frame in range(keyframes[0], keyframes[-1] + 1):
+            numbers, pixels = self.seen.frame(frame)
+            _, here, there = np.intersect1d(numbers, names, return_indices=True)
+            if frame in poses or len(here) < _LEAST_SEEN:
+                continue
+            near = min(poses, key=lambda key: abs(key - frame))
+            refined = pycolmap.refine_absolute_pose(
+                pycolmap.Rigid3d((FLIP @ np.linalg.inv(poses[near]))[:3]),
+                pixels[here], world[there], np.ones(len(here), bool),
+                pycolmap.Camera(
+                    model="SIMPLE_RADIAL", width=self.size[0], height=self.size[1],
+                    params=[focal_at(frame), self.size[0] / 2, self.size[1] / 2, 0.0],
+                ),
+            )  # fmt: skip
+            if refined is not None:
+                matrix = np.eye(4)
+                matrix[:3] = refined["cam_from_world"].matrix()
+                poses[frame] = np.asarray(np.linalg.inv(FLIP @ matrix))
+        frames = sorted(poses)
+        return Part(
+            kind="moving", frames=frames, poses=np.array([poses[frame] for frame in frames]),
+            focals_px=np.array([focal_at(frame) for frame in frames]),
+            focal_error=focal_error, names=names, points=world,
+            residual_px=bundle.residual_px, zooms=zooms, turn=bundle_turn(bundle),
+        )  # fmt: skip
+
+    def focal_error(self, bundle: Bundle) -> float:
+        """Standard error of a path's focal length [1]."""
+        focal = float(np.median(bundle.focals_px)) / self.size[0]
+        return math.hypot(bundle.focal_error(), turn_error(bundle_turn(bundle), focal))
+
+    def _why(self, keyframes: list[int]) -> str:
+        """Why a part cannot be solved, and where."""
+        counts = [len(self.seen.frame(frame)[0]) for frame in keyframes]
+        fewest = int(np.argmin(counts))
+        start, end = self.first + keyframes[0], self.first + keyframes[-1]
+        where = f"frames {start} to {end}: the camera moves, but "
+        if counts[fewest] < _FEWEST_POINTS:
+            return (
+                f"{where}frame {self.first + keyframes[fewest]} shows {counts[fewest]} points that "
+                f"can be followed, expected {_FEWEST_POINTS}: little texture, or dark or blurred; "
+                "leave these frames out by --range, or give --camera-from"
+            )
+        return (
+            f"{where}no path explains its {min(counts)} to {max(counts)} points: most of the "
+            "picture moves by itself, or nothing has depth; give --camera-from"
+        )
+
+
+def bundle_turn(bundle: Bundle) -> float:
+    """Largest angle between the optical axes of two keyframes [rad]."""
+    return _largest_turn(bundle.poses[bundle.solved, :3, :3])
+
+
+def with_focal(bundle: Bundle, focal_px: float) -> Bundle:
+    """The path with another focal length for all keyframes, adjusted."""
+    used = bundle.believed()
+    same = replace(bundle, focals_px=np.full_like(bundle.focals_px, np.median(bundle.focals_px)))
+    return same.stretched(focal_px).adjusted(focal=False, used=used)
+
+
+def _largest_turn(rotations: Float64) -> float:
+    axes = rotations[:, :, 2]
+    return float(np.arccos(np.clip(axes @ axes.T, -1.0, 1.0)).max())
+
+
+def _far_better(one: RotationPath | None, zoomed: RotationPath) -> bool:
+    change = float(np.ptp(np.log(zoomed.focals_px)))
+    if one is None:
+        return change > _LEAST_ZOOM
+    return change > _LEAST_ZOOM and zoomed.residual_px < _BETTER * one.residual_px
+
+
+def _between(keyframes: list[int], values: Float64) -> Callable[[int], float]:
+    """Interpolation of a positive value between keyframes, without overshoot."""
+    if len(keyframes) < 2 or not np.ptp(values) > 0.0:
+        return lambda frame: float(values[0])
+    spline = PchipInterpolator(keyframes, np.log(values))
+    return lambda frame: math.exp(float(spline(frame)))

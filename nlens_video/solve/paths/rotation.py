@@ -1,0 +1,252 @@
+"""A camera that turns on the spot: rotations and the field of view from tracks without parallax."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nlens_video.core.layers import Float64
+from nlens_video.solve.points.observations import Ints, Table
+
+_FOCALS = np.geomspace(0.5, 4.0, 9)  # tried first, by the frame's width [1]
+_LOSS_PX = 0.5
+_ROUNDS = 4
+_FEWEST = 8  # points that two frames share
+_STEPS, _STEP, _SETTLED = 30, 1e-6, 1e-4  # of the least squares
+_FAR_PX = 4.0  # of a start that is worth refining
+_MOST_POINTS = 200  # those that are seen the longest suffice
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationPath:
+    """A solved rotation.
+
+    Attributes:
+        focals_px: focal length of each frame (F,) [px].
+        focal_error: standard error of the first one [1].
+        rotations: camera axes to those of the first frame (F, 3, 3), glTF's.
+        residual_px: median distance of an observation from the model [px].
+    """
+
+    focals_px: Float64
+    focal_error: float
+    rotations: Float64
+    residual_px: float
+
+
+def solve_rotation(
+    table: Table,
+    count: int,
+    size: tuple[int, int],
+    focal_px: float | None = None,
+    *,
+    zooms: bool = False,
+) -> RotationPath | None:
+    """Fit a rotation for each frame, and one focal length or one for each.
+
+    Args:
+        table: observations.
+        count: number of frames.
+        size: columns and rows [px].
+        focal_px: focal length of the first frame where it is known [px].
+        zooms: whether the focal length changes.
+
+    Returns:
+        None where two frames that follow share fewer than eight points, or where no rotation fits.
+    """
+    seen = np.bincount(table.numbers, minlength=len(table.names))
+    longest = np.zeros(len(seen), np.bool_)
+    longest[np.argsort(-seen, kind="stable")[:_MOST_POINTS]] = True
+    used = longest[table.numbers]
+    if not used.any():
+        return None
+    data = _Data(table.numbers[used], table.places[used], _flat(table.pixels[used], size))
+    scales = data.scales(count) if zooms else np.ones(count)
+    if scales is None:
+        return None
+    trials = _FOCALS * size[0] if focal_px is None else np.array([focal_px])
+    best = None
+    for focal in trials:
+        start = data.chain(focal * scales)
+        if start is None:
+            return None
+        score = data.score(focal * scales, start)
+        if best is None or score < best[0]:
+            best = score, focal * scales, start
+    assert best is not None
+    if best[0] > _FAR_PX:
+        return None
+    return data.refined(best[1], best[2], known=focal_px is not None, zooms=zooms)
+
+
+def resect_rotation(
+    directions: Float64, pixels: Float64, size: tuple[int, int], focal_px: float, *, zooms: bool
+) -> tuple[Float64, float] | None:
+    """Rotation (3, 3) and focal length [px] of a frame that sees points in known directions.
+
+    Args:
+        directions: unit vectors in the axes of the first frame (N, 3).
+        pixels: positions of the points (N, 2) [px].
+        size: columns and rows [px].
+        focal_px: focal length, or about that where it changes [px].
+        zooms: whether the focal length changes.
+
+    Returns:
+        None for fewer than eight points.
+    """
+    if len(directions) < _FEWEST:
+        return None
+    flat = _flat(pixels, size)
+    turn = _aligned(directions, _rays(flat, np.float64(focal_px)), focal_px)
+    for _ in range(_ROUNDS if zooms else 0):
+        local = directions @ turn
+        expected = focal_px * local[:, :2] / -local[:, 2:]
+        away = np.linalg.norm(flat - expected, axis=1)
+        weights = 1.0 / (1.0 + (away / (_LOSS_PX + np.median(away))) ** 2)
+        products = (flat * expected).sum(axis=1), (expected**2).sum(axis=1)
+        focal_px *= float((weights * products[0]).sum() / (weights * products[1]).sum())
+        turn = _aligned(directions, _rays(flat, np.float64(focal_px)), focal_px)
+    return turn, focal_px
+
+
+def point_directions(table: Table, path: RotationPath, size: tuple[int, int]) -> Float64:
+    """Mean direction of each point in the axes of the first frame (P, 3)."""
+    rays = _rays(_flat(table.pixels, size), path.focals_px[table.places])
+    turned = np.einsum("nij,nj->ni", path.rotations[table.places], rays)
+    sums = np.zeros((len(table.names), 3))
+    np.add.at(sums, table.numbers, turned)
+    return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
+
+
+def _flat(pixels: Float64, size: tuple[int, int]) -> Float64:
+    return np.asarray((pixels - np.array(size) / 2.0) * (1.0, -1.0))
+
+
+def _rays(flat: Float64, focal: Float64 | np.float64) -> Float64:
+    rays = np.column_stack([flat, np.broadcast_to(-focal, len(flat))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _aligned(a: Float64, b: Float64, focal: float) -> Float64:
+    """The rotation that takes unit vectors b to a (N, 3), moving things left out."""
+    weights = np.ones(len(a))
+    turn = np.eye(3)
+    for _ in range(_ROUNDS):
+        turn = Rotation.align_vectors(a, b, weights=weights)[0].as_matrix()
+        away = focal * np.linalg.norm(a - b @ turn.T, axis=1)
+        weights = 1.0 / (1.0 + (away / (_LOSS_PX + np.median(away))) ** 2)
+    return turn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Data:
+    """Points, frames and positions from the frame's middle, Y up, of the observations (N,)."""
+
+    numbers: Ints
+    places: Ints
+    flat: Float64
+
+    def shared(self, place: int) -> tuple[Ints, Ints] | None:
+        """Observations of the points that a frame shares with the one before it."""
+        first, second = (np.flatnonzero(self.places == n) for n in (place - 1, place))
+        _, one, two = np.intersect1d(self.numbers[first], self.numbers[second], return_indices=True)
+        return None if len(one) < _FEWEST else (first[one], second[two])
+
+    def scales(self, count: int) -> Float64 | None:
+        """How much larger each frame shows things than the first (F,)."""
+        found = [1.0]
+        for place in range(1, count):
+            shared = self.shared(place)
+            if shared is None:
+                return None
+            similarity, _ = cv2.estimateAffinePartial2D(self.flat[shared[0]], self.flat[shared[1]])
+            if similarity is None:
+                return None
+            found.append(found[-1] * math.hypot(similarity[0, 0], similarity[1, 0]))
+        return np.array(found)
+
+    def chain(self, focals: Float64) -> Float64 | None:
+        """Rotations from one frame to the next, multiplied up (F, 3, 3)."""
+        rays = _rays(self.flat, focals[self.places])
+        rotations = [np.eye(3)]
+        for place in range(1, len(focals)):
+            shared = self.shared(place)
+            if shared is None:
+                return None
+            turn = _aligned(rays[shared[0]], rays[shared[1]], float(focals[place]))
+            rotations.append(rotations[-1] @ turn)
+        return np.array(rotations)
+
+    def score(self, focals: Float64, rotations: Float64) -> float:
+        """Median distance of an observation from the model [px]."""
+        return float(np.median(np.linalg.norm(self.residuals(focals, rotations), axis=1)))
+
+    def residuals(self, focals: Float64, rotations: Float64) -> Float64:
+        """Observed less modelled positions (N, 2) [px]; a point's ray is the mean of its rays."""
+        turns, focal = rotations[self.places], focals[self.places]
+        rays = np.einsum("nij,nj->ni", turns, _rays(self.flat, focal))
+        sums = np.stack([np.bincount(self.numbers, rays[:, axis]) for axis in range(3)], axis=1)
+        mean = np.einsum("nji,nj->ni", turns, sums[self.numbers])
+        expected = focal[:, None] * mean[:, :2] / np.maximum(-mean[:, 2:], 1e-9)
+        return np.asarray(self.flat - expected)
+
+    def refined(self, focals: Float64, start: Float64, *, known: bool, zooms: bool) -> RotationPath:
+        """Robust least squares over all rotations, and the focal lengths that are not known."""
+        count = len(start)
+        free = np.zeros(1 + (count - 1) + 3 * (count - 1), np.bool_)
+        free[0], free[1:count], free[count:] = not known, zooms, True
+
+        def unpack(values: Float64) -> tuple[Float64, Float64]:
+            whole = np.zeros(len(free))
+            whole[free] = values
+            turns = Rotation.from_rotvec(whole[count:].reshape(-1, 3)).as_matrix()
+            later = np.einsum("nij,njk->nik", start[1:], turns)
+            changes = whole[0] + np.concatenate([[0.0], whole[1:count]])
+            return focals * np.exp(changes), np.concatenate([start[:1], later])
+
+        found, information = _least(
+            lambda values: self.residuals(*unpack(values)).ravel(), np.zeros(int(free.sum()))
+        )
+        solved, rotations = unpack(found)
+        median = self.score(solved, rotations)
+        variance = float(np.linalg.inv(information)[0, 0]) * (1.4826 * median) ** 2
+        return RotationPath(
+            focals_px=solved,
+            focal_error=0.0 if known else math.sqrt(max(variance, 0.0)),
+            rotations=rotations,
+            residual_px=median,
+        )
+
+
+def _least(residuals: Callable[[Float64], Float64], start: Float64) -> tuple[Float64, Float64]:
+    """Levenberg's method under Cauchy's loss; the values, and their information (P, P)."""
+    values, damping = start, 1e-3
+    here = residuals(values)
+    for _ in range(_STEPS):
+        slopes = np.stack([
+            (residuals(values + step) - here) / _STEP for step in _STEP * np.eye(len(values))
+        ])  # fmt: skip
+        weights = 1.0 / (1.0 + (here / _LOSS_PX) ** 2)
+        information = (slopes * weights) @ slopes.T
+        information += 1e-9 * np.trace(information) / len(values) * np.eye(len(values))
+        gradient = slopes @ (weights * here)
+        before = np.log1p((here / _LOSS_PX) ** 2).sum()
+        for _ in range(_ROUNDS):
+            guard = damping * np.diag(np.diag(information))
+            tried = values - np.linalg.solve(information + guard, gradient)
+            there = residuals(tried)
+            gain = 1.0 - np.log1p((there / _LOSS_PX) ** 2).sum() / max(before, 1e-12)
+            if gain > 0.0:
+                break
+            damping *= 10.0
+        if gain <= 0.0:
+            break
+        values, here, damping = tried, there, 0.1 * damping
+        if gain < _SETTLED:
+            break
+    return values, information

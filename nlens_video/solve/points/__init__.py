@@ -1,0 +1,1 @@
+"""Points of pictures: where they are seen, and what surrounds them."""

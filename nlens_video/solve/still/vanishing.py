@@ -1,0 +1,277 @@
+"""Pitch, roll and focal length from line segments: vertical and horizontal vanishing points.
+
+The segments are a mixture of clutter, lines along the vertical, and lines along horizontal
+directions, some of them in pairs at right angles, as boxes, tiles and streets have them. How much
+there is of each is found for every camera by expectation and maximisation. The posterior is
+searched on a grid and refined by Newton's method; standard errors come from its curvature and from
+the spread of its modes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.special import ndtr
+
+from nlens_video.core.layers import Float64
+from nlens_video.solve.still.line_model import FAMILIES, LineModel
+from nlens_video.solve.still.newton import climb, derivatives
+from nlens_video.solve.still.prior import CameraPrior
+from nlens_video.solve.still.segments import Segments
+
+_COUNTS = np.array([6.0, 6.0, 3.0, 4.0])  # of each family before any segment is seen
+_LEVEL_COUNT, _ALONE = 8.0, 0.1  # of horizontal directions; share of those without a right angle
+_PRIOR_WEIGHT = 0.4  # of the counts in the posterior
+_GRID_SPREAD = math.radians(2.0)
+_PITCHES = np.radians(np.concatenate([np.arange(-60, -30, 4.0), np.arange(-30, 12, 2.5)]))
+_ROLLS = np.radians([-8.0, -4.5, -2.0, 0.0, 2.0, 4.5, 8.0])
+_FOCALS = np.log(np.array([24.0, 32.0, 43.0, 58.0, 80.0]) / 36.0)
+_GRID_AZIMUTHS = np.radians(np.arange(0.0, 90.0, 6.0))
+_GRID_ROUNDS, _ROUNDS, _LAST_ROUNDS = 6, 25, 10
+_AT_ONCE = 1_000_000  # densities in memory
+_MODES = 6
+_APART = (0.1, 0.05, 0.35)  # between modes that are refined
+_STAGES = tuple(np.radians([(2.0, 3.0), (1.0, 1.5), (0.4, 1.0), (0.0, 0.5)]))
+_LEAST_SPREAD, _SMOOTH = math.radians(0.25), math.radians(0.3)
+_MOST_DIRECTIONS, _LEAST_SHARE = 8, 0.008
+_LOG_TURN = math.log(math.pi / math.sqrt(2.0 * math.pi))  # of all directions, by a normal's area
+_SQUARE = math.radians(3.0)
+_SAME_DIRECTION = math.radians(3.5)
+_ONE_ERROR, _HALVINGS = 0.683, 40
+_INFLATION = 2.0  # of errors, fitted to plates with known cameras [1]
+
+
+@dataclass(frozen=True, slots=True)
+class Horizon:
+    """Attitude and focal length, with standard errors.
+
+    Attributes:
+        pitch: elevation of the optical axis [rad].
+        roll: turn about it [rad].
+        log_focal: logarithm of the focal length by the frame's width [1].
+        covariance: of the three (3, 3).
+        share: of the posterior that the best mode holds [1].
+    """
+
+    pitch: float
+    roll: float
+    log_focal: float
+    covariance: Float64
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Directions:
+    """Horizontal directions that a camera sees lines along; some pairs are at right angles.
+
+    Attributes:
+        azimuths: of a direction, or of the first of a pair (K,) [rad].
+        turned: for each direction the place of its azimuth, and the angle to it (D,) [rad].
+        shares: of the families and of the directions among the segments (FAMILIES + D,).
+    """
+
+    azimuths: Float64
+    turned: list[tuple[int, float]]
+    shares: Float64
+
+
+class Mixture:
+    """Posterior of the camera, given the segments of a plate."""
+
+    def __init__(
+        self, segments: Segments, size: tuple[int, int], prior: CameraPrior | None = None
+    ) -> None:
+        self._lines = LineModel(segments, size)
+        self._prior = CameraPrior() if prior is None else prior
+
+    def solve(self) -> Horizon:
+        """The best camera and its errors."""
+        modes = [self._refined(start) for start in self._starts()]
+        logs = np.array([evidence for evidence, _, _ in modes])
+        found: list[tuple[float, Float64, Float64]] = []
+        for place in np.argsort(-logs):
+            _, camera, spread = modes[place]
+            if all(abs(camera - other).max() > 3e-3 for _, other, _ in found):
+                found.append((math.exp(logs[place] - logs.max()), camera, spread))
+        shares = np.array([one[0] for one in found])
+        shares /= shares.sum()
+        best = found[0][1]
+        covariances = _INFLATION**2 * np.array([spread for _, _, spread in found])
+        errors = _errors(shares, np.array([camera for _, camera, _ in found]), covariances)
+        scale = errors / np.sqrt(np.diag(covariances[0]))
+        return Horizon(
+            pitch=float(best[0]),
+            roll=float(best[1]),
+            log_focal=float(best[2]),
+            covariance=covariances[0] * np.outer(scale, scale),
+            share=float(shares[0]),
+        )
+
+    def log_evidence(self, cameras: Float64, spread: float, step: float) -> Float64:
+        """Logarithm of the likelihood of cameras, each with the lines that serve it best (C,).
+
+        Args:
+            cameras: pitch, roll [rad] and log focal length by the frame's width (C, 3).
+            spread: added to the directions' errors, to smooth the search [rad].
+            step: between azimuths of horizontal lines [rad].
+        """
+        azimuths = np.arange(0.0, 0.5 * math.pi - 0.5 * step, step)
+        counts = _first_counts(len(azimuths))
+        found = []
+        for camera in cameras:
+            densities = self._densities(camera, azimuths, spread)
+            found.append(self._value(densities, self._shares(densities, counts, _ROUNDS)))
+        return np.array(found)
+
+    def _starts(self) -> list[Float64]:
+        """The best cameras of a grid, apart from each other."""
+        grid = np.meshgrid(_PITCHES, _ROLLS, self._focals(), indexing="ij")
+        cameras = np.stack(grid, axis=-1).reshape(-1, 3)
+        counts = _first_counts(len(_GRID_AZIMUTHS))
+        parts = max(1, len(cameras) * len(self._lines.weights) * len(counts) // _AT_ONCE)
+        values = []
+        for part in np.array_split(cameras, parts):
+            densities = self._densities(part, _GRID_AZIMUTHS, _GRID_SPREAD)
+            shares = self._shares(densities, counts, _GRID_ROUNDS)
+            values.append(self._value(densities, shares) + self._prior.log(part))
+        order = np.argsort(-np.concatenate(values), kind="stable")
+        picked: list[Float64] = []
+        for camera in cameras[order]:
+            if all((abs(camera - one) > _APART).any() for one in picked):
+                picked.append(camera)
+            if len(picked) == _MODES:
+                break
+        return picked
+
+    def _focals(self) -> Float64:
+        middle, spread = self._prior.focal
+        return _FOCALS if spread > 0.1 else np.array([middle])
+
+    def _densities(self, cameras: Float64, azimuths: Float64, spread: float) -> Float64:
+        """Of all segments in families, pairs and lone directions (C, FAMILIES + 3 M, N)."""
+        both = np.concatenate([azimuths, azimuths + 0.5 * math.pi])
+        shape = (*cameras.shape[:-1], len(both))
+        level = self._lines.horizontal(cameras[..., None, :], np.broadcast_to(both, shape), spread)
+        count = len(azimuths)
+        pairs = 0.5 * (level[..., :count, :] + level[..., count:, :])
+        return np.concatenate([self._lines.families(cameras, spread), pairs, level], axis=-2)
+
+    def _shares(self, densities: Float64, first: Float64, rounds: int) -> Float64:
+        """Shares (…, K) of components (…, K, N) by expectation and maximisation."""
+        counts = np.zeros(len(first))
+        counts[:FAMILIES] = _PRIOR_WEIGHT * _COUNTS
+        shares = np.broadcast_to(first / first.sum(), densities.shape[:-1])
+        for _ in range(rounds):
+            ratio = self._lines.weights / (shares[..., None, :] @ densities)[..., 0, :]
+            shares = shares * (densities @ ratio[..., None])[..., 0] + counts
+            shares = shares / shares.sum(axis=-1, keepdims=True)
+        return np.asarray(shares)
+
+    def _value(self, densities: Float64, shares: Float64) -> Float64:
+        """Logarithm of the likelihood of components (…, K, N) and of their shares (…, K)."""
+        total = (shares[..., None, :] @ densities)[..., 0, :]
+        families = np.log(shares[..., :FAMILIES]) @ (_PRIOR_WEIGHT * _COUNTS)
+        return np.asarray(np.log(total) @ self._lines.weights + families)
+
+    def _refined(self, camera: Float64) -> tuple[float, Float64, Float64]:
+        """A mode: its evidence, camera and covariance."""
+        place, found = camera, _Directions(np.zeros(0), [], _COUNTS / _COUNTS.sum())
+        for spread, step in _STAGES:
+            found = self._directions(place[:3], max(spread, _LEAST_SPREAD), step)
+            place = np.concatenate([place[:3], found.azimuths])
+            found = self._reshared(place, found, spread)
+            place = climb(partial(self._posterior, found=found, spread=spread), place)
+        found = self._reshared(place, found, 0.0)
+        smooth = partial(self._posterior, found=found, spread=_SMOOTH)
+        _, curvature = derivatives(smooth, place, 1e-3)
+        least = np.diag(np.concatenate([self._prior.information, np.ones(len(place) - 3)]))
+        values, axes = np.linalg.eigh(-curvature - least)
+        information = axes @ np.diag(np.maximum(values, 0.0)) @ axes.T + least
+        covariance = np.linalg.inv(information)
+        value = self._value(self._components(place, found, 0.0), found.shares)
+        evidence = float(
+            value + self._prior.log(place[:3]) + 0.5 * np.linalg.slogdet(covariance)[1]
+        )
+        evidence -= len(found.azimuths) * _LOG_TURN  # each is one more that has to be found
+        return evidence, place[:3], np.asarray(covariance[:3, :3])
+
+    def _directions(self, camera: Float64, spread: float, step: float) -> _Directions:
+        """The horizontal directions that hold most lines of a camera (3,)."""
+        azimuths = np.arange(0.0, 0.5 * math.pi - 0.5 * step, step)
+        count = len(azimuths)
+        densities = self._densities(camera, azimuths, spread)
+        shares = self._shares(densities, _first_counts(count), _ROUNDS)
+        pairs, alone = shares[FAMILIES:][:count], shares[FAMILIES:][count:]
+        level = alone + 0.5 * np.concatenate([pairs, pairs])
+        every = np.concatenate([azimuths, azimuths + 0.5 * math.pi])
+        kept: list[float] = []
+        turned: list[tuple[int, float]] = []
+        held: list[float] = []
+        while len(turned) < _MOST_DIRECTIONS and level.max() > _LEAST_SHARE:
+            off = _turn(every - every[level.argmax()])
+            near = abs(off) < _SAME_DIRECTION
+            held.append(float(level[near].sum()))
+            one = every[level.argmax()] + float(level[near] @ off[near]) / held[-1]
+            level[near] = 0.0
+            square = [k for k, other in enumerate(kept)
+                      if abs(_turn(one - other - 0.5 * math.pi)) < _SQUARE
+                      and (k, 0.5 * math.pi) not in turned]  # fmt: skip
+            turned.append((square[0], 0.5 * math.pi) if square else (len(kept), 0.0))
+            if not square:
+                kept.append(one)
+        total = np.concatenate([shares[:FAMILIES], held])
+        return _Directions(np.array(kept), turned, total / total.sum())
+
+    def _components(self, places: Float64, found: _Directions, spread: float) -> Float64:
+        """Densities (…, FAMILIES + D, N) at cameras with azimuths (…, 3 + K)."""
+        cameras = places[..., :3]
+        parts = [self._lines.families(cameras, spread)]
+        for azimuth, turn in found.turned:
+            one = self._lines.horizontal(cameras, places[..., 3 + azimuth] + turn, spread)
+            parts.append(one[..., None, :])
+        return np.concatenate(parts, axis=-2)
+
+    def _reshared(self, place: Float64, found: _Directions, spread: float) -> _Directions:
+        densities = self._components(place, found, spread)
+        return replace(found, shares=self._shares(densities, found.shares, _LAST_ROUNDS))
+
+    def _posterior(self, places: Float64, found: _Directions, spread: float) -> Float64:
+        """Logarithm of the posterior at cameras with azimuths (…, 3 + K), with shares that stay."""
+        total = found.shares @ self._components(places, found, spread)
+        return np.asarray(np.log(total) @ self._lines.weights + self._prior.log(places[..., :3]))
+
+
+def _first_counts(count: int) -> Float64:
+    """Counts of the families, of pairs and of lone directions before any segment is seen."""
+    pairs = np.full(count, _LEVEL_COUNT * (1.0 - _ALONE) / count)
+    alone = np.full(2 * count, _LEVEL_COUNT * _ALONE / (2 * count))
+    return np.concatenate([_COUNTS, pairs, alone])
+
+
+def _turn(angle: Float64) -> Float64:
+    """Angles between lines, from -90 to 90 degrees [rad]."""
+    return np.asarray((angle + 0.5 * math.pi) % math.pi - 0.5 * math.pi)
+
+
+def _errors(shares: Float64, cameras: Float64, covariances: Float64) -> Float64:
+    """Errors (3,) about the first mode that hold as much of all modes as a normal one would.
+
+    Args:
+        shares: of the modes in the posterior (M,).
+        cameras: (M, 3).
+        covariances: (M, 3, 3).
+    """
+    spreads = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    off = cameras - cameras[0]
+    low, high = np.zeros(3), (abs(off) + 4.0 * spreads).max(axis=0)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        held = shares @ (ndtr((middle - off) / spreads) - ndtr((-middle - off) / spreads))
+        low, high = (
+            np.where(held < _ONE_ERROR, middle, low),
+            np.where(held < _ONE_ERROR, high, middle),
+        )
+    return np.asarray(high)

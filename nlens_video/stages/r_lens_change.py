@@ -1,0 +1,121 @@
+"""R over time: detects changes of the lens, and tells them from the errors of two fits.
+
+Estimating the CoC takes a tenth of a second, the change detector a few milliseconds. It compares
+the plate's blur with that at the last fit: patches on a grid are split in octaves of detail. Blur
+removes detail octave by octave, whatever the light and the contrast, so the ratio of neighbouring
+octaves is compared: by rows of patches, since the depth of a ground, and so its blur, goes by rows;
+and by medians, so that moving things do not count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Box, Float32, Float64, Picture
+from nlens_video.core.lens_fit import IN_FOCUS_PX, LensFit
+
+CHANGED = 0.1
+"""Change of the log-ratio of two octaves that calls for another fit: a focus that moves by 7 %
+gives as much, or an aperture that opens by a fifth; noise and a panning camera seldom do."""
+
+CUT = 0.12  # mean change of the patches' brightness from one frame to the next [1]
+_STILL = 0.03  # median change of it while the camera stands still [1]
+_TOLD_STILL, _TOLD_MOVING = 2.0, 4.0
+"""Standard errors by which the CoC must change. What the ground's texture does to a fit is the same
+on all frames of a still camera, and not where the camera moves."""
+
+_ROWS, _COLUMNS = 6, 8
+_PATCH_SHARE = 1 / 16  # of the frame's width
+_SMALLEST_PX, _LARGEST_PX = 24, 64
+_BLURS_PX = (0.8, 1.6, 3.2, 6.4)  # between which the octaves lie
+_FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light) [1]
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Blur and light of a frame on a grid of patches.
+
+    Attributes:
+        ratios: log-ratios of neighbouring octaves (rows, columns, octaves - 1), nan where a patch
+            has no detail.
+        light: mean of each patch (rows, columns), root of scene-linear light [1].
+    """
+
+    ratios: Float64
+    light: Float64
+
+
+def signature(picture: Picture) -> Signature:
+    """Signature of a frame."""
+    side = int(min(max(_PATCH_SHARE * picture.width, _SMALLEST_PX), _LARGEST_PX))
+    side = min(side, picture.width, picture.height)
+    patches = np.empty((side, side, _ROWS * _COLUMNS), np.float32)
+    for at in range(_ROWS * _COLUMNS):
+        row, column = divmod(at, _COLUMNS)
+        y = (picture.height - side) * (2 * row + 1) // (2 * _ROWS)
+        x = (picture.width - side) * (2 * column + 1) // (2 * _COLUMNS)
+        patches[..., at] = picture.linear(Box(x, y, x + side, y + side))[..., 1]
+    root = np.sqrt(np.maximum(patches, 0.0))
+    grid = (_ROWS, _COLUMNS)
+    return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(0, 1)).reshape(grid))
+
+
+def _octaves(patches: Float32) -> Float64:
+    """Log-ratios of adjacent octaves (N, octaves - 1) of patches (side, side, N), nan in noise."""
+    soft = [
+        cv2.GaussianBlur(patches, (0, 0), blur, borderType=cv2.BORDER_REFLECT) for blur in _BLURS_PX
+    ]
+    bands = zip(soft[:-1], soft[1:], strict=True)
+    detail = np.stack([(fine - coarse).std(axis=(0, 1)) for fine, coarse in bands], axis=1)
+    ratios = np.diff(np.log(np.maximum(detail, _FLOOR)).astype(np.float64), axis=1)
+    ratios[detail[:, 1:] <= _FLOOR] = np.nan
+    return np.asarray(ratios)
+
+
+def changed(reference: Signature, now: Signature) -> float:
+    """Change of the blur: the second largest of the rows' median changes, in log-ratios [1].
+
+    A change of the lens shows at most depths.
+    """
+    with np.errstate(all="ignore"):
+        difference = now.ratios - reference.ratios
+    rows = sorted(
+        abs(float(np.median(seen)))
+        for octave in difference.swapaxes(1, 2).reshape(-1, _COLUMNS)
+        if len(seen := octave[np.isfinite(octave)]) >= _COLUMNS // 2
+    )
+    return rows[-2] if len(rows) >= 2 else 0.0
+
+
+def is_cut(before: Signature, now: Signature) -> bool:
+    """Whether another shot begins between two neighbouring frames."""
+    return float(np.abs(now.light - before.light).mean()) > CUT
+
+
+def stands_still(before: Signature, now: Signature) -> bool:
+    """Whether most of the view is the same."""
+    return float(np.median(np.abs(now.light - before.light))) < _STILL
+
+
+def differs(before: LensFit, now: LensFit, *, still: bool) -> bool:
+    """Whether the lens has changed by more than the errors of two fits, on the ground in view.
+
+    Where the sign of either is ambiguous, unsigned diameters are compared.
+
+    Args:
+        before: of an earlier frame.
+        now: of a later one, of a frame of the same size.
+        still: whether the camera stands still between them.
+    """
+    seen = [disparity for disparity, _ in before.ground_seen] or [0.0]
+    there = np.array([seen[0], seen[len(seen) // 2], seen[-1]], np.float32)
+    was, is_now = before.coc_px(there), now.coc_px(there)
+    if "ambiguous" in (before.sign, now.sign):
+        was, is_now = np.abs(was), np.abs(is_now)
+    change = np.abs(is_now - was)
+    error = np.hypot(now.coc_stderr_px(there), before.coc_stderr_px(there))
+    told = change > (_TOLD_STILL if still else _TOLD_MOVING) * error
+    return bool(np.any(told & (change > IN_FOCUS_PX)))

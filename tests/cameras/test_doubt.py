@@ -1,0 +1,51 @@
+"""An uncertain camera is said to be one, with what to give; a sure one is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nlens_video.cameras.doubt import doubt
+from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera
+
+
+def camera(fov_deg=50.0, **more):
+    key = CameraKey(index=0, pts_s=0.0, world_to_camera=np.eye(4), fov_x_deg=fov_deg)
+    errors = CameraErrors(fov_deg=1.0, pitch_deg=0.5, roll_deg=0.2)
+    sure = SolvedCamera(width=96, height=64, keys=(key,), fov="measured", horizon="measured",
+                        errors=errors)  # fmt: skip
+    return replace(sure, **more)
+
+
+VAGUE = CameraErrors(fov_deg=18.0, pitch_deg=9.0, roll_deg=2.0)
+
+
+def test_measured_camera_is_not_doubted():
+    assert doubt(camera()) == ""
+    assert doubt(camera(errors=VAGUE)) == ""  # of a file that says no errors
+
+
+def test_guessed_horizon_and_field_of_view_are_named_with_what_to_give():
+    line = doubt(camera(fov="assumed", horizon="assumed", errors=VAGUE))
+    assert "field of view is a guess, 50 +- 18 degrees" in line
+    assert "pitch is a guess, 0 +- 9 degrees" in line
+    assert "\n" not in line
+    for option in ("--fov", "--horizon", "--camera-from"):
+        assert option in line
+
+
+def test_camera_of_which_nothing_is_measured_is_doubted_whatever_its_errors():
+    line = doubt(camera(fov="assumed", horizon="assumed"))
+    assert "field of view is a guess" in line and "pitch is a guess" in line
+    assert doubt(camera(fov="metadata", horizon="assumed")) == ""
+
+
+@pytest.mark.parametrize("fov_deg", [0.4, 160.0])
+def test_field_of_view_of_no_lens_is_doubted_even_where_it_is_called_measured(fov_deg):
+    assert f"{fov_deg:.3g} degrees, which no usual lens has" in doubt(camera(fov_deg))
+
+
+def test_assumed_field_of_view_of_a_solved_path_is_not_doubted():
+    moving = camera(fov="assumed", path="moving", errors=replace(VAGUE, pitch_deg=0.5))
+    assert doubt(moving) == ""
+    assert doubt(replace(moving, path="still")) != ""

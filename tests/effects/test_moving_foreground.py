@@ -1,0 +1,174 @@
+"""A shot in which a card passes an object: background, things and matte against what was made."""
+
+import cv2
+import numpy as np
+import pytest
+
+from nlens_video.core.color import ColorTags
+from nlens_video.core.layers import Box, MovingMatte
+from nlens_video.effects.foreground.background import Reservoir, Survey, gain, root
+from nlens_video.effects.foreground.matte import soft_matte
+from nlens_video.effects.foreground.things import Seen, find_things, things_mask
+from nlens_video.effects.foreground.tracks import Tracks
+from nlens_video.effects.occlusion import moving_mattes
+from nlens_video.stages.composite import behind
+from nlens_video.video.pixels.picture import ArrayPicture
+
+SHAPE = (120, 200)
+LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
+RED = np.array([0.5, 0.05, 0.05], np.float32)
+
+
+def scene(seed=0):
+    """Light of a textured wall (h, w, 3)."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.uniform(0.1, 0.5, (12, 20, 3)).astype(np.float32)
+    return cv2.resize(coarse, SHAPE[::-1], interpolation=cv2.INTER_CUBIC).clip(0.05, 0.8)
+
+
+def shot(index, light, *, drift=0.0, noise=0.5 / 255):
+    """Roots of light of a frame, over which a red card of 30 px passes."""
+    rng = np.random.default_rng(index)
+    seen = light.copy()
+    seen[20:100, 6 * index : 6 * index + 30] = RED
+    seen *= 1.0 + drift * index
+    return (root(seen) + rng.normal(0, noise, seen.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.02])
+def test_the_median_is_the_background_though_a_card_passes_and_the_exposure_drifts(drift):
+    light = scene()
+    kept = Reservoir(most=15)
+    first = shot(0, light)
+    for index in range(28):
+        roots = shot(index, light, drift=drift)
+        kept.add(roots / gain(roots, first))
+    found, noise = kept.median()
+    off = np.abs(found - root(light)).max(axis=2)
+    assert np.percentile(off, 98) < 2 / 255
+    assert noise.max() < 0.2 and noise.min() >= 0.5 / 255
+    assert kept.agreement(found, noise).mean() > 0.75
+
+
+def test_a_reservoir_keeps_evenly_spaced_pictures_and_no_more_than_allowed():
+    kept = Reservoir(most=4)
+    for index in range(100):
+        kept.add(np.full((1, 1, 3), 0.01 * index, np.float32))
+        assert len(kept._kept) <= 4
+    steps = np.diff([codes[0, 0, 0] for codes in kept._kept])
+    assert len(set(np.round(steps / 16383.0, 2))) == 1
+
+
+def test_a_survey_tells_where_a_card_passes_and_where_nothing_moves():
+    survey = Survey(SHAPE[::-1])
+    for index in range(28):
+        survey.add(ArrayPicture(np.square(shot(index, scene())), "rgb", LINEAR))
+    found = survey.result()
+    assert found.moves(Box(80, 40, 110, 80)) and not found.moves(Box(0, 104, 200, 120))
+    assert found.certainty(Box(80, 40, 110, 80)) == 1.0
+    assert found.steady
+
+
+def test_a_shadow_is_no_thing_and_what_casts_it_is():
+    light = scene()
+    seen = light.copy()
+    seen[30:80, 40:60] = RED
+    seen[80:90, 40:120] *= 0.55
+    noise = np.full(SHAPE, 1 / 255, np.float32)
+    mask = things_mask(root(seen), root(light), noise)
+    assert mask[34:78, 42:58].all() and mask[83:, 64:].mean() < 0.02
+    (thing,) = find_things(mask)
+    assert thing.foot[1] == pytest.approx(80, abs=4)
+
+
+def passing(foot_of, contact=0.25):
+    """Orders of a thing of 20 px that passes, by the disparity of its foot on each frame."""
+    tracks = Tracks()
+    for index in range(40):
+        box = Box(20 + 3 * index, 20, 40 + 3 * index, 100)
+        mask = np.zeros((120, 200), np.bool_)
+        mask[box.slices_in(Box(0, 0, 200, 120))] = True
+        tracks.add(index, find_things(mask), [foot_of(index)], contact)
+    return [things[0].before for _, things in sorted(tracks.ordered().items())]
+
+
+def test_a_thing_is_before_the_object_where_its_foot_is_nearer():
+    assert set(passing(lambda index: 0.3)) == {1.0}
+    assert set(passing(lambda index: 0.2)) == {0.0}
+
+
+def test_the_order_changes_once_where_a_thing_walks_past_and_jitter_changes_nothing():
+    rng = np.random.default_rng(3)
+    orders = passing(lambda index: 0.2 + 0.1 * index / 39 + rng.normal(0, 0.003))
+    assert (np.diff(orders) >= 0).all() and orders[0] == 0.0 and orders[-1] == 1.0
+    assert set(passing(lambda index: 0.25 + rng.normal(0, 0.004))) in ({0.0}, {1.0})
+    lost = passing(lambda index: 0.3 if index % 7 else 0.1)  # now and then its foot is not seen
+    assert set(lost) == {1.0}
+
+
+def test_what_stirs_in_its_place_is_no_thing_and_what_changes_its_shape_is_not_steady():
+    rng = np.random.default_rng(5)
+    stirring, changing = Tracks(), Tracks()
+    for index in range(40):
+        sway = int(rng.integers(0, 8))
+        stirring.add(index, [seen(Box(60 + sway, 20, 100 + sway, 90))], [0.3], 0.25)
+        bottom = int(rng.integers(40, 110))
+        changing.add(index, [seen(Box(20 + 3 * index, 20, 60 + 3 * index, bottom))], [0.3], 0.25)
+    whole = Box(0, 0, *SHAPE[::-1])
+    assert not stirring.ordered()
+    assert changing.steadiness(whole) < 0.6
+    steady = Tracks()
+    for index in range(40):
+        steady.add(index, [seen(Box(20 + 3 * index, 20, 50 + 3 * index, 90))], [0.3], 0.25)
+    assert steady.steadiness(whole) == 1.0 and steady.ordered()
+
+
+def seen(box):
+    return Seen(box, (0.5 * (box.x0 + box.x1), box.y1), box)
+
+
+def test_two_things_that_meet_keep_their_orders():
+    tracks = Tracks()
+    for index in range(50):
+        near = Box(4 * index, 20, 4 * index + 24, 115)
+        far = Box(190 - 4 * index, 20, 208 - 4 * index, 80)
+        mask = np.zeros((120, 210), np.bool_)
+        for box in (near, far):
+            mask[box.intersection(Box(0, 0, 210, 120)).slices_in(Box(0, 0, 210, 120))] = True
+        things = find_things(mask)
+        feet = [0.4 if one.foot[1] > 100 else 0.2 for one in things]
+        tracks.add(index, things, feet, 0.3)
+    for things in tracks.ordered().values():
+        for one in things:
+            assert one.before == float(one.box.y1 > 100), one
+
+
+@pytest.mark.parametrize("blur", [1.0, 3.0])
+def test_the_matte_of_a_blurred_card_is_its_coverage_and_nothing_of_the_background_stays(blur):
+    light = scene()
+    true = np.zeros(SHAPE, np.float32)
+    true[20:100, 60:120] = 1.0
+    true = cv2.GaussianBlur(true, (0, 0), blur)
+    plate = (true[..., None] * RED + (1 - true[..., None]) * light).astype(np.float32)
+    noise = np.full(SHAPE, 1 / 255, np.float32)
+    share = soft_matte(plate, light, noise, true > 0.3, 3 * blur, 1.0)
+    assert np.abs(share - true).mean() < 0.01
+    assert np.percentile(np.abs(share - true), 99) < 0.2
+    picture = ArrayPicture(plate, "rgb", LINEAR)
+    whole = Box(0, 0, *SHAPE[::-1])
+    moving = MovingMatte(box=whole, coverage=share, before=np.ones_like(share), background=light)
+    matte = moving_mattes(picture, moving).before_object
+    green = np.tile(np.array([0.1, 0.6, 0.1, 1.0], np.float32), (*SHAPE, 1))
+    layer = behind(green, plate, matte.coverage, matte.light)
+    seen = layer[..., :3] + (1 - layer[..., 3:]) * plate
+    expected = true[..., None] * RED + (1 - true[..., None]) * green[..., :3]
+    assert np.abs(seen - expected).mean() < 0.01
+
+
+def test_what_stays_behind_hides_the_ground_alone():
+    whole = Box(0, 0, *SHAPE[::-1])
+    ones = np.ones(SHAPE, np.float32)
+    moving = MovingMatte(box=whole, coverage=ones, before=0 * ones, background=scene())
+    found = moving_mattes(ArrayPicture(scene(1)), moving)
+    assert not found.before_object.coverage.any() and not found.before_object.light.any()
+    assert (found.before_ground.coverage == 1.0).all()

@@ -1,0 +1,150 @@
+"""Light around the object, estimated from the plate."""
+
+import math
+
+import numpy as np
+import pytest
+
+from nlens_video.core.settings import SunSettings
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.environment import reduce_environment
+from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, hemispheres, sun
+from nlens_video.scene.plate_environment import Seat, plate_environment, sphere
+from nlens_video.scene.scene_light import SceneLight
+
+UP, DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])
+AWAY, BACK = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
+SEAT = Seat(middle=np.array([0.0, 0.5, -4.0]), radius=0.5, ground_y=0.0)
+NO_LAMPS = np.zeros(3)
+SKY, LAWN = (0.3, 0.35, 0.5), (0.06, 0.12, 0.03)
+
+
+def level_camera(height=1.0):
+    """A camera that looks along -Z, 53 degrees high: the horizon is in the middle."""
+    pose = np.eye(4)
+    pose[1, 3] = height
+    return Camera(
+        world_from_camera=pose, fx=100.0, fy=100.0, cx=80.0, cy=50.0, width=160, height=100
+    )
+
+
+def plate(above=SKY, below=LAWN):
+    """Two colours that meet at the horizon."""
+    codes = np.empty((100, 160, 3), np.float32)
+    codes[:50], codes[50:] = above, below
+    return codes
+
+
+def around(picture, **given):
+    return SceneLight(0, **given).around(picture, level_camera(), SEAT, ())
+
+
+def test_surroundings_show_what_the_plate_shows_where_it_shows_it():
+    radiance = plate_environment(plate(), level_camera(), SEAT, NO_LAMPS)
+    directions, _ = sphere(radiance.shape[1])
+    for toward, color in (((0.0, 0.15, -1.0), SKY), ((0.0, -0.3, -1.0), LAWN)):
+        unit = np.array(toward) / np.linalg.norm(toward)
+        row, column = np.unravel_index(np.argmax(directions @ unit), directions.shape[:2])
+        assert radiance[row, column] == pytest.approx(color, rel=0.05)
+
+
+def test_ground_lights_the_underside_with_its_own_colour():
+    light = around(plate())
+    assert light.irradiance_around(DOWN) / math.pi == pytest.approx(LAWN, rel=0.15)
+
+
+def test_light_from_above_has_half_the_tint_of_the_plate_and_not_the_grounds():
+    up = around(plate((0.4, 0.3, 0.2), (0.2, 0.15, 0.1))).irradiance_around(UP)
+    assert up[0] / up[2] == pytest.approx(math.sqrt(2.0), rel=0.05)
+
+
+def test_grey_object_looks_grey_in_a_grey_plate():
+    light = around(plate((0.5,) * 3, (0.18,) * 3))
+    for normal in (UP, AWAY, BACK):
+        red, green, blue = light.irradiance_around(normal)
+        assert red == pytest.approx(green) == pytest.approx(blue)
+    shown = 0.18 * light.irradiance_around(UP) / math.pi
+    assert 0.12 < shown[0] < 0.35  # a grey card, as cameras expose it
+
+
+def test_level_hardly_follows_what_a_plate_shows_but_follows_a_night():
+    bright, dim, night = (
+        around(plate((light,) * 3, (light,) * 3)).irradiance_around(UP)[1]
+        for light in (0.3, 0.15, 0.01)
+    )
+    assert 1.0 < bright / dim < 1.2
+    assert dim / night > 4.0
+
+
+def test_clipped_window_is_a_light_from_its_direction():
+    picture = plate((0.1,) * 3, (0.1,) * 3)
+    picture[10:22, 130:142] = 1.0
+    light = around(picture)
+    (lamp, *_) = sorted(light.lamps, key=lambda one: -one.posed.light.intensity)
+    toward = -lamp.posed.direction
+    expected = np.array([0.56, 0.34, -1.0]) / np.linalg.norm([0.56, 0.34, -1.0])
+    assert toward @ expected > math.cos(math.radians(4.0))
+
+
+def test_lights_of_the_file_leave_less_for_the_light_around():
+    lamp = sun(np.full(3, 2.0), DOWN)
+    alone = around(plate())
+    beside = SceneLight(1).around(plate(), level_camera(), SEAT, (lamp,))
+    up, rest = (float(one.irradiance_around(UP) @ LUMINANCE) for one in (alone, beside))
+    assert 0.3 * up < rest < up
+    assert len(SceneLight(1).on_object((lamp,), beside).lamps) == 1 + len(beside.lamps)
+
+
+def test_map_is_brought_to_the_level_of_the_plate_unless_its_exposure_is_given():
+    environment = reduce_environment(np.full((16, 32, 3), 40.0, np.float32))
+    assert around(plate(), environment=environment).level == pytest.approx(around(plate()).level)
+    told = around(plate(), environment=environment, exposure_given=True)
+    assert told.level == pytest.approx(environment.level)
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "elevation", "toward"),
+    [
+        (0.0, 30.0, (0.0, 0.5, -math.sqrt(0.75))),
+        (90.0, 30.0, (math.sqrt(0.75), 0.5, 0.0)),
+        (180.0, 30.0, (0.0, 0.5, math.sqrt(0.75))),
+        (45.0, 90.0, (0.0, 1.0, 0.0)),
+    ],
+)
+def test_sun_stands_to_the_right_of_the_view_and_takes_its_share(azimuth, elevation, toward):
+    given = SunSettings(azimuth_deg=azimuth, elevation_deg=elevation, strength=3.0)
+    without, light = around(plate()), around(plate(), sun=given)
+    (lamp,) = light.lamps
+    assert -lamp.posed.direction == pytest.approx(np.array(toward), abs=1e-6)
+    assert light.on_plane(SEAT.foot) == pytest.approx(without.on_plane(SEAT.foot))
+    rest = light.irradiance_around(UP)
+    assert light.on_plane(SEAT.foot) == pytest.approx(4.0 * rest)
+
+
+def test_camera_that_sees_no_ground_still_gives_a_light():
+    pose = np.eye(4)
+    pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # straight up
+    pose[1, 3] = 1.0
+    up = Camera(world_from_camera=pose, fx=100.0, fy=100.0, cx=80.0, cy=50.0, width=160, height=100)
+    light = SceneLight(0).around(plate(), up, SEAT, ())
+    assert (light.irradiance_around(UP) > 0.0).all()
+    assert np.isfinite(light.ambient).all()
+
+
+def test_black_plate_gives_a_faint_light():
+    light = around(np.zeros((10, 16, 3), np.float32))
+    assert np.isfinite(light.ambient).all() and 0.0 < light.level < 0.1
+
+
+def test_shadow_falls_by_lights_that_a_file_or_the_plate_tells():
+    key = Illumination((Lamp(sun(np.ones(3), DOWN)),), hemispheres(np.ones(3), np.ones(3)))
+    assert SceneLight(0).on_ground((), key).lamps
+    assert SceneLight(0).on_object(()).lamps and not SceneLight(0).on_ground(()).lamps
+
+
+def test_note_says_where_the_light_comes_from():
+    assert "estimated from the plate" in SceneLight(0).note
+    both = SceneLight(2, reduce_environment(np.ones((16, 32, 3), np.float32))).note
+    assert "2 lights" in both and "at the plate's level" in both
+    given = SunSettings(azimuth_deg=60.0, elevation_deg=35.0)
+    assert "--sun 60,35,2" in SceneLight(0, sun=given).note

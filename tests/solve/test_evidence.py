@@ -1,0 +1,88 @@
+"""How a solved camera explains tracks and segments."""
+
+import numpy as np
+import pytest
+from support.camera_paths import SIZE, focal_of, project, rotation
+from support.seen_points import observed
+
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
+from nlens_video.solve.evidence import CLUTTER, VERTICAL, line_groups, reproject
+from nlens_video.solve.still.segments import Segments
+
+FOV_DEG = 50.0
+
+
+def camera_of(poses, fov_deg=FOV_DEG):
+    """A solved camera at given turns (3, 3) and places (3,), a frame a second."""
+    keys = []
+    for index, (turn, eye) in enumerate(poses):
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = turn.T, -turn.T @ np.array(eye)
+        keys.append(CameraKey(index=index, pts_s=float(index), world_to_camera=matrix,
+                              fov_x_deg=fov_deg))  # fmt: skip
+    return SolvedCamera(width=SIZE[0], height=SIZE[1], keys=tuple(keys))
+
+
+def seen_by(poses, change=None):
+    """Exact observations of points on the ground and above it, but for a frame's change [px]."""
+    rng = np.random.default_rng(2)
+    points = np.column_stack([
+        rng.uniform(-3, 3, 60), rng.uniform(0, 1, 60), rng.uniform(-9, -2, 60),
+    ])  # fmt: skip
+    frames = []
+    for frame, (turn, eye) in enumerate(poses):
+        pixels, seen = project(points, turn, np.array(eye), FOV_DEG)
+        frames.append((pixels + (change or {}).get(frame, 0.0), seen))
+    return observed(frames)
+
+
+WALK = [(rotation(0.02 * n, -0.25, 0.01 * n), (0.1 * n, 1.5, -0.05 * n)) for n in range(8)]
+PAN = [(rotation(0.03 * n, -0.25, 0.0), (0.0, 1.5, 0.0)) for n in range(8)]
+
+
+@pytest.mark.parametrize("poses", [WALK, PAN], ids=["walk", "pan"])
+def test_exact_tracks_lie_where_the_cameras_see_their_points(poses):
+    seen = seen_by(poses)
+    found = reproject(seen, [float(n) for n in range(len(poses))], camera_of(poses))
+    assert len(found.error_px) == len(seen.table(list(range(len(poses))), fewest=5).numbers) > 200
+    assert found.error_px.max() < 0.02
+    frames, middle, most = found.by_frame()
+    assert frames.tolist() == list(range(8)) and (middle <= most).all()
+
+
+def test_cameras_that_do_not_follow_the_plate_have_an_error():
+    still = camera_of(PAN[:1])
+    found = reproject(seen_by(PAN), [float(n) for n in range(8)], still)
+    assert found.median_px > 20.0
+
+
+def test_one_frame_off_shows_in_that_frame():
+    found = reproject(seen_by(PAN, {5: 8.0}), [float(n) for n in range(8)], camera_of(PAN))
+    frames, middle, _ = found.by_frame()
+    assert frames[middle.argmax()] == 5
+    assert middle[5] > 5.0 > 3.0 > middle[2]
+
+
+def test_shot_without_tracks_has_no_error_to_tell():
+    found = reproject(observed([(np.zeros((0, 2)), np.zeros(0, bool))]), [0.0], camera_of(PAN[:1]))
+    assert found.median_px is None
+    assert not len(found.by_frame()[0])
+
+
+def test_segments_are_grouped_by_the_direction_that_they_point_to():
+    turn, eye = rotation(0.2, -0.3, 0.05), np.array([0.0, 1.5, 0.0])
+    camera = camera_of([(turn, eye)]).at(0.0)
+    assert camera.fx == pytest.approx(focal_of(FOV_DEG))
+    # no line below the camera, which would point to the nadir as well
+    starts = np.array([[x, 0.1, z] for x in (-1.0, 0.6, 1.2) for z in (-3.0, -4.0)])
+    ends = []
+    for direction in ((0.0, 0.7, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)):
+        both = np.stack([starts, starts + direction], axis=1)
+        ends.append(np.stack([project(both[:, k], turn, eye, FOV_DEG)[0] for k in (0, 1)], axis=1))
+    odd = np.array([[[100.0, 100.0], [160.0, 170.0]]])
+    segments = Segments(np.concatenate([*ends, odd]), np.full(19, 0.5))
+    groups = line_groups(segments, camera)
+    assert (groups[:6] == VERTICAL).all()
+    assert {len(set(groups[6:12])), len(set(groups[12:18]))} == {1}
+    assert groups[6] != groups[12] and min(groups[6], groups[12]) >= 1
+    assert groups[18] == CLUTTER

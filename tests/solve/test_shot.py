@@ -1,0 +1,54 @@
+"""Shots from pictures: cuts are found, long ones are solved in parts."""
+
+import cv2
+import numpy as np
+import pytest
+
+from nlens_video.core.errors import InputError
+from nlens_video.solve.paths.joining import parts_of
+from nlens_video.solve.shot import ShotSolver
+
+SIZE = (320, 180)
+
+
+def texture(seed, light=0.0):
+    rng = np.random.default_rng(seed)
+    wide = cv2.GaussianBlur(rng.uniform(0, 255, (400, 700)).astype(np.float32), (0, 0), 2.0)
+    return cv2.normalize(wide, None, 40.0 + light, 160.0 + light, cv2.NORM_MINMAX)
+
+
+def panned(wide, frames):
+    for n in range(frames):
+        yield wide[50 : 50 + SIZE[1], 20 + 2 * n : 20 + 2 * n + SIZE[0]].astype(np.uint8)
+
+
+def solver_of(pictures, **options):
+    solver = ShotSolver(size=SIZE, **options)
+    for n, picture in enumerate(pictures):
+        solver.add(np.ascontiguousarray(picture), n / 24)
+    return solver
+
+
+def test_cut_is_named_by_its_frame_in_the_plate():
+    pictures = [*panned(texture(1), 9), *panned(texture(2, 60.0), 9)]
+    with pytest.raises(InputError, match=r"frame 109: another shot .* 100:109 or --range 109:"):
+        solver_of(pictures, first=100).solve()
+
+
+def test_lamp_that_is_switched_on_is_no_cut():
+    wide = texture(1)
+    pictures = [picture + np.uint8(40 * (n > 5)) for n, picture in enumerate(panned(wide, 12))]
+    assert solver_of(pictures).solve().path == "rotation"
+
+
+@pytest.mark.parametrize("frames", [3, 30, 200, 5000])
+def test_parts_cover_the_shot_and_overlap(frames):
+    parts = parts_of([0.0] + [4.0] * (frames - 1), 960)
+    assert parts[0][0] == 0 and parts[-1][-1] == frames - 1
+    for one, other in zip(parts, parts[1:], strict=False):
+        assert one[-1] > other[0]
+    assert max(len(part) for part in parts) < 18
+
+
+def test_short_shot_is_one_part():
+    assert parts_of([0.0] + [4.0] * 47, 960) == [list(range(0, 48, 4)) + [47]]
