@@ -13,7 +13,7 @@ from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.deferred import resolve_depth
 from nlens_video.render.software.light import light
 from nlens_video.render.software.textures import Atlas, sample_texture
-from nlens_video.scene.gltf.materials import Image
+from nlens_video.scene.gltf.textures import Image
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.4, 2.0, 8.0]))

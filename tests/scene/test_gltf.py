@@ -172,6 +172,22 @@ def test_material_extensions_are_read(tmp_path):
     assert read.base_color_texture.uv_set == 1
 
 
+def test_what_the_file_asks_for_and_is_not_drawn_is_said_in_a_line_each(tmp_path):
+    builder = minimal()
+    variants = {"variants": [{"name": "Midnight"}, {"name": "Beach"}]}
+    builder.document["extensions"] = {"KHR_materials_variants": variants}
+    used = ["KHR_materials_variants", "KHR_materials_unlit", "X_new", "KHR_texture_basisu"]
+    builder.document["extensionsUsed"] = used
+    builder.document["extensionsRequired"] = used[:2]
+    lines = load(builder, tmp_path).warnings
+    assert [line.split(":")[0] for line in lines] == [
+        "X_new is not supported",
+        "KHR_texture_basisu is not supported",
+        "the default materials are drawn, none of the variants (Midnight, Beach)",
+    ]
+    assert "gltf-transform ktxdecompress" in lines[1]
+
+
 def test_gltf_reads_data_uris_and_files_in_its_folder(tmp_path):
     builder = minimal()
     encoded = base64.b64encode(builder.binary).decode()

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.scene.gltf.materials import Material, TextureUse
+from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.textures import TextureUse
 from nlens_video.scene.illumination import MAX_LAMPS, Illumination, PosedLight
 
 
@@ -86,8 +87,16 @@ def _lamp(posed: PosedLight, eye: Float64) -> list[tuple[float, ...]]:
     ]
 
 
-SLOTS = ("base_color", "metallic_roughness", "normal", "occlusion", "emissive")
-MATERIAL_FLOATS = 4 * 14
+SLOTS = (
+    "base_color",
+    "metallic_roughness",
+    "normal",
+    "occlusion",
+    "emissive",
+    "specular",
+    "specular_color",
+)
+MATERIAL_FLOATS = 4 * (4 + 2 * len(SLOTS))
 
 
 def texture_uses(material: Material) -> tuple[TextureUse | None, ...]:
@@ -98,14 +107,14 @@ def texture_uses(material: Material) -> tuple[TextureUse | None, ...]:
 def material_params(material: Material) -> Float32:
     """Rows of four, flat (`MATERIAL_FLOATS`,).
 
-    Base colour; metallic, roughness, specular weight, alpha cutoff; emission; reflectance; then
-    for each slot (a, b, c, uv set) and (d, e, f, strength).
+    Base colour; metallic, roughness, specular weight, alpha cutoff; emission; dielectric
+    reflectance; then for each slot (a, b, c, uv set) and (d, e, f, strength).
     """
     rows = [
         material.base_color,
         (material.metallic, material.roughness, material.specular, material.alpha_cutoff),
         (*material.emissive, 0.0),
-        (*material.f0, 0.0),
+        (*_f0(material), 0.0),
     ]
     for use in texture_uses(material):
         if use is None:
@@ -116,3 +125,10 @@ def material_params(material: Material) -> Float32:
                 (*use.transform[1], use.strength),
             ]
     return np.array(rows, dtype=np.float32).ravel()
+
+
+def _f0(material: Material) -> tuple[float, ...]:
+    """Dielectric reflectance, weighted and clamped unless shaders do it after a texture."""
+    if material.specular_texture is not None or material.specular_color_texture is not None:
+        return material.f0
+    return tuple(material.specular * min(1.0, value) for value in material.f0)

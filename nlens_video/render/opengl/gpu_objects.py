@@ -15,7 +15,8 @@ from OpenGL import GL
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
-from nlens_video.scene.gltf.materials import Image, Material
+from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.textures import Image
 from nlens_video.scene.posed import PosedMesh
 
 _SHRINKING = {GL.GL_NEAREST, GL.GL_LINEAR}
@@ -82,6 +83,8 @@ class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # 
         found = {f"USE_{slot.upper()}_MAP": 1 for slot in self.maps}
         if source.alpha_mode != "OPAQUE":
             found[f"USE_ALPHA_{source.alpha_mode}"] = 1
+        if {"specular", "specular_color"} & self.maps.keys():
+            found["USE_TEXTURED_SPECULAR"] = 1
         if source.unlit:
             found["USE_UNLIT"] = 1
         return found

@@ -29,7 +29,8 @@ from nlens_video.render.opengl.gpu_objects import (
     GpuPrimitive,
     GpuTexture,
 )
-from nlens_video.scene.gltf.materials import Image, Material
+from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.textures import Image
 from nlens_video.scene.posed import PosedScene
 
 _SHADERS = Path(__file__).parent / "shaders"

@@ -21,10 +21,11 @@ from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.textures import Run, Table, Texels, sample_texture
 
 MaterialBuffers = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
-"""Numbers of the materials (M, 56), their textures (M, 5), -1 for none, flags (M,), the atlas."""
+"""Numbers of the materials (M, `MATERIAL_FLOATS`), their textures (M, slots), -1 for none, flags
+(M,), the atlas."""
 
 # Slots of a material's textures, and flags.
-BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE = range(5)
+BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE, SPECULAR, SPECULAR_COLOR = range(7)
 UNLIT, OPAQUE = 1, 2
 _UV_ROWS = 16
 _U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
@@ -128,6 +129,24 @@ def _reflectance(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers)
             _times(block, run, at.RED + k * at.WIDTH, at.TEXEL_R + k * at.WIDTH, _ONE)
     _clip(block, run, at.METALLIC)
     _clip(block, run, at.ROUGHNESS)
+    if maps[m, SPECULAR] >= 0 or maps[m, SPECULAR_COLOR] >= 0:
+        _texture_specular(block, whole, run, paint, m)
+
+
+@kernel
+def _texture_specular(
+    block: Float32, whole: Int32, run: Run, paint: MaterialBuffers, m: int
+) -> None:  # fmt: skip
+    """Dielectric reflectance by textures of its weight and its colour."""
+    if _sampled(block, whole, run, paint, m, SPECULAR):
+        _times(block, run, at.SPECULAR, at.TEXEL_A, _ONE)
+    if _sampled(block, whole, run, paint, m, SPECULAR_COLOR):
+        for k in range(3):
+            _times(block, run, at.F0_R + k * at.WIDTH, at.TEXEL_R + k * at.WIDTH, _ONE)
+    for k in range(3):
+        for i in range(run[0], run[1]):
+            f0 = block[at.F0_R + k * at.WIDTH + i]
+            block[at.F0_R + k * at.WIDTH + i] = (f0 if f0 < _ONE else _ONE) * block[at.SPECULAR + i]
 
 
 @kernel

@@ -7,12 +7,13 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.render.base.drawer import closed_bodies
-from nlens_video.render.base.shader_inputs import material_params, texture_uses
+from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
 from nlens_video.render.software.interpolation import MeshBuffers
 from nlens_video.render.software.material_eval import OPAQUE, UNLIT, MaterialBuffers
 from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.textures import Atlas
-from nlens_video.scene.gltf.materials import Image, Material
+from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.textures import Image
 from nlens_video.scene.posed import PosedMesh, PosedScene
 
 _ORDER = ("OPAQUE", "MASK", "BLEND")
@@ -138,7 +139,7 @@ def _colors(posed: PosedScene) -> Float32:
 
 def _paint(materials: list[Material]) -> MaterialBuffers:
     images: dict[Image, int] = {}
-    maps = np.full((len(materials), 5), -1, np.int32)
+    maps = np.full((len(materials), len(SLOTS)), -1, np.int32)
     flags = np.zeros(len(materials), np.int32)
     for m, material in enumerate(materials):
         for slot, use in enumerate(texture_uses(material)):

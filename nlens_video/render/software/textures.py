@@ -35,7 +35,7 @@ from nlens_video.kernels.numba_config import (
 from nlens_video.kernels.simd import bilinear4, lane, splat
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.shading_block import Int32
-from nlens_video.scene.gltf.materials import LINEAR, NEAREST, Image
+from nlens_video.scene.gltf.textures import LINEAR, NEAREST, Image
 
 Texels = npt.NDArray[np.uint16]
 Table = npt.NDArray[np.int64]

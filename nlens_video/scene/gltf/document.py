@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene.gltf import meshopt
-from nlens_video.scene.gltf.extensions import check_required
+from nlens_video.scene.gltf.extensions import check_required, left_out
 from nlens_video.scene.gltf.fields import Fields
 
 # Bounds of what a file may cost, however it lies about itself.
@@ -224,6 +224,8 @@ def read_document(path: Path) -> Document:
     document = Document(_parse_json(text), path.parent, binary)
     _check_version(document.root)
     check_required(document.root)
+    for line in left_out(document.root):
+        document.warn(line)
     return document
 
 

@@ -9,6 +9,7 @@ from nlens_video.scene.gltf.meshopt import EXTENSIONS as MESHOPT
 SUPPORTED_EXTENSIONS = frozenset(
     {
         *MESHOPT,
+        "EXT_texture_avif",
         "EXT_texture_webp",
         "KHR_animation_pointer",
         "KHR_draco_mesh_compression",
@@ -17,6 +18,7 @@ SUPPORTED_EXTENSIONS = frozenset(
         "KHR_materials_ior",
         "KHR_materials_specular",
         "KHR_materials_unlit",
+        "KHR_materials_variants",
         "KHR_mesh_quantization",
         "KHR_texture_transform",
     }
@@ -24,7 +26,9 @@ SUPPORTED_EXTENSIONS = frozenset(
 DECODE_FIRST = "decode it first: gltf-transform cp IN.glb OUT.glb"
 _REMEDY = {
     "KHR_texture_basisu": "decode it first: gltf-transform ktxdecompress IN.glb OUT.glb",
+    "KHR_materials_pbrSpecularGlossiness": "convert it: gltf-transform metalrough IN.glb OUT.glb",
 }
+_HARMLESS = frozenset({"KHR_xmp", "KHR_xmp_json_ld"})
 
 
 def check_required(root: Fields) -> None:
@@ -37,3 +41,18 @@ def check_required(root: Fields) -> None:
         if name not in SUPPORTED_EXTENSIONS:
             remedy = _REMEDY.get(name, "export the file without it")
             raise SceneError(f"the file requires the extension {name}, not supported; {remedy}")
+
+
+def left_out(root: Fields) -> list[str]:
+    """What the file may have that is not drawn, one line each."""
+    lines = []
+    for name in root.texts("extensionsUsed"):
+        if name not in SUPPORTED_EXTENSIONS and name not in _HARMLESS:
+            remedy = f"; {_REMEDY[name]}" if name in _REMEDY else ""
+            shown = "".join(c for c in name if c.isprintable())
+            lines.append(f"{shown} is not supported: drawn without it{remedy}")
+    variants = root.extension("KHR_materials_variants")
+    names = [item.name for item in variants.children("variants")] if variants else []
+    if names:
+        lines.append(f"the default materials are drawn, none of the variants ({', '.join(names)})")
+    return lines

@@ -46,7 +46,7 @@ from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.render.software.textures import Atlas, sample_texture
 from nlens_video.scene import Camera, Scene, screen_projection
 from nlens_video.scene.gltf import animation_kernels
-from nlens_video.scene.gltf.materials import Image
+from nlens_video.scene.gltf.textures import Image
 from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.video.pixels import blend, blend_ref
 from nlens_video.video.pixels.samples import array_samples

@@ -18,7 +18,7 @@ layout(std140) uniform MaterialBlock {
     vec4 factors;      // metallic, roughness, specular weight, alpha cutoff
     vec4 emissive;
     vec4 dielectric;   // reflectance at normal incidence
-    vec4 uv_rows[10];  // for each texture two rows: (a, b, c, uv set), (d, e, f, strength)
+    vec4 uv_rows[14];  // for each texture two rows: (a, b, c, uv set), (d, e, f, strength)
 };
 
 uniform sampler2D base_color_map;
@@ -26,6 +26,8 @@ uniform sampler2D metallic_roughness_map;
 uniform sampler2D normal_map;
 uniform sampler2D occlusion_map;
 uniform sampler2D emissive_map;
+uniform sampler2D specular_map;
+uniform sampler2D specular_color_map;
 
 #ifdef USE_BEHIND
 uniform sampler2D limit;  // window depth of each pixel; what is nearer is left out
@@ -34,6 +36,10 @@ uniform sampler2D limit;  // window depth of each pixel; what is nearer is left 
 out vec4 radiance;
 
 const float PI = 3.14159265358979;
+
+// Of the dielectric: reflectance at normal incidence and at grazing incidence.
+vec3 f0 = dielectric.rgb;
+float f90 = factors.z;
 
 vec2 map_uv(int slot)
 {
@@ -80,7 +86,7 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
     float spread = nh * nh * (a2 - 1.0) + 1.0;
     float lobe = a2 / (PI * spread * spread)
         * 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
-    vec3 fresnel = mix(dielectric.rgb, vec3(factors.z), grazing);
+    vec3 fresnel = mix(f0, vec3(f90), grazing);
     float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
     vec3 plastic = kept * base / PI + lobe * fresnel;
     vec3 metal = lobe * mix(base, vec3(1.0), grazing);
@@ -138,10 +144,10 @@ vec3 lit(vec3 base, float metallic, float roughness)
     vec3 r = reflect(-v, n);
     vec3 around = from_around(n);
     vec3 ahead = mix(from_around(r), around, roughness);
-    vec3 color = mix(dielectric.rgb, base, metallic);
+    vec3 color = mix(f0, base, metallic);
     float nv = clamp(dot(n, v), 0.0, 1.0);
     sum += occlusion * (around * base * (1.0 - metallic)
-                        + ahead * mirrored(color, mix(factors.z, 1.0, metallic), nv, roughness));
+                        + ahead * mirrored(color, mix(f90, 1.0, metallic), nv, roughness));
 #endif
     return sum;
 }
@@ -178,6 +184,15 @@ void main()
     vec4 sampled = texture(metallic_roughness_map, map_uv(1));
     metallic *= sampled.b;
     roughness *= sampled.g;
+#endif
+#ifdef USE_SPECULAR_MAP
+    f90 *= texture(specular_map, map_uv(5)).a;
+#endif
+#ifdef USE_SPECULAR_COLOR_MAP
+    f0 *= texture(specular_color_map, map_uv(6)).rgb;
+#endif
+#ifdef USE_TEXTURED_SPECULAR
+    f0 = min(f0, vec3(1.0)) * f90;
 #endif
     vec3 color = lit(base.rgb, clamp(metallic, 0.0, 1.0), clamp(roughness, 0.0, 1.0));
     vec3 glow = emissive.rgb;

@@ -1,0 +1,169 @@
+"""Textures: decoded pictures, their samplers, and where on a surface they lie."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import PIL.features
+import PIL.Image
+
+from nlens_video.core.errors import SceneError
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.fields import Fields
+
+Rows = tuple[tuple[float, float, float], tuple[float, float, float]]
+_IDENTITY: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+# Pillow reads many more; some of them run other programs.
+_FORMATS = ("PNG", "JPEG", "WEBP", *(("AVIF",) if PIL.features.check("avif") else ()))
+_OTHER_FORMATS = ("EXT_texture_webp", "EXT_texture_avif")
+_TOO_LARGE = (PIL.Image.DecompressionBombError, PIL.Image.DecompressionBombWarning)
+NEAREST, LINEAR = 9728, 9729
+_MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
+_WRAPS = (33071, 33648, 10497)
+_TRILINEAR, _REPEAT = 9987, 10497
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Image:
+    """A texture: its picture and sampler.
+
+    Attributes:
+        pixels: RGBA (H, W, 4), 8 bit, straight alpha, row 0 on top.
+        srgb: whether RGB is sRGB-coded (colour) rather than linear (data).
+        mag_filter: OpenGL's code of the filter for enlarging.
+        min_filter: OpenGL's code of the filter for shrinking.
+        wrap: OpenGL's codes of what lies beyond the edge, along u and v.
+    """
+
+    pixels: npt.NDArray[np.uint8]
+    srgb: bool
+    mag_filter: int = LINEAR
+    min_filter: int = _TRILINEAR
+    wrap: tuple[int, int] = (_REPEAT, _REPEAT)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextureUse:
+    """A texture where a material uses it.
+
+    Attributes:
+        image: the picture with its sampler.
+        uv_set: which set of texture coordinates, 0 or 1.
+        transform: two rows that map (u, v, 1) to the picture (KHR_texture_transform).
+        strength: normalTexture.scale or occlusionTexture.strength, 1 elsewhere.
+    """
+
+    image: Image
+    uv_set: int = 0
+    transform: Rows = _IDENTITY
+    strength: float = 1.0
+
+
+@dataclass(slots=True)
+class TextureReader:
+    """Decodes a document's textures, each picture once.
+
+    Attributes:
+        document: the file.
+    """
+
+    document: Document
+    _pixels: dict[int, npt.NDArray[np.uint8]] = field(default_factory=dict)
+    _textures: dict[tuple[int, bool], Image | None] = field(default_factory=dict)
+
+    def use(
+        self, owner: Fields, key: str, strength_key: str = "", *, srgb: bool = False
+    ) -> TextureUse | None:
+        """A material's texture, or None where it has none that can be drawn.
+
+        Raises:
+            SceneError: its picture is missing or cannot be decoded.
+        """
+        if key not in owner:
+            return None
+        info = owner.child(key)
+        declared = self.document.items("textures")
+        chosen = info.integer("index", below=len(declared)), srgb
+        if chosen not in self._textures:
+            self._textures[chosen] = self._read(declared[chosen[0]], srgb=srgb)
+        image = self._textures[chosen]
+        if image is None:
+            return None
+        transform = info.extension("KHR_texture_transform")
+        uv_set = info.integer("texCoord", default=0)
+        if transform is not None:
+            uv_set = transform.integer("texCoord", default=uv_set)
+        if uv_set > 1:
+            self.document.warn(
+                f"{info.place} uses texture coordinates {uv_set}; only 0 and 1 are drawn"
+            )
+            return None
+        return TextureUse(
+            image=image,
+            uv_set=uv_set,
+            transform=_transform_rows(transform) if transform else _IDENTITY,
+            strength=info.number(strength_key, 1.0) if strength_key else 1.0,
+        )
+
+    def _read(self, texture: Fields, *, srgb: bool) -> Image | None:
+        others = (texture.extension(name) for name in _OTHER_FORMATS)
+        owner = next((other for other in others if other and "source" in other), texture)
+        source = owner.reference("source", len(self.document.items("images")))
+        if source is None:
+            self.document.warn(f"{texture.place} has no PNG, JPEG or WebP picture; drawn without")
+            return None
+        if source not in self._pixels:
+            self._pixels[source] = self._decode(self.document.items("images")[source])
+        samplers = self.document.items("samplers")
+        chosen = texture.reference("sampler", len(samplers))
+        sampler = samplers[chosen] if chosen is not None else Fields({}, texture.place)
+        return Image(
+            pixels=self._pixels[source],
+            srgb=srgb,
+            mag_filter=sampler.choice("magFilter", (NEAREST, LINEAR), LINEAR),
+            min_filter=sampler.choice("minFilter", _MIN_FILTERS, _TRILINEAR),
+            wrap=(
+                sampler.choice("wrapS", _WRAPS, _REPEAT),
+                sampler.choice("wrapT", _WRAPS, _REPEAT),
+            ),
+        )
+
+    def _decode(self, image: Fields) -> npt.NDArray[np.uint8]:
+        views = len(self.document.items("bufferViews"))
+        if "uri" in image:
+            data = self.document.fetch(image.text("uri"), image.place)
+        else:
+            data = bytes(self.document.buffer_view(image.integer("bufferView", below=views)))
+        try:
+            with warnings.catch_warnings():
+                # Pillow warns of pictures beyond 89 megapixels: here they are refused.
+                warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
+                with PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
+                    self.document.spend_texture(*picture.size, image.place)
+                    return _rgba(picture)
+        except (OSError, ValueError, SyntaxError, *_TOO_LARGE) as error:
+            raise SceneError(
+                f"{image.place} cannot be decoded ({error}); export it again"
+            ) from error
+
+
+def _rgba(picture: PIL.Image.Image) -> npt.NDArray[np.uint8]:
+    if picture.mode.startswith("I"):  # 16-bit grey, which Pillow would clip, not scale
+        grey = (np.asarray(picture).astype(np.float64) / 257.0).round().clip(0, 255)
+        opaque = np.full_like(grey, 255.0)
+        return np.stack([grey, grey, grey, opaque], axis=2).astype(np.uint8)
+    return np.asarray(picture.convert("RGBA"))
+
+
+def _transform_rows(transform: Fields) -> Rows:
+    """Translation * rotation * scale of KHR_texture_transform, as two rows."""
+    du, dv = transform.vector("offset", 2, (0.0, 0.0))
+    su, sv = transform.vector("scale", 2, (1.0, 1.0))
+    angle = transform.number("rotation", 0.0)
+    cos, sin = math.cos(angle), math.sin(angle)
+    return (cos * su, sin * sv, du), (-sin * su, cos * sv, dv)
