@@ -71,7 +71,7 @@ class DriftMeasure:
     @property
     def rms_px(self) -> float | None:
         """Drift over the ground, root mean square; None where it is not known [px]."""
-        if self.solved is None and self._drift.slides(self._width or 1) and not self._at_rest:
+        if self.solved is None and self._slides and not self._at_rest:
             return None
         return self._scale * self._drift.rms_px
 
@@ -83,7 +83,11 @@ class DriftMeasure:
     @property
     def slides(self) -> bool:
         """Whether the object is known to slide over the ground."""
-        return self.rms_px is not None and self._drift.slides(self._width or 1)
+        return self.rms_px is not None and self._slides
+
+    @property
+    def _slides(self) -> bool:
+        return self._drift.slides(self._full_width, self._scale)
 
     @property
     def _scale(self) -> float:

@@ -12,9 +12,10 @@ from nlens_video.scene.camera import Camera
 from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved
 from nlens_video.solve.tracks import Tracker, luma_of
 
-_WIDTH = 480  # of the picture that is tracked [px]
-_POINTS = 240
-_EVERY_S = 0.08  # between tracked frames: following them costs more than the rest of a draft [s]
+_WIDTH = 360  # of the picture that is tracked [px]
+_POINTS = 120
+_SOON_S, _LATE_S = 0.08, 0.5  # between tracked frames, where points move and where they rest [s]
+_RESTS_PX = 1.0  # step of the middle point: the next frame is tracked twice as late
 
 
 class DriftCheck(Observer):
@@ -28,7 +29,10 @@ class DriftCheck(Observer):
 
     def __init__(self, frame_s: float, ground_y: float, *, solved: bool) -> None:
         super().__init__()
-        self._every = max(1, round(_EVERY_S / frame_s)) if frame_s > 0.0 else 0
+        self._soon, self._late = (
+            (max(1, round(wait / frame_s)) if frame_s > 0.0 else 0) for wait in (_SOON_S, _LATE_S)
+        )
+        self._wait, self._next = self._soon, 0
         self._ground_y = ground_y
         self._solved = solved
         self._tracker = Tracker(most=_POINTS, recorded=False)
@@ -38,16 +42,19 @@ class DriftCheck(Observer):
         self._lock = Lock()
         self._seen: dict[int, dict[int, Float32]] = {}
         self._width = self._small = 0
+        self._first = self._last = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
         """A warning with the drift; empty where the object keeps its place."""
         drift = self._drift
-        if not self._small or not drift.slides(self._small):
+        if not self._small:
             return ()
         scale = self._width / self._small
+        if not drift.slides(self._width, scale):
+            return ()
         words = (
-            f"by up to {scale * drift.worst_px:.0f} px over {drift.frames} frames "
+            f"by up to {scale * drift.worst_px:.0f} px over {self._last - self._first} frames "
             f"(rms {scale * drift.rms_px:.1f} px)"
         )
         if not self._camera_moves:
@@ -68,11 +75,14 @@ class DriftCheck(Observer):
     def on_frame_start(self, state: FrameState) -> None:
         """Track the plate."""
         index, picture = state.frame.index, state.frame.picture
-        if not self._every or index % self._every:
+        if not self._soon or index < self._next:
             return
         self._width, self._small = picture.width, min(_WIDTH, picture.width)
         size = self._small, max(1, round(picture.height * self._small / picture.width))
         self._tracker.add(luma_of(picture, size))
+        rests = self._tracker.steps_px[-1] < _RESTS_PX
+        self._wait = min(2 * self._wait, self._late) if rests and self._next else self._soon
+        self._next = index + self._wait
         with self._lock:
             self._seen[index] = self._tracker.current
 
@@ -91,6 +101,9 @@ class DriftCheck(Observer):
         edges = (round(scale * edge) for edge in (
             bounds.box.x0, bounds.box.y0, bounds.box.x1, bounds.box.y1
         ))  # fmt: skip
+        if self._camera is None:
+            self._first = index
+        self._last = index
         before, self._camera = self._camera or camera, camera
         self._camera_moves = self._camera_moves or has_moved(before, camera)
         self._drift.add(points, Box(*edges), ground_seen(before, camera, self._ground_y))

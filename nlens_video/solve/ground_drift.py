@@ -49,9 +49,14 @@ class GroundDrift:
         """Largest distance from where the ground was at first [px]."""
         return self._worst
 
-    def slides(self, width: int) -> bool:
-        """Whether the drift is visible in a frame of so many columns, and no noise."""
-        limit = max(LIMIT_PX, LIMIT_SHARE * width)
+    def slides(self, width: int, scale: float = 1.0) -> bool:
+        """Whether the drift is visible in the frame, and no noise.
+
+        Args:
+            width: of the frame [px].
+            scale: the frame's pixels by those of the picture that was tracked [1].
+        """
+        limit = max(LIMIT_PX, LIMIT_SHARE * width) / scale
         return self.rms_px > limit and self._worst > limit + _SURE * math.sqrt(self._variance)
 
     def add(
