@@ -7,8 +7,8 @@ Axes are glTF's. Nuke's cameras rotate about Z, then X, then Y.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from fractions import Fraction
 from typing import Literal
 
 import numpy as np
@@ -24,14 +24,16 @@ ORDER: Literal["zxy"] = "zxy"
 _STEEP = 1e-9  # cosine of a pitch
 
 
-def from_chan(text: str, source: str, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+def from_chan(
+    text: str, source: str, size: tuple[int, int], time_s: Callable[[int], float]
+) -> SolvedCamera:
     """Read the text of a .chan file; its first frame is the plate's first.
 
     Args:
         text: the file.
         source: what messages call it.
         size: columns and rows of the plate [px].
-        rate: frames a second of the plate.
+        time_s: takes a frame of the plate to its time [s].
 
     Raises:
         SceneError: a line is wrong, or there is none.
@@ -54,7 +56,7 @@ def from_chan(text: str, source: str, size: tuple[int, int], rate: Fraction) -> 
     if not rows:
         raise SceneError(f"{source}: no line; expected frame, position, rotation, field of view")
     rows.sort()
-    keys = tuple(_key(row, round(row[0] - rows[0][0]), size, rate) for row in rows)
+    keys = tuple(_key(row, round(row[0] - rows[0][0]), size, time_s) for row in rows)
     if any(b.index <= a.index for a, b in zip(keys, keys[1:], strict=False)):
         raise SceneError(f"{source}: a frame is given twice")
     return SolvedCamera(
@@ -91,7 +93,9 @@ def _turns_deg(rotation: Float64) -> tuple[float, float, float]:
     return math.degrees(x), math.degrees(y), math.degrees(z)
 
 
-def _key(row: list[float], index: int, size: tuple[int, int], rate: Fraction) -> CameraKey:
+def _key(
+    row: list[float], index: int, size: tuple[int, int], time_s: Callable[[int], float]
+) -> CameraKey:
     turns = dict(zip("xyz", row[4:7], strict=True))
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler(
@@ -101,7 +105,7 @@ def _key(row: list[float], index: int, size: tuple[int, int], rate: Fraction) ->
     tan = math.tan(0.5 * math.radians(row[7])) * size[0] / size[1]
     return CameraKey(
         index=index,
-        pts_s=float(index / rate),
+        pts_s=time_s(index),
         world_to_camera=np.asarray(np.linalg.inv(pose)),
         fov_x_deg=2.0 * math.degrees(math.atan(tan)),
     )

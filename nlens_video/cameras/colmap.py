@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from fractions import Fraction
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -30,12 +30,12 @@ _FOCALS = {
 """Camera models and how many of their parameters are focal lengths [px]."""
 
 
-def read_colmap(folder: Path, rate: Fraction) -> SolvedCamera:
+def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
     """The camera path of a text model, on the ground that its points show.
 
     Args:
         folder: of the three files.
-        rate: frames a second of the plate.
+        time_s: takes a frame of the plate to its time [s].
 
     Raises:
         SceneError: a file is missing or wrong, cameras of several sizes, or no ground is found.
@@ -65,7 +65,7 @@ def read_colmap(folder: Path, rate: Fraction) -> SolvedCamera:
         keys.append(
             CameraKey(
                 index=index - shots[0][0],
-                pts_s=float((index - shots[0][0]) / rate),
+                pts_s=time_s(index - shots[0][0]),
                 world_to_camera=np.asarray(np.linalg.inv(level)),
                 fov_x_deg=2.0 * math.degrees(math.atan(0.5 * width / focal)),
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -29,7 +30,9 @@ _KNOWN = (
 )
 
 
-def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> SolvedCamera:
+def read_camera(
+    path: Path, size: tuple[int, int], rate: Fraction | None, tick: Fraction | None = None
+) -> SolvedCamera:
     """Read a camera for a plate.
 
     Args:
@@ -37,6 +40,8 @@ def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> Sol
             COLMAP text model.
         size: columns and rows of the plate [px].
         rate: frames a second of the plate, None where it is not known.
+        tick: unit of the plate's times, None where it is not known [s]. Files that count frames get
+            the times that frames have in the plate: Matroska's are whole milliseconds.
 
     Raises:
         SceneError: it cannot be read, holds no camera, or that of a frame of another shape.
@@ -44,7 +49,7 @@ def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> Sol
     """
     suffix = path.suffix.lower()
     if path.is_dir():
-        return read_colmap(path, rate or _RATE).resized(*size)
+        return read_colmap(path, _frame_times(rate or _RATE, tick)).resized(*size)
     if suffix in (".glb", ".gltf"):
         return from_glb(path, size, rate or _RATE).resized(*size)
     if suffix in SUFFIXES:
@@ -54,7 +59,7 @@ def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> Sol
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: cannot be read ({error}); expected a camera") from error
     if suffix == ".chan":
-        return from_chan(text, str(path), size, rate or _RATE)
+        return from_chan(text, str(path), size, _frame_times(rate or _RATE, tick))
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -62,6 +67,16 @@ def read_camera(path: Path, size: tuple[int, int], rate: Fraction | None) -> Sol
     if is_fspy(raw):
         return from_fspy(raw, str(path)).resized(*size)
     return camera_of_json(text, str(path)).resized(*size)
+
+
+def _frame_times(rate: Fraction, tick: Fraction | None) -> Callable[[int], float]:
+    """Takes the number of a frame to its time [s], a whole number of ticks."""
+
+    def time_s(index: int) -> float:
+        exact = index / rate
+        return float(exact if not tick else math.floor(exact / tick + Fraction(1, 2)) * tick)
+
+    return time_s
 
 
 def check_camera_name(path: Path) -> None:

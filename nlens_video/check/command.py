@@ -108,7 +108,9 @@ def compare(
         measures = Measures(tick_s=float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S)
         if camera_from is not None:
             size = given.info.width, given.info.height
-            measures.drift.solved = read_camera(camera_from, size, given.info.average_rate)
+            measures.drift.solved = read_camera(
+                camera_from, size, given.info.average_rate, given.info.time_base
+            )
         codecs = [
             [one.codec for one in source.info.copied if one.type == "audio"]
             for source in (given, made)

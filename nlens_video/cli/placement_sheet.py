@@ -82,7 +82,8 @@ def _solved(
     if objects.camera_from is not None:
         with open_source(source.spec, **source.hints) as opened:
             info = opened.info
-        return read_camera(objects.camera_from, (info.width, info.height), info.average_rate)
+        size = info.width, info.height
+        return read_camera(objects.camera_from, size, info.average_rate, info.time_base)
     if not can_be_read_again(source.spec):
         return None
     with open_source(source.spec, **source.hints):

@@ -242,7 +242,7 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
         pixel_aspect=info.pixel_aspect,
         camera=settings.scene.camera,
         focal_35mm=None if focal is None else focal.equivalent_mm,
-        solved=None if file is None else read_camera(file, size, info.average_rate),
+        solved=None if file is None else read_camera(file, size, info.average_rate, info.time_base),
     )
 
 

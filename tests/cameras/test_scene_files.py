@@ -318,6 +318,15 @@ def test_blender_sees_what_was_written_and_its_export_is_read_back(tmp_path, siz
     assert len(left.meshes) == 1, "grid and points do not become a part of the object's file"
 
 
+def test_frames_of_a_chan_file_have_the_times_of_a_plate_in_whole_milliseconds(tmp_path):
+    camera, path = walk(), tmp_path / "shot.chan"
+    path.write_bytes(camera_bytes(camera, path))
+    read = read_camera(path, SIZE, RATE, Fraction(1, 1000))
+    assert [key.pts_s for key in read.keys] == [0.0, 0.042, 0.083, 0.125, 0.167]
+    for key, own in zip(camera.keys, read.keys, strict=True):
+        np.testing.assert_allclose(own.world_to_camera, key.world_to_camera, atol=1e-6)
+
+
 # OpenUSD
 
 

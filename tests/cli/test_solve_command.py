@@ -139,8 +139,7 @@ def test_object_is_composited_alike_through_each_kind_of_camera_file(files, tmp_
     both = [list(frames(tmp_path / f"{kind}.mkv")) for kind in ("json", suffix)]
     plates = list(frames(files / "walk.mkv"))[2:]
     for plate, one, other in zip(plates, *both, strict=True):
-        # a .chan has even times, the plate whole milliseconds: a border may fall a pixel beside
-        assert middle(plate, other) == pytest.approx(middle(plate, one), abs=1.1)
+        assert middle(plate, other) == pytest.approx(middle(plate, one), abs=0.1)
         assert abs(one - other).mean() < 0.05
     if suffix == "glb":
         file = pygltflib.GLTF2().load(str(tmp_path / "camera.glb"))
