@@ -89,12 +89,9 @@ COMMAND_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--subject --things", [MAKE], "THINGS", help="what is looked for",
                dest="things", default="billiard balls"),
         Option("--reference", [ANALYSE], "METHOD", help="tested against", default="ours"),
-        Option("--track-focus", RUN, "T", read.track_focus,
+        Option("--track-focus", [*RUN, "fit"], "T", read.track_focus,
                "follow a lens that changes: auto, off, or every N frames (files)", default="auto",
                feeds="run.track_focus", parameter=True),
-        Option("--track-focus", ["fit"], "T", read.track_focus,
-               "follow a lens that changes: auto, off, or every N frames (files)", default="off",
-               feeds="run.track_focus"),
     ),
 }
 # fmt: on

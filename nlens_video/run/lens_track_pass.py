@@ -28,13 +28,13 @@ from nlens_video.stages.r_lens_change import (
     signature,
     stands_still,
 )
-from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments, share_slope
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
 
 _EVERY = 3  # frames between two signatures
-_SPACING_S = 0.16  # least time between two fits of one shot [s]
-_SMOOTHING_S = 0.2  # standard deviation of the smoothing of fits over time [s]
+_SPACING_S = 0.12  # least time between two fits of one shot [s]
+_SMOOTHING_S = 0.1  # standard deviation of the smoothing of fits over time [s]
 _SETTLED_S = 0.5  # time since the last fit after which a smaller change counts as well [s]
 _SETTLED_CHANGE = 0.4 * CHANGED
 _MOST_DEVIATION = 3.0  # of a fit of unresolved sign from the one before [standard error]
@@ -48,11 +48,13 @@ class FitRequest:
         index: of the frame [1].
         shot: number of the shot [1].
         seen: its signature.
+        until: last frame seen on which the blur is still the same [1].
     """
 
     index: int
     shot: int
     seen: Signature
+    until: int
 
 
 def lens_track_pass(
@@ -95,7 +97,7 @@ def lens_track_pass(
                 count = frame.index + 1
                 yield frame.index, frame.picture
 
-        requests = tuple(_fit_requests(pictures(), seconds, every))
+        requests = _fit_requests(pictures(), seconds, every)
     on_counted(count)
     if len(requests) < 2:
         return None
@@ -104,8 +106,9 @@ def lens_track_pass(
         return None
     spacing = max(1, round(_SPACING_S / seconds))
     cuts = [after.index for before, after in pairwise(requests) if after.shot != before.shot]
+    held = {request.index: request.until for request in requests}
     return FitTrack(
-        hold_segments(keyframes, spacing, count),
+        hold_segments(keyframes, spacing, held),
         max(1.0, _SMOOTHING_S / seconds),
         tuple(cuts),
     )
@@ -113,30 +116,57 @@ def lens_track_pass(
 
 def _fit_requests(
     pictures: Iterator[tuple[int, Picture]], frame_s: float, every: int | None
-) -> Iterator[FitRequest]:
-    """Frames to fit the lens on: the first one, those after cuts, and where the blur changed."""
-    shot, last = 0, 0
-    reference = before = None
+) -> list[FitRequest]:
+    """Frames to fit the lens on: the first of each shot, where the blur changed, and its last."""
+    requests: list[FitRequest] = []
+    before: Signature | None = None
+    at = 0  # frame of the signature before
     skipped: list[tuple[int, Picture]] = []
     for index, picture in pictures:
-        if reference is None or before is None:
-            reference = before = signature(picture)
-            last = index
-            yield FitRequest(index, shot, reference)
+        if before is None:
+            before, at = signature(picture), index
+            requests.append(FitRequest(index, 0, before, index))
             continue
-        if (index - last) % _EVERY and every is None:
+        last = requests[-1]
+        if (index - last.index) % _EVERY and every is None:
             skipped.append((index, picture))
             continue
         now = signature(picture)
         if is_cut(before, now):
-            shot, last = shot + 1, _first_after_cut(before, now, skipped, index)
-            reference = now
-            yield FitRequest(last, shot, now)
-        elif _needs_fit(reference, now, index - last, frame_s, every):
-            reference, last = now, index
-            yield FitRequest(index, shot, now)
-        before = now
+            first = _first_after_cut(before, now, skipped, index)
+            _end_shot(requests, at, before, [item for item in skipped if item[0] < first])
+            requests.append(FitRequest(first, last.shot + 1, now, index))
+        elif _needs_fit(last.seen, now, index - last.index, frame_s, every):
+            requests.append(FitRequest(index, last.shot, now, index))
+        elif changed(last.seen, now) < _SETTLED_CHANGE:
+            requests[-1] = replace(last, until=index)
+        before, at = now, index
         skipped.clear()
+    if before is not None:
+        _end_shot(requests, at, before, skipped)
+    return requests
+
+
+def _end_shot(
+    requests: list[FitRequest], at: int, seen: Signature, skipped: list[tuple[int, Picture]]
+) -> None:
+    """Add the last frame of a shot in which the lens changes, unless it has come to rest.
+
+    Args:
+        requests: so far.
+        at: last frame of the shot whose signature is known [1].
+        seen: that signature.
+        skipped: frames of the shot after it.
+    """
+    last = requests[-1]
+    if len(requests) < 2 or requests[-2].shot != last.shot:
+        return
+    if skipped:
+        at, seen = skipped[-1][0], signature(skipped[-1][1])
+    if changed(last.seen, seen) < _SETTLED_CHANGE:
+        requests[-1] = replace(last, until=at)
+    elif at > last.index:
+        requests.append(FitRequest(at, last.shot, seen, at))
 
 
 def _first_after_cut(
@@ -164,7 +194,7 @@ def _needs_fit(
     return since >= max(1, round(_SPACING_S / frame_s)) and change > CHANGED
 
 
-def _keyframes(settings: Settings, requests: tuple[FitRequest, ...]) -> Iterator[Keyframe]:
+def _keyframes(settings: Settings, requests: list[FitRequest]) -> Iterator[Keyframe]:
     """The lens fit of each request, left out where it fails or its sign is not to be trusted."""
     wanted = {request.index: request for request in requests}
     ranged = replace(settings.source, frames=(0, max(wanted) + 1))
@@ -190,9 +220,7 @@ def _keyframes(settings: Settings, requests: tuple[FitRequest, ...]) -> Iterator
             yield Keyframe(item.index, wanted[item.index].shot, fit)
 
 
-def _told_changes(
-    keys: tuple[Keyframe, ...], requests: tuple[FitRequest, ...]
-) -> tuple[Keyframe, ...]:
+def _told_changes(keys: tuple[Keyframe, ...], requests: list[FitRequest]) -> tuple[Keyframe, ...]:
     """All keys of the shots in which the lens changes, the first key of the others."""
     seen = {request.index: request.seen for request in requests}
     kept: list[Keyframe] = []
@@ -204,7 +232,7 @@ def _told_changes(
         ]
         # one fit alone may be of a passing thing, unless the change comes last
         changes = sum(told) > 1 or (bool(told) and told[-1])
-        kept += [first, *others] if changes else [first]
+        kept += share_slope([first, *others]) if changes else [first]
     return tuple(kept)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -29,9 +29,10 @@ from nlens_video.stages.r_lens_change import (
 
 EVERY = 3  # frames from one change detection of a live stream to the next
 _LEAST_ERROR = 1e-3  # of a fit [px]
+_SAME_SLOPE = 1.0  # mean square of what slopes differ by, in their errors: 0.1 to 0.5 in pulls
 _MOST_FRAMES = 1 << 40  # limit of frame numbers in a file
 _SPACING_S = 0.2  # least time between two fits of a live stream
-_SMOOTHING_S = 0.15  # time constant of its smoothing
+_SMOOTHING_S = 0.14  # time constant of its smoothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +67,15 @@ class FitTrack:
     cuts: tuple[int, ...] = ()
 
     def at(self, index: int) -> LensFit:
-        """The lens at a frame."""
+        """The lens at a frame; before the first key of its shot and after the last, that key's."""
         shot = int(np.searchsorted(self.cuts, index, side="right"))
         nearest_key = min(self.keys, key=lambda key: abs(key.index - index))
         own = [key for key in self.keys if key.shot == shot] or [nearest_key]
         if len(own) == 1:
             return own[0].fit
         fits = [key.fit for key in own]
-        away = np.array([key.index - index for key in own], np.float64)
+        there = min(max(index, own[0].index), own[-1].index)
+        away = np.array([key.index - there for key in own], np.float64)
         nearest = fits[int(np.argmin(np.abs(away)))]
         # the window is at least as wide as the nearest keys are far
         width = max(self.stretch, float(np.sort(np.abs(away))[1]) / 2.0)
@@ -149,17 +151,46 @@ def _focus_depth(fit: LensFit) -> str:
     return f"depth {1.0 / fit.focus_disparity:.3g}" if fit.focus_disparity > 0.0 else "infinity"
 
 
-def hold_segments(keys: Sequence[Keyframe], spacing: int, end: int) -> tuple[Keyframe, ...]:
-    """Keys in order, repeated every `spacing` frames up to frame `end` where nothing changed."""
-    held: list[Keyframe] = []
-    for at, key in enumerate(keys):
-        held.append(key)
-        last = at + 1 == len(keys)
-        if not last and keys[at + 1].shot != key.shot:
-            continue
-        until = end + spacing if last else keys[at + 1].index - spacing // 2
-        held += [replace(key, index=index) for index in range(key.index + spacing, until, spacing)]
-    return tuple(held)
+def share_slope(keys: Sequence[Keyframe]) -> tuple[Keyframe, ...]:
+    """Keys of one shot with one slope, where their slopes agree within their errors.
+
+    The slope is f A / (1 - f / s) of focal length f, aperture A and focused distance s: a pull of
+    the focus hardly changes it, for s is many times f. Each intercept becomes the one expected
+    where its own slope is corrected, by the correlation of their errors.
+    """
+    slopes = np.array([key.fit.slope for key in keys])
+    errors = np.array([key.fit.slope_stderr for key in keys])
+    if len(keys) < 2 or not (errors > 0.0).all():
+        return tuple(keys)
+    mean = float(np.average(slopes, weights=errors**-2.0))
+    if float(np.mean(np.square((slopes - mean) / errors))) > _SAME_SLOPE:
+        return tuple(keys)
+    return tuple(replace(key, fit=_with_slope(key.fit, mean)) for key in keys)
+
+
+def _with_slope(fit: LensFit, slope: float) -> LensFit:
+    """The fit with another slope, and the intercept expected with it."""
+    change = fit.correlation * fit.intercept_stderr / fit.slope_stderr * (slope - fit.slope)
+    return replace(fit, slope=slope, intercept=fit.intercept + change)
+
+
+def hold_segments(
+    keys: Sequence[Keyframe], spacing: int, held: Mapping[int, int]
+) -> tuple[Keyframe, ...]:
+    """Keys in order, repeated where the lens stays.
+
+    Args:
+        keys: in order.
+        spacing: from one repetition to the next, >= 1 [frames].
+        held: by index of a key: frame up to which the lens stays [1].
+    """
+    repeated: list[Keyframe] = []
+    for key in keys:
+        repeated.append(key)
+        last = held.get(key.index, key.index)
+        there = (*range(key.index + spacing, last, spacing), *([last] * (last > key.index)))
+        repeated += [replace(key, index=index) for index in there]
+    return tuple(repeated)
 
 
 def _variances(errors: Sequence[float]) -> Float64:
@@ -182,6 +213,9 @@ def _line_at_zero(away: Float64, values: Float64, weights: Float64) -> float:
 class LiveLens:
     """Exponential smoothing of the fits on a live stream; jumps at cuts only.
 
+    Between two fits of a lens that changes the change of the last two goes on, for as long as the
+    next fit may take, so that the lens does not lag behind by that time.
+
     Args:
         frame_s: from one frame to the next, > 0 [s].
     """
@@ -196,6 +230,8 @@ class LiveLens:
         self._still = True
         self._target: LensFit | None = None
         self._now: LensFit | None = None
+        self._age = 0  # frames since the last fit
+        self._rate = (0.0, 0.0)  # change of slope and intercept in a frame
         self.fits = 0
 
     def needs_refit(self, index: int, picture: Picture) -> bool:
@@ -224,7 +260,8 @@ class LiveLens:
         if self._target is not None and not self._cut:
             if not differs(self._target, fit, still=self._still):
                 return
-        self._target = fit
+        self._rate = self._change_to(fit)
+        self._target, self._age = fit, 0
         self.fits += 1
         if self._now is None or self._cut:
             self._now = fit
@@ -235,10 +272,21 @@ class LiveLens:
         now, target = self._now, self._target
         if now is None or target is None or now is target:
             return now
-        slope = now.slope + self._share * (target.slope - now.slope)
-        intercept = now.intercept + self._share * (target.intercept - now.intercept)
+        goes_on = self._age if self._age <= self._spacing else 0  # no new fit: it has come to rest
+        self._age += 1
+        slope = target.slope + goes_on * self._rate[0]
+        intercept = target.intercept + goes_on * self._rate[1]
+        slope = now.slope + self._share * (max(slope, 0.0) - now.slope)
+        intercept = now.intercept + self._share * (intercept - now.intercept)
         self._now = replace(target, slope=slope, intercept=intercept)
         return self._now
+
+    def _change_to(self, fit: LensFit) -> tuple[float, float]:
+        """Change of slope and intercept in a frame; none where the last fit was long ago."""
+        before, frames = self._target, self._age
+        if before is None or self._cut or not 0 < frames <= 2 * self._spacing:
+            return 0.0, 0.0
+        return (fit.slope - before.slope) / frames, (fit.intercept - before.intercept) / frames
 
     def describe(self) -> str:
         """A note for the user."""

@@ -18,7 +18,7 @@ from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.stages.r_lens_change import CHANGED, changed, differs, is_cut, signature
-from nlens_video.stages.r_lens_track import FitTrack, Keyframe, LiveLens, hold_segments
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe, LiveLens, hold_segments, share_slope
 from nlens_video.video.pixels.picture import ArrayPicture
 
 
@@ -66,7 +66,7 @@ def test_signature_of_a_plate_without_detail_never_changes():
 @given(st.lists(st.floats(-30, 30), min_size=2, max_size=9), st.integers(2, 12))
 def test_fit_track_is_smooth_and_stays_between_its_keyframes(intercepts, spacing):
     keys = tuple(Keyframe(at * spacing, 0, fit(value)) for at, value in enumerate(intercepts))
-    track = FitTrack(hold_segments(keys, spacing, 200), 5.0)
+    track = FitTrack(hold_segments(keys, spacing, {keys[-1].index: 200}), 5.0)
     values = np.array([track.at(index).intercept for index in range(keys[-1].index + 1)])
     span = max(intercepts) - min(intercepts)
     assert np.abs(np.diff(values)).max(initial=0.0) <= 0.75 * span + 1e-9
@@ -81,13 +81,49 @@ def test_fit_track_of_a_linear_focus_pull_has_no_lag():
         assert track.at(index).intercept == pytest.approx(-10.0 - 0.1 * index, abs=1e-6)
 
 
+def test_fit_track_keeps_its_ends_outside_of_its_keyframes():
+    keys = tuple(Keyframe(at, 0, fit(-10.0 - 0.1 * at)) for at in range(6, 30, 6))
+    track = FitTrack(keys, 5.0)
+    assert track.at(0).intercept == track.at(6).intercept == pytest.approx(-10.6, abs=1e-6)
+    assert track.at(99).intercept == track.at(24).intercept == pytest.approx(-12.4, abs=1e-6)
+
+
+def test_lens_rests_until_the_last_frame_on_which_it_was_seen_at_rest():
+    keys = (Keyframe(0, 0, fit(-10.0)), Keyframe(15, 0, fit(-16.0)))
+    track = FitTrack(hold_segments(keys, 3, {0: 12, 15: 24}), 1.0)
+    values = [track.at(index).intercept for index in range(25)]
+    assert values[:10] == pytest.approx([-10.0] * 10, abs=0.01)
+    assert -16.0 < values[13] < -10.0
+    assert values[18:] == pytest.approx([-16.0] * 7, abs=0.01)
+
+
+def test_fits_of_a_shot_share_the_slope_that_they_agree_on():
+    errors = (3.0, 1.5, -2.0)
+    keys = [
+        Keyframe(
+            at, 0,
+            replace(
+                fit(-10.0 - at - 0.5 * error), slope=24.0 + error, slope_stderr=4.0,
+                intercept_stderr=2.0, correlation=-1.0,
+            ),
+        )
+        for at, error in enumerate(errors)
+    ]  # fmt: skip
+    shared = share_slope(keys)
+    assert {key.fit.slope for key in shared} == {24.0 + np.mean(errors)}
+    ends = [key.fit.intercept for key in shared]
+    np.testing.assert_allclose(np.diff(ends), -1.0, rtol=1e-9)
+    opened = [keys[0], replace(keys[1], fit=replace(keys[1].fit, slope=40.0))]
+    assert share_slope(opened) == tuple(opened), "an aperture that opens changes the slope"
+
+
 def test_fit_track_jumps_at_a_cut():
     keys = (
         Keyframe(0, 0, fit(-10.0)),
         Keyframe(20, 1, fit(-20.0, 20)),
         Keyframe(30, 1, fit(-20.0, 30)),
     )
-    track = FitTrack(hold_segments(keys, 5, 40), 5.0, cuts=(20,))
+    track = FitTrack(hold_segments(keys, 5, {0: 18, 20: 27, 30: 40}), 5.0, cuts=(20,))
     assert track.at(19).intercept == pytest.approx(-10.0)
     assert track.at(20).intercept == pytest.approx(-20.0)
 
@@ -121,6 +157,35 @@ def test_focus_pull_is_tracked(pulled):
     truth = shots.SLOPE * there + shots.INTERCEPT * (1 + 0.5 * shares)
     assert np.abs(values - truth).max() < 1.5
     assert np.abs(np.diff(values, 2)).max() < 0.15
+
+
+@pytest.mark.slow
+def test_focus_pull_that_accelerates_to_the_last_frame_is_tracked_to_its_end(tmp_path):
+    ends = 1.5 - 0.9 * (np.arange(29) / 28) ** 2
+    for index, factor in enumerate(ends):
+        rgb = shots.plate(3, intercept=factor * shots.INTERCEPT)
+        shots.write_png(tmp_path / f"in_{index:04d}.png", shot(rgb, seed=index).array)
+    shots.cube_glb(tmp_path / "anim.glb")
+    track = lens_track_pass(settings(parse(arguments(tmp_path))))
+    assert track is not None
+    assert track.keys[-1].index == 28
+    there = np.linspace(0.4, 0.8, 5)  # disparities of the ground in view
+    error = [
+        track.at(index).coc_px(there) - shots.SLOPE * there - factor * shots.INTERCEPT
+        for index, factor in enumerate(ends)
+    ]
+    assert np.abs(error).mean() < 0.4
+    assert np.abs(error).max() < 1.0
+
+
+@pytest.mark.slow
+def test_fit_follows_a_lens_that_changes_by_default(pulled, tmp_path):
+    plate, glb, _ = arguments(pulled)[:3]
+    kept = tmp_path / "fit.json"
+    assert main(["fit", plate, glb, str(kept), "--input-rate", "25"]) == 0
+    track = FitTrack.load(kept)
+    assert track is not None
+    assert len(track.keys) > 3
 
 
 @pytest.mark.slow
@@ -206,6 +271,21 @@ def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
         kept.write_text(json.dumps({**json.loads(kept.read_text()), "track": track}))
         with pytest.raises(LensFitError, match="makes no sense"):
             FitTrack.load(kept)
+
+
+def test_live_lens_keeps_up_with_a_pull_between_its_fits():
+    """Fits every 0.2 s of a focus that moves at a constant rate; the lens lags by 0.15 s at most."""
+    live, rate = LiveLens(1 / 25), -0.4
+    values = []
+    for index in range(40):
+        if index % 5 == 0:
+            live.found(fit(-10.0 + rate * index))
+        values.append(live.step().intercept)
+    lag = [(-10.0 + rate * index - value) / rate for index, value in enumerate(values)]
+    assert max(np.abs(lag[15:])) <= 0.15 * 25
+    for _ in range(25):
+        live.step()
+    assert live.step().intercept == pytest.approx(-10.0 + rate * 35, abs=0.05)
 
 
 def test_live_focus_tracking_is_gradual_except_at_cuts():
