@@ -22,13 +22,12 @@ from nlens_video.effects.planner import (
     decide,
     restrict_to_pipeline,
 )
-from nlens_video.graph.base.context import ShadowScene
+from nlens_video.graph.base.context import ReadAgain, ShadowScene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.video.info import SourceFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +89,7 @@ class PlatePreview:
 
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
-    again: Callable[[], Iterator[SourceFrame]] | None = None
+    again: ReadAgain | None = None
 
 
 @dataclass(frozen=True, slots=True)

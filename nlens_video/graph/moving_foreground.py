@@ -8,7 +8,6 @@ Memory is bounded by the frame: a few pictures are kept, and some numbers for ea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -33,20 +32,18 @@ from nlens_video.effects.foreground.background import (
 from nlens_video.effects.foreground.matte import soft_matte
 from nlens_video.effects.foreground.things import find_things, normalised, things_mask
 from nlens_video.effects.foreground.tracks import Ordered, Tracks
+from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.view import View, bounds_near_frame
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
-from nlens_video.video.info import SourceFrame
 
-ReadAgain = Callable[[], Iterator[SourceFrame]]
-"""Reads the frames of a shot from its first one; may be called more than once."""
 CERTAIN = 0.9
 """Least share of the object's surroundings whose background is known, to be sure of it [1]."""
-_LEAST_FRAMES = 12
-_EVERY_S = 0.15  # from one frame that is looked at beforehand to the next [s]
+_EVERY_S = 0.2  # from one frame that is looked at beforehand to the next [s]
 _SAMPLES = 12  # moments at which the object's place is looked up beforehand
 _MARGIN = 0.5  # of the object's height, around it: its shadow lies there [1]
 _LEAST_MARGIN_PX = 24
+_CHECKED_EVERY = 12  # frames, whether what moves can still turn out steady
 _CONTEXT_PX = 24  # around a region from which a thing is continued [px]
 
 
@@ -160,31 +157,25 @@ def find_moving_foreground(
     Returns:
         What moves there, None where nothing does or it cannot be told; and why.
     """
-    size = view.width, view.height
-    survey = Survey(size)
-    times: list[float] = []
-    due = -math.inf
-    for frame in again():
-        if frame.time_s >= due:
-            survey.add(frame.picture)
-            due = frame.time_s + _EVERY_S
-        times.append(frame.time_s)
-    small = survey.result()
-    if small is None or len(times) < _LEAST_FRAMES:
-        return None, Finding("too few frames to know the background from")
+    survey, times = _survey(again, view)
     place = _object_place(scene, view, times)
+    if survey.pictures > 1 and not survey.changes(place):
+        return None, Finding("nothing moves where the object stands")
+    small = survey.result()
+    if small is None:
+        return None, Finding("too few frames to know the background from")
     if not small.steady:
         return None, Finding("the camera moves, or most of the picture; give --holdout PATH")
-    if not small.moves(place):
-        return None, Finding("nothing moves where the object stands")
     certainty = small.certainty(place)
     if certainty < CERTAIN:
         reason = f"only {certainty:.0%} of the background around the object is known"
         return None, Finding(
             f"{reason}; give --holdout PATH", certainty=certainty, threshold=CERTAIN
         )
-    found, steadiness = _follow(again, scene, view, ground_y, small, place)
-    if steadiness < CERTAIN:
+    if not small.moves(place):
+        return None, Finding("nothing moves where the object stands")
+    found, steadiness = _follow(again, scene, view, ground_y, small, place, times[-1])
+    if found is None or steadiness < CERTAIN:
         reason = "what moves there has no steady outline; give --holdout PATH"
         return None, Finding(reason, certainty=steadiness, threshold=CERTAIN)
     if not found.things:
@@ -193,6 +184,17 @@ def find_moving_foreground(
         return found, _sure("what moves there stays behind the object", certainty)
     reason = f"things move past the object; background known in {certainty:.0%} around it"
     return found, _sure(reason, certainty)
+
+
+def _survey(again: ReadAgain, view: View) -> tuple[Survey, list[float]]:
+    """A first look at the shot, and the moments at which it was read [s]."""
+    survey, times, due = Survey((view.width, view.height)), list[float](), -math.inf
+    for frame in again(sparse=True):
+        if frame.time_s >= due:
+            survey.add(frame.picture)
+            due = frame.time_s + _EVERY_S
+        times.append(frame.time_s)
+    return survey, times
 
 
 def _sure(reason: str, certainty: float) -> Finding:
@@ -213,8 +215,8 @@ def _object_place(scene: Scene, view: View, times: list[float]) -> Box:
 
 def _follow(
     again: ReadAgain, scene: Scene, view: View, ground_y: float | None, small: SmallBackground,
-    place: Box,
-) -> tuple[MovingForeground, float]:  # fmt: skip
+    place: Box, end_s: float,
+) -> tuple[MovingForeground | None, float]:  # fmt: skip
     """The background around the object, and what moves before it; how steadily that goes [1]."""
     large = place.width * place.height > LARGE_PX
     reservoir, tracks = Reservoir(most=FEW_KEPT if large else MOST_KEPT), Tracks()
@@ -237,6 +239,11 @@ def _follow(
         ]
         depth = -float(camera.to_camera(contact[None])[0, 2])
         tracks.add(frame.index, things, feet, 1.0 / depth if depth > 0.0 else math.inf)
+        if frame.index % _CHECKED_EVERY == 0 and frame.time_s > 0.0:
+            left = max(0.0, end_s / frame.time_s - 1.0)
+            steadiness = tracks.steadiness(small.small(place), left)
+            if steadiness < CERTAIN:
+                return None, steadiness
     light, noise = reservoir.median()
     background = Background(box=place, roots=light, noise=noise)
     found = MovingForeground(small=small, background=background, things=tracks.ordered())

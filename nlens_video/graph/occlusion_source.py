@@ -5,9 +5,9 @@ from __future__ import annotations
 from nlens_video.core.layers import CocMap, OcclusionCue, Picture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
-from nlens_video.graph.base.context import CocEstimator, OcclusionSource
+from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.view import View
-from nlens_video.graph.moving_foreground import ReadAgain, find_moving_foreground
+from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.scene.scene import Scene
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -16,6 +16,7 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
+from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
@@ -31,7 +32,7 @@ from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.seek import SeekableSource, open_seekable
-from nlens_video.video.input.source import open_source
+from nlens_video.video.input.source import AvSource, open_source
 from nlens_video.video.interfaces import Source
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def _assembled(
     return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
 
 
-def _read_again(settings: Settings, info: SourceInfo) -> Callable[[], Iterator[SourceFrame]] | None:
+def _read_again(settings: Settings, info: SourceInfo) -> ReadAgain | None:
     """Reads the shot, None where it is no file or is not composited.
 
     All of it, whatever the range, so that a range equals the whole; of a long file up to the end of
@@ -218,8 +219,10 @@ def _read_again(settings: Settings, info: SourceInfo) -> Callable[[], Iterator[S
         return None
     last = end if (info.frame_count or 0) > _SHORT else None
 
-    def again() -> Iterator[SourceFrame]:
+    def again(*, sparse: bool = False) -> Iterator[SourceFrame]:
         with opened(replace(settings.source, frames=(0, None))) as source:
+            if sparse and isinstance(source, AvSource):
+                source.leave_out_unreferenced()
             for frame in takewhile(lambda frame: last is None or frame.index < last, source):
                 signals.check()
                 yield frame

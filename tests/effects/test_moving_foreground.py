@@ -6,7 +6,7 @@ import pytest
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box, MovingMatte
-from nlens_video.effects.foreground.background import Reservoir, Survey, gain, root
+from nlens_video.effects.foreground.background import Reservoir, Survey, gain, middle, root
 from nlens_video.effects.foreground.matte import soft_matte
 from nlens_video.effects.foreground.things import Seen, find_things, things_mask
 from nlens_video.effects.foreground.tracks import Tracks
@@ -48,6 +48,13 @@ def test_the_median_is_the_background_though_a_card_passes_and_the_exposure_drif
     assert np.percentile(off, 98) < 2 / 255
     assert noise.max() < 0.2 and noise.min() >= 0.5 / 255
     assert kept.agreement(found, noise).mean() > 0.75
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 20, 21])
+def test_the_middle_of_pictures_is_that_of_partition(count):
+    pictures = np.random.default_rng(count).integers(0, 65536, (count, 7, 5, 3), np.uint16)
+    expected = np.partition(pictures, count // 2, axis=0)[count // 2]
+    assert np.array_equal(middle(list(pictures)), expected)
 
 
 def test_a_reservoir_keeps_evenly_spaced_pictures_and_no_more_than_allowed():

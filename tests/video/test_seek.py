@@ -198,3 +198,18 @@ def test_range_is_read_by_seeking_unless_a_stage_needs_earlier_frames(
     for (_, one), (_, other) in zip(shots.read_planes(tmp_path / "part.mkv"), whole, strict=True):
         for plane, also in zip(one, other, strict=True):
             np.testing.assert_array_equal(plane, also)
+
+
+@pytest.mark.parametrize("kind", ["h264 with B frames, mp4", "vp9, webm", "ffv1, mkv"])
+def test_frames_of_a_sparse_reading_are_those_of_the_whole_at_their_times(clip, kind):
+    path, (whole, _) = clip(kind)
+    source = open_source(str(path))
+    with source:
+        source.leave_out_unreferenced()
+        found = [
+            (one.time_s, [plane.tobytes() for plane in planes(one.picture.frame)]) for one in source
+        ]
+    samples = {time: samples for _, _, time, _, samples in whole}
+    assert len(found) < FRAMES or "B frames" not in kind
+    assert all(samples[time] == seen for time, seen in found)
+    assert np.diff([time for time, _ in found]).max() < 0.2

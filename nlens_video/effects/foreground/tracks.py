@@ -132,14 +132,19 @@ class Tracks:
             best.hidden = 0
             best.add(index, thing.box, thing.region, foot, contact)
 
-    def steadiness(self, place: Box) -> float:
-        """Share of the frames on which what travels through a place does not jump [1]."""
+    def steadiness(self, place: Box, left: float = 0.0) -> float:
+        """Share of the frames on which what travels through a place does not jump [1].
+
+        Args:
+            place: on the small picture.
+            left: share of frames to come, by those that were seen, on which it would not [1].
+        """
         known = [
             one for one in self._tracks
             if len(one.frames) >= _LONG and one.travels
             and any(not box.intersection(place).empty for box in one.boxes)
         ]  # fmt: skip
-        frames = sum(len(one.frames) for one in known)
+        frames = (1.0 + left) * sum(len(one.frames) for one in known)
         return 1.0 - sum(one.jumps for one in known) / frames if frames else 1.0
 
     def ordered(self) -> dict[int, tuple[Ordered, ...]]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, OcclusionCue, Picture
 from nlens_video.core.optics import ROUND, Aperture, Shutter
@@ -14,6 +14,7 @@ from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.video.info import SourceFrame
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
@@ -23,6 +24,14 @@ CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 
 DepthOrder = Callable[[DefocusedLayer, BlurredLayer], BlurredLayer]
 """L: the blurred layer of a sharp one, with depth order between the object's parts."""
+
+
+class ReadAgain(Protocol):
+    """Reads the frames of a shot from its first one; may be called more than once."""
+
+    def __call__(self, *, sparse: bool = False) -> Iterator[SourceFrame]:
+        """Read the shot; a sparse one may lack frames, and its numbers do not count."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

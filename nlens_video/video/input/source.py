@@ -142,6 +142,13 @@ class AvSource(Source):
             index += 1
             frame = next(self._decoded, None)
 
+    def leave_out_unreferenced(self) -> None:
+        """From now on frames need not be decoded that no other frame is predicted from.
+
+        The others are exact. The frames' numbers no longer count.
+        """
+        self._decoder.skip_frame = "NONREF"
+
     def start_at(self, pts: Sequence[int], start: int, number: int) -> bool:
         """Seek so that iteration begins with a later frame; call before it.
 
