@@ -10,7 +10,13 @@ from support.quads import camera_at, draw, material, quad
 
 from nlens_video.core.color import transfer
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
-from nlens_video.render.software.reference_kernels import SurfacePoint, reflectance
+from nlens_video.render.software.reference_kernels import (
+    SurfacePoint,
+    fibre_share,
+    fibres,
+    layered,
+    reflectance,
+)
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 
 NORMAL, VIEW = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
@@ -131,3 +137,139 @@ def test_emissive_strength_multiplies_factor_and_texture(renderer_class, tmp_pat
     linear = float(transfer("iec61966-2-1").to_linear(np.array(188 / 255)))
     found = seen(renderer_class, builder, tmp_path, SUNS[1])
     np.testing.assert_allclose(found[:3], [4.0, 8.0 * linear, 0.0], rtol=3e-3)
+
+
+TURNS = [0.0, 0.5, 1.25]  # of the quad, about x [rad]
+
+
+def turned_point(surface, turn):
+    """The surface turned about x, and the rotation (x, y, z, w) of its node."""
+    c, s = math.cos(turn), math.sin(turn)
+    rotation = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    vectors = {name: getattr(surface, name) for name in ("normal", "along", "coat_normal")}
+    moved = {name: rotation @ v for name, v in vectors.items() if v is not None}
+    quaternion = [math.sin(turn / 2), 0, 0, math.cos(turn / 2)]
+    return replace(surface, **moved), {"rotation": quaternion}
+
+
+def assert_as_defined(renderer_class, tmp_path, surface, make, rtol=6e-3):
+    """A turned quad of a material under each sun against `layered`; `make` adds the material."""
+    for turn in TURNS:
+        here, node = turned_point(surface, turn)
+        for sun in SUNS:
+            builder = GlbBuilder()
+            quad(builder, number=make(builder), node=node, TEXCOORD_0=QUAD_UV)
+            found = seen(renderer_class, builder, tmp_path, sun)[:3]
+            expected = 3.0 * layered(here, toward(sun))
+            np.testing.assert_allclose(found, expected, rtol=rtol, atol=2e-4)
+
+
+@pytest.mark.parametrize("textured", [False, True])
+def test_clear_coat_lies_over_the_base(renderer_class, tmp_path, textured):
+    def make(builder):
+        told = {"clearcoatFactor": 0.9, "clearcoatRoughnessFactor": 0.5}
+        if textured:
+            told["clearcoatTexture"] = texel(builder, [128, 0, 0])
+            told["clearcoatRoughnessTexture"] = texel(builder, [0, 200, 0])
+        return plastic(builder, {"KHR_materials_clearcoat": told})
+
+    weight, rough = (128 / 255, 200 / 255) if textured else (1.0, 1.0)
+    surface = replace(PLASTIC, coat=0.9 * weight, coat_roughness=0.5 * rough)
+    assert_as_defined(renderer_class, tmp_path, surface, make)
+
+
+def test_normal_maps_of_base_and_clear_coat_are_apart(renderer_class, tmp_path):
+    def make(builder):
+        told = {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": 0.6}
+        told["clearcoatNormalTexture"] = texel(builder, [218, 128, 218])
+        told = {"KHR_materials_clearcoat": told}
+        return plastic(builder, told, normalTexture=texel(builder, [128, 218, 218]))
+
+    right, up = (np.array([218, 128, 218]) / 127.5 - 1, np.array([128, 218, 218]) / 127.5 - 1)
+    surface = replace(
+        PLASTIC, normal=up / np.linalg.norm(up), coat_normal=right / np.linalg.norm(right),
+        coat=1.0, coat_roughness=0.6,
+    )  # fmt: skip
+    assert_as_defined(renderer_class, tmp_path, surface, make, rtol=2e-2)
+
+
+def test_clear_coat_darkens_emission(renderer_class, tmp_path):
+    builder = GlbBuilder()
+    told = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}
+    told["KHR_materials_specular"] = {"specularFactor": 0}
+    quad(builder, number=material(builder, (0, 0, 0, 1), told, emissiveFactor=[1, 1, 1]))
+    found = seen(renderer_class, builder, tmp_path, (3.1, 0.0))
+    np.testing.assert_allclose(found[:3], 0.96, rtol=2e-3)
+
+
+@pytest.mark.parametrize("textured", [False, True])
+def test_sheen_of_fibres_is_added_and_takes_from_the_base(renderer_class, tmp_path, textured):
+    linear = float(transfer("iec61966-2-1").to_linear(np.array(188 / 255)))
+
+    def make(builder):
+        told = {"sheenColorFactor": [0.9, 0.5, 0.2], "sheenRoughnessFactor": 0.6}
+        if textured:
+            told["sheenColorTexture"] = texel(builder, [255, 188, 255])
+            told["sheenRoughnessTexture"] = texel(builder, [0, 0, 0, 128])
+        return plastic(builder, {"KHR_materials_sheen": told})
+
+    color = np.array([0.9, 0.5 * linear if textured else 0.5, 0.2])
+    rough = 0.6 * (128 / 255 if textured else 1.0)
+    surface = replace(PLASTIC, sheen=color, sheen_roughness=rough)
+    assert_as_defined(renderer_class, tmp_path, surface, make)
+
+
+@pytest.mark.parametrize("roughness", [0.15, 0.4, 1.0])
+@pytest.mark.parametrize("view", [0.2, 0.5, 0.9])
+def test_share_of_fibres_is_the_integral_of_their_lobe(roughness, view):
+    cosines = (np.arange(80) + 0.5) / 80
+    turns = (np.arange(80) + 0.5) / 80 * math.pi
+    eye = np.array([math.sqrt(1 - view**2), 0, view])
+    total = 0.0
+    for cosine in cosines:
+        for turn in turns:
+            sine = math.sqrt(1 - cosine**2)
+            half = eye + [sine * math.cos(turn), sine * math.sin(turn), cosine]
+            lobe = fibres(half[2] / np.linalg.norm(half), cosine, view, roughness)
+            total += 2 * math.pi / 6400 * cosine * lobe
+    assert fibre_share(view, roughness) == pytest.approx(total, abs=0.03)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+@pytest.mark.parametrize("textured", [False, True])
+def test_anisotropy_stretches_highlights_along_its_direction(
+    renderer_class, tmp_path, textured, metallic
+):
+    strength, rotation = 0.8, 0.7
+
+    def make(builder):
+        told = {"anisotropyStrength": strength, "anisotropyRotation": rotation}
+        if textured:
+            told["anisotropyTexture"] = texel(builder, [128, 255, 128])
+        pbr = {"roughnessFactor": PLASTIC.roughness, "metallicFactor": metallic}
+        color = (*PLASTIC.base, 1)
+        return material(builder, color, {"KHR_materials_anisotropy": told}, pbr=pbr)
+
+    x, y = (1 / 255, 1.0) if textured else (1.0, 0.0)
+    c, s = math.cos(rotation), math.sin(rotation)
+    along = np.array([c * x - s * y, s * x + c * y, 0.0])
+    surface = replace(
+        PLASTIC, along=along / np.linalg.norm(along), metallic=metallic,
+        anisotropy=strength * (128 / 255 if textured else 1.0),
+    )  # fmt: skip
+    assert_as_defined(renderer_class, tmp_path, surface, make)
+
+
+def test_all_layers_of_one_material_work_together(renderer_class, tmp_path):
+    def make(builder):
+        return plastic(builder, {
+            "KHR_materials_clearcoat": {"clearcoatFactor": 0.7, "clearcoatRoughnessFactor": 0.4},
+            "KHR_materials_sheen": {"sheenColorFactor": [0.2, 0.5, 0.9], "sheenRoughnessFactor": 1},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.5},
+        })  # fmt: skip
+
+    surface = replace(
+        PLASTIC, coat=0.7, coat_roughness=0.4, sheen=np.array([0.2, 0.5, 0.9]),
+        sheen_roughness=1.0, along=np.array([1.0, 0.0, 0.0]), anisotropy=0.5,
+    )  # fmt: skip
+    assert_as_defined(renderer_class, tmp_path, surface, make)

@@ -1,5 +1,7 @@
 """The software rasteriser on triangles given as arrays, and what it is compared with."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from nlens_video.core.layers import Box
@@ -65,6 +67,37 @@ def surface(fields, i):
     return reference_kernels.SurfacePoint(
         normal=three[0], view=three[1], base=three[2], f0=three[3],
         metallic=one[0], roughness=one[1], specular=one[2],
+    )  # fmt: skip
+
+
+def layered_block(rng):
+    """A block of points whose materials have all layers; nothing glows."""
+    block, fields = random_block(rng)
+    normals = fields[at.NORMAL_X // at.WIDTH : at.NORMAL_X // at.WIDTH + 3].T
+    along = np.cross(normals, rng.normal(size=(at.WIDTH, 3)))
+    coat = rng.normal(size=(at.WIDTH, 3))
+    for first, vectors in (
+        (at.ALONG, along), (at.BESIDE, np.cross(normals, along)), (at.COAT_NORMAL, coat),
+        (at.GLOW, np.zeros((at.WIDTH, 3))),
+    ):  # fmt: skip
+        fields[first // at.WIDTH : first // at.WIDTH + 3] = vectors.T
+    return block, fields
+
+
+def layered_surface(fields, i):
+    rows = fields.astype(np.float64)
+    along, coat, sheen = (
+        rows[first // at.WIDTH : first // at.WIDTH + 3, i]
+        for first in (at.ALONG, at.COAT_NORMAL, at.SHEEN)
+    )
+    names = {
+        "anisotropy": at.ANISOTROPY, "coat": at.COAT, "coat_roughness": at.COAT_ROUGHNESS,
+        "sheen_roughness": at.SHEEN_ROUGHNESS,
+    }  # fmt: skip
+    return replace(
+        surface(fields, i), along=along / np.linalg.norm(along), sheen=sheen,
+        coat_normal=coat / np.linalg.norm(coat),
+        **{name: float(rows[field // at.WIDTH, i]) for name, field in names.items()},
     )  # fmt: skip
 
 

@@ -95,8 +95,14 @@ SLOTS = (
     "emissive",
     "specular",
     "specular_color",
+    "clearcoat",
+    "clearcoat_roughness",
+    "clearcoat_normal",
+    "sheen_color",
+    "sheen_roughness",
+    "anisotropy",
 )
-MATERIAL_FLOATS = 4 * (4 + 2 * len(SLOTS))
+MATERIAL_FLOATS = 4 * (6 + 2 * len(SLOTS))
 
 
 def texture_uses(material: Material) -> tuple[TextureUse | None, ...]:
@@ -108,13 +114,23 @@ def material_params(material: Material) -> Float32:
     """Rows of four, flat (`MATERIAL_FLOATS`,).
 
     Base colour; metallic, roughness, specular weight, alpha cutoff; emission; dielectric
-    reflectance; then for each slot (a, b, c, uv set) and (d, e, f, strength).
+    reflectance, direction of anisotropy [rad]; weight and roughness of the clear coat, anisotropy,
+    roughness of the sheen; its colour, uv set of tangents; then for each slot (a, b, c, uv set) and
+    (d, e, f, strength).
     """
+    layers = material.layers
     rows = [
         material.base_color,
         (material.metallic, material.roughness, material.specular, material.alpha_cutoff),
         (*material.emissive, 0.0),
-        (*_f0(material), 0.0),
+        (*_f0(material), layers.anisotropy_rotation),
+        (
+            layers.clearcoat,
+            layers.clearcoat_roughness,
+            layers.anisotropy,
+            layers.sheen_roughness,
+        ),
+        (*layers.sheen_color, float(_tangents_of(material))),
     ]
     for use in texture_uses(material):
         if use is None:
@@ -125,6 +141,12 @@ def material_params(material: Material) -> Float32:
                 (*use.transform[1], use.strength),
             ]
     return np.array(rows, dtype=np.float32).ravel()
+
+
+def _tangents_of(material: Material) -> int:
+    """The set of texture coordinates along which tangents lie."""
+    uses = (material.normal_texture, material.anisotropy_texture)
+    return next((use.uv_set for use in uses if use is not None), 0)
 
 
 def _f0(material: Material) -> tuple[float, ...]:

@@ -85,6 +85,8 @@ class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # 
             found[f"USE_ALPHA_{source.alpha_mode}"] = 1
         if {"specular", "specular_color"} & self.maps.keys():
             found["USE_TEXTURED_SPECULAR"] = 1
+        for layer in source.layers.drawn:
+            found[f"USE_{layer}"] = 1
         if source.unlit:
             found["USE_UNLIT"] = 1
         return found

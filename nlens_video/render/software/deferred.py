@@ -16,6 +16,7 @@ from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, inlined, kernel, kernel_of
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.interpolation import MeshBuffers, PinholeRows
+from nlens_video.render.software.layers import light_layers
 from nlens_video.render.software.light import light
 from nlens_video.render.software.material_eval import MaterialBuffers, eval_materials
 from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
@@ -48,8 +49,10 @@ def same_surface(mesh: MeshBuffers, one: int, other: int) -> bool:
 def shade(block: Float32, whole: Int32, count: int, scene: ShadingInputs) -> None:
     """Compute the radiance of the first `count` points of a block."""
     mesh, paint, lens, (lamps, suns, ambient) = scene
-    eval_materials(block, whole, count, mesh, paint, lens)
+    layered = eval_materials(block, whole, count, mesh, paint, lens)
     light(block, lamps, suns, ambient)
+    if layered:
+        light_layers(block, whole, count, paint, lamps, suns, ambient)
 
 
 @kernel

@@ -110,11 +110,21 @@ def _moved(positions: Float32, corners: Corners, w: Float4) -> Vector:
 
 
 @inlined
-def _tilted(block: Float32, i: int, px: Vector, py: Vector, n: Vector, strength: float) -> Vector:
-    """A normal `n` tilted by the texel of a normal map of a strength at point `i`.
+def _frame(
+    block: Float32, whole: Int32, i: int, mesh: MeshBuffers, scale: float
+) -> tuple[Vector, Vector, Vector]:  # fmt: skip
+    """Unit normal of point `i`, tangent and bitangent along what is in `U_ACROSS` to `V_DOWN`.
 
-    `px` and `py` are the changes of the surface's place by a column and a row.
+    The longer of the two has the length `scale`; both are 0 where the coordinates do not change.
     """
+    positions, faces, planes = mesh[0], mesh[4], mesh[6]
+    t = whole[at.TRIANGLE + i]
+    _, across, down, _ = _weights(planes, t, block[at.X + i], block[at.Y + i])
+    corners = faces[t, 0], faces[t, 1], faces[t, 2]
+    x, y, z = block[at.NORMAL_X + i], block[at.NORMAL_Y + i], block[at.NORMAL_Z + i]
+    unit = planes[t, FACING] / math.sqrt(max(x * x + y * y + z * z, _LEAST))
+    n = x * unit, y * unit, z * unit
+    px, py = _moved(positions, corners, across), _moved(positions, corners, down)
     ux, uy = (
         (block[at.U_ACROSS + i], block[at.V_ACROSS + i]),
         (block[at.U_DOWN + i], block[at.V_DOWN + i]),
@@ -132,15 +142,12 @@ def _tilted(block: Float32, i: int, px: Vector, py: Vector, n: Vector, strength:
     )
     size = max(tx * tx + ty * ty + tz * tz, sx * sx + sy * sy + sz * sz)
     if not size > _ZERO:
-        return n
+        return n, (_ZERO, _ZERO, _ZERO), (_ZERO, _ZERO, _ZERO)
     # The frame's handedness follows the screen's: columns and rows turn about +-n.
     turn = py[0] * fx[0] + py[1] * fx[1] + py[2] * fx[2]
-    scale = strength / math.sqrt(size)
+    scale /= math.sqrt(size)
     scale = -scale if turn < _ZERO else scale
-    a = (block[at.TEXEL_R + i] * _TWO - _ONE) * scale
-    b = (block[at.TEXEL_G + i] * _TWO - _ONE) * scale
-    c = block[at.TEXEL_B + i] * _TWO - _ONE
-    return tx * a + sx * b + n[0] * c, ty * a + sy * b + n[1] * c, tz * a + sz * b + n[2] * c
+    return n, (tx * scale, ty * scale, tz * scale), (sx * scale, sy * scale, sz * scale)
 
 
 @kernel
@@ -148,18 +155,36 @@ def apply_normal_map(
     block: Float32, whole: Int32, run: Run, mesh: MeshBuffers, strength: float
 ) -> None:
     """Tilt the normals of a run by its normal map; their frame comes from derivatives."""
-    positions, faces, planes = mesh[0], mesh[4], mesh[6]
     for i in range(run[0], run[1]):
-        t = whole[at.TRIANGLE + i]
-        _, across, down, _ = _weights(planes, t, block[at.X + i], block[at.Y + i])
-        corners = faces[t, 0], faces[t, 1], faces[t, 2]
-        x, y, z = block[at.NORMAL_X + i], block[at.NORMAL_Y + i], block[at.NORMAL_Z + i]
-        side = planes[t, FACING]
-        scale = side / math.sqrt(max(x * x + y * y + z * z, _LEAST))
-        px, py = _moved(positions, corners, across), _moved(positions, corners, down)
-        x, y, z = _tilted(block, i, px, py, (x * scale, y * scale, z * scale), strength)
-        block[at.NORMAL_X + i], block[at.NORMAL_Y + i] = side * x, side * y
-        block[at.NORMAL_Z + i] = side * z
+        n, s, t = _frame(block, whole, i, mesh, strength)
+        a = block[at.TEXEL_R + i] * _TWO - _ONE
+        b = block[at.TEXEL_G + i] * _TWO - _ONE
+        c = block[at.TEXEL_B + i] * _TWO - _ONE
+        if s == t:  # both are 0: there is no frame
+            a, b, c = _ZERO, _ZERO, _ONE
+        side = mesh[6][whole[at.TRIANGLE + i], FACING]
+        block[at.NORMAL_X + i] = side * (s[0] * a + t[0] * b + n[0] * c)
+        block[at.NORMAL_Y + i] = side * (s[1] * a + t[1] * b + n[1] * c)
+        block[at.NORMAL_Z + i] = side * (s[2] * a + t[2] * b + n[2] * c)
+
+
+@kernel
+def find_directions(block: Float32, whole: Int32, run: Run, mesh: MeshBuffers) -> None:
+    """Turn directions `ALONG` in the plane of texture coordinates, x and y, into the world's.
+
+    They are 0 where the coordinates do not change. `BESIDE` lies across them on the surface.
+    """
+    for i in range(run[0], run[1]):
+        n, s, t = _frame(block, whole, i, mesh, _ONE)
+        x = block[at.ALONG + i] / math.sqrt(max(s[0] ** 2 + s[1] ** 2 + s[2] ** 2, _LEAST))
+        y = block[at.ALONG + at.WIDTH + i]
+        y /= math.sqrt(max(t[0] ** 2 + t[1] ** 2 + t[2] ** 2, _LEAST))
+        ax, ay, az = s[0] * x + t[0] * y, s[1] * x + t[1] * y, s[2] * x + t[2] * y
+        block[at.ALONG + i], block[at.ALONG + at.WIDTH + i] = ax, ay
+        block[at.ALONG + 2 * at.WIDTH + i] = az
+        block[at.BESIDE + i] = n[1] * az - n[2] * ay
+        block[at.BESIDE + at.WIDTH + i] = n[2] * ax - n[0] * az
+        block[at.BESIDE + 2 * at.WIDTH + i] = n[0] * ay - n[1] * ax
 
 
 @fastmath_kernel

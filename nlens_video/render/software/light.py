@@ -84,28 +84,46 @@ def _by_sun(block: Float32, lamp: Float32) -> None:
         _reflect(block, i, toward, strength)
 
 
+@fastmath_inlined
+def _from_lamp(
+    block: Float32, i: int, lamp: Float32
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Unit direction from a point to a lamp with a place, and the light it gets from there."""
+    distance = block[_U(at.DISTANCE + i)]
+    x = lamp[4] + block[_U(at.VIEW_X + i)] * distance
+    y = lamp[5] + block[_U(at.VIEW_Y + i)] * distance
+    z = lamp[6] + block[_U(at.VIEW_Z + i)] * distance
+    squared = larger(x * x + y * y + z * z, _LEAST)
+    near = _ONE / math.sqrt(squared)
+    x, y, z = x * near, y * near, z * near
+    beyond = squared * lamp[7]
+    window = smaller(larger(_ONE - beyond * beyond, _ZERO), _ONE)
+    facing = (lamp[8] * x + lamp[9] * y + lamp[10] * z) * lamp[12] + lamp[13]
+    spot = smaller(larger(facing, _ZERO), _ONE)
+    part = window * spot * spot / squared
+    return (x, y, z), (part * lamp[0], part * lamp[1], part * lamp[2])
+
+
 @fastmath_kernel
 def _by_lamp(block: Float32, lamp: Float32) -> None:
-    px, py, pz, reach = lamp[4], lamp[5], lamp[6], lamp[7]
-    ax, ay, az = lamp[8], lamp[9], lamp[10]
-    scale, offset = lamp[12], lamp[13]
     for i in range(_N):
-        distance = block[_U(at.DISTANCE + i)]
-        x = px + block[_U(at.VIEW_X + i)] * distance
-        y = py + block[_U(at.VIEW_Y + i)] * distance
-        z = pz + block[_U(at.VIEW_Z + i)] * distance
-        squared = larger(x * x + y * y + z * z, _LEAST)
-        near = _ONE / math.sqrt(squared)
-        x, y, z = x * near, y * near, z * near
-        beyond = squared * reach
-        window = smaller(larger(_ONE - beyond * beyond, _ZERO), _ONE)
-        spot = smaller(larger((ax * x + ay * y + az * z) * scale + offset, _ZERO), _ONE)
-        part = window * spot * spot / squared
-        _reflect(block, i, (x, y, z), (part * lamp[0], part * lamp[1], part * lamp[2]))
+        toward, strength = _from_lamp(block, i, lamp)
+        _reflect(block, i, toward, strength)
 
 
 @fastmath_inlined
-def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
+def lamp_at(
+    block: Float32, i: int, lamps: Float32, suns: int, number: int
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Unit direction from a point to any of the lamps, and the light it gets from there."""
+    lamp = lamps[number]
+    if number < suns:
+        return (lamp[8], lamp[9], lamp[10]), (lamp[0], lamp[1], lamp[2])
+    return _from_lamp(block, i, lamp)
+
+
+@fastmath_inlined
+def around_on(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
     """One channel of `Illumination.ambient` on a unit normal."""
     x, y, z = n
     return larger(
@@ -118,7 +136,7 @@ def _around(ambient: Float32, c: int, n: tuple[float, float, float]) -> float:
 
 
 @fastmath_inlined
-def _mirrored(color: float, edge: float, nv: float, roughness: float) -> float:
+def mirrored(color: float, edge: float, nv: float, roughness: float) -> float:
     """Share of even light that a rough mirror of that colour reflects, as `mirrored` there."""
     gloss = _ONE - roughness
     away = _ONE - smaller(larger(nv, _ZERO), _ONE)
@@ -135,8 +153,8 @@ def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int,
         n = block[_U(at.NORMAL_X + i)], block[_U(at.NORMAL_Y + i)], block[_U(at.NORMAL_Z + i)]
         vx, vy, vz = block[_U(at.VIEW_X + i)], block[_U(at.VIEW_Y + i)], block[_U(at.VIEW_Z + i)]
         nv = np.float32(2.0) * (n[0] * vx + n[1] * vy + n[2] * vz)
-        mirrored = nv * n[0] - vx, nv * n[1] - vy, nv * n[2] - vz
-        around, ahead = _around(ambient, c, n), _around(ambient, c, mirrored)
+        reflection = nv * n[0] - vx, nv * n[1] - vy, nv * n[2] - vz
+        around, ahead = around_on(ambient, c, n), around_on(ambient, c, reflection)
         roughness = block[_U(at.ROUGHNESS + i)]
         ahead += (around - ahead) * roughness
         metallic, base, f0 = block[_U(at.METALLIC + i)], block[_U(base_ + i)], block[_U(f0_ + i)]
@@ -144,7 +162,7 @@ def _from_around(block: Float32, ambient: Float32, c: int, base_: int, f0_: int,
         edge = block[_U(at.SPECULAR + i)]
         edge += (_ONE - edge) * metallic
         lit = around * base * (_ONE - metallic)
-        lit += ahead * _mirrored(color, edge, _HALF * nv, roughness)
+        lit += ahead * mirrored(color, edge, _HALF * nv, roughness)
         block[_U(sum_ + i)] += block[_U(at.OCCLUSION + i)] * lit
 
 

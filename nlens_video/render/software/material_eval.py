@@ -5,6 +5,8 @@ Vectorised over runs of points of one material.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from nlens_video.core.layers import Float32
@@ -14,6 +16,7 @@ from nlens_video.render.software.interpolation import (
     MeshBuffers,
     PinholeRows,
     apply_normal_map,
+    find_directions,
     interpolate,
     view_vectors,
 )
@@ -26,10 +29,13 @@ MaterialBuffers = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
 
 # Slots of a material's textures, and flags.
 BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE, SPECULAR, SPECULAR_COLOR = range(7)
-UNLIT, OPAQUE = 1, 2
-_UV_ROWS = 16
+CLEARCOAT, CLEARCOAT_ROUGHNESS, CLEARCOAT_NORMAL = 7, 8, 9
+SHEEN_COLOR, SHEEN_ROUGHNESS, ANISOTROPY = 10, 11, 12
+UNLIT, OPAQUE, LAYERED = 1, 2, 4
+_LAYERS, _SHEEN, _UV_ROWS = 16, 20, 24
 _U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
 _ZERO, _HALF, _ONE = (f32(v) for v in (0.0, 0.5, 1.0))
+_LEAST = f32(1e-12)
 
 
 @inlined
@@ -162,13 +168,82 @@ def _emit(block: Float32, run: Run) -> None:
 
 
 @kernel
+def _coat_normals(
+    block: Float32, whole: Int32, run: Run, mesh: MeshBuffers, paint: MaterialBuffers
+) -> None:  # fmt: skip
+    """Normals of the clear coat, which the base's normal map does not tilt."""
+    m = whole[at.MATERIAL + run[0]]
+    for k in range(3):
+        for i in range(run[0], run[1]):
+            own = block[at.NORMAL_X + k * at.WIDTH + i]
+            block[at.COAT_NORMAL + k * at.WIDTH + i] = own
+    if _sampled(block, whole, run, paint, m, CLEARCOAT_NORMAL):
+        strength = paint[0][m, _UV_ROWS + 8 * CLEARCOAT_NORMAL + 7]
+        apply_normal_map(block, whole, run, mesh, strength)
+        for k in range(3):
+            for i in range(run[0], run[1]):
+                one, other = at.NORMAL_X + k * at.WIDTH + i, at.COAT_NORMAL + k * at.WIDTH + i
+                block[one], block[other] = block[other], block[one]
+
+
+@kernel
+def _stretch(
+    block: Float32, whole: Int32, run: Run, mesh: MeshBuffers, paint: MaterialBuffers
+) -> None:  # fmt: skip
+    """Anisotropy and its direction, before normals are tilted."""
+    numbers, m = paint[0], whole[at.MATERIAL + run[0]]
+    x, y = math.cos(numbers[m, 15]), math.sin(numbers[m, 15])
+    _set(block, run, at.ANISOTROPY, numbers[m, _LAYERS + 2])
+    _set(block, run, at.ALONG, x)
+    _set(block, run, at.ALONG + at.WIDTH, y)
+    if not numbers[m, _LAYERS + 2] > _ZERO:
+        return
+    if _sampled(block, whole, run, paint, m, ANISOTROPY):
+        _times(block, run, at.ANISOTROPY, at.TEXEL_B, _ONE)
+        for i in range(run[0], run[1]):
+            u = block[at.TEXEL_R + i] + block[at.TEXEL_R + i] - _ONE
+            v = block[at.TEXEL_G + i] + block[at.TEXEL_G + i] - _ONE
+            scale = _ONE / math.sqrt(max(u * u + v * v, _LEAST))
+            block[at.ALONG + i] = (x * u - y * v) * scale
+            block[at.ALONG + at.WIDTH + i] = (y * u + x * v) * scale
+    pair = at.COORDINATES if numbers[m, _SHEEN + 3] < _HALF else at.COORDINATES + 2 * at.WIDTH
+    for k in range(4):
+        source = pair + (4 * (k // 2 + 1) + k % 2) * at.WIDTH
+        for i in range(run[0], run[1]):
+            block[at.U_ACROSS + k * at.WIDTH + i] = block[source + i]
+    find_directions(block, whole, run, mesh)
+
+
+@kernel
+def _cover(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers) -> None:
+    """Emission kept apart, clear coat and sheen of a run."""
+    numbers, m = paint[0], whole[at.MATERIAL + run[0]]
+    _set(block, run, at.COAT, numbers[m, _LAYERS])
+    _set(block, run, at.COAT_ROUGHNESS, numbers[m, _LAYERS + 1])
+    _set(block, run, at.SHEEN_ROUGHNESS, numbers[m, _LAYERS + 3])
+    for k in range(3):
+        _set(block, run, at.SHEEN + k * at.WIDTH, numbers[m, _SHEEN + k])
+        for i in range(run[0], run[1]):
+            block[at.GLOW + k * at.WIDTH + i] = block[at.RED + k * at.WIDTH + i]
+    if _sampled(block, whole, run, paint, m, CLEARCOAT):
+        _times(block, run, at.COAT, at.TEXEL_R, _ONE)
+    if _sampled(block, whole, run, paint, m, CLEARCOAT_ROUGHNESS):
+        _times(block, run, at.COAT_ROUGHNESS, at.TEXEL_G, _ONE)
+    if _sampled(block, whole, run, paint, m, SHEEN_COLOR):
+        for k in range(3):
+            _times(block, run, at.SHEEN + k * at.WIDTH, at.TEXEL_R + k * at.WIDTH, _ONE)
+    if _sampled(block, whole, run, paint, m, SHEEN_ROUGHNESS):
+        _times(block, run, at.SHEEN_ROUGHNESS, at.TEXEL_A, _ONE)
+
+
+@kernel
 def eval_materials(
     block: Float32, whole: Int32, count: int, mesh: MeshBuffers, paint: MaterialBuffers,
     lens: PinholeRows,
-) -> None:  # fmt: skip
-    """Evaluate materials at the first `count` points of a block."""
+) -> bool:  # fmt: skip
+    """Evaluate materials at the first `count` points of a block; whether any has layers."""
     interpolate(block, whole, count, mesh)
-    first = 0
+    first, layered = 0, False
     while first < count:
         run = same_material(whole, first, count)
         first, m = run[1], whole[at.MATERIAL + run[0]]
@@ -179,7 +254,15 @@ def eval_materials(
         if paint[2][m] & UNLIT:
             _emit(block, run)
             continue
+        covered = (paint[2][m] & LAYERED) != 0
+        if covered:
+            _coat_normals(block, whole, run, mesh, paint)
+            _stretch(block, whole, run, mesh, paint)
         if _sampled(block, whole, run, paint, m, NORMAL):
             apply_normal_map(block, whole, run, mesh, paint[0][m, _UV_ROWS + 8 * NORMAL + 7])
         _reflectance(block, whole, run, paint)
+        if covered:
+            _cover(block, whole, run, paint)
+        layered |= covered
     view_vectors(block, lens)
+    return layered

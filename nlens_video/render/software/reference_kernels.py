@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,12 @@ from nlens_video.render.software.textures import Atlas
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurfacePoint:
-    """A point of a surface: unit vectors (3,), linear colours (3,), factors in [0, 1]."""
+    """A point of a surface: unit vectors (3,), linear colours (3,), factors in [0, 1].
+
+    Attributes:
+        along: tangent in which highlights are stretched by `anisotropy`.
+        coat_normal: normal of the clear coat; that of the surface where it is None.
+    """
 
     normal: Float64
     view: Float64
@@ -29,6 +34,64 @@ class SurfacePoint:
     roughness: float
     f0: Float64
     specular: float
+    along: Float64 | None = None
+    anisotropy: float = 0.0
+    coat: float = 0.0
+    coat_roughness: float = 0.0
+    coat_normal: Float64 | None = None
+    sheen: Float64 = field(default_factory=lambda: np.zeros(3))
+    sheen_roughness: float = 0.0
+
+
+def layered(surface: SurfacePoint, toward: Float64) -> Float64:
+    """`reflectance` with clear coat and sheen: KHR_materials_clearcoat and _sheen."""
+    seen = abs(float(surface.normal @ surface.view))
+    cosine = max(float(surface.normal @ toward), 0.0)
+    half = (toward + surface.view) / np.linalg.norm(toward + surface.view)
+    roughness = float(np.clip(surface.sheen_roughness, 0.07, 1.0))
+    facets = max(float(surface.normal @ half), 0.0)
+    lobe = fibres(facets, cosine, max(seen, 1e-4), roughness) if cosine > 0.0 else 0.0
+    kept = 1.0 - float(surface.sheen.max()) * fibre_share(seen, roughness)
+    under = kept * reflectance(surface, toward) + cosine * lobe * surface.sheen
+    normal = surface.normal if surface.coat_normal is None else surface.coat_normal
+    facing, seen = float(normal @ toward), abs(float(normal @ surface.view))
+    share = surface.coat * (0.04 + 0.96 * (1.0 - seen) ** 5)
+    alpha = max(surface.coat_roughness**2, 0.002)
+    coat = 0.0
+    if facing > 0.0:
+        shine = _distribution(max(float(normal @ half), 0.0), alpha)
+        coat = facing * shine * _visible(facing, max(seen, 1e-4), alpha)
+    return np.asarray((1.0 - share) * under + share * coat)
+
+
+def fibres(half: float, light: float, view: float, roughness: float) -> float:
+    """Lobe of sheen from cosines of the normal to half vector, light and eye [1 / sr]."""
+    alpha = roughness**2
+    lobe = (2.0 + 1.0 / alpha) * max(1.0 - half**2, 0.0) ** (0.5 / alpha) / (2.0 * math.pi)
+    hidden = 1.0 + _fibre_shadow(view, alpha) + _fibre_shadow(light, alpha)
+    return float(lobe * min(1.0 / (hidden * 4.0 * view * light), 1.0))
+
+
+def _fibre_shadow(cosine: float, alpha: float) -> float:
+    """Lambda of Estevez and Kulla, "Production Friendly Microfacet Sheen BRDF" (2017)."""
+    s = (1.0 - alpha) ** 2
+    pairs = [(21.5473, 25.3245), (3.82987, 3.32435), (0.19823, 0.16801), (-1.97760, -1.27393)]
+    a, b, c, d = (low + (high - low) * s for low, high in pairs)
+    e = -4.32054 + (-4.85967 + 4.32054) * s
+
+    def fit(x: float) -> float:
+        return float(a / (1.0 + b * x**c) + d * x + e)
+
+    return math.exp(fit(cosine) if cosine < 0.5 else 2.0 * fit(0.5) - fit(1.0 - cosine))
+
+
+def fibre_share(view: float, roughness: float) -> float:
+    """Share of even light that white fibres return, seen at a cosine: a fit to their integral."""
+    r = max(roughness, 0.1)
+    terms = np.array([1.0 / r, 1.0, r]) @ [
+        [0.1022, -0.6898, -1.5261], [-0.6472, -1.8652, 4.2535], [0.3144, 1.1422, -2.9285]
+    ]  # fmt: skip
+    return min(math.exp(float(terms @ [1.0, view, view * view])), 1.0)
 
 
 def reflectance(surface: SurfacePoint, toward: Float64) -> Float64:
@@ -43,11 +106,29 @@ def reflectance(surface: SurfacePoint, toward: Float64) -> Float64:
     shine = _distribution(max(float(surface.normal @ half), 0.0), alpha) * _visible(
         cosine, seen, alpha
     )
+    if surface.along is not None:
+        shine = _stretched(surface, half, toward)
     fresnel = surface.f0 + (surface.specular - surface.f0) * grazing
     dielectric = (1.0 - fresnel.max()) * surface.base / math.pi + shine * fresnel
     metal = shine * (surface.base + (1.0 - surface.base) * grazing)
     mixed = (1.0 - surface.metallic) * dielectric + surface.metallic * metal
     return np.asarray(cosine * mixed)
+
+
+def _stretched(surface: SurfacePoint, half: Float64, toward: Float64) -> float:
+    """The lobe of KHR_materials_anisotropy."""
+    along = np.zeros(3) if surface.along is None else surface.along
+    frame = np.stack([along, np.cross(surface.normal, along), surface.normal])
+    narrow = max(surface.roughness**2, 0.002)
+    wide = narrow + (1.0 - narrow) * surface.anisotropy**2
+    h, light, view = frame @ half, frame @ toward, frame @ surface.view
+    view[2] = max(abs(view[2]), 1e-4)
+    density = 1.0 / (math.pi * wide * narrow * float(
+        (h[0] / wide) ** 2 + (h[1] / narrow) ** 2 + max(h[2], 0.0) ** 2
+    ) ** 2)  # fmt: skip
+    scale = np.array([wide, narrow, 1.0])
+    hidden = light[2] * np.linalg.norm(scale * view) + view[2] * np.linalg.norm(scale * light)
+    return density * min(0.5 / float(hidden), 1.0)
 
 
 def _distribution(cosine: float, alpha: float) -> float:

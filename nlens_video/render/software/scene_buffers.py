@@ -9,7 +9,7 @@ from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.render.base.drawer import closed_bodies
 from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
 from nlens_video.render.software.interpolation import MeshBuffers
-from nlens_video.render.software.material_eval import OPAQUE, UNLIT, MaterialBuffers
+from nlens_video.render.software.material_eval import LAYERED, OPAQUE, UNLIT, MaterialBuffers
 from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.textures import Atlas
 from nlens_video.scene.gltf.materials import Material
@@ -145,7 +145,11 @@ def _paint(materials: list[Material]) -> MaterialBuffers:
         for slot, use in enumerate(texture_uses(material)):
             if use is not None:
                 maps[m, slot] = images.setdefault(use.image, len(images))
-        flags[m] = UNLIT * material.unlit | OPAQUE * (material.alpha_mode != "BLEND")
+        flags[m] = (
+            LAYERED * bool(material.layers.drawn)
+            | UNLIT * material.unlit
+            | OPAQUE * (material.alpha_mode != "BLEND")
+        )
     atlas = Atlas.of(list(images))
     numbers = np.stack([material_params(material) for material in materials])
     return numbers, maps, flags, (atlas.texels, atlas.levels, atlas.table)

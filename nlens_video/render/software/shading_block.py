@@ -41,7 +41,15 @@ U_ACROSS, V_ACROSS, U_DOWN, V_DOWN = 39 * WIDTH, 40 * WIDTH, 41 * WIDTH, 42 * WI
 LEVEL, NEXT, SMOOTH = 43 * WIDTH, 44 * WIDTH, 45 * WIDTH
 ACROSS, DOWN = 46 * WIDTH, 48 * WIDTH
 TEXEL_R, TEXEL_G, TEXEL_B, TEXEL_A = 50 * WIDTH, 51 * WIDTH, 52 * WIDTH, 53 * WIDTH
-FLOATS = 54 * WIDTH
+# Layers of materials that have some: emission; weight, roughness and normal (of any length) of the
+# clear coat; colour and roughness of the sheen; anisotropy, its direction on the
+# surface and the one across it (of any length); light of sheen and of the coat.
+GLOW = 54 * WIDTH
+COAT, COAT_ROUGHNESS, COAT_NORMAL = 57 * WIDTH, 58 * WIDTH, 59 * WIDTH
+SHEEN, SHEEN_ROUGHNESS = 62 * WIDTH, 65 * WIDTH
+ANISOTROPY, ALONG, BESIDE = 66 * WIDTH, 67 * WIDTH, 70 * WIDTH
+FUZZ, SHINE = 73 * WIDTH, 76 * WIDTH
+FLOATS = 79 * WIDTH
 # Whole numbers: triangle, pixel (row * columns + column), samples (a bit each), material; texel
 # within its level and distance to the one below, on both levels.
 TRIANGLE, PIXEL, MASK, MATERIAL = 0 * WIDTH, 1 * WIDTH, 2 * WIDTH, 3 * WIDTH

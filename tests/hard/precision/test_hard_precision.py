@@ -17,7 +17,15 @@ from support.definitions import (
     paper_scatter_by_pixels,
 )
 from support.glb_builder import GlbBuilder
-from support.rasteriser import drawn, random_block, resolved, surface, truth
+from support.rasteriser import (
+    drawn,
+    layered_block,
+    layered_surface,
+    random_block,
+    resolved,
+    surface,
+    truth,
+)
 
 import nlens_video
 from nlens_video.core.color import ColorTags
@@ -39,9 +47,12 @@ from nlens_video.kernels.scatter.paper_scatter import paper_scatter
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref, scatter_ref
 from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
+from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
 from nlens_video.render.software import raster, reference_kernels, shading_block
 from nlens_video.render.software.deferred import resolve_depth
+from nlens_video.render.software.layers import light_layers
 from nlens_video.render.software.light import light
+from nlens_video.render.software.material_eval import LAYERED
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.render.software.textures import Atlas, sample_texture
 from nlens_video.scene import Camera, Scene, screen_projection
@@ -69,6 +80,7 @@ COMPARED = {  # modules with compiled loops, by path within the package
         " render/software/interpolation",
     "depth of pixels": "render/software/deferred",
     "light on a surface": "render/software/light",
+    "layers of a surface": "render/software/layers",
     "filtered textures": "render/software/textures",
     "a whole picture: colour": "render/software/material_eval render/software/deferred"
         " render/software/alpha",
@@ -228,6 +240,17 @@ def _shading() -> dict[str, tuple[float, float]]:
     ).T
     away = np.abs(fields[red] - emitted - exact) / (1e-3 + exact)
     made["light on a surface"] = (away.max(), 2e-4)
+    block, fields = layered_block(rng)
+    paint = (
+        np.zeros((1, MATERIAL_FLOATS), np.float32), np.full((1, len(SLOTS)), -1, np.int32),
+        np.full(1, LAYERED, np.int32), (np.zeros(4, np.uint16), *np.zeros((2, 0, 6), np.int64)),
+    )  # fmt: skip
+    light_layers(block, shading_block.new_block()[1], width, paint, lamps, 3, lamps[:0, :4])
+    exact = np.array([
+        sum(reference_kernels.layered(layered_surface(fields, i), way) * part for way, part in suns)
+        for i in range(width)
+    ]).T  # fmt: skip
+    made["layers of a surface"] = (np.abs((fields[red] - exact) / (1e-3 + exact)).max(), 2e-5)
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
     atlas = Atlas.of(
         [Image(pixels=pixels, srgb=True, mag_filter=9729, min_filter=9987, wrap=(10497, 10497))]

@@ -17,8 +17,10 @@ layout(std140) uniform MaterialBlock {
     vec4 base_color;
     vec4 factors;      // metallic, roughness, specular weight, alpha cutoff
     vec4 emissive;
-    vec4 dielectric;   // reflectance at normal incidence
-    vec4 uv_rows[14];  // for each texture two rows: (a, b, c, uv set), (d, e, f, strength)
+    vec4 dielectric;   // reflectance at normal incidence; direction of anisotropy
+    vec4 layers;       // clear coat, its roughness, anisotropy, roughness of the sheen
+    vec4 sheen;        // its colour; uv set of tangents
+    vec4 uv_rows[26];  // for each texture two rows: (a, b, c, uv set), (d, e, f, strength)
 };
 
 uniform sampler2D base_color_map;
@@ -28,6 +30,12 @@ uniform sampler2D occlusion_map;
 uniform sampler2D emissive_map;
 uniform sampler2D specular_map;
 uniform sampler2D specular_color_map;
+uniform sampler2D clearcoat_map;
+uniform sampler2D clearcoat_roughness_map;
+uniform sampler2D clearcoat_normal_map;
+uniform sampler2D sheen_color_map;
+uniform sampler2D sheen_roughness_map;
+uniform sampler2D anisotropy_map;
 
 #ifdef USE_BEHIND
 uniform sampler2D limit;  // window depth of each pixel; what is nearer is left out
@@ -49,29 +57,153 @@ vec2 map_uv(int slot)
     return vec2(dot(u.xyz, at), dot(v.xyz, at));
 }
 
+// Tangent and bitangent of texture coordinates on a unit normal; false where they do not change.
+// From derivatives: no attribute needed, right for mirrored coordinates too.
+bool tangents(vec2 at, vec3 n, out vec3 tangent, out vec3 bitangent)
+{
+    vec3 dp_x = dFdx(relative), dp_y = dFdy(relative);
+    vec2 duv_x = dFdx(at), duv_y = dFdy(at);
+    vec3 across_y = cross(dp_y, n), across_x = cross(n, dp_x);
+    tangent = across_y * duv_x.x + across_x * duv_y.x;
+    // v grows downwards in the picture, the map's green upwards.
+    bitangent = -(across_y * duv_x.y + across_x * duv_y.y);
+    float size = max(dot(tangent, tangent), dot(bitangent, bitangent));
+    if (size <= 0.0) return false;
+    // The frame's handedness follows the screen's: dp_x, dp_y turn about +-n.
+    float scale = inversesqrt(size) * (dot(cross(dp_x, dp_y), n) < 0.0 ? -1.0 : 1.0);
+    tangent *= scale;
+    bitangent *= scale;
+    return true;
+}
+
+vec3 tilted(vec3 n, sampler2D map, int slot)
+{
+    vec2 at = map_uv(slot);
+    vec3 tangent, bitangent;
+    if (!tangents(at, n, tangent, bitangent)) return n;
+    vec3 bump = texture(map, at).xyz * 2.0 - 1.0;
+    bump.xy *= uv_rows[2 * slot + 1].w;
+    return normalize(tangent * bump.x + bitangent * bump.y + n * bump.z);
+}
+
 vec3 shading_normal()
 {
     vec3 n = normalize(surface_normal);
 #ifdef USE_NORMAL_MAP
-    // Tangents from derivatives: no attribute needed, right for mirrored coordinates too.
-    vec2 at = map_uv(2);
-    vec3 dp_x = dFdx(relative), dp_y = dFdy(relative);
-    vec2 duv_x = dFdx(at), duv_y = dFdy(at);
-    vec3 across_y = cross(dp_y, n), across_x = cross(n, dp_x);
-    vec3 tangent = across_y * duv_x.x + across_x * duv_y.x;
-    // v grows downwards in the picture, the map's green upwards.
-    vec3 bitangent = -(across_y * duv_x.y + across_x * duv_y.y);
-    float size = max(dot(tangent, tangent), dot(bitangent, bitangent));
-    if (size > 0.0) {
-        vec3 bump = texture(normal_map, at).xyz * 2.0 - 1.0;
-        bump.xy *= uv_rows[5].w;
-        // The frame's handedness follows the screen's: dp_x, dp_y turn about +-n.
-        float side = dot(cross(dp_x, dp_y), n) < 0.0 ? -1.0 : 1.0;
-        n = normalize(side * inversesqrt(size) * (tangent * bump.x + bitangent * bump.y)
-                      + n * bump.z);
-    }
+    n = tilted(n, normal_map, 2);
 #endif
     return gl_FrontFacing ? n : -n;
+}
+
+// Trowbridge and Reitz's microfacets with Smith's shadowing, over 4 times both cosines.
+float glossy(float nh, float nl, float nv, float alpha)
+{
+    float a2 = alpha * alpha;
+    float spread = nh * nh * (a2 - 1.0) + 1.0;
+    return a2 / (PI * spread * spread)
+        * 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
+}
+
+#ifdef USE_ANISOTROPY
+// KHR_materials_anisotropy: unit vectors, of which highlights are stretched along the first, and
+// alpha in that direction.
+vec3 along, beside;
+float stretched;
+
+void find_stretch(float alpha)
+{
+    vec3 n = normalize(surface_normal), tangent, bitangent;
+    float strength = layers.z;
+    vec2 direction = vec2(cos(dielectric.w), sin(dielectric.w));
+#ifdef USE_ANISOTROPY_MAP
+    vec3 sampled = texture(anisotropy_map, map_uv(12)).rgb;
+    vec2 turned = normalize(sampled.rg * 2.0 - 1.0 + vec2(1e-6, 0.0));
+    direction = mat2(direction, -direction.y, direction.x) * turned;
+    strength *= sampled.b;
+#endif
+    if (!tangents(sheen.w < 0.5 ? uv.xy : uv.zw, n, tangent, bitangent)) {
+        strength = 0.0;
+        tangent = cross(n, abs(n.x) < 0.5 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0));
+        bitangent = cross(n, tangent);
+    }
+    along = normalize(normalize(tangent) * direction.x + normalize(bitangent) * direction.y);
+    beside = normalize(cross(n, along));
+    stretched = mix(alpha, 1.0, strength * strength);
+}
+
+float stretched_glossy(vec3 h, vec3 l, vec3 v, float nh, float nl, float nv, float alpha)
+{
+    float a2 = stretched * alpha;
+    vec3 f = vec3(alpha * dot(along, h), stretched * dot(beside, h), a2 * nh);
+    float w2 = a2 / dot(f, f);
+    float hidden = nl * length(vec3(stretched * dot(along, v), alpha * dot(beside, v), nv))
+        + nv * length(vec3(stretched * dot(along, l), alpha * dot(beside, l), nl));
+    return a2 * w2 * w2 / PI * min(0.5 / hidden, 1.0);
+}
+#endif
+
+#ifdef USE_CLEARCOAT
+vec3 coat_normal;
+float coat_alpha;
+vec3 coat = vec3(0.0);  // light that it reflects, but for its Fresnel term
+#endif
+
+#ifdef USE_SHEEN
+// KHR_materials_sheen: fibres after Estevez and Kulla (2017).
+vec3 fuzz = vec3(0.0);
+vec3 fuzz_color;
+float fuzz_roughness;
+
+float fibre_fit(float x, float alpha)
+{
+    float s = (1.0 - alpha) * (1.0 - alpha);
+    return mix(21.5473, 25.3245, s)
+        / (1.0 + mix(3.82987, 3.32435, s) * pow(x, mix(0.19823, 0.16801, s)))
+        + mix(-1.97760, -1.27393, s) * x + mix(-4.32054, -4.85967, s);
+}
+
+float fibre_shadow(float x, float alpha)
+{
+    return x < 0.5 ? exp(fibre_fit(x, alpha))
+                   : exp(2.0 * fibre_fit(0.5, alpha) - fibre_fit(1.0 - x, alpha));
+}
+
+float fibres(vec3 n, vec3 v, vec3 l)
+{
+    float nl = min(dot(n, l), 1.0);
+    if (nl <= 0.0) return 0.0;
+    float nv = clamp(abs(dot(n, v)), 1e-4, 1.0);
+    float nh = clamp(dot(n, normalize(l + v)), 0.0, 1.0);
+    float alpha = fuzz_roughness * fuzz_roughness;
+    float lobe = (2.0 + 1.0 / alpha) * pow(1.0 - nh * nh, 0.5 / alpha) / (2.0 * PI);
+    float shadows = 1.0 + fibre_shadow(nv, alpha) + fibre_shadow(nl, alpha);
+    return nl * lobe * min(1.0 / (shadows * 4.0 * nv * nl), 1.0);
+}
+
+// Share of even light that white fibres return: our fit to the integral of their lobe, to 0.01 rms.
+float fibre_share(float nv)
+{
+    float r = max(fuzz_roughness, 0.1);
+    vec3 c = vec3(0.1022, -0.6898, -1.5261) / r + vec3(-0.6472, -1.8652, 4.2535)
+        + vec3(0.3144, 1.1422, -2.9285) * r;
+    return min(exp(c.x + (c.y + c.z * nv) * nv), 1.0);
+}
+#endif
+
+// What a lamp's light gives to layers above the base.
+void light_layers(vec3 light, vec3 n, vec3 v, vec3 l)
+{
+#ifdef USE_CLEARCOAT
+    float nl = dot(coat_normal, l);
+    if (nl > 0.0) {
+        float nv = max(abs(dot(coat_normal, v)), 1e-4);
+        float nh = max(dot(coat_normal, normalize(l + v)), 0.0);
+        coat += light * nl * glossy(nh, nl, nv, coat_alpha);
+    }
+#endif
+#ifdef USE_SHEEN
+    fuzz += light * fibres(n, v, l) * fuzz_color;
+#endif
 }
 
 vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
@@ -82,10 +214,11 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
     vec3 h = normalize(l + v);
     float nh = max(dot(n, h), 0.0);
     float grazing = pow(clamp(1.0 - dot(v, h), 0.0, 1.0), 5.0);
-    float a2 = alpha * alpha;
-    float spread = nh * nh * (a2 - 1.0) + 1.0;
-    float lobe = a2 / (PI * spread * spread)
-        * 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
+#ifdef USE_ANISOTROPY
+    float lobe = stretched_glossy(h, l, v, nh, nl, nv, alpha);
+#else
+    float lobe = glossy(nh, nl, nv, alpha);
+#endif
     vec3 fresnel = mix(f0, vec3(f90), grazing);
     float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
     vec3 plastic = kept * base / PI + lobe * fresnel;
@@ -116,14 +249,49 @@ vec3 mirrored(vec3 color, float edge, float nv, float roughness)
 }
 #endif
 
-vec3 lit(vec3 base, float metallic, float roughness)
+vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 {
     vec3 n = shading_normal();
     vec3 v = -normalize(relative);
     float alpha = max(roughness * roughness, 0.002);
     vec3 sum = vec3(0.0);
-    for (int i = 0; i < DIRECTIONAL_COUNT; ++i)
-        sum += lamps[4 * i].rgb * reflected(n, v, lamps[4 * i + 2].xyz, base, metallic, alpha);
+#ifdef USE_ANISOTROPY
+    find_stretch(alpha);
+#endif
+#ifdef USE_CLEARCOAT
+    float coat_share = layers.x, coat_roughness = layers.y;
+#ifdef USE_CLEARCOAT_MAP
+    coat_share *= texture(clearcoat_map, map_uv(7)).r;
+#endif
+#ifdef USE_CLEARCOAT_ROUGHNESS_MAP
+    coat_roughness *= texture(clearcoat_roughness_map, map_uv(8)).g;
+#endif
+    coat_normal = normalize(surface_normal);
+#ifdef USE_CLEARCOAT_NORMAL_MAP
+    coat_normal = tilted(coat_normal, clearcoat_normal_map, 9);
+#endif
+    coat_normal = gl_FrontFacing ? coat_normal : -coat_normal;
+    coat_alpha = max(coat_roughness * coat_roughness, 0.002);
+    float coat_nv = clamp(abs(dot(coat_normal, v)), 0.0, 1.0);
+    coat_share *= 0.04 + 0.96 * pow(1.0 - coat_nv, 5.0);
+#endif
+#ifdef USE_SHEEN
+    fuzz_color = sheen.rgb;
+    fuzz_roughness = layers.w;
+#ifdef USE_SHEEN_COLOR_MAP
+    fuzz_color *= texture(sheen_color_map, map_uv(10)).rgb;
+#endif
+#ifdef USE_SHEEN_ROUGHNESS_MAP
+    fuzz_roughness *= texture(sheen_roughness_map, map_uv(11)).a;
+#endif
+    fuzz_roughness = clamp(fuzz_roughness, 0.07, 1.0);
+    float fuzz_share = fibre_share(clamp(abs(dot(n, v)), 0.0, 1.0));
+#endif
+    for (int i = 0; i < DIRECTIONAL_COUNT; ++i) {
+        vec3 l = lamps[4 * i + 2].xyz;
+        sum += lamps[4 * i].rgb * reflected(n, v, l, base, metallic, alpha);
+        light_layers(lamps[4 * i].rgb, n, v, l);
+    }
     for (int i = DIRECTIONAL_COUNT; i < LAMP_COUNT; ++i) {
         vec3 offset = lamps[4 * i + 1].xyz - relative;
         float distance_squared = max(dot(offset, offset), 1e-30);
@@ -133,8 +301,9 @@ vec3 lit(vec3 base, float metallic, float roughness)
         // A point light has scale 0 and offset 1 here: full in all directions.
         vec4 cone = lamps[4 * i + 3];
         float spot = clamp(dot(lamps[4 * i + 2].xyz, l) * cone.x + cone.y, 0.0, 1.0);
-        sum += lamps[4 * i].rgb * (window * spot * spot / distance_squared)
-            * reflected(n, v, l, base, metallic, alpha);
+        vec3 light = lamps[4 * i].rgb * (window * spot * spot / distance_squared);
+        sum += light * reflected(n, v, l, base, metallic, alpha);
+        light_layers(light, n, v, l);
     }
 #ifdef USE_AMBIENT
     float occlusion = 1.0;
@@ -148,6 +317,21 @@ vec3 lit(vec3 base, float metallic, float roughness)
     float nv = clamp(dot(n, v), 0.0, 1.0);
     sum += occlusion * (around * base * (1.0 - metallic)
                         + ahead * mirrored(color, mix(f90, 1.0, metallic), nv, roughness));
+#ifdef USE_CLEARCOAT
+    coat += occlusion * mix(from_around(reflect(-v, coat_normal)), from_around(coat_normal),
+                            coat_roughness);
+#endif
+#ifdef USE_SHEEN
+    fuzz += occlusion * around * fuzz_share * fuzz_color;
+#endif
+#endif
+#ifdef USE_SHEEN
+    sum *= 1.0 - max(fuzz_color.r, max(fuzz_color.g, fuzz_color.b)) * fuzz_share;
+    sum += fuzz;
+#endif
+    sum += glow;
+#ifdef USE_CLEARCOAT
+    sum = mix(sum, coat, coat_share);
 #endif
     return sum;
 }
@@ -194,12 +378,11 @@ void main()
 #ifdef USE_TEXTURED_SPECULAR
     f0 = min(f0, vec3(1.0)) * f90;
 #endif
-    vec3 color = lit(base.rgb, clamp(metallic, 0.0, 1.0), clamp(roughness, 0.0, 1.0));
     vec3 glow = emissive.rgb;
 #ifdef USE_EMISSIVE_MAP
     glow *= texture(emissive_map, map_uv(4)).rgb;
 #endif
-    color += glow;
+    vec3 color = lit(base.rgb, clamp(metallic, 0.0, 1.0), clamp(roughness, 0.0, 1.0), glow);
 #endif
     // The target holds half floats: an overflow to infinity would spread through the blur.
     radiance = vec4(min(color, vec3(60000.0)) * alpha, alpha);
