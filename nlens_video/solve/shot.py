@@ -24,6 +24,7 @@ from nlens_video.solve.focal import (
 from nlens_video.solve.paths.bundle import Bundle
 from nlens_video.solve.paths.joining import Joined, parts_of
 from nlens_video.solve.paths.moving import Part, PartSolver, bundle_turn, with_focal
+from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
@@ -182,13 +183,9 @@ class ShotSolver:
             for frame, turn in turned.items()
         ]
 
-    def _horizon(
-        self, segments: Segments, focal: tuple[float, float] | None = None,
-        blur: GroundBlur | None = None,
-    ) -> Horizon:  # fmt: skip
+    def _horizon(self, segments: Segments, focal: tuple[float, float]) -> Horizon:
         """Attitude of the first picture, with a focal length that is known to an error."""
-        prior = CameraPrior(focal or self._focal_prior(), blur)
-        return Mixture(segments, self.size, prior).solve()
+        return Mixture(segments, self.size, CameraPrior(focal)).solve()
 
     def _blur(self) -> GroundBlur | None:
         return None if self.coc is None else fit_ground_blur(self.coc())
@@ -200,7 +197,8 @@ class ShotSolver:
         return math.log(self.known.focal), max(self.known.error, 1e-3)
 
     def _still(self) -> SolvedCamera:
-        horizon = self._horizon(self.segments, blur=self._blur())
+        prior = CameraPrior(self._focal_prior(), self._blur())
+        horizon = Mixture(self.segments, self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
         return self._solved(
@@ -219,7 +217,11 @@ class ShotSolver:
         }
         focal = path.focals_px[0] / width
         segments = pooled(self._segments(turned, focal))
-        horizon = self._horizon(segments, (math.log(focal), max(error, 1e-3)), self._blur())
+        prior = TurningPrior(
+            (math.log(focal), max(error, 1e-3)), self._blur(),
+            turn_axis(np.array([first.T @ pose[:3, :3] for pose in path.poses])),
+        )  # fmt: skip
+        horizon = Mixture(segments, self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         errors[2] = max(error, 1e-3)
         sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
