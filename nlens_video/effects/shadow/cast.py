@@ -26,7 +26,8 @@ from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
-_RETURNED = 0.25  # of the ambient light that a body blocks, by its own surface that lamps light
+_RETURNED = 0.12  # radiance of a body by that of a white one in all the light on the ground [1]
+_MOST_RETURNED = 0.9  # of the ambient light that a body blocks [1]
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening is smooth: step of its grid [px]
 _FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
@@ -132,8 +133,8 @@ class CastShadow:
         given = [from_lamp(lamp, ground) for lamp in lamps]
         total = sum(given, ambient)
         if ambient.any():
-            returned = _RETURNED if lamps else 0.0
-            given.append((1.0 - returned) * ambient)
+            bright = _RETURNED * total / np.maximum(ambient, 1e-9)
+            given.append((1.0 - np.minimum(bright, _MOST_RETURNED)) * ambient)
         loss = np.zeros((view.height, view.width, 3), np.float32)
         for light, share in zip(given, shares, strict=True):
             part = np.divide(light, total, out=np.zeros_like(total), where=total > 0.0)
@@ -151,10 +152,10 @@ class _Share:
     grid: Grid
 
     def contact(self, directions: int) -> _Share:
-        """Contact darkening of ambient light, without what is too faint to be visible."""
-        faint = max(_FAINT, min(1.0 / directions, 0.5))
-        left = np.maximum(self.hidden - np.float32(faint), np.float32(0.0))
-        return _Share(left / np.float32(1.0 - faint), self.grid)
+        """Contact darkening of ambient light, faded out where it is too faint to be visible."""
+        faint = np.float32(max(_FAINT, min(1.0 / directions, 0.5)))
+        part = np.clip((self.hidden - faint) / min(2.0 * faint, 1.0 - faint), 0.0, 1.0)
+        return _Share(self.hidden * (part * part * (3.0 - 2.0 * part)), self.grid)
 
     @property
     def bounds(self) -> Box:
