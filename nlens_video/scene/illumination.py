@@ -133,10 +133,13 @@ class Illumination:
         ambient: irradiance / pi of the light from all around, as a polynomial of the normal
             (9, 3): 1, y, z, x, xy, yz, 3z^2 - 1, xz, x^2 - y^2 (Ramamoorthi and Hanrahan 2001);
             None where nothing is known of it.
+        contact: factor on the darkening where a body blocks the light from around; less than 1
+            where that light is a guess beside known lamps [1].
     """
 
     lamps: tuple[Lamp, ...]
     ambient: Float64 | None
+    contact: float = 1.0
 
     @classmethod
     def plausible(cls) -> Illumination:
@@ -151,7 +154,8 @@ class Illumination:
             replace(lamp, posed=replace(lamp.posed, light=lamp.posed.light.scaled(gain)))
             for lamp in self.lamps
         )
-        return Illumination(lamps, None if self.ambient is None else gain * self.ambient)
+        ambient = None if self.ambient is None else gain * self.ambient
+        return replace(self, lamps=lamps, ambient=ambient)
 
     def on_plane(self, point: Float64) -> Float64:
         """Irradiance (3,) of the ground at a point (3,), by all that is known of the light."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from nlens_video.scene.illumination import (
 from nlens_video.scene.plate_environment import Seat, plate_environment
 
 _SUN_DIAMETER = math.radians(0.53)
+_GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +110,8 @@ class SceneLight:
         rest = plate_light or self.environment
         if rest is None:
             rest = Illumination((), None) if own else Illumination.plausible()
-        return Illumination((*own, *rest.lamps)[:MAX_LAMPS], rest.ambient)
+        contact = _GUESSED if own and self.environment is None else rest.contact
+        return Illumination((*own, *rest.lamps)[:MAX_LAMPS], rest.ambient, contact)
 
     def on_ground(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
@@ -117,7 +119,7 @@ class SceneLight:
         """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
         light = self.on_object(lights, plate_light)
         told = self.count > 0 or plate_light is not None or self.environment is not None
-        return light if told else Illumination((), light.ambient)
+        return light if told else replace(light, lamps=())
 
 
 def _with_sun(light: Illumination, given: SunSettings, camera: Camera, seat: Seat) -> Illumination:
@@ -127,7 +129,7 @@ def _with_sun(light: Illumination, given: SunSettings, camera: Camera, seat: Sea
     toward = _toward(given, camera)
     lamp = sun(share * level / toward[1], -toward)
     rest = light.scaled(1.0 - share)
-    return Illumination((Lamp(lamp, _SUN_DIAMETER), *rest.lamps), rest.ambient)
+    return replace(rest, lamps=(Lamp(lamp, _SUN_DIAMETER), *rest.lamps))
 
 
 def _toward(given: SunSettings, camera: Camera) -> Float64:

@@ -128,7 +128,7 @@ def write_plate(take: Take, folder: Path, samples: int) -> None:
 
 
 def write_around(take: Take, path: Path) -> None:
-    """The light around the object, with the sun's, which Cycles does not show, as a disc."""
+    """The light around the object, with the sun's, which the panorama leaves out, as a disc."""
     around = read_rgb(take.raw / "around.exr").astype(np.float64)
     sun = json.loads((take.raw / "lights.json").read_text())
     if sun:

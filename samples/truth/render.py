@@ -159,7 +159,8 @@ def render_around(made: bpy.types.Scene, view: View, path: Path, samples: int) -
     camera.location = (*view.place, 0.3 * view.size_m)
     camera.rotation_euler = (0.5 * math.pi, 0.0, -0.5 * math.pi)
     made.collection.objects.link(camera)
-    lamps = [thing for thing in made.objects if thing.type == "LIGHT"]
+    # The sun stays hidden: its disc is drawn into the map afterwards, without noise.
+    lamps = [it for it in made.objects if it.type == "LIGHT" and it.data.type != "SUN"]
     for lamp in lamps:
         lamp.visible_camera = True
     made.camera = camera

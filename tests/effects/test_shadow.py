@@ -324,18 +324,7 @@ def test_visible_contact_darkening_is_the_whole_share_of_light_that_is_blocked()
     form_factor = 4.0 * part / math.pi * math.atan(part)
     around = hemispheres(GREY / math.pi, GREY / math.pi)
     shown = loss(cast(Illumination((), around), vertices=low, ambient_directions=1024))
-    returned = 0.12  # what the card itself sends back
-    assert shown[60, 80] == pytest.approx((1.0 - returned) * form_factor, abs=0.03)
-
-
-def test_body_in_stronger_lamps_sends_more_light_back_into_its_shadow():
-    low, beside = CARD * (1.0, 0.25, 1.0), np.array([-0.96, -0.28, 0.0])
-    contact = [
-        loss(cast(of_sun(ambient=1.0 / lamps, direction=beside), vertices=low))[60, 80, 0]
-        * (1.0 + lamps)
-        for lamps in (1.0, 4.0)
-    ]  # of the light from around
-    assert contact[1] < 0.8 * contact[0]
+    assert shown[60, 80] == pytest.approx(form_factor, abs=0.02)
 
 
 def test_contact_darkening_shows_no_pattern_of_its_directions():

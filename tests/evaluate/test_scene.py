@@ -24,7 +24,7 @@ from nlens_video.video.pixels.picture import ArrayPicture
 
 @pytest.fixture
 def plate(tmp_path):
-    """A plate whose truth has three quarters of the shadow that its GLB's light casts."""
+    """A plate whose truth has the shadow that its GLB's light casts, in other light."""
     folder = write_rendered(tmp_path / "cube_mid")
     view = camera()
     disparity = view.plane_disparity(0.0)
@@ -36,7 +36,7 @@ def plate(tmp_path):
     light = SceneLight(scene.light_count).on_ground(posed.lights)
     fit = plate_case(known).fit
     moment = Moment(Casters.of(posed, {}), known.camera)
-    shadow = CastShadow(strength=0.75)([moment], light, 0.0, fit)
+    shadow = CastShadow()([moment], light, 0.0, fit)
     codes = cv2.imread(str(folder / "gt_noshadow.png"))
     frame = Box(0, 0, codes.shape[1], codes.shape[0])
     ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)

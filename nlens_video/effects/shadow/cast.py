@@ -26,13 +26,11 @@ from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
-_RETURNED = 0.12  # radiance of a body by that of a white one in all the light on the ground [1]
-_MOST_RETURNED = 0.9  # of the ambient light that a body blocks [1]
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening is smooth: step of its grid [px]
 _FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
 _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
-_BLACKEST = 0.999  # largest loss: some ambient light always comes back
+_BLACKEST = 0.999  # largest loss: some light always comes back from the body
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _R2 = (0.7548776662466927, 0.5698402909980532)  # of Roberts' low-discrepancy sequence
 _FOLLOWED = 400  # vertices that measure the motion of the shadow
@@ -117,27 +115,27 @@ class CastShadow:
             return None
         grid = Grid.on(inner, step)
         view = grid.view(camera)
-        loss = self._loss(lamps, ambient, [one.on(grid) for one in shares], view, ground_y)
+        loss = self._loss(light, ambient, [one.on(grid) for one in shares], view, ground_y)
         disparity = view.plane_disparity(ground_y).astype(np.float32)
         loss[disparity <= 0.0] = 0.0
         coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
         return Shadow(box=grid.box, loss=loss, coc_px=coc, step=step)
 
     def _loss(
-        self, lamps: list[Lamp], ambient: Float64, shares: list[Float32], view: Camera,
+        self, light: Illumination, ambient: Float64, shares: list[Float32], view: Camera,
         ground_y: float,
     ) -> Float32:  # fmt: skip
         """Share of the light in each channel that is lost (h, w, 3), up to the horizon [1]."""
+        lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
         near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
         ground = view.plane_points(ground_y) if near else np.zeros(3)
         given = [from_lamp(lamp, ground) for lamp in lamps]
         total = sum(given, ambient)
         if ambient.any():
-            bright = _RETURNED * total / np.maximum(ambient, 1e-9)
-            given.append((1.0 - np.minimum(bright, _MOST_RETURNED)) * ambient)
+            given.append(light.contact * ambient)
         loss = np.zeros((view.height, view.width, 3), np.float32)
-        for light, share in zip(given, shares, strict=True):
-            part = np.divide(light, total, out=np.zeros_like(total), where=total > 0.0)
+        for one, share in zip(given, shares, strict=True):
+            part = np.divide(one, total, out=np.zeros_like(total), where=total > 0.0)
             part = (self.strength * part).astype(np.float32)
             for channel in range(3):
                 loss[..., channel] += part[..., channel] * share
