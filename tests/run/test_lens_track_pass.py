@@ -274,7 +274,7 @@ def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
 
 
 def test_live_lens_keeps_up_with_a_pull_between_its_fits():
-    """Fits every 0.2 s of a focus that moves at a constant rate; the lens lags by 0.15 s at most."""
+    """Fits every 0.2 s of a focus that moves at a constant rate: a lag of 0.15 s at most."""
     live, rate = LiveLens(1 / 25), -0.4
     values = []
     for index in range(40):
