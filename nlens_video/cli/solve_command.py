@@ -144,7 +144,7 @@ def solved_camera(settings: Settings, console: Console) -> Iterator[Settings]:
     with TemporaryDirectory(prefix="nlens-video-camera-") as folder:
         path = Path(folder) / "camera.json"
         with console.progress_bar("tracking") as on_progress:
-            fov = settings.scene.fov_deg
+            fov = settings.scene.fov_deg or settings.lens.fov_x_deg
             camera = _solved(settings.source, settings.scale, fov, 0, on_progress).camera
         path.write_text(camera.to_json(), encoding="utf-8")
         yield replace(settings, scene=replace(settings.scene, camera_from=path))

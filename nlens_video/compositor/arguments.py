@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nlens_video.core.errors import NlensError, UsageError
+from nlens_video.core.known_lens import UNKNOWN_LENS
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides, as_aperture
 from nlens_video.core.settings import ObjectSettings
@@ -122,7 +123,8 @@ def as_lens(
         fallback=args.fallback, device=args.device, frame_s=1.0 / fps,
         shutter_deg=args.shutter if shutter_deg is None else shutter_deg,
         aperture=as_aperture(aperture, args.cat_eye),
-        optics=given if optics == NO_OVERRIDES else optics, live=args.track_focus == "auto",
+        optics=given if optics == NO_OVERRIDES else optics, known=args.lens or UNKNOWN_LENS,
+        live=args.track_focus == "auto",
     )  # fmt: skip
 
 

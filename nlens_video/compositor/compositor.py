@@ -64,6 +64,7 @@ class Compositor:
         device: where networks and kernels run.
         aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
+        lens: what is known of it, such as `50mm f/2.8 focus 2.4m sensor full-frame`.
         shutter: how long the shutter is open, 0 to 360 for all of a frame [deg].
         vignetting: light lost at the corners, 0 to 8 [stops].
         distortion: k1, or k1 and k2, as OpenCV defines them [1].
@@ -116,6 +117,7 @@ class Compositor:
         device: Device = "auto",
         aperture: Aperture | str = "round",
         cat_eye: float = 0.0,
+        lens: str | None = None,
         shutter: float | None = None,
         vignetting: float | None = None,
         distortion: float | tuple[float, float] | None = None,
@@ -150,10 +152,10 @@ class Compositor:
         with naming_parameters():
             check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)
             args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
-            lens = as_lens(
+            request = as_lens(
                 args, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
             )
-            self._loop = FrameLoop(as_objects(glb, args), lens, fps, Profiler(budget_ms))
+            self._loop = FrameLoop(as_objects(glb, args), request, fps, Profiler(budget_ms))
         self._thread = OwnThread(self._loop.close)
 
     def process(self, frame: Frames, time: float | None = None) -> Frames:

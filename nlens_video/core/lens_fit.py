@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
+from nlens_video.core.known_lens import LensPrior
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.core.numbers import with_error
 
@@ -158,6 +159,36 @@ class LensFit:
         for name in ("slope", "intercept", "slope_stderr", "intercept_stderr", "rmse_px"):
             values[name] *= scale
         return LensFit(**{**values, **changed})
+
+    @classmethod
+    def of_known(cls, known: LensPrior, width: int, height: int, frame: int) -> LensFit:
+        """The lens that is known beforehand, where a plate tells nothing.
+
+        Args:
+            known: slope and focus.
+            width: of the frame [px].
+            height: of the frame [px].
+            frame: index of the frame, kept in the fit.
+
+        Raises:
+            ValueError: slope or focus is missing.
+        """
+        slope, focus = known.slope, known.focus
+        if slope is None or focus is None:
+            raise ValueError("slope and focus are needed")
+        far = slope.error * focus.value
+        error = math.hypot(far, slope.value * focus.error)
+        return cls(
+            slope=slope.value,
+            intercept=-slope.value * focus.value,
+            slope_stderr=slope.error,
+            intercept_stderr=error,
+            correlation=-far / error if error else 0.0,
+            width=width,
+            height=height,
+            frame=frame,
+            method="the lens that is known, for the plate tells nothing",
+        )
 
     def to_json(self) -> str:
         """The text of `fit.json`."""

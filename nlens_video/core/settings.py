@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from nlens_video.core.errors import UsageError
+from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides
 from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.core.scale import UNKNOWN_SCALE, ScaleSettings
@@ -235,6 +236,7 @@ class Settings:
         aperture: shape of the lens' aperture.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         optics: known vignetting and distortion.
+        lens: what is known of the plate's lens beforehand.
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what replaces a fit that fails.
@@ -258,6 +260,7 @@ class Settings:
     aperture: Aperture = ROUND
     shutter_deg: float | None = None
     optics: LensOverrides = LensOverrides()
+    lens: KnownLens = UNKNOWN_LENS
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"

@@ -69,6 +69,8 @@ def open_dependencies(
         ground_y=objects.ground_y,
         fallback_constant=lens.fallback == "constant",
         pixel_aspect=view.pixel_aspect,
+        known_lens=lens.known,
+        unit_m=view.unit_m,
         aperture=lens.aperture,
         renderer=source.renderer if isinstance(source, RenderedObject) else None,
         repair=lazy_depth_order(view.pixel_aspect, device),

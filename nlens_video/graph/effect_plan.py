@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides, Shutter, assumed_shutter
@@ -45,6 +46,7 @@ class LensRequest:
         frame_s: from one frame to the next, 0 for a still [s].
         exposure_s: how long the shutter is open as the recording states it, if it does [s].
         optics: known vignetting and distortion.
+        known: what is known of the lens beforehand.
         track: the lens over the length of a file, where it changes, in the pixels of its frames.
         live: whether a lens that changes is followed as frames come.
         hold_budget: whether quality adapts to keep the frame budget.
@@ -60,6 +62,7 @@ class LensRequest:
     frame_s: float = 0.0
     exposure_s: float | None = None
     optics: LensOverrides = LensOverrides()
+    known: KnownLens = UNKNOWN_LENS
     track: FitTrack | None = None
     live: bool = False
     hold_budget: bool = False

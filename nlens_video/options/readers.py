@@ -11,6 +11,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from nlens_video.core.errors import UsageError
+from nlens_video.core.known_lens import KnownLens, parse_lens
 from nlens_video.core.settings import SUN_STRENGTH, SunSettings, TrackFocus
 from nlens_video.video.named_files import input_name, output_name
 
@@ -110,6 +112,14 @@ def point(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not X,Y, such as 0.5,0.8") from None
     return x, y
+
+
+def lens(text: str) -> KnownLens:
+    """Such as `50mm f/2.8 focus 2.4m sensor full-frame`, or any part of it."""
+    try:
+        return parse_lens(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 _UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "": 1.0}

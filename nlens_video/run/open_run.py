@@ -196,6 +196,7 @@ def _assembled(
         frame_s=frame_s(info),
         exposure_s=exposure_time_s(info.camera_tags),
         optics=settings.optics,
+        known=settings.lens,
         track=track or _given_track(settings, info),
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
+from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Bool, CocMap, CocPrior, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
@@ -31,7 +32,6 @@ RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in 
 UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
 _FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
 _LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
-_INDEPENDENT = 3.0  # samples that a plate is worth: 68 % of rendered plates lie within one error
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
@@ -59,8 +59,8 @@ class FitSamples:
     weight: Float64
     cluster: npt.NDArray[np.int64]
 
-    def problem(self, anchor_weight: float, width: int) -> VFit:
-        """The robust fit of these samples on a frame of some width [px].
+    def problem(self, anchor_weight: float, width: int, known: LensPrior = NO_PRIOR) -> VFit:
+        """The robust fit of these samples on a frame of some width [px], with what is known.
 
         `anchor_weight` is that of the footprint as a whole against the rest of the plane [1].
         Ground beyond the footprint counts less with the square of the distance: the farther, the
@@ -73,7 +73,7 @@ class FitSamples:
             share = share + anchor_weight * self.anchor / self.anchor.sum()
         error = np.hypot(self.sigma_px, FLOOR_PX)
         infinity_px = _LARGEST_AT_INFINITY * width
-        return VFit(self.disparity, self.coc_px, error, share / share.sum(), infinity_px)
+        return VFit(self.disparity, self.coc_px, error, share / share.sum(), infinity_px, known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,26 +96,29 @@ class FitLens:
     anchor_weight: float = 0.1
     whole_plane: bool = True
 
-    def __call__(self, coc: CocMap, ground: GroundProjection, frame: int = 0) -> Regression:
+    def __call__(
+        self, coc: CocMap, ground: GroundProjection, frame: int = 0, known: LensPrior = NO_PRIOR
+    ) -> Regression:
         """Fit the lens on one frame.
 
         Args:
             coc: the plate's CoC (H, W).
             ground: footprint and plane on the same frame.
             frame: index of that frame, kept in the fit.
+            known: of the lens beforehand, combined with the plate by its errors.
 
         Raises:
             LensFitError: the plane is not in view, or shows no blur.
         """
         samples = _sample(coc, ground, whole_plane=self.whole_plane)
-        problem, lens = self._solved(samples, coc.coc_px.shape[1])
+        problem, lens = self._solved(samples, coc.coc_px.shape[1], known)
         if lens is None:
             raise LensFitError(
                 "the plate shows no blur on the ground under the object; give --fit FILE.json, "
                 "--effects none, or --fallback constant"
             )
         weight = problem.inlier_weight(lens)
-        covariance = problem.covariance(lens, samples.cluster, _INDEPENDENT)
+        covariance = problem.covariance(lens, samples.cluster)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
         stderr = np.sqrt(np.diag(covariance))
         sign, margin = _sign(problem, lens, float(stderr[0]))
@@ -134,7 +137,8 @@ class FitLens:
             sign=sign,
             sign_margin=margin,
             method=f"robust V-fit over {self._where(samples)}"
-            + (f", mean of {coc.frames} frames" if coc.frames > 1 else ""),
+            + (f", mean of {coc.frames} frames" if coc.frames > 1 else "")
+            + ("" if known == NO_PRIOR else ", with what is known of the lens"),
             ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),
@@ -142,13 +146,15 @@ class FitLens:
         _check(fit, covariance, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))
 
-    def _solved(self, samples: FitSamples, width: int) -> tuple[VFit, VCandidate | None]:
+    def _solved(
+        self, samples: FitSamples, width: int, known: LensPrior
+    ) -> tuple[VFit, VCandidate | None]:
         """The problem and its solution; the footprint, unlike the plane, cannot be outvoted."""
-        problem = samples.problem(self.anchor_weight, width)
+        problem = samples.problem(self.anchor_weight, width, known)
         lens = problem.solve()
         if lens is None or _agreeing(problem, lens, samples) >= _AGREEING:
             return problem, lens
-        anchored = samples.problem(_FIRM_ANCHOR, width)
+        anchored = samples.problem(_FIRM_ANCHOR, width, known)
         other = anchored.solve()
         if other is None or _agreeing(anchored, other, samples) < _AGREEING:
             return problem, lens

@@ -4,7 +4,8 @@ slope > 0 and focus >= 0 is what optics says for certain (nearer points blur wit
 and nothing lies beyond infinity), so both arms of the V compete for every sample. It also says how
 large the CoC at infinity can be: beyond a tenth of the frame's width only the fastest lenses get,
 close up. That is a weak prior on the intercept; without it samples of a short span of disparity,
-as of a ground seen from above, would let the line swing.
+as of a ground seen from above, would let the line swing. What is known of the lens beforehand is a
+prior by its own errors.
 """
 
 from __future__ import annotations
@@ -14,7 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Float64
+
+INDEPENDENT = 3.0
+"""Independent samples that a plate is worth: 68 % of rendered plates lie within one error."""
 
 CUTOFF = 2.0  # residuals beyond this many expected errors stop counting
 _FOCUS_STEPS = 160
@@ -43,6 +48,7 @@ class VFit:
         error_px: expected error of the diameter, > 0 [px].
         share: share of each sample in the cost; sums to 1 [1].
         infinity_px: deviation of the prior on the CoC at infinity [px].
+        known: what is known of the lens beforehand.
     """
 
     disparity: Float64
@@ -50,6 +56,7 @@ class VFit:
     error_px: Float64
     share: Float64
     infinity_px: float = np.inf
+    known: LensPrior = NO_PRIOR
 
     def solve(self) -> VCandidate | None:
         """The best candidate, None where no slope above zero fits at all."""
@@ -85,7 +92,7 @@ class VFit:
         return lens.slope * (_weighted_median(self.disparity, self.share) - lens.focus)
 
     def covariance(
-        self, lens: VCandidate, cluster: npt.NDArray[np.int64], independent: float
+        self, lens: VCandidate, cluster: npt.NDArray[np.int64], independent: float = INDEPENDENT
     ) -> Float64:
         """Covariance of (slope, intercept), (2, 2): of local errors and of those all share.
 
@@ -115,7 +122,30 @@ class VFit:
         bread = np.linalg.pinv(hessian)
         meat = scores.T @ scores + _PRIOR_SHARE * prior
         shared = np.linalg.pinv(design.T @ (design * weight[:, None]) + prior) / independent
-        return np.asarray((bread @ meat @ bread + shared) / np.outer(scale, scale))
+        covariance = (bread @ meat @ bread + shared) / np.outer(scale, scale)
+        rows, _ = self._known_rows(lens)
+        if not len(rows):
+            return np.asarray(covariance)
+        return np.asarray(np.linalg.pinv(np.linalg.pinv(covariance) + rows.T @ rows))
+
+    def _known_rows(self, lens: VCandidate) -> tuple[Float64, Float64]:
+        """What is known beforehand as equations of (slope, intercept), each of unit error.
+
+        Returns:
+            Left sides (M, 2) and right sides (M,); the focus is taken at the slope of `lens`.
+        """
+        left, right = [], []
+        if (slope := self.known.slope) is not None:
+            left.append((1.0 / slope.error, 0.0))
+            right.append(slope.value / slope.error)
+        if (focus := self.known.focus) is not None:
+            error = lens.slope * focus.error
+            left.append((focus.value / error, 1.0 / error))
+            right.append(0.0)
+        if (intercept := self.known.intercept) is not None:
+            left.append((0.0, 1.0 / intercept.error))
+            right.append(intercept.value / intercept.error)
+        return np.array(left).reshape(-1, 2), np.array(right)
 
     def _within(self, low: float, high: float) -> VCandidate | None:
         """The best candidate with its focus between two disparities."""
@@ -126,8 +156,15 @@ class VFit:
         return refined if low <= refined.focus <= high else start
 
     def _prior(self, slope: Float64, focus: float) -> Float64:
-        """Cost of the CoC at infinity, in the scale of the robust cost's quadratic part."""
-        return np.asarray(_PRIOR_SHARE * (slope * focus / self.infinity_px) ** 2 / CUTOFF**2)
+        """Cost of the CoC at infinity and of what is known, as of the cost's quadratic part."""
+        cost = _PRIOR_SHARE * (slope * focus / self.infinity_px) ** 2
+        known = self.known
+        for told, value in (
+            (known.slope, slope), (known.focus, focus), (known.intercept, -slope * focus),
+        ):  # fmt: skip
+            if told is not None:
+                cost = cost + ((value - told.value) / told.error) ** 2 / INDEPENDENT
+        return np.asarray(cost / CUTOFF**2)
 
     def _squared(self, lens: VCandidate) -> Float64:
         """Squared residuals in expected errors (N,)."""
@@ -162,12 +199,15 @@ class VFit:
         inside = np.linspace(0.0, top, _FOCUS_STEPS)
         beyond = top * np.geomspace(1.02, _FARTHEST_FOCUS, _FOCUS_STEPS // 5)
         best, best_cost = None, np.inf
-        for focus in np.concatenate([inside, beyond]):
+        told = [] if self.known.focus is None else [self.known.focus.value]
+        for focus in np.concatenate([inside, beyond, told]):
             distance = np.abs(self.disparity - focus)
             useful = distance > 0.01 * top
             if not low <= focus <= high or not useful.any():
                 continue
             slopes = np.quantile(self.coc_px[useful] / distance[useful], _SLOPE_QUANTILES)
+            if self.known.slope is not None:
+                slopes = np.append(slopes, self.known.slope.value)
             squared = ((slopes[:, None] * distance - self.coc_px) / self.error_px) ** 2
             costs = (squared / (squared + CUTOFF**2)) @ self.share + self._prior(slopes, focus)
             at = int(np.argmin(costs))
@@ -180,18 +220,22 @@ class VFit:
         cost = self.cost(lens)
         for _ in range(_STEPS):
             weight = self.inlier_weight(lens) * self.share / self.error_px**2
-            candidate = self._least_squares(self._design(lens), weight)
+            candidate = self._least_squares(lens, weight)
             if candidate is None or (new_cost := self.cost(candidate)) >= cost - 1e-12:
                 break
             lens, cost = candidate, new_cost
         return lens
 
-    def _least_squares(self, design: Float64, weight: Float64) -> VCandidate | None:
-        normal = design.T @ (design * weight[:, None])
+    def _least_squares(self, lens: VCandidate, weight: Float64) -> VCandidate | None:
+        """Weighted least squares on the arms of the V on which a candidate puts the samples."""
+        design = self._design(lens)
+        rows, told = self._known_rows(lens)
+        normal = design.T @ (design * weight[:, None]) + rows.T @ rows / INDEPENDENT
         normal[1, 1] += _PRIOR_SHARE / self.infinity_px**2
+        right = design.T @ (weight * self.coc_px) + rows.T @ told / INDEPENDENT
         scale = np.sqrt(np.diag(normal)) + 1e-300
         system = normal / np.outer(scale, scale) + 1e-9 * np.eye(2)
-        solution = np.linalg.solve(system, design.T @ (weight * self.coc_px) / scale) / scale
+        solution = np.linalg.solve(system, right / scale) / scale
         slope, intercept = float(solution[0]), float(solution[1])
         if slope <= 0:
             return None

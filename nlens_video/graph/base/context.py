@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
+from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, OcclusionCue, Picture
 from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.effects.measurement import Measurement
@@ -79,6 +80,8 @@ class NodeContext:
         ground_y: height of the ground plane, None for the object's lowest point at time 0.
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
+        known_lens: what is known of the lens beforehand.
+        unit_m: the scene's unit, None where it is not known [m].
         aperture: shape of the lens' aperture.
         spread: accelerated kernel of the scatter, None for the CPU's.
         renderer: renders the object from any camera, and surfaces that it hides; None for
@@ -96,6 +99,8 @@ class NodeContext:
     ground_y: float | None
     fallback_constant: bool
     pixel_aspect: float
+    known_lens: KnownLens = UNKNOWN_LENS
+    unit_m: float | None = 1.0
     aperture: Aperture = ROUND
     spread: Spread | None = None
     renderer: BoxRenderer | None = None

@@ -57,6 +57,13 @@ class View:
     overscan_px: int = 0
 
     @property
+    def unit_m(self) -> float | None:
+        """A unit of the scene, None where the plate's scale is not known [m]."""
+        if self.cameras is None:
+            return None if self.placed is not None else 1.0  # glTF is in metres
+        return 1.0 / self.cameras.scale if self.cameras.solved.scale == "metres" else None
+
+    @property
     def box(self) -> Box:
         """The whole frame."""
         return Box(0, 0, self.width, self.height)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
@@ -15,7 +16,6 @@ from nlens_video.stages.r_regression import FitLens, constant_fit
 
 if TYPE_CHECKING:
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
-    from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
@@ -108,6 +108,7 @@ class FitNode(Node):
         self, context: NodeContext, *, whole_plane: bool = True, anchor_weight: float = 0.1
     ) -> None:
         self._fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
+        self._known, self._unit_m = context.known_lens, context.unit_m
         self._fallback_constant = context.fallback_constant
         self.description = "R: robust V-fit over the ground plane"
 
@@ -118,9 +119,14 @@ class FitNode(Node):
         frame: SourceFrame,
         bounds: ScreenBounds,
     ) -> FoundLens:
+        camera = bounds.camera
+        known = self._known.prior(camera.fx, camera.width, self._unit_m)
         try:
-            regression = self._fit(plate_coc, ground, frame.index)
+            regression = self._fit(plate_coc, ground, frame.index, known)
         except LensFitError as error:
+            if known.complete:
+                fit = LensFit.of_known(known, camera.width, camera.height, frame.index)
+                return FoundLens(fit=fit, regression=None)
             if not self._fallback_constant:
                 raise
             fit = constant_fit(plate_coc, ground, frame.index)

@@ -1,0 +1,189 @@
+"""What is known of the plate's lens beforehand, and what that says of the linear lens model.
+
+A thin lens makes a CoC of A v |1/s - 1/d| on the sensor: A = f / N is the aperture, s the focused
+distance, v the distance of the image, which the camera's own focal length in pixels measures. So
+the slope of the model is A times that focal length, and the intercept the slope by -s.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from nlens_video.core.errors import UsageError
+
+SENSORS_MM = {
+    "full-frame": 36.0, "super35": 24.9, "aps-c": 23.6, "mft": 17.3, "1-inch": 13.2,
+}  # fmt: skip
+"""Widths of sensors."""
+
+_ERROR = 0.03
+"""Relative standard error of the marks on a lens: rounded f-numbers, scales of distance."""
+
+_LEAST_DIOPTRES = 0.005  # standard error of the mark of infinity [1 / m]
+_NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
+_PARTS = (
+    ("focal_mm", re.compile(rf"{_NUMBER}mm$")),
+    ("f_number", re.compile(rf"[fFtT]/{_NUMBER}$")),
+)
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
+_LENGTH = re.compile(rf"{_NUMBER}(m|cm|mm|ft)$")
+_LIMITS = {
+    "focal_mm": (0.5, 5000.0), "f_number": (0.3, 128.0), "focus_m": (0.001, 1e6),
+    "sensor_mm": (0.5, 200.0),
+}  # fmt: skip
+_HELP = 'write such as "50mm f/2.8 focus 2.4m sensor full-frame", or any part of it'
+
+Target = Literal["slope", "focus", "intercept"]
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A value and its standard error."""
+
+    value: float
+    error: float
+
+    @classmethod
+    def of(cls, value: float, least_error: float = 0.0) -> Expected:
+        """A value that a lens is marked with."""
+        return cls(value, max(_ERROR * value, least_error))
+
+    def times(self, factor: float) -> Expected:
+        """In another unit."""
+        return Expected(factor * self.value, factor * self.error)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensPrior:
+    """What is known of the lens model beforehand; None where nothing is.
+
+    Attributes:
+        slope: of the model [px * scene unit].
+        focus: disparity in focus [1 / scene unit].
+        intercept: signed CoC at infinity [px]; given only without the other two.
+    """
+
+    slope: Expected | None = None
+    focus: Expected | None = None
+    intercept: Expected | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is a lens by itself."""
+        return self.slope is not None and self.focus is not None
+
+
+NO_PRIOR = LensPrior()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KnownLens:
+    """A lens as its owner knows it; None where a value is not known.
+
+    Attributes:
+        focal_mm: focal length [mm].
+        f_number: focal length by the diameter of the aperture [1].
+        focus_m: focused distance along the optical axis, infinity allowed [m].
+        sensor_mm: width of the part of the sensor that the frame shows [mm].
+    """
+
+    focal_mm: float | None = None
+    f_number: float | None = None
+    focus_m: float | None = None
+    sensor_mm: float | None = None
+
+    def prior(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
+        """What this lens says of the model.
+
+        Args:
+            focal_px: of the plate's camera, across the frame [px].
+            width_px: of the frame [px].
+            unit_m: the scene's unit, None where it is not known: then only what needs no unit is
+                used [m].
+        """
+        aperture_m = self._aperture_m(focal_px / width_px)
+        slope = None if aperture_m is None else Expected.of(aperture_m * focal_px)
+        focus = None if self.focus_m is None else Expected.of(1.0 / self.focus_m, _LEAST_DIOPTRES)
+        if unit_m is not None:
+            return LensPrior(
+                slope=None if slope is None else slope.times(1.0 / unit_m),
+                focus=None if focus is None else focus.times(unit_m),
+            )
+        if slope is None or focus is None:
+            return NO_PRIOR
+        error = math.hypot(slope.error * focus.value, slope.value * focus.error)
+        return LensPrior(intercept=Expected(-slope.value * focus.value, error))
+
+    @property
+    def fov_x_deg(self) -> float | None:
+        """Field of view across the frame, None where it is not known [deg]."""
+        if self.focal_mm is None or self.sensor_mm is None:
+            return None
+        return 2.0 * math.degrees(math.atan(0.5 * self.sensor_mm / self._image_mm(self.focal_mm)))
+
+    def _image_mm(self, focal_mm: float) -> float:
+        """Distance of the image behind the lens [mm]."""
+        distance_mm = math.inf if self.focus_m is None else 1000.0 * self.focus_m
+        return focal_mm / (1.0 - focal_mm / distance_mm)
+
+    def _aperture_m(self, focal_by_width: float) -> float | None:
+        """Diameter of the aperture, None where it is not known [m]."""
+        focal_mm = self.focal_mm
+        if focal_mm is None and self.sensor_mm is not None:
+            image_mm = focal_by_width * self.sensor_mm
+            focus_mm = math.inf if self.focus_m is None else 1000.0 * self.focus_m
+            focal_mm = image_mm / (1.0 + image_mm / focus_mm)
+        if focal_mm is None or self.f_number is None:
+            return None
+        return 1e-3 * focal_mm / self.f_number
+
+
+UNKNOWN_LENS = KnownLens()
+
+
+def parse_lens(text: str) -> KnownLens:
+    """Read such as `50mm f/2.8 focus 2.4m sensor full-frame`, or any part of it.
+
+    Raises:
+        UsageError: a part that is none of these, that comes twice, or whose value makes no sense.
+    """
+    found: dict[str, float] = {}
+    words = text.replace(",", " ").split()
+    while words:
+        word = words.pop(0)
+        name, value = _named(word, words)
+        low, high = _LIMITS[name]
+        if name in found or not (low <= value <= high or (name == "focus_m" and value == math.inf)):
+            twice = "comes twice" if name in found else f"is not from {low:g} to {high:g}"
+            raise UsageError(f"--lens {text!r}: {name.partition('_')[0]} {twice}; {_HELP}")
+        found[name] = value
+    lens = KnownLens(**found)
+    if lens == UNKNOWN_LENS:
+        raise UsageError(f"--lens {text!r}: no lens; {_HELP}")
+    if lens.focal_mm and lens.focus_m and 1000.0 * lens.focus_m <= 1.001 * lens.focal_mm:
+        raise UsageError(f"--lens {text!r}: focused nearer than its focal length; {_HELP}")
+    return lens
+
+
+def _named(word: str, after: list[str]) -> tuple[str, float]:
+    """Name and value of a part; takes the word after `focus` and `sensor`."""
+    for name, pattern in _PARTS:
+        if match := pattern.match(word):
+            return name, float(match[1])
+    value = after.pop(0) if word in ("focus", "sensor") and after else ""
+    if word == "focus":
+        if value in ("inf", "infinity"):
+            return "focus_m", math.inf
+        if match := _LENGTH.match(value):
+            return "focus_m", float(match[1]) * _METRES[match[2]]
+    if word == "sensor":
+        if value.lower() in SENSORS_MM:
+            return "sensor_mm", SENSORS_MM[value.lower()]
+        if match := re.match(rf"{_NUMBER}(?:x{_NUMBER})?(?:mm)?$", value):
+            return "sensor_mm", float(match[1])
+    said = f"{word} {value}".strip()
+    names = f" (sensors: {', '.join(SENSORS_MM)}, or a width as 36mm)" if word == "sensor" else ""
+    raise UsageError(f"--lens: {said!r} is no part of a lens{names}; {_HELP}")
