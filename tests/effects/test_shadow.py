@@ -1,6 +1,7 @@
 """Ground shadow: position, density, blur and reach against hand-worked values."""
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -37,6 +38,7 @@ FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 DOWN = np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0)  # a sun at 45 degrees, from the left
 GREY = np.array([1.0, 1.0, 1.0])
 FRAME = Box(0, 0, WIDTH, HEIGHT)
+NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")  # of a camera, in pixels
 
 
 def looking_down(height=10.0):
@@ -325,6 +327,18 @@ def test_visible_contact_darkening_is_the_whole_share_of_light_that_is_blocked()
     around = hemispheres(GREY / math.pi, GREY / math.pi)
     shown = loss(cast(Illumination((), around), vertices=low, ambient_directions=1024))
     assert shown[60, 80] == pytest.approx(form_factor, abs=0.02)
+
+
+def test_contact_darkening_of_a_small_thing_is_as_deep_as_that_of_a_large_one():
+    around = Illumination((), hemispheres(GREY / math.pi, GREY / math.pi))
+    foot = CARD * (0.3, 0.08, 0.3)  # 6 pixels wide
+    seen = looking_down()
+    near = replace(seen, **{name: 8 * getattr(seen, name) for name in NUMBERS})
+    small = loss(cast(around, vertices=foot))[60, 80, 0]
+    large = cast(around, camera=near, vertices=foot)
+    row, column = 480 - large.box.y0, 640 - large.box.x0
+    deep = large.fine.loss[row - 4 : row + 4, column - 4 : column + 4, 0].mean()
+    assert small == pytest.approx(deep, abs=0.06)
 
 
 def test_contact_darkening_shows_no_pattern_of_its_directions():

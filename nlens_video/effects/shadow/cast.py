@@ -28,6 +28,7 @@ from nlens_video.scene.illumination import Illumination, Lamp, from_around, from
 
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening is smooth: step of its grid [px]
+_FINER, _FEW = 2, 16384  # for thin legs: step where that takes no more samples than so many
 _FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
 _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
 _BLACKEST = 0.999  # largest loss: some light always comes back from the body
@@ -99,7 +100,8 @@ class CastShadow:
         step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
         queries = [_Query(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
         if ambient.any():
-            around = Grid.on(boxes[-1], _COARSE)
+            finer = boxes[-1].width * boxes[-1].height <= _FEW * _FINER**2
+            around = Grid.on(boxes[-1], max(step, _FINER) if finer else _COARSE)
             queries.append(_Query(lights[-1], self.ambient_directions, around))
         hidden = _hidden_shares(occluders, queries, self.threads)
         shares = [_Share(share, one.grid) for one, share in zip(queries, hidden, strict=True)]
