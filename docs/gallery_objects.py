@@ -24,6 +24,7 @@ from textures import herringbone_bricks  # noqa: E402
 WALK_KEYS_S = np.array([0.0, 1.0, 2.0])
 WALK_EYES = np.array([[-0.35, 0.55, 0.0], [0.0, 0.6, -0.25], [0.4, 0.5, -0.4]])
 WALK_TURNS_DEG = np.array([8.0, 1.0, -8.0])  # about up, to the right
+BALL = 0.13  # radius [m]
 _DOWN_DEG = 10.0
 _YFOV = 0.5
 
@@ -46,6 +47,57 @@ def two_chicks(path: Path) -> None:
     made.gltf.nodes[far].translation[1] = 1.35 * height
     made.node("far chick", far, mesh=0)
     made.node("far key", far, mesh=1, translation=[0.0, 0.15, -0.098])
+    made.save(path)
+
+
+def balls(path: Path) -> None:
+    """Balls in the park: lacquer, velvet, brushed metal; clear, green, frosted glass."""
+    made = Glb()
+    made.camera(PARK)
+    made.lights(lights("in2"))
+    glass = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
+    looks: list[tuple[tuple[float, ...], float, float, dict[str, Any]]] = [
+        (
+            (0.5, 0.01, 0.02), 0.0, 0.6,
+            {
+                "KHR_materials_clearcoat": {
+                    "clearcoatFactor": 1.0, "clearcoatRoughnessFactor": 0.12,
+                }
+            },
+        ),
+        (
+            (0.03, 0.03, 0.2), 0.0, 1.0,
+            {
+                "KHR_materials_sheen": {
+                    "sheenColorFactor": [0.6, 0.5, 1.0], "sheenRoughnessFactor": 0.4,
+                }
+            },
+        ),
+        ((0.9, 0.65, 0.4), 1.0, 0.25, {"KHR_materials_anisotropy": {"anisotropyStrength": 0.8}}),
+        ((1.0, 1.0, 1.0), 0.0, 0.12, glass),
+        ((0.3, 0.8, 0.4), 0.0, 0.12, glass),
+        ((0.9, 0.95, 1.0), 0.0, 0.5, glass),
+    ]  # fmt: skip
+    for number, (color, metallic, roughness, extensions) in enumerate(looks):
+        made.gltf.materials.append(
+            gl.Material(
+                pbrMetallicRoughness=gl.PbrMetallicRoughness(
+                    baseColorFactor=[*color, 1.0], metallicFactor=metallic,
+                    roughnessFactor=roughness,
+                ),
+                extensions=extensions,
+            )
+        )  # fmt: skip
+        shape = ball((BALL,) * 3, (0.0, 0.0, 1.0, 1.0), rows=48, columns=96)
+        part = made.primitive(
+            shape.positions, smooth_normals(shape.positions, shape.triangles), shape.uv,
+            shape.triangles, number,
+        )  # fmt: skip
+        made.gltf.meshes.append(gl.Mesh(primitives=[part]))
+        row, column = divmod(number, 3)
+        place = [0.36 * (column - 1) + 0.16 * row, BALL, -4.0 + 0.5 * row]
+        made.node("ball", mesh=number, translation=place)
+    made.gltf.extensionsUsed = sorted({name for *_, more in looks for name in more})
     made.save(path)
 
 

@@ -94,6 +94,15 @@ def two_objects(folder: Path) -> list[Panel]:
     return [("sharp", sharp.crop(crop)), ("through the plate's lens", lens.crop(crop))]
 
 
+def materials(folder: Path) -> list[Panel]:
+    """Layered and see-through materials."""
+    glb = folder / "balls.glb"
+    objects.balls(glb)
+    scene = ObjectSettings(glb=glb)
+    shown = composite(SAMPLES / "in2.mp4", scene, 4, fit=SAMPLES / "in2.json")
+    return [("", shown.crop((180, 190, 920, 430)))]
+
+
 def environment(folder: Path) -> list[Panel]:
     """Two skies, one without a light in the file."""
     glb = folder / "unlit.glb"
@@ -327,6 +336,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "two_objects": two_objects,
     "plate_light": plate_light,
     "environment": environment,
+    "materials": materials,
     "shadow": shadow,
     "holdout": holdout,
     "walker": walker,

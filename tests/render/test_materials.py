@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.glb_builder import QUAD_UV, GlbBuilder
-from support.quads import camera_at, draw, material, quad
+from support.quads import camera_at, draw, material, quad, unlit
 
 from nlens_video.core.color import transfer
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
@@ -15,9 +15,13 @@ from nlens_video.render.software.reference_kernels import (
     fibre_share,
     fibres,
     layered,
+    passed,
     reflectance,
 )
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
+from nlens_video.scene import Scene
+from nlens_video.scene.illumination import Illumination, hemispheres
+from nlens_video.scene.scene_light import SceneLight
 
 NORMAL, VIEW = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
 SUNS = [(0.0, 0.0), (0.7, 0.3), (1.2, -2.0)]  # from the axis, and around it [rad]
@@ -273,3 +277,96 @@ def test_all_layers_of_one_material_work_together(renderer_class, tmp_path):
         sheen_roughness=1.0, along=np.array([1.0, 0.0, 0.0]), anisotropy=0.5,
     )  # fmt: skip
     assert_as_defined(renderer_class, tmp_path, surface, make)
+
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+GLASS = replace(PLASTIC, roughness=0.0)
+
+
+def glass(builder, told, extensions=(), roughness=0.0, **fields):
+    named = {"KHR_materials_transmission": told, **dict(extensions)}
+    return material(builder, (*GLASS.base, 1), named, pbr={"roughnessFactor": roughness}, **fields)
+
+
+def in_even_light(renderer_class, builder, tmp_path, level):
+    """The middle of the picture where light of that level comes from everywhere."""
+    scene = Scene.load(builder.write(tmp_path / "scene.glb"))
+    light = Illumination((), hemispheres(np.full(3, level), np.full(3, level)))
+    with renderer_class(scene, SceneLight(0, light)) as renderer:
+        layer = renderer.render(0.0, camera_at(1000.0))
+    return layer.rgba[32 - layer.box.y0, 32 - layer.box.x0]
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("textured", [False, True])
+def test_glass_lets_light_through_by_its_luminance(renderer_class, tmp_path, turn, textured):
+    builder = GlbBuilder()
+    told = {"transmissionFactor": 0.9}
+    volume = {"thicknessFactor": 2.0, "attenuationDistance": 4.0}
+    volume["attenuationColor"] = [0.5, 0.25, 1.0]
+    thickness = 1.0
+    if textured:
+        told["transmissionTexture"] = texel(builder, [128, 0, 0])
+        volume["thicknessTexture"] = texel(builder, [0, 128, 0])
+        thickness = 128 / 255
+    surface, node = turned_point(GLASS, turn)
+    number = glass(builder, told, {"KHR_materials_volume": volume})
+    quad(builder, number=number, node=node, TEXCOORD_0=QUAD_UV)
+    found = seen(renderer_class, builder, tmp_path, (3.1, 0.0))
+    depth = -np.log([0.5, 0.25, 1.0]) * 2.0 / 4.0 * thickness
+    through = passed(surface, 0.9 * (128 / 255 if textured else 1.0), depth)
+    assert found[3] == pytest.approx(1.0 - LUMINANCE @ through, abs=2e-3)
+
+
+def test_glass_over_even_light_has_its_tint(renderer_class, tmp_path):
+    found = {}
+    for name, roughness in (("clear", 0.0), ("frosted", 0.7)):
+        builder = GlbBuilder()
+        quad(builder, number=glass(builder, {"transmissionFactor": 1.0}, roughness=roughness))
+        rgba = in_even_light(renderer_class, builder, tmp_path, 0.5)
+        mirror = GlbBuilder()
+        black = {"KHR_materials_transmission": {"transmissionFactor": 0.0}}
+        pbr = {"roughnessFactor": roughness}
+        quad(mirror, number=material(mirror, (0, 0, 0, 1), black, pbr=pbr))
+        reflected = in_even_light(renderer_class, mirror, tmp_path, 0.5)
+        over = rgba[:3] + (1.0 - rgba[3]) * 0.5
+        through = passed(GLASS, 1.0, np.zeros(3))
+        np.testing.assert_allclose(over, reflected[:3] + 0.5 * through, rtol=6e-3)
+        found[name] = rgba[3]
+    # What is behind frosted glass shows less, and the light around more.
+    assert 1.0 - found["frosted"] == pytest.approx(0.3 * (1.0 - found["clear"]), rel=5e-3)
+
+
+def test_metal_lets_nothing_through(renderer_class, tmp_path):
+    builder = GlbBuilder()
+    told = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
+    quad(builder, number=material(builder, (1, 1, 1, 1), told, pbr={"metallicFactor": 1}))
+    assert seen(renderer_class, builder, tmp_path, SUNS[0])[3] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_stands_behind_glass_shows_through(renderer_class, tmp_path):
+    builder = GlbBuilder()
+    place = {"translation": [0, 0, 1]}
+    quad(builder, number=glass(builder, {"transmissionFactor": 1.0}), node=place)
+    quad(builder, number=unlit(builder, (0.2, 0.4, 0.8, 1)))
+    found = seen(renderer_class, builder, tmp_path, (3.1, 0.0))
+    shown = LUMINANCE @ passed(GLASS, 1.0, np.zeros(3))
+    np.testing.assert_allclose(found, [*(shown * np.array([0.2, 0.4, 0.8])), 1], atol=3e-3)
+
+
+@pytest.mark.parametrize(("alpha", "covered"), [(0.3, False), (0.7, True)])
+def test_mask_cuts_holes_into_glass(renderer_class, tmp_path, alpha, covered):
+    builder = GlbBuilder()
+    told = {"KHR_materials_transmission": {"transmissionFactor": 0.5}}
+    quad(builder, number=material(builder, (0, 0, 0, alpha), told, alphaMode="MASK"))
+    found = seen(renderer_class, builder, tmp_path, (3.1, 0.0))
+    assert found[3] == pytest.approx(float(covered), abs=2e-3)
+
+
+def test_coat_on_glass_keeps_light_from_passing(renderer_class, tmp_path):
+    builder = GlbBuilder()
+    coat = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0}}
+    quad(builder, number=glass(builder, {"transmissionFactor": 1.0}, coat))
+    found = seen(renderer_class, builder, tmp_path, (3.1, 0.0))
+    expected = 1.0 - 0.96 * LUMINANCE @ passed(GLASS, 1.0, np.zeros(3))
+    assert found[3] == pytest.approx(expected, abs=2e-3)

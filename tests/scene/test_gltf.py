@@ -172,6 +172,21 @@ def test_material_extensions_are_read(tmp_path):
     assert read.base_color_texture.uv_set == 1
 
 
+def test_shadow_of_glass_lacks_what_it_holds_back(tmp_path):
+    builder = GlbBuilder()
+    half = builder.texture(np.full((2, 2, 3), 128, np.uint8))
+    volume = {"thicknessFactor": 1, "attenuationDistance": 1, "attenuationColor": [0.5] * 3}
+    clear = {"transmissionFactor": 0.8, "transmissionTexture": {"index": half}}
+    material = {
+        "pbrMetallicRoughness": {"baseColorFactor": [0.9, 0.6, 0.3, 0.2], "metallicFactor": 0.5},
+        "extensions": {"KHR_materials_transmission": clear, "KHR_materials_volume": volume},
+    }
+    builder.node(mesh=builder.mesh(material=builder.add("materials", material)))
+    read = load(builder, tmp_path).pose(0.0).meshes[0].geometry.material
+    through = 0.8 * 128 / 255 * 0.5 * 0.96 * 0.6 * 0.5
+    assert read.opacity == pytest.approx(1.0 - through)
+
+
 def test_what_the_file_asks_for_and_is_not_drawn_is_said_in_a_line_each(tmp_path):
     builder = minimal()
     variants = {"variants": [{"name": "Midnight"}, {"name": "Beach"}]}

@@ -71,16 +71,16 @@ def surface(fields, i):
 
 
 def layered_block(rng):
-    """A block of points whose materials have all layers; nothing glows."""
+    """A block of points whose materials have all layers; nothing glows or lets light through."""
     block, fields = random_block(rng)
     normals = fields[at.NORMAL_X // at.WIDTH : at.NORMAL_X // at.WIDTH + 3].T
     along = np.cross(normals, rng.normal(size=(at.WIDTH, 3)))
     coat = rng.normal(size=(at.WIDTH, 3))
     for first, vectors in (
         (at.ALONG, along), (at.BESIDE, np.cross(normals, along)), (at.COAT_NORMAL, coat),
-        (at.GLOW, np.zeros((at.WIDTH, 3))),
+        (at.GLOW, np.zeros((at.WIDTH, 3))), (at.THROUGH, np.zeros((at.WIDTH, 1))),
     ):  # fmt: skip
-        fields[first // at.WIDTH : first // at.WIDTH + 3] = vectors.T
+        fields[first // at.WIDTH : first // at.WIDTH + vectors.shape[1]] = vectors.T
     return block, fields
 
 

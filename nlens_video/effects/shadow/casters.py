@@ -124,9 +124,9 @@ def _joined(edges: list[Int32], meshes: list[PosedMesh]) -> Int32:
 def _opacity_of(geometry: Geometry) -> Opacity | None:
     """Opacity of a geometry's surface; None where it is opaque."""
     material = geometry.material
-    if material.alpha_mode == "OPAQUE":
+    if material.alpha_mode == "OPAQUE" and not material.see_through:
         return None
-    use = material.base_color_texture
+    use = None if material.alpha_mode == "OPAQUE" else material.base_color_texture
     alpha = np.ones((1, 1), np.float32)
     wrap = (0, 0)
     if use is not None:
@@ -142,7 +142,7 @@ def _opacity_of(geometry: Geometry) -> Opacity | None:
 
 def _factor(geometry: Geometry, material: Material) -> Float32:
     """Factor on the texture's alpha at each vertex (V,) [1]."""
-    factor = np.full(len(geometry.positions), material.base_color[3], np.float32)
+    factor = np.full(len(geometry.positions), material.opacity, np.float32)
     return factor if geometry.colors is None else factor * geometry.colors[:, 3]
 
 

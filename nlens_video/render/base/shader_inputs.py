@@ -101,8 +101,10 @@ SLOTS = (
     "sheen_color",
     "sheen_roughness",
     "anisotropy",
+    "transmission",
+    "thickness",
 )
-MATERIAL_FLOATS = 4 * (6 + 2 * len(SLOTS))
+MATERIAL_FLOATS = 4 * (7 + 2 * len(SLOTS))
 
 
 def texture_uses(material: Material) -> tuple[TextureUse | None, ...]:
@@ -113,16 +115,16 @@ def texture_uses(material: Material) -> tuple[TextureUse | None, ...]:
 def material_params(material: Material) -> Float32:
     """Rows of four, flat (`MATERIAL_FLOATS`,).
 
-    Base colour; metallic, roughness, specular weight, alpha cutoff; emission; dielectric
-    reflectance, direction of anisotropy [rad]; weight and roughness of the clear coat, anisotropy,
-    roughness of the sheen; its colour, uv set of tangents; then for each slot (a, b, c, uv set) and
-    (d, e, f, strength).
+    Base colour; metallic, roughness, specular weight, alpha cutoff; emission, transmission;
+    dielectric reflectance, direction of anisotropy [rad]; weight and roughness of the clear coat,
+    anisotropy, roughness of the sheen; its colour, uv set of tangents; absorption, bending; then
+    for each slot (a, b, c, uv set) and (d, e, f, strength).
     """
     layers = material.layers
     rows = [
         material.base_color,
         (material.metallic, material.roughness, material.specular, material.alpha_cutoff),
-        (*material.emissive, 0.0),
+        (*material.emissive, layers.transmission),
         (*_f0(material), layers.anisotropy_rotation),
         (
             layers.clearcoat,
@@ -131,6 +133,7 @@ def material_params(material: Material) -> Float32:
             layers.sheen_roughness,
         ),
         (*layers.sheen_color, float(_tangents_of(material))),
+        (*layers.absorption, layers.bending),
     ]
     for use in texture_uses(material):
         if use is None:

@@ -134,7 +134,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
     def _draw_opaque(self, one_sided: frozenset[GpuPrimitive] | None = None) -> None:
         for primitive in self._primitives:
             material = primitive.material.source
-            if material.alpha_mode != "BLEND":
+            if not material.see_through:
                 both_sides = material.double_sided and primitive not in (one_sided or ())
                 self._draw_primitive(primitive, both_sides=both_sides)
 
@@ -143,7 +143,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         depths = [
             (primitive.depth_along(back, eye), primitive)
             for primitive in self._primitives
-            if primitive.material.source.alpha_mode == "BLEND"
+            if primitive.material.source.see_through
         ]
         if not depths:
             return

@@ -138,6 +138,8 @@ def _lay_under(
     passed: Float32, front: Float32, rgba: Float32,
 ) -> None:  # fmt: skip
     """Shade the points of a block and lay them, in order, under what lies before them."""
+    for i in range(count):
+        block[at.HIDDEN + i] = _ONE  # less where light goes through
     shade(block, whole, count, scene)
     planes = scene[0][6]
     for i in range(count):
@@ -151,14 +153,14 @@ def _lay_under(
             if whole[at.MASK + i] >> s & 1:
                 line = SAMPLES * y + s
                 weight += passed[line, x]
-                passed[line, x] *= _ONE - alpha
+                passed[line, x] *= _ONE - alpha * block[at.HIDDEN + i]
                 d = disparity_at(planes, t, x + SAMPLE_X[s], y + SAMPLE_Y[s])
                 front[line, x] = max(front[line, x], d)
         weight *= alpha / np.float32(SAMPLES)
         rgba[pixel, 0] += weight * min(block[at.RED + i], BRIGHTEST)
         rgba[pixel, 1] += weight * min(block[at.GREEN + i], BRIGHTEST)
         rgba[pixel, 2] += weight * min(block[at.BLUE + i], BRIGHTEST)
-        rgba[pixel, 3] += weight
+        rgba[pixel, 3] += weight * block[at.HIDDEN + i]
 
 
 @inlined

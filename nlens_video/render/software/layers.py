@@ -1,7 +1,8 @@
-"""Clear coat, sheen and anisotropic highlights: radiance of materials that have them, by point.
+"""Clear coat, sheen, anisotropy, transmission: radiance of materials that have them, by point.
 
 The formulas of the OpenGL shader (`render/opengl/shaders/object.frag`), which are those of
-KHR_materials_clearcoat, _sheen and _anisotropy; defined by `reference_kernels.layered`.
+KHR_materials_clearcoat, _sheen, _anisotropy and _transmission; defined by
+`reference_kernels.layered` and `passed`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,19 @@ from nlens_video.kernels.numba_config import f32, inlined, kernel, to_f32
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.interpolation import Vector
 from nlens_video.render.software.light import around_on, lamp_at, mirrored
-from nlens_video.render.software.material_eval import LAYERED, MaterialBuffers, same_material
+from nlens_video.render.software.material_eval import (
+    BENDING,
+    LAYERED,
+    MaterialBuffers,
+    same_material,
+)
 from nlens_video.render.software.shading_block import Int32
 
 _PI = f32(math.pi)
 _ZERO, _HALF, _ONE, _TWO, _FOUR = (f32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 _LEAST, _LEAST_NV, _LEAST_ALPHA = f32(1e-30), f32(1e-4), f32(0.002)
 _COAT_F0 = f32(0.04)
+_LUMINANCE_R, _LUMINANCE_G, _LUMINANCE_B = f32(0.2126), f32(0.7152), f32(0.0722)
 _LEAST_SHEEN, _FITTED = f32(0.07), f32(0.1)
 
 
@@ -134,7 +141,9 @@ def _by_lamp(block: Float32, i: int, toward: Vector, light: Vector) -> None:
         kept = _ONE - (strongest + (f90 - strongest) * grazing)
         for c in range(3):
             f0, base = block[at.F0_R + c * at.WIDTH + i], block[at.BASE_R + c * at.WIDTH + i]
-            plastic = kept * base / _PI + lobe * (f0 + (f90 - f0) * grazing)
+            plastic = kept * (_ONE - block[at.THROUGH + i]) * base / _PI + lobe * (
+                f0 + (f90 - f0) * grazing
+            )
             metal = lobe * (base + (_ONE - base) * grazing)
             mixed = plastic + (metal - plastic) * metallic
             block[at.RED + c * at.WIDTH + i] += nl * light[c] * mixed
@@ -179,7 +188,8 @@ def _by_surround(block: Float32, i: int, ambient: Float32) -> None:
         shown += (around - shown) * roughness
         base, f0 = block[at.BASE_R + c * at.WIDTH + i], block[at.F0_R + c * at.WIDTH + i]
         tint = f0 + (base - f0) * metallic
-        part = around * base * (_ONE - metallic) + shown * mirrored(tint, edge, facing, roughness)
+        scattered = (_ONE - metallic) * (_ONE - block[at.THROUGH + i])
+        part = around * base * scattered + shown * mirrored(tint, edge, facing, roughness)
         block[at.RED + c * at.WIDTH + i] += occlusion * part
         block[at.FUZZ + c * at.WIDTH + i] += occlusion * around * fuzz
         around, shown = around_on(ambient, c, coat), around_on(ambient, c, coat_ahead)
@@ -187,8 +197,33 @@ def _by_surround(block: Float32, i: int, ambient: Float32) -> None:
 
 
 @kernel
-def _laid_over(block: Float32, i: int) -> None:
-    """Lay sheen over the base and the coat over all, emission included."""
+def _see_through(block: Float32, i: int, under: float, bending: float, ambient: Float32) -> None:
+    """Let light from behind through; `under` is the share that further layers leave.
+
+    Its alpha becomes what hides the things behind, all colours alike. In which colours it differs
+    from that, and what roughness scatters, is taken from the light around.
+    """
+    v = _at(block, at.VIEW_X, i)
+    nv = min(abs(_dot(_at(block, at.NORMAL_X, i), v)), _ONE)
+    strongest = max(block[at.F0_R + i], max(block[at.F0_G + i], block[at.F0_B + i]))
+    kept = _ONE - (strongest + (block[at.SPECULAR + i] - strongest) * _fifth(_ONE - nv))
+    kept *= block[at.THROUGH + i] * (_ONE - block[at.METALLIC + i]) * under
+    red = kept * block[at.BASE_R + i] * math.exp(-block[at.VOLUME + i])
+    green = kept * block[at.BASE_G + i] * math.exp(-block[at.VOLUME + at.WIDTH + i])
+    blue = kept * block[at.BASE_B + i] * math.exp(-block[at.VOLUME + 2 * at.WIDTH + i])
+    shown = _LUMINANCE_R * red + _LUMINANCE_G * green + _LUMINANCE_B * blue
+    shown = min(shown, _ONE) * (_ONE - min(block[at.ROUGHNESS + i] * bending, _ONE))
+    if len(ambient):
+        behind = -v[0], -v[1], -v[2]
+        block[at.RED + i] += (red - shown) * around_on(ambient, 0, behind)
+        block[at.GREEN + i] += (green - shown) * around_on(ambient, 1, behind)
+        block[at.BLUE + i] += (blue - shown) * around_on(ambient, 2, behind)
+    block[at.HIDDEN + i] = _ONE - shown
+
+
+@kernel
+def _laid_over(block: Float32, i: int) -> float:
+    """Lay sheen over the base and the coat over all; the share that they leave of what is below."""
     v, sheen = _at(block, at.VIEW_X, i), _at(block, at.SHEEN, i)
     nv = min(abs(_dot(_at(block, at.NORMAL_X, i), v)), _ONE)
     share = _fibre_share(nv, block[at.SHEEN_ROUGHNESS + i])
@@ -199,10 +234,14 @@ def _laid_over(block: Float32, i: int) -> None:
         k = c * at.WIDTH + i
         under = kept * block[at.RED + k] + sheen[c] * block[at.FUZZ + k] + block[at.GLOW + k]
         block[at.RED + k] = under + (block[at.SHINE + k] - under) * coat
+    left: float = kept * (_ONE - coat)
+    return left
 
 
 @kernel
-def _light_point(block: Float32, i: int, lamps: Float32, suns: int, ambient: Float32) -> None:
+def _light_point(
+    block: Float32, i: int, bending: float, lamps: Float32, suns: int, ambient: Float32
+) -> None:
     """Radiance of a point with layers."""
     for c in range(3):
         k = c * at.WIDTH + i
@@ -212,7 +251,9 @@ def _light_point(block: Float32, i: int, lamps: Float32, suns: int, ambient: Flo
         _by_lamp(block, i, toward, light)
     if len(ambient):
         _by_surround(block, i, ambient)
-    _laid_over(block, i)
+    under = _laid_over(block, i)
+    if block[at.THROUGH + i] > _ZERO:
+        _see_through(block, i, under, bending, ambient)
 
 
 @kernel
@@ -225,6 +266,7 @@ def light_layers(
     while first < count:
         run = same_material(whole, first, count)
         first = run[1]
-        if paint[2][whole[at.MATERIAL + run[0]]] & LAYERED:
+        m = whole[at.MATERIAL + run[0]]
+        if paint[2][m] & LAYERED:
             for i in range(run[0], run[1]):
-                _light_point(block, i, lamps, suns, ambient)
+                _light_point(block, i, paint[0][m, BENDING], lamps, suns, ambient)

@@ -30,9 +30,11 @@ MaterialBuffers = tuple[Float32, Int32, Int32, tuple[Texels, Table, Table]]
 # Slots of a material's textures, and flags.
 BASE_COLOR, METALLIC_ROUGHNESS, NORMAL, OCCLUSION, EMISSIVE, SPECULAR, SPECULAR_COLOR = range(7)
 CLEARCOAT, CLEARCOAT_ROUGHNESS, CLEARCOAT_NORMAL = 7, 8, 9
-SHEEN_COLOR, SHEEN_ROUGHNESS, ANISOTROPY = 10, 11, 12
-UNLIT, OPAQUE, LAYERED = 1, 2, 4
-_LAYERS, _SHEEN, _UV_ROWS = 16, 20, 24
+SHEEN_COLOR, SHEEN_ROUGHNESS, ANISOTROPY, TRANSMISSION, THICKNESS = 10, 11, 12, 13, 14
+UNLIT, OPAQUE, LAYERED, CUT = 1, 2, 4, 8
+_LAYERS, _SHEEN, _VOLUME, _UV_ROWS = 16, 20, 24, 28
+BENDING = _VOLUME + 3
+_CUTOFF = 7
 _U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
 _ZERO, _HALF, _ONE = (f32(v) for v in (0.0, 0.5, 1.0))
 _LEAST = f32(1e-12)
@@ -237,6 +239,20 @@ def _cover(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers) -> No
 
 
 @kernel
+def _clear(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers) -> None:
+    """Transmission and volume of a run."""
+    numbers, m = paint[0], whole[at.MATERIAL + run[0]]
+    _set(block, run, at.THROUGH, numbers[m, 11])
+    if _sampled(block, whole, run, paint, m, TRANSMISSION):
+        _times(block, run, at.THROUGH, at.TEXEL_R, _ONE)
+    for k in range(3):
+        _set(block, run, at.VOLUME + k * at.WIDTH, numbers[m, _VOLUME + k])
+    if _sampled(block, whole, run, paint, m, THICKNESS):
+        for k in range(3):
+            _times(block, run, at.VOLUME + k * at.WIDTH, at.TEXEL_G, _ONE)
+
+
+@kernel
 def eval_materials(
     block: Float32, whole: Int32, count: int, mesh: MeshBuffers, paint: MaterialBuffers,
     lens: PinholeRows,
@@ -250,6 +266,10 @@ def eval_materials(
         base_colors(block, whole, run, paint)
         if paint[2][m] & OPAQUE:
             _set(block, run, at.ALPHA, _ONE)
+        if paint[2][m] & CUT:
+            for i in range(run[0], run[1]):
+                kept = block[at.ALPHA + i] >= paint[0][m, _CUTOFF]
+                block[at.ALPHA + i] = _ONE if kept else _ZERO
         _clip(block, run, at.ALPHA)
         if paint[2][m] & UNLIT:
             _emit(block, run)
@@ -263,6 +283,7 @@ def eval_materials(
         _reflectance(block, whole, run, paint)
         if covered:
             _cover(block, whole, run, paint)
+            _clear(block, whole, run, paint)
         layered |= covered
     view_vectors(block, lens)
     return layered

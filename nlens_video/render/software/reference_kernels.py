@@ -64,6 +64,20 @@ def layered(surface: SurfacePoint, toward: Float64) -> Float64:
     return np.asarray((1.0 - share) * under + share * coat)
 
 
+def passed(surface: SurfacePoint, transmission: float, depth: Float64) -> Float64:
+    """Share of light (3,) that goes straight through: KHR_materials_transmission and _volume.
+
+    Args:
+        surface: thin, without further layers.
+        transmission: share of what enters that is not scattered back.
+        depth: optical depth (3,) of the volume.
+    """
+    seen = abs(float(surface.normal @ surface.view))
+    fresnel = surface.f0 + (surface.specular - surface.f0) * (1.0 - seen) ** 5
+    kept = (1.0 - float(fresnel.max())) * transmission * (1.0 - surface.metallic)
+    return np.asarray(kept * surface.base * np.exp(-depth))
+
+
 def fibres(half: float, light: float, view: float, roughness: float) -> float:
     """Lobe of sheen from cosines of the normal to half vector, light and eye [1 / sr]."""
     alpha = roughness**2

@@ -9,7 +9,7 @@ from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.render.base.drawer import closed_bodies
 from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
 from nlens_video.render.software.interpolation import MeshBuffers
-from nlens_video.render.software.material_eval import LAYERED, OPAQUE, UNLIT, MaterialBuffers
+from nlens_video.render.software.material_eval import CUT, LAYERED, OPAQUE, UNLIT, MaterialBuffers
 from nlens_video.render.software.shading_block import Int32
 from nlens_video.render.software.textures import Atlas
 from nlens_video.scene.gltf.materials import Material
@@ -55,7 +55,7 @@ class SceneBuffers:
 
     def _sort(self, posed: PosedScene, materials: list[Material]) -> None:
         """Lay the triangles out by what their materials do with alpha."""
-        modes = [_ORDER.index(mesh.geometry.material.alpha_mode) for mesh in posed.meshes]
+        modes = [_order(mesh.geometry.material) for mesh in posed.meshes]
         order = sorted(range(len(modes)), key=modes.__getitem__)
         meshes = [posed.meshes[n] for n in order]
         counts = [len(mesh.faces) for mesh in meshes]
@@ -124,6 +124,11 @@ class SceneBuffers:
         )  # fmt: skip
 
 
+def _order(material: Material) -> int:
+    """Opaque, masked and see-through materials, in that order."""
+    return _ORDER.index("BLEND" if material.see_through else material.alpha_mode)
+
+
 def _colors(posed: PosedScene) -> Float32:
     """Vertex colours (V, 4); (0, 4) where no mesh has any."""
     if all(mesh.geometry.colors is None for mesh in posed.meshes):
@@ -148,7 +153,8 @@ def _paint(materials: list[Material]) -> MaterialBuffers:
         flags[m] = (
             LAYERED * bool(material.layers.drawn)
             | UNLIT * material.unlit
-            | OPAQUE * (material.alpha_mode != "BLEND")
+            | OPAQUE * (material.alpha_mode == "OPAQUE" or _order(material) == 1)
+            | CUT * (material.alpha_mode == "MASK" and material.see_through)
         )
     atlas = Atlas.of(list(images))
     numbers = np.stack([material_params(material) for material in materials])

@@ -49,7 +49,9 @@ COAT, COAT_ROUGHNESS, COAT_NORMAL = 57 * WIDTH, 58 * WIDTH, 59 * WIDTH
 SHEEN, SHEEN_ROUGHNESS = 62 * WIDTH, 65 * WIDTH
 ANISOTROPY, ALONG, BESIDE = 66 * WIDTH, 67 * WIDTH, 70 * WIDTH
 FUZZ, SHINE = 73 * WIDTH, 76 * WIDTH
-FLOATS = 79 * WIDTH
+# Share of light that goes through, optical depth of the volume; what hides the things behind.
+THROUGH, VOLUME, HIDDEN = 79 * WIDTH, 80 * WIDTH, 83 * WIDTH
+FLOATS = 84 * WIDTH
 # Whole numbers: triangle, pixel (row * columns + column), samples (a bit each), material; texel
 # within its level and distance to the one below, on both levels.
 TRIANGLE, PIXEL, MASK, MATERIAL = 0 * WIDTH, 1 * WIDTH, 2 * WIDTH, 3 * WIDTH

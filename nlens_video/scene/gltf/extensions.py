@@ -20,8 +20,10 @@ SUPPORTED_EXTENSIONS = frozenset(
         "KHR_materials_ior",
         "KHR_materials_sheen",
         "KHR_materials_specular",
+        "KHR_materials_transmission",
         "KHR_materials_unlit",
         "KHR_materials_variants",
+        "KHR_materials_volume",
         "KHR_mesh_quantization",
         "KHR_texture_transform",
     }

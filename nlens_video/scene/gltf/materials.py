@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,7 @@ from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
 from nlens_video.scene.gltf.textures import TextureReader, TextureUse
 
+_BLACK, _OPAQUE = 1e-6, 80.0  # a colour that lets nothing through, and the depth of one
 AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
 _ALPHA_MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
@@ -24,6 +26,12 @@ class Layers:
         sheen_roughness: of the fibres, 0 to 1.
         anisotropy: how far highlights are stretched (KHR_materials_anisotropy), 0 to 1.
         anisotropy_rotation: along which direction, against the clock from the tangent [rad].
+        transmission: share of light that goes through instead of being scattered back
+            (KHR_materials_transmission), 0 to 1.
+        absorption: what a volume takes from that light (RGB; KHR_materials_volume), as optical
+            depth through its whole thickness [1].
+        bending: how much roughness blurs what is seen through it, 0 to 1, by the index of
+            refraction.
     """
 
     clearcoat: float = 0.0
@@ -32,6 +40,9 @@ class Layers:
     sheen_roughness: float = 0.0
     anisotropy: float = 0.0
     anisotropy_rotation: float = 0.0
+    transmission: float = 0.0
+    absorption: tuple[float, ...] = (0.0, 0.0, 0.0)
+    bending: float = 1.0
 
     @property
     def drawn(self) -> tuple[str, ...]:
@@ -40,6 +51,7 @@ class Layers:
             "CLEARCOAT": self.clearcoat > 0.0,
             "SHEEN": max(self.sheen_color) > 0.0,
             "ANISOTROPY": self.anisotropy > 0.0,
+            "TRANSMISSION": self.transmission > 0.0,
         }
         return tuple(name for name, shown in seen.items() if shown)
 
@@ -89,6 +101,31 @@ class Material:
     sheen_color_texture: TextureUse | None = None
     sheen_roughness_texture: TextureUse | None = None
     anisotropy_texture: TextureUse | None = None
+    transmission_texture: TextureUse | None = None
+    thickness_texture: TextureUse | None = None
+
+    @property
+    def see_through(self) -> bool:
+        """Whether what lies behind it shows: it is drawn after all else, from far to near."""
+        return self.alpha_mode == "BLEND" or self.layers.transmission > 0.0
+
+    @property
+    def opacity(self) -> float:
+        """Share of light that its shadow lacks, without the alpha of its texture."""
+        alpha = 1.0 if self.alpha_mode == "OPAQUE" else self.base_color[3]
+        return alpha if self.alpha_mode == "MASK" else alpha * (1.0 - self._clearness)
+
+    @property
+    def _clearness(self) -> float:
+        """Share of light that goes straight through, averaged over its textures and colours."""
+        layers = self.layers
+        share = layers.transmission * (1.0 - self.metallic) * (1.0 - self.specular * self.f0[1])
+        for use, channel in ((self.transmission_texture, 0), (self.base_color_texture, 1)):
+            if use is not None:
+                share *= float(use.image.pixels[..., channel].mean()) / 255.0
+        pairs = zip(self.base_color, layers.absorption, strict=False)
+        colors = (color * math.exp(-depth) for color, depth in pairs)
+        return share * min(sum(colors) / 3.0, 1.0)
 
 
 def read_materials(document: Document) -> tuple[Material, ...]:
@@ -111,6 +148,8 @@ def _read_material(textures: TextureReader, item: Fields) -> Material:
     coat = _extension(item, "KHR_materials_clearcoat")
     sheen = _extension(item, "KHR_materials_sheen")
     stretched = _extension(item, "KHR_materials_anisotropy")
+    clear = _extension(item, "KHR_materials_transmission")
+    volume = _extension(item, "KHR_materials_volume")
     unlit = item.extension("KHR_materials_unlit") is not None
     # The extension's 0 stands for an infinite index: a mirror whose colour is specularColor.
     reflectance = 1.0 if n == 0.0 else ((n - 1.0) / (n + 1.0)) ** 2
@@ -126,7 +165,7 @@ def _read_material(textures: TextureReader, item: Fields) -> Material:
         alpha_cutoff=item.number("alphaCutoff", 0.5),
         double_sided=item.flag("doubleSided"),
         unlit=unlit,
-        layers=Layers() if unlit else _read_layers(coat, sheen, stretched),
+        layers=Layers() if unlit else _read_layers(item, n),
         base_color_texture=textures.use(pbr, "baseColorTexture", srgb=True),
         metallic_roughness_texture=textures.use(pbr, "metallicRoughnessTexture"),
         normal_texture=textures.use(item, "normalTexture", "scale"),
@@ -140,10 +179,16 @@ def _read_material(textures: TextureReader, item: Fields) -> Material:
         sheen_color_texture=textures.use(sheen, "sheenColorTexture", srgb=True),
         sheen_roughness_texture=textures.use(sheen, "sheenRoughnessTexture"),
         anisotropy_texture=textures.use(stretched, "anisotropyTexture"),
+        transmission_texture=textures.use(clear, "transmissionTexture"),
+        thickness_texture=textures.use(volume, "thicknessTexture"),
     )
 
 
-def _read_layers(coat: Fields, sheen: Fields, stretched: Fields) -> Layers:
+def _read_layers(item: Fields, ior: float) -> Layers:
+    coat = _extension(item, "KHR_materials_clearcoat")
+    sheen = _extension(item, "KHR_materials_sheen")
+    stretched = _extension(item, "KHR_materials_anisotropy")
+    clear = _extension(item, "KHR_materials_transmission")
     return Layers(
         clearcoat=coat.number("clearcoatFactor", 0.0),
         clearcoat_roughness=coat.number("clearcoatRoughnessFactor", 0.0),
@@ -151,7 +196,22 @@ def _read_layers(coat: Fields, sheen: Fields, stretched: Fields) -> Layers:
         sheen_roughness=sheen.number("sheenRoughnessFactor", 0.0),
         anisotropy=stretched.number("anisotropyStrength", 0.0),
         anisotropy_rotation=stretched.number("anisotropyRotation", 0.0),
+        transmission=min(max(clear.number("transmissionFactor", 0.0), 0.0), 1.0),
+        absorption=_absorption(_extension(item, "KHR_materials_volume")),
+        # as the Khronos sample viewer has it: nothing is bent at 1, everything from 1.5 on
+        bending=min(max(2.0 * ior - 2.0, 0.0), 1.0) if ior > 0.0 else 1.0,
     )
+
+
+def _absorption(volume: Fields) -> tuple[float, ...]:
+    """Optical depth of a volume's whole thickness (RGB): Beer's law."""
+    distance = volume.positive("attenuationDistance")
+    color = volume.vector("attenuationColor", 3, (1.0, 1.0, 1.0))
+    thickness = volume.number("thicknessFactor", 0.0)
+    if distance is None or thickness <= 0.0:
+        return 0.0, 0.0, 0.0
+    share = thickness / distance
+    return tuple(min(-math.log(min(max(c, _BLACK), 1.0)) * share, _OPAQUE) for c in color)
 
 
 def _extension(item: Fields, name: str) -> Fields:

@@ -5,6 +5,10 @@ centroid in vec3 relative;
 centroid in vec3 surface_normal;
 centroid in vec4 uv;
 centroid in vec4 tint;
+#ifdef USE_ANISOTROPY
+in vec3 place;
+in vec4 chart;
+#endif
 
 layout(std140, row_major) uniform FrameBlock {
     mat4 clip_from_relative;
@@ -16,11 +20,12 @@ layout(std140, row_major) uniform FrameBlock {
 layout(std140) uniform MaterialBlock {
     vec4 base_color;
     vec4 factors;      // metallic, roughness, specular weight, alpha cutoff
-    vec4 emissive;
+    vec4 emissive;     // and transmission
     vec4 dielectric;   // reflectance at normal incidence; direction of anisotropy
     vec4 layers;       // clear coat, its roughness, anisotropy, roughness of the sheen
     vec4 sheen;        // its colour; uv set of tangents
-    vec4 uv_rows[26];  // for each texture two rows: (a, b, c, uv set), (d, e, f, strength)
+    vec4 volume;       // optical depth; how much roughness blurs what is behind
+    vec4 uv_rows[30];  // for each texture two rows: (a, b, c, uv set), (d, e, f, strength)
 };
 
 uniform sampler2D base_color_map;
@@ -36,6 +41,8 @@ uniform sampler2D clearcoat_normal_map;
 uniform sampler2D sheen_color_map;
 uniform sampler2D sheen_roughness_map;
 uniform sampler2D anisotropy_map;
+uniform sampler2D transmission_map;
+uniform sampler2D thickness_map;
 
 #ifdef USE_BEHIND
 uniform sampler2D limit;  // window depth of each pixel; what is nearer is left out
@@ -48,6 +55,8 @@ const float PI = 3.14159265358979;
 // Of the dielectric: reflectance at normal incidence and at grazing incidence.
 vec3 f0 = dielectric.rgb;
 float f90 = factors.z;
+float through = 0.0;  // share of what enters that leaves on the other side
+float shown = 0.0;    // share of the light from right behind that gets to the eye
 
 vec2 map_uv(int slot)
 {
@@ -59,9 +68,9 @@ vec2 map_uv(int slot)
 
 // Tangent and bitangent of texture coordinates on a unit normal; false where they do not change.
 // From derivatives: no attribute needed, right for mirrored coordinates too.
-bool tangents(vec2 at, vec3 n, out vec3 tangent, out vec3 bitangent)
+bool tangents(vec3 position, vec2 at, vec3 n, out vec3 tangent, out vec3 bitangent)
 {
-    vec3 dp_x = dFdx(relative), dp_y = dFdy(relative);
+    vec3 dp_x = dFdx(position), dp_y = dFdy(position);
     vec2 duv_x = dFdx(at), duv_y = dFdy(at);
     vec3 across_y = cross(dp_y, n), across_x = cross(n, dp_x);
     tangent = across_y * duv_x.x + across_x * duv_y.x;
@@ -80,7 +89,7 @@ vec3 tilted(vec3 n, sampler2D map, int slot)
 {
     vec2 at = map_uv(slot);
     vec3 tangent, bitangent;
-    if (!tangents(at, n, tangent, bitangent)) return n;
+    if (!tangents(relative, at, n, tangent, bitangent)) return n;
     vec3 bump = texture(map, at).xyz * 2.0 - 1.0;
     bump.xy *= uv_rows[2 * slot + 1].w;
     return normalize(tangent * bump.x + bitangent * bump.y + n * bump.z);
@@ -121,7 +130,7 @@ void find_stretch(float alpha)
     direction = mat2(direction, -direction.y, direction.x) * turned;
     strength *= sampled.b;
 #endif
-    if (!tangents(sheen.w < 0.5 ? uv.xy : uv.zw, n, tangent, bitangent)) {
+    if (!tangents(place, sheen.w < 0.5 ? chart.xy : chart.zw, n, tangent, bitangent)) {
         strength = 0.0;
         tangent = cross(n, abs(n.x) < 0.5 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0));
         bitangent = cross(n, tangent);
@@ -221,6 +230,9 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
 #endif
     vec3 fresnel = mix(f0, vec3(f90), grazing);
     float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
+#ifdef USE_TRANSMISSION
+    kept *= 1.0 - through;
+#endif
     vec3 plastic = kept * base / PI + lobe * fresnel;
     vec3 metal = lobe * mix(base, vec3(1.0), grazing);
     return nl * mix(plastic, metal, metallic);
@@ -246,6 +258,20 @@ vec3 mirrored(vec3 color, float edge, float nv, float roughness)
     float scale = 1.04 - 0.572 * roughness - 1.04 * bend;
     float bias = 1.04 * bend - 0.04 + 0.022 * roughness;
     return (color * scale + edge * bias) * (1.0 + color * (1.0 / (scale + bias) - 1.0));
+}
+#endif
+
+#ifdef USE_TRANSMISSION
+// KHR_materials_transmission without refraction: how much light of each colour goes straight on.
+vec3 passed(vec3 base, float metallic, float nv)
+{
+    vec3 fresnel = mix(f0, vec3(f90), pow(1.0 - nv, 5.0));
+    vec3 depth = volume.rgb;
+#ifdef USE_THICKNESS_MAP
+    depth *= texture(thickness_map, map_uv(14)).g;
+#endif
+    float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
+    return kept * through * (1.0 - metallic) * base * exp(-depth);
 }
 #endif
 
@@ -315,7 +341,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     vec3 ahead = mix(from_around(r), around, roughness);
     vec3 color = mix(f0, base, metallic);
     float nv = clamp(dot(n, v), 0.0, 1.0);
-    sum += occlusion * (around * base * (1.0 - metallic)
+    sum += occlusion * (around * base * ((1.0 - metallic) * (1.0 - through))
                         + ahead * mirrored(color, mix(f90, 1.0, metallic), nv, roughness));
 #ifdef USE_CLEARCOAT
     coat += occlusion * mix(from_around(reflect(-v, coat_normal)), from_around(coat_normal),
@@ -325,13 +351,31 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     fuzz += occlusion * around * fuzz_share * fuzz_color;
 #endif
 #endif
+#ifdef USE_TRANSMISSION
+    vec3 passing = passed(base, metallic, min(abs(dot(n, v)), 1.0));
+#endif
 #ifdef USE_SHEEN
+#ifdef USE_TRANSMISSION
+    passing *= 1.0 - max(fuzz_color.r, max(fuzz_color.g, fuzz_color.b)) * fuzz_share;
+#endif
     sum *= 1.0 - max(fuzz_color.r, max(fuzz_color.g, fuzz_color.b)) * fuzz_share;
     sum += fuzz;
 #endif
     sum += glow;
 #ifdef USE_CLEARCOAT
     sum = mix(sum, coat, coat_share);
+#ifdef USE_TRANSMISSION
+    passing *= 1.0 - coat_share;
+#endif
+#endif
+#ifdef USE_TRANSMISSION
+    // One alpha for all colours: in which of them it differs from that, and what roughness
+    // scatters, is taken from the light around.
+    shown = min(dot(passing, vec3(0.2126, 0.7152, 0.0722)), 1.0)
+        * (1.0 - min(roughness * volume.w, 1.0));
+#ifdef USE_AMBIENT
+    sum += (passing - shown) * from_around(-v);
+#endif
 #endif
     return sum;
 }
@@ -378,6 +422,12 @@ void main()
 #ifdef USE_TEXTURED_SPECULAR
     f0 = min(f0, vec3(1.0)) * f90;
 #endif
+#ifdef USE_TRANSMISSION
+    through = emissive.w;
+#ifdef USE_TRANSMISSION_MAP
+    through *= texture(transmission_map, map_uv(13)).r;
+#endif
+#endif
     vec3 glow = emissive.rgb;
 #ifdef USE_EMISSIVE_MAP
     glow *= texture(emissive_map, map_uv(4)).rgb;
@@ -385,5 +435,5 @@ void main()
     vec3 color = lit(base.rgb, clamp(metallic, 0.0, 1.0), clamp(roughness, 0.0, 1.0), glow);
 #endif
     // The target holds half floats: an overflow to infinity would spread through the blur.
-    radiance = vec4(min(color, vec3(60000.0)) * alpha, alpha);
+    radiance = vec4(min(color, vec3(60000.0)) * alpha, alpha * (1.0 - shown));
 }

@@ -17,6 +17,11 @@ centroid out vec3 relative;
 centroid out vec3 surface_normal;
 centroid out vec4 uv;
 centroid out vec4 tint;
+#ifdef USE_ANISOTROPY
+// At the centre after all: differences of centroids are no derivatives.
+out vec3 place;
+out vec4 chart;
+#endif
 
 void main()
 {
@@ -24,5 +29,9 @@ void main()
     surface_normal = normal;
     uv = texcoords;
     tint = vertex_color;
+#ifdef USE_ANISOTROPY
+    place = relative;
+    chart = uv;
+#endif
     gl_Position = clip_from_relative * vec4(relative, 1.0);
 }
