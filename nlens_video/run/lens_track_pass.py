@@ -37,6 +37,8 @@ _SPACING_S = 0.12  # least time between two fits of one shot [s]
 _SMOOTHING_S = 0.1  # standard deviation of the smoothing of fits over time [s]
 _SETTLED_S = 0.5  # time since the last fit after which a smaller change counts as well [s]
 _SETTLED_CHANGE = 0.4 * CHANGED
+_BEGUN = 0.3 * CHANGED  # less than this is noise, and the lens rests
+_MOST_BETWEEN = 8  # frames kept from where a change begins to where it is told
 _MOST_DEVIATION = 3.0  # of a fit of unresolved sign from the one before [standard error]
 
 
@@ -90,14 +92,13 @@ def lens_track_pass(
         end = settings.source.frames[1]
         count = 0
 
-        def pictures() -> Iterator[tuple[int, Picture]]:
-            nonlocal count
-            for frame in takewhile(lambda frame: end is None or frame.index < end, source):
-                signals.check()
-                count = frame.index + 1
-                yield frame.index, frame.picture
-
-        requests = _fit_requests(pictures(), seconds, every)
+        scan = _Scan(seconds, every)
+        for frame in takewhile(lambda frame: end is None or frame.index < end, source):
+            signals.check()
+            count = frame.index + 1
+            scan.see(frame.index, frame.picture)
+        scan.end_shot()
+    requests = scan.requests
     on_counted(count)
     if len(requests) < 2:
         return None
@@ -114,59 +115,78 @@ def lens_track_pass(
     )
 
 
-def _fit_requests(
-    pictures: Iterator[tuple[int, Picture]], frame_s: float, every: int | None
-) -> list[FitRequest]:
-    """Frames to fit the lens on: the first of each shot, where the blur changed, and its last."""
-    requests: list[FitRequest] = []
-    before: Signature | None = None
-    at = 0  # frame of the signature before
-    skipped: list[tuple[int, Picture]] = []
-    for index, picture in pictures:
-        if before is None:
-            before, at = signature(picture), index
-            requests.append(FitRequest(index, 0, before, index))
-            continue
-        last = requests[-1]
-        if (index - last.index) % _EVERY and every is None:
-            skipped.append((index, picture))
-            continue
-        now = signature(picture)
-        if is_cut(before, now):
-            first = _first_after_cut(before, now, skipped, index)
-            _end_shot(requests, at, before, [item for item in skipped if item[0] < first])
-            requests.append(FitRequest(first, last.shot + 1, now, index))
-        elif _needs_fit(last.seen, now, index - last.index, frame_s, every):
-            requests.append(FitRequest(index, last.shot, now, index))
-        elif changed(last.seen, now) < _SETTLED_CHANGE:
-            requests[-1] = replace(last, until=index)
-        before, at = now, index
-        skipped.clear()
-    if before is not None:
-        _end_shot(requests, at, before, skipped)
-    return requests
-
-
-def _end_shot(
-    requests: list[FitRequest], at: int, seen: Signature, skipped: list[tuple[int, Picture]]
-) -> None:
-    """Add the last frame of a shot in which the lens changes, unless it has come to rest.
+class _Scan:
+    """Chooses the frames to fit the lens on: the first of each shot, where it changed, the last.
 
     Args:
-        requests: so far.
-        at: last frame of the shot whose signature is known [1].
-        seen: that signature.
-        skipped: frames of the shot after it.
+        frame_s: from one frame to the next, > 0 [s].
+        every: frames from one fit to the next, None to fit where the blur changes [1].
     """
-    last = requests[-1]
-    if len(requests) < 2 or requests[-2].shot != last.shot:
-        return
-    if skipped:
-        at, seen = skipped[-1][0], signature(skipped[-1][1])
-    if changed(last.seen, seen) < _SETTLED_CHANGE:
-        requests[-1] = replace(last, until=at)
-    elif at > last.index:
-        requests.append(FitRequest(at, last.shot, seen, at))
+
+    def __init__(self, frame_s: float, every: int | None) -> None:
+        self.requests: list[FitRequest] = []
+        self._frame_s, self._every = frame_s, every
+        self._before: FitRequest | None = None  # the last frame whose signature is known
+        self._skipped: list[tuple[int, Picture]] = []  # frames after it
+        self._between: list[FitRequest] = []  # since the last request, where a change has begun
+
+    def see(self, index: int, picture: Picture) -> None:
+        """Look at the next frame."""
+        before = self._before
+        if before is None:
+            self._before = FitRequest(index, 0, signature(picture), index)
+            self.requests.append(self._before)
+            return
+        last = self.requests[-1]
+        if (index - last.index) % _EVERY and self._every is None:
+            self._skipped.append((index, picture))
+            return
+        now = FitRequest(index, last.shot, signature(picture), index)
+        if is_cut(before.seen, now.seen):
+            first = _first_after_cut(before.seen, now.seen, self._skipped, index)
+            self._skipped = [item for item in self._skipped if item[0] < first]
+            self.end_shot()
+            self.requests.append(replace(now, index=first, shot=last.shot + 1))
+        elif _needs_fit(last.seen, now.seen, index - last.index, self._frame_s, self._every):
+            self._add(now)
+        elif changed(last.seen, now.seen) < _BEGUN:
+            self._rests(index)
+        else:
+            self._between.append(now)
+            del self._between[:-_MOST_BETWEEN]
+        self._before = now
+        self._skipped.clear()
+
+    def end_shot(self) -> None:
+        """Add the last frame of a shot in which the lens changes, unless it has come to rest."""
+        now = self._before
+        if now is not None and len(self.requests) > 1 and self.requests[-2].shot == now.shot:
+            if self._skipped:
+                index, picture = self._skipped[-1]
+                now = FitRequest(index, now.shot, signature(picture), index)
+            if changed(self.requests[-1].seen, now.seen) < _BEGUN:
+                self._rests(now.index)
+            elif now.index > self.requests[-1].index:
+                self._add(now)
+        self._between.clear()
+
+    def _add(self, request: FitRequest) -> None:
+        last = self.requests[-1].index
+        self.requests += _spaced([*self._between, request], last, self._frame_s)
+        self._between.clear()
+
+    def _rests(self, until: int) -> None:
+        self.requests[-1] = replace(self.requests[-1], until=until)
+        self._between.clear()
+
+
+def _spaced(requests: list[FitRequest], last: int, frame_s: float) -> Iterator[FitRequest]:
+    """Those requests that are far enough from the one before them, and the last."""
+    spacing = max(1, round(_SPACING_S / frame_s))
+    for request in requests:
+        if request.index - last >= spacing or request is requests[-1]:
+            last = request.index
+            yield request
 
 
 def _first_after_cut(
