@@ -24,6 +24,9 @@ _BACK_PX = 0.4  # a point that does not come back this close is lost
 _RENEWED = 3  # frames between searches for new corners
 _SHORTEST = 6  # observations of a point whose way counts
 _STRAYED_PX = 0.75
+_FEWEST = 8  # such points of a frame that is judged
+_STAYS = 0.4  # share of the cells with points that hold one at its place, as a still camera sees
+_MOST_LEFT = 2, 0.02  # frames, and share of them, that may show less, as a shaken one
 _FEW, _CUT_KEPT = 20, 0.3  # points, and share of them that a cut leaves at most
 _CUT_LIGHT = 0.06  # mean change of the light of a grid's cells in a cut [1]
 _CELLS = (8, 6)
@@ -49,13 +52,12 @@ class Tracker:
     _previous: UInt8 | None = None
     _points: Float32 = field(default_factory=lambda: np.zeros((0, 2), np.float32))
     _starts: Float32 = field(default_factory=lambda: np.zeros((0, 2), np.float32))
-    _strayed: Bool = field(default_factory=lambda: np.zeros(0, np.bool_))
     _seen: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     _numbers: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
     _patches: Patches = field(default_factory=Patches)
     _begun: int = 0
-    _long: int = 0
-    _long_strayed: int = 0
+    _judged: int = 0
+    _left: int = 0
 
     def add(self, luma: UInt8) -> None:
         """Follow all points into the next frame (H, W)."""
@@ -75,11 +77,12 @@ class Tracker:
 
     @property
     def moves(self) -> bool:
-        """Whether at least half of the points that were seen often enough left their place."""
-        often = self._seen >= _SHORTEST
-        strayed = self._long_strayed + int((often & self._strayed).sum())
-        whole = self._long + int(often.sum())
-        return 2 * strayed >= max(whole, 1)
+        """Whether the picture as a whole leaves its place.
+
+        Things that move, or shimmer in noise, may be most of the points. Before a still camera some
+        stay at their place all over the frame, and at all times.
+        """
+        return self._left > max(_MOST_LEFT[0], _MOST_LEFT[1] * self._judged)
 
     @property
     def current(self) -> dict[int, Float32]:
@@ -97,16 +100,23 @@ class Tracker:
         places, alike = self._patches.find(luma, moved)
         kept = alike & found & _inside(places, luma)
         steps = np.linalg.norm(places - self._points, axis=1)[kept]
-        lost = ~kept & (self._seen >= _SHORTEST)
-        self._long += int(lost.sum())
-        self._long_strayed += int((lost & self._strayed).sum())
         self._patches.keep(kept)
         self._points, self._starts = places[kept], self._starts[kept]
         self._numbers, self._seen = self._numbers[kept], self._seen[kept] + 1
-        self._strayed = self._strayed[kept] | (
-            np.linalg.norm(self._points - self._starts, axis=1) > _STRAYED_PX
-        )
+        self._judge(luma.shape)
         return float(np.median(steps)) if len(steps) else 0.0
+
+    def _judge(self, shape: tuple[int, ...]) -> None:
+        """Count the frame as one that has left its place, or as one that has not."""
+        often = self._seen >= _SHORTEST
+        if often.sum() < _FEWEST:
+            return
+        stays = np.linalg.norm(self._points - self._starts, axis=1) < _STRAYED_PX
+        rows, columns = (self._points[:, ::-1] / shape * _GRID).astype(np.int64).T
+        cells = rows * _GRID[1] + columns
+        held, whole = (np.count_nonzero(np.bincount(cells[m])) for m in (often & stays, often))
+        self._judged += 1
+        self._left += int(held < _STAYS * whole)
 
     def _renew(self, luma: UInt8) -> None:
         """Add corners where there are none, evenly over the frame."""
@@ -133,7 +143,6 @@ class Tracker:
         self._patches.add(luma, points)
         self._points = np.concatenate([self._points, points])
         self._starts = np.concatenate([self._starts, points])
-        self._strayed = np.concatenate([self._strayed, np.zeros(len(points), np.bool_)])
         self._seen = np.concatenate([self._seen, np.ones(len(points), np.int64)])
         numbers = np.arange(self._begun, self._begun + len(points))
         self._numbers = np.concatenate([self._numbers, numbers])

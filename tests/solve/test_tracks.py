@@ -87,3 +87,24 @@ def test_thing_that_moves_over_a_still_picture_does_not_move_the_camera():
     for n, picture in enumerate(pictures):
         picture[50:110, 20 + 8 * n : 80 + 8 * n] = texture(1)[:60, :60].astype(np.uint8)
     assert not followed(pictures).moves
+
+
+def test_things_that_move_over_half_of_a_still_and_noisy_picture_do_not_move_the_camera():
+    rng = np.random.default_rng(3)
+    pictures = list(shifted((0.0, 0.0), frames=20))
+    waves = texture(2, (300, 600)).astype(np.uint8)
+    for n, picture in enumerate(pictures):
+        picture[:, 90:260] = waves[:200, 5 * n : 5 * n + 170]
+        noisy = picture + rng.normal(0.0, 4.0, picture.shape)
+        picture[:] = np.clip(noisy, 0, 255).astype(np.uint8)
+    assert not followed(pictures).moves
+
+
+def test_camera_that_moves_towards_a_point_moves_though_what_is_far_stays():
+    scales = [1.004**n for n in range(30)]
+    assert followed(warped([[s, 0, 160 - 210 * s], [0, s, 100 - 150 * s]]) for s in scales).moves
+
+
+def test_camera_that_begins_to_move_late_moves():
+    pictures = [warped([[1, 0, -50 - 2.0 * max(0, n - 30)], [0, 1, -50]]) for n in range(40)]
+    assert followed(pictures).moves
