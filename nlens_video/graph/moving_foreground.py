@@ -29,6 +29,7 @@ from nlens_video.effects.foreground.background import (
     root,
     small_size,
 )
+from nlens_video.effects.foreground.looks import parted
 from nlens_video.effects.foreground.matte import soft_matte
 from nlens_video.effects.foreground.things import find_things, normalised, things_mask
 from nlens_video.effects.foreground.tracks import Ordered, Tracks
@@ -44,6 +45,8 @@ _SAMPLES = 12  # moments at which the object's place is looked up beforehand
 _MARGIN = 0.5  # of the object's height, around it: its shadow lies there [1]
 _LEAST_MARGIN_PX = 24
 _CHECKED_EVERY = 12  # frames, whether what moves can still turn out steady
+_ALONG = 2.0  # pixels of the small size, within which the border of things that meet is sought
+_SMOOTHEST = 2e-4  # variance of roots of light below which it is no border
 _CONTEXT_PX = 24  # around a region from which a thing is continued [px]
 
 
@@ -77,7 +80,7 @@ class MovingForeground:
         small_box = self.small.small(box)
         if box.empty or all(one.box.intersection(small_box).empty for one in things):
             return None
-        near, before = self._things_near(things, picture)
+        near, before, meet = self._things_near(things, picture)
         frame = Box(0, 0, *self.small.size)
         wide = box.expanded(_CONTEXT_PX).intersection(self.background.box)
         size = frame.width, frame.height
@@ -95,11 +98,16 @@ class MovingForeground:
             light, below, self.background.noise[part], prior, self._edge_px(things, fit, scale),
             scale,
         )  # fmt: skip
-        order = np.asarray(cv2.resize(before, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        order = cv2.resize(before, size, interpolation=cv2.INTER_LINEAR)[inside]
+        if meet:  # where one ends and another begins the picture knows better
+            guide = np.ascontiguousarray(root(light))
+            reach = max(2, math.ceil(_ALONG * scale))
+            order = np.clip(cv2.ximgproc.guidedFilter(guide, order, reach, _SMOOTHEST), 0.0, 1.0)
         cut = box.slices_in(wide)
         return MovingMatte(
-            box=box, coverage=share[cut], before=order[inside][cut], background=below[cut]
-        )
+            box=box, coverage=share[cut], before=np.asarray(order[cut], np.float32),
+            background=below[cut],
+        )  # fmt: skip
 
     def _edge_px(self, things: tuple[Ordered, ...], fit: LensFit | None, scale: float) -> float:
         """How wide the softest edge of a thing is, by lens and motion [px]."""
@@ -112,9 +120,15 @@ class MovingForeground:
 
     def _things_near(
         self, things: tuple[Ordered, ...], picture: Picture
-    ) -> tuple[Float32, Float32]:
-        """Mask of what moves, and how much of it is before the object, at the small size (h, w)."""
-        mask = _mask(self.small, picture)
+    ) -> tuple[Float32, Float32, bool]:
+        """Mask of what moves, how much of it is before the object, at the small size (h, w).
+
+        And whether things of different order meet.
+        """
+        roots = root(picture.downsample(*small_size(*self.small.size)))
+        roots = normalised(roots, self.small.roots)
+        mask = things_mask(roots, self.small.roots, self.small.noise)
+        meet = False
         count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
         near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
         frame = Box(0, 0, *mask.shape[::-1])
@@ -126,6 +140,14 @@ class MovingForeground:
             )
             inside = labels == number
             near[inside] = bool(parts)
+            if len({one.before for one in parts}) > 1:
+                meet, at = True, region.slices_in(frame)
+                shares = parted(
+                    [one.look for one in parts], [one.box for one in parts], roots[at], region
+                )
+                mixed = np.tensordot(np.array([one.before for one in parts], np.float32), shares, 1)
+                order[at][inside[at]] = mixed[inside[at]]
+                continue
             for one in parts:  # the nearest last
                 at = one.box.intersection(frame).slices_in(frame)
                 order[at][inside[at]] = one.before
@@ -135,12 +157,7 @@ class MovingForeground:
         known = ~np.isnan(order)
         values = np.zeros(int(nearest.max()) + 1, np.float32)
         values[nearest[known]] = order[known]
-        return near, values[nearest]
-
-
-def _mask(small: SmallBackground, picture: Picture) -> np.ndarray:
-    roots = root(picture.downsample(*small_size(*small.size)))
-    return things_mask(normalised(roots, small.roots), small.roots, small.noise)
+        return near, values[nearest], meet
 
 
 def find_moving_foreground(
@@ -227,7 +244,8 @@ def _follow(
         change = gain(roots, small.roots)
         taken = reservoir.takes_next
         reservoir.add(root(picture.linear(place)) / change if taken else None)
-        mask = things_mask(roots / change, small.roots, small.noise)
+        roots = roots / change
+        mask = things_mask(roots, small.roots, small.noise)
         things = find_things(mask)
         if not things:
             continue
@@ -238,7 +256,8 @@ def _follow(
             for one in things
         ]
         depth = -float(camera.to_camera(contact[None])[0, 2])
-        tracks.add(frame.index, things, feet, 1.0 / depth if depth > 0.0 else math.inf)
+        nearness = 1.0 / depth if depth > 0.0 else math.inf
+        tracks.add(frame.index, things, feet, nearness, (roots, mask))
         if frame.index % _CHECKED_EVERY == 0 and frame.time_s > 0.0:
             left = max(0.0, end_s / frame.time_s - 1.0)
             steadiness = tracks.steadiness(small.small(place), left)

@@ -5,7 +5,8 @@ PYTHONPATH=.:samples python -m truth.walkers --out DIR [--clips 14] [--frames 60
 Textured planes, figures of limbs and a flat object are drawn in linear light, each blurred by the
 lens at its own depth; a folder of DIR holds what `nlens-video evaluate occlusion` reads. Figures
 are smeared over half of a frame and cast a shadow; grain and drift of the exposure come before
-H.264 at crf 20. A seed names a clip.
+H.264 at crf 20. The true composite has the grain and compression of the plate wherever it shows the
+plate: a composite leaves those pixels as they are. A seed names a clip.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,7 @@ from truth.figures import OBJECT_SIZE, PX_PER_M, Look, draw_figure, draw_object
 Array = npt.NDArray[np.float32]
 WIDTH, HEIGHT, RATE = 640, 360, 25
 _CODED = transfer("iec61966-2-1").to_coded
+_LINEAR = transfer("iec61966-2-1").to_linear
 KINDS = ("before", "behind", "past", "before", "behind", "both", "past")
 _FOCAL, _EYE = WIDTH / 2 / math.tan(math.radians(30)), 1.6
 _PITCH, _WALL = math.radians(12), 14.0
@@ -241,6 +244,7 @@ def write_clip(folder: Path, clip: Clip) -> None:
     for name in ("object", "gt_patch", "front"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     facts: list[dict[str, Any]] = []
+    made: list[tuple[npt.NDArray[np.float16], ...]] = []
     card = clip.object
     depth = np.where(card[..., 3] > 0, np.float32(clip.object_depth), np.float32(1e10))
     channels = {name: np.ascontiguousarray(card[..., at]) for at, name in enumerate("RGBA")}
@@ -258,17 +262,32 @@ def write_clip(folder: Path, clip: Clip) -> None:
                 format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
             )
             container.mux(stream.encode(frame))
-            truth = np.uint8(255 * np.clip(_CODED(composite), 0, 1) + 0.5)
-            cv2.imwrite(str(folder / f"gt_patch/{index:04d}.png"),
-                        np.dstack([truth[..., ::-1], reach]))  # fmt: skip
+            made.append(tuple(one.astype(np.float16) for one in (plate, composite, in_front)))
             cv2.imwrite(str(folder / f"front/{index:04d}.png"), np.uint8(255 * in_front + 0.5))
             write_layers(folder / f"object/{index:04d}.exr", {**channels, "Z": depth})
             facts.append({"focus_distance_m": clip.focus, "coc_at_infinity_px": clip.infinity,
                           "walkers": walkers})  # fmt: skip
         container.mux(stream.encode())
+    for index, (seen, (plate, composite, in_front)) in enumerate(
+        zip(_decoded(folder / "bg.mp4"), made, strict=True)
+    ):
+        shown = 1 - clip.object_seen[..., 3:] * (1 - in_front[..., None].astype(np.float32))
+        light = composite + shown * (seen - plate)
+        truth = np.uint8(255 * np.clip(_CODED(light), 0, 1) + 0.5)
+        cv2.imwrite(str(folder / f"gt_patch/{index:04d}.png"), np.dstack([truth[..., ::-1], reach]))
     write_glb(folder / "object.glb", clip)
     described = {"resolution": [WIDTH, HEIGHT], "fps": RATE, "kind": clip.kind, "frames": facts}
     (folder / "params.json").write_text(json.dumps(described, indent=1))
+
+
+def _decoded(path: Path) -> Iterator[Array]:
+    """The plate's frames as a composite gets them, in linear light (H, W, 3)."""
+    with av.open(str(path)) as container:
+        for frame in container.decode(video=0):
+            codes = frame.to_ndarray(
+                format="rgb24", src_colorspace="ITU709", src_color_range="MPEG"
+            )
+            yield np.asarray(_LINEAR(codes.astype(np.float32) / 255), np.float32)
 
 
 def write_glb(path: Path, clip: Clip) -> None:

@@ -7,6 +7,7 @@ import pytest
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box, MovingMatte
 from nlens_video.effects.foreground.background import Reservoir, Survey, gain, middle, root
+from nlens_video.effects.foreground.looks import parted
 from nlens_video.effects.foreground.matte import soft_matte
 from nlens_video.effects.foreground.things import Seen, find_things, things_mask
 from nlens_video.effects.foreground.tracks import Tracks
@@ -148,6 +149,60 @@ def test_two_things_that_meet_keep_their_orders():
     for things in tracks.ordered().values():
         for one in things:
             assert one.before == float(one.box.y1 > 100), one
+
+
+def pair(index):
+    """Roots of light of a frame on which a red card and a green one pass; the red one is nearer."""
+    light = scene()
+    near, far = (
+        Box(4 * index, 10, 4 * index + 30, 115),
+        Box(170 - 4 * index, 30, 200 - 4 * index, 90),
+    )
+    frame = Box(0, 0, *SHAPE[::-1])
+    mask = np.zeros(SHAPE, np.bool_)
+    for box, colour in ((far, (0.05, 0.4, 0.1)), (near, (0.5, 0.05, 0.05))):
+        at = box.intersection(frame).slices_in(frame)
+        light[at], mask[at] = colour, True
+    return root(light), mask, near.intersection(frame), far.intersection(frame)
+
+
+def followed(count=36):
+    tracks = Tracks()
+    for index in range(count):
+        roots, mask, *_ = pair(index)
+        things = find_things(mask)
+        feet = [0.4 if one.foot[1] > 100 else 0.2 for one in things]
+        tracks.add(index, things, feet, 0.3, (roots, mask))
+    return tracks.ordered()
+
+
+def test_two_things_that_meet_are_parted_by_their_colours_where_their_boxes_overlap():
+    ordered = followed()
+    met = [index for index, things in ordered.items() if len(things) == 2 and len(
+        {one.region for one in things}) == 1]  # fmt: skip
+    assert len(met) > 5
+    frame = Box(0, 0, *SHAPE[::-1])
+    for index in met:
+        roots, mask, near, far = pair(index)
+        things = sorted(ordered[index], key=lambda one: one.disparity)
+        region = things[0].region
+        shares = parted(
+            [one.look for one in things], [one.box for one in things],
+            roots[region.slices_in(frame)], region,
+        )  # fmt: skip
+        of_near = np.zeros(SHAPE, np.float32)
+        of_near[region.slices_in(frame)] = shares[1]
+        true = np.zeros(SHAPE, np.bool_)
+        true[near.slices_in(frame)] = True
+        assert ((of_near > 0.5) == true)[mask].mean() > 0.95, index
+
+
+def test_things_that_part_again_are_told_by_their_colours():
+    last = followed(48)
+    for index in (0, 3, 44, 46):
+        _, _, near, _ = pair(index)
+        for one in last[index]:
+            assert one.before == float(one.box.intersection(near) == near), (index, one.box)
 
 
 @pytest.mark.parametrize("blur", [1.0, 3.0])

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlens_video.core.layers import Box
+from nlens_video.core.layers import Bool, Box, Float32
+from nlens_video.effects.foreground.looks import Look
 from nlens_video.effects.foreground.things import Seen
 
 _SMOOTH = 5  # frames before and after one in whose median its foot is
@@ -35,6 +36,7 @@ class Track:
         feet: disparity of the ground where it stands [1 / scene unit].
         contacts: disparity of the object's contact with the ground [1 / scene unit].
         hidden: frames since it was last seen apart from others [1].
+        look: its colours.
     """
 
     frames: list[int] = field(default_factory=list)
@@ -43,6 +45,7 @@ class Track:
     feet: list[float] = field(default_factory=list)
     contacts: list[float] = field(default_factory=list)
     hidden: int = 0
+    look: Look = field(default_factory=Look)
 
     def add(self, index: int, box: Box, region: Box, foot: float, contact: float) -> None:
         """Take the thing on its next frame."""
@@ -87,6 +90,7 @@ class Ordered:
         region: box around the connected region that it is in.
         before: 1 nearer than the object, 0 behind it, between while that changes [1].
         moved_px: how far it moves from frame to frame [px of the small picture].
+        look: its colours.
         disparity: of the ground where it stands [1 / scene unit].
     """
 
@@ -95,6 +99,7 @@ class Ordered:
     before: float
     disparity: float
     moved_px: float
+    look: Look
 
 
 class Tracks:
@@ -103,11 +108,16 @@ class Tracks:
     def __init__(self) -> None:
         self._tracks: list[Track] = []
 
-    def add(self, index: int, seen: list[Seen], feet: list[float], contact: float) -> None:
+    def add(
+        self, index: int, seen: list[Seen], feet: list[float], contact: float,
+        picture: tuple[Float32, Bool] | None = None,
+    ) -> None:  # fmt: skip
         """Take the things of the next frame.
 
         Args:
             index: of the frame.
+            picture: roots of its light (h, w, 3) and mask of the things (h, w), from which their
+                looks are learnt.
             seen: the things.
             feet: disparity of the ground where each stands [1 / scene unit].
             contact: that of the object's contact with the ground [1 / scene unit].
@@ -123,14 +133,20 @@ class Tracks:
                     one.hidden += 1
                     one.add(index, one.expected(index), thing.region, one.feet[-1], contact)
                 continue
-            best = max(free, key=lambda one: _overlap(one.boxes[-1], thing.box), default=None)
-            if best is None or _overlap(best.boxes[-1], thing.box) <= 0.1:
+            near = [one for one in free if _overlap(one.boxes[-1], thing.box) > 0.1]
+            best = max(near, key=lambda one: _overlap(one.boxes[-1], thing.box), default=None)
+            met = [one for one in near if one.hidden]
+            if picture is not None and len(met) > 1:  # they part: by their looks
+                best = max(met, key=lambda one: _alike(one, thing.box, *picture))
+            if best is None:
                 best = Track()
                 self._tracks.append(best)
             else:
                 free.remove(best)
             best.hidden = 0
             best.add(index, thing.box, thing.region, foot, contact)
+            if picture is not None:
+                best.look.add(*picture, thing.box)
 
     def steadiness(self, place: Box, left: float = 0.0) -> float:
         """Share of the frames on which what travels through a place does not jump [1].
@@ -163,7 +179,7 @@ class Tracks:
             ):
                 last = track.boxes[max(0, at - 1)]
                 moved = max(abs(box.x0 - last.x0), abs(box.x1 - last.x1))
-                one = Ordered(box, region, before, foot, min(moved, 0.5 * box.width))
+                one = Ordered(box, region, before, foot, min(moved, 0.5 * box.width), track.look)
                 found.setdefault(frame, []).append(one)
         return {frame: tuple(things) for frame, things in found.items()}
 
@@ -193,6 +209,12 @@ def _orders(nearness: list[float]) -> list[float]:
     return [
         float(np.mean(states[max(0, at - _FADE) : at + _FADE + 1])) for at in range(len(states))
     ]
+
+
+def _alike(track: Track, box: Box, roots: Float32, mask: Bool) -> float:
+    """How well a track's look explains the things in a box."""
+    at = box.slices_in(Box(0, 0, *mask.shape[::-1]))
+    return float(np.log(track.look.likelihood(roots[at], box, box))[mask[at]].mean())
 
 
 def _area(box: Box) -> int:
