@@ -8,11 +8,8 @@ a process takes long to start.
 from __future__ import annotations
 
 import importlib.util
-import io
 import subprocess
-import sys
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +17,7 @@ import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32
+from nlens_video.scene.gltf.decode_worker import decode
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.extensions import DECODE_FIRST
 from nlens_video.scene.gltf.fields import Fields
@@ -35,7 +33,6 @@ _DTYPES: dict[int, npt.DTypeLike] = {
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 DRACO = "KHR_draco_mesh_compression"
-_DRACO_SECONDS = 120
 _TRIANGLES = 4
 
 Array = npt.NDArray[np.generic]
@@ -225,24 +222,13 @@ class DracoReader:
                 f"its meshes are compressed ({DRACO}) and the decoder is not installed: "
                 f"pip install nlens-video[draco]; or {DECODE_FIRST}"
             )
-        packed = io.BytesIO()
-        np.savez(packed, **self._views())  # type: ignore[arg-type]  # the names are ours
-        # By its path, so that it need not load this package.
-        command = [sys.executable, "-P", str(Path(__file__).with_name("draco_worker.py"))]
         try:
-            run = subprocess.run(
-                command,
-                input=packed.getvalue(),
-                capture_output=True,
-                timeout=_DRACO_SECONDS,
-                check=False,
-            )
+            decoded = decode("draco", self._views())
         except (OSError, subprocess.TimeoutExpired) as error:
             raise SceneError(f"its Draco meshes cannot be decoded ({error})") from error
-        if run.returncode != 0:
+        if decoded is None:
             raise SceneError(f"its Draco meshes are broken or too large; {DECODE_FIRST}")
-        with np.load(io.BytesIO(run.stdout), allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
+        return decoded
 
     def _views(self) -> dict[str, npt.NDArray[np.uint8]]:
         views: dict[str, npt.NDArray[np.uint8]] = {}

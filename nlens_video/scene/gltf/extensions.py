@@ -25,12 +25,12 @@ SUPPORTED_EXTENSIONS = frozenset(
         "KHR_materials_variants",
         "KHR_materials_volume",
         "KHR_mesh_quantization",
+        "KHR_texture_basisu",
         "KHR_texture_transform",
     }
 )
 DECODE_FIRST = "decode it first: gltf-transform cp IN.glb OUT.glb"
 _REMEDY = {
-    "KHR_texture_basisu": "decode it first: gltf-transform ktxdecompress IN.glb OUT.glb",
     "KHR_materials_pbrSpecularGlossiness": "convert it: gltf-transform metalrough IN.glb OUT.glb",
 }
 _HARMLESS = frozenset({"KHR_xmp", "KHR_xmp_json_ld"})

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import math
+import struct
+import subprocess
 import warnings
 from dataclasses import dataclass, field
 
@@ -13,6 +16,7 @@ import PIL.features
 import PIL.Image
 
 from nlens_video.core.errors import SceneError
+from nlens_video.scene.gltf.decode_worker import decode
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
 
@@ -21,6 +25,10 @@ _IDENTITY: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 # Pillow reads many more; some of them run other programs.
 _FORMATS = ("PNG", "JPEG", "WEBP", *(("AVIF",) if PIL.features.check("avif") else ()))
 _OTHER_FORMATS = ("EXT_texture_webp", "EXT_texture_avif")
+_BASISU = "KHR_texture_basisu"
+_KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
+_KTX2_SIZE_AT, _KTX2_HEADER = 20, 80  # where its width and height are; of all that is fixed
+_EXPAND_FIRST = "decode it first: gltf-transform ktxdecompress IN.glb OUT.glb"
 _TOO_LARGE = (PIL.Image.DecompressionBombError, PIL.Image.DecompressionBombWarning)
 NEAREST, LINEAR = 9728, 9729
 _MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
@@ -113,9 +121,13 @@ class TextureReader:
     def _read(self, texture: Fields, *, srgb: bool) -> Image | None:
         others = (texture.extension(name) for name in _OTHER_FORMATS)
         owner = next((other for other in others if other and "source" in other), texture)
+        if "source" not in owner:
+            owner = texture.extension(_BASISU) or owner
         source = owner.reference("source", len(self.document.items("images")))
         if source is None:
-            self.document.warn(f"{texture.place} has no PNG, JPEG or WebP picture; drawn without")
+            self.document.warn(
+                f"{texture.place} has no PNG, JPEG, WebP, AVIF or KTX2 picture; drawn without"
+            )
             return None
         if source not in self._pixels:
             self._pixels[source] = self._decode(self.document.items("images")[source])
@@ -139,6 +151,8 @@ class TextureReader:
             data = self.document.fetch(image.text("uri"), image.place)
         else:
             data = bytes(self.document.buffer_view(image.integer("bufferView", below=views)))
+        if data.startswith(_KTX2):
+            return self._expand(data, image.place)
         try:
             with warnings.catch_warnings():
                 # Pillow warns of pictures beyond 89 megapixels: here they are refused.
@@ -150,6 +164,26 @@ class TextureReader:
             raise SceneError(
                 f"{image.place} cannot be decoded ({error}); export it again"
             ) from error
+
+    def _expand(self, data: bytes, place: str) -> npt.NDArray[np.uint8]:
+        """A KTX2 picture."""
+        if importlib.util.find_spec("opengl_basisu") is None:
+            raise SceneError(
+                f"{place} is compressed ({_BASISU}) and the decoder is not installed: "
+                f"pip install nlens-video[ktx2]; or {_EXPAND_FIRST}"
+            )
+        if len(data) < _KTX2_HEADER:
+            raise SceneError(f"{place} is a KTX2 picture of {len(data)} bytes; export it again")
+        width, height = struct.unpack_from("<II", data, _KTX2_SIZE_AT)
+        self.document.spend_texture(width, height, place)
+        try:
+            decoded = decode("ktx2", {"picture": np.frombuffer(data, np.uint8)})
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise SceneError(f"{place} cannot be decoded ({error}); {_EXPAND_FIRST}") from error
+        pixels = None if decoded is None else decoded["picture"]
+        if pixels is None or pixels.shape != (height, width, 4):
+            raise SceneError(f"{place} is a KTX2 picture that is broken; {_EXPAND_FIRST}")
+        return pixels.astype(np.uint8)
 
 
 def _rgba(picture: PIL.Image.Image) -> npt.NDArray[np.uint8]:
