@@ -113,11 +113,19 @@ def test_pointer_to_anything_else_is_not_played_and_says_so(tmp_path, pointer):
     assert any("1 channels are not played" in line for line in scene.warnings)
 
 
+def test_all_pointers_that_are_not_played_share_one_line(tmp_path):
+    builder = zooming([0, 1], [0.5, 0.9])
+    pointers = [f"/materials/{number}/emissiveFactor" for number in range(5)]
+    builder.animation(*((one, "pointer", [0, 1], [0.0, 1.0], "LINEAR") for one in pointers))
+    lines = [line for line in load(builder, tmp_path).warnings if "not played" in line]
+    assert len(lines) == 1 and "5 channels" in lines[0] and pointers[0] in lines[0]
+
+
 def test_node_has_no_field_of_view_of_its_own(tmp_path):
     builder = zooming([0, 1], [0.5, 0.9])
     builder.animation((0, "yfov", [0, 1], [0.2, 0.2], "LINEAR"))
     scene = load(builder, tmp_path)
-    assert any("'yfov' of no node" in line for line in scene.warnings)
+    assert any("such as 'yfov'" in line for line in scene.warnings)
     assert yfov_at(scene, 1.0) == pytest.approx(0.9)
 
 

@@ -66,17 +66,21 @@ class _TrackReader:
         samplers = clip.children("samplers")
         tracks: dict[TrackKey, AnimationTrack] = {}
         unplayed: Counter[str] = Counter()
+        examples: dict[str, str] = {}
         for channel in clip.children("channels"):
             node, path = self._target(channel.child("target"))
             fault = self._fault(node, path)
             if fault or node is None:
                 unplayed[fault] += 1
+                examples.setdefault(fault, "" if node is not None else f", such as '{path[:60]}'")
                 continue
             sampler = samplers[channel.integer("sampler", below=len(samplers))]
             width = self.morphs[node] if path == "weights" else _WIDTHS[path]
             tracks[node, path] = self._track(sampler, node, path, width)
         for fault, count in unplayed.items():
-            self.document.warn(f"{clip.place}: {count} channels are not played: {fault}")
+            self.document.warn(
+                f"{clip.place}: {count} channels are not played: {fault}{examples[fault]}"
+            )
         return tracks
 
     def _target(self, target: Fields) -> tuple[int | None, str]:
@@ -104,7 +108,7 @@ class _TrackReader:
         if path == "yfov" and node is not None:
             return ""
         if node is None:
-            return f"they animate '{path[:40]}' of no node, and no camera's field of view"
+            return "they animate neither nodes nor a camera's field of view"
         if path == "weights" and not self.morphs.get(node):
             return "they animate weights of a node that is not drawn or has no morph targets"
         if path != "weights" and self.hierarchy.has_matrix[node]:
