@@ -106,6 +106,7 @@ class _Reader:
             errors=self._errors(errors if isinstance(errors, dict) else {}),
             method=str(raw.get("method", "given")),
             principal_px=self._point(raw, "principal_px", "px"),
+            distortion_k1=self._number(raw, "distortion_k1", 0.0),
             place=self._point(raw, "place", "frame"),
             reprojection_px=self._number(raw, "reprojection_px", 0.0)
             if "reprojection_px" in raw

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.cameras.placement import contact_depth
-from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.solved import SolvedCamera, undistorted
 from nlens_video.core.errors import NoGroundError, SceneError, UsageError
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.core.placement import GroundPlacing, Placement
@@ -138,11 +138,9 @@ def _on_ground(
     at: tuple[float, float], solved: SolvedCamera, camera: Camera
 ) -> tuple[Float64, float]:
     """Direction of a place of the frame in camera axes (3,), with z = -1; the ground's depth."""
-    ray = np.array([
-        (at[0] * camera.width - camera.cx) / camera.fx,
-        -(at[1] * camera.height - camera.cy) / camera.fy,
-        -1.0,
-    ])  # fmt: skip
+    shown = np.array([[at[0] * camera.width, at[1] * camera.height]])
+    column, row = undistorted(shown, camera, solved.distortion_k1)[0]
+    ray = np.array([(column - camera.cx) / camera.fx, -(row - camera.cy) / camera.fy, -1.0])
     pose = camera.world_from_camera
     fall = float(pose[1, :3] @ ray)
     depth = (solved.ground_y - float(pose[1, 3])) / fall if fall < 0.0 else -1.0

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from nlens_video.core.box import undistorted_radius
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.scene.camera import Camera
@@ -87,6 +88,8 @@ class SolvedCamera:
         errors: standard errors of the first frame.
         method: how it was solved, in a few words.
         principal_px: principal point, pixel centres at +0.5, None for the frame's middle [px].
+        distortion_k1: of the lens, by focal lengths, as OpenCV's k1: what a pinhole sees at radius
+            r from the principal point lies at r (1 + k1 r²) [1].
         place: column and row of the first frame where an object stands on the ground in no one's
             way, None where that is not known [frame width, frame height].
         reprojection_px: median distance of tracked points from where the cameras see them, None
@@ -106,6 +109,7 @@ class SolvedCamera:
     errors: CameraErrors = field(default_factory=CameraErrors)
     method: str = ""
     principal_px: tuple[float, float] | None = None
+    distortion_k1: float = 0.0
     place: tuple[float, float] | None = None
     reprojection_px: float | None = None
     points: Float64 | None = None
@@ -189,11 +193,33 @@ class SolvedCamera:
         }
         if self.principal_px is not None:
             values["principal_px"] = list(self.principal_px)
+        if self.distortion_k1:
+            values["distortion_k1"] = self.distortion_k1
         if self.place is not None:
             values["place"] = list(self.place)
         if self.reprojection_px is not None:
             values["reprojection_px"] = self.reprojection_px
         return json.dumps(values, indent=1) + "\n"
+
+
+def undistorted(pixels: Float64, camera: Camera, k1: float) -> Float64:
+    """Where a pinhole sees what a lens with distortion shows.
+
+    Args:
+        pixels: places in the plate (N, 2) [px].
+        camera: the pinhole.
+        k1: as of `SolvedCamera`.
+
+    Returns:
+        Places (N, 2) [px]; those that no pinhole sees stay.
+    """
+    if not k1 or not len(pixels):
+        return pixels
+    flat = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    far = np.linalg.norm(flat, axis=1)
+    scale = undistorted_radius(k1, 0.0, far) / np.maximum(far, 1e-9)
+    scale[~np.isfinite(scale) | (far < 1e-9)] = 1.0
+    return np.asarray(flat * scale[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy))
 
 
 def rigid_matrix(raw: object) -> Float64 | None:

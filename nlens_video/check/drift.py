@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import cv2
@@ -12,7 +13,7 @@ from nlens_video.check.frames import BLOCK_PX, FrameFeatures
 from nlens_video.check.regions import Mask
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.scene.camera import Camera
-from nlens_video.solve.ground_drift import GroundDrift, ground_seen
+from nlens_video.solve.ground_drift import GroundDrift, ground_seen, seen_by_pinhole
 from nlens_video.solve.tracks import Tracker, UInt8, follow
 
 _WIDTH = 960  # of the pictures that are tracked, at most [px]
@@ -60,11 +61,13 @@ class DriftMeasure:
         if mask is None:
             self._object = None
             return
+        points: Mapping[int, Float32] = self._tracker.current
         if camera is not None and before is not None and self.solved is not None:
             expected = ground_seen(before, camera, self.solved.ground_y)
+            points = seen_by_pinhole(points, camera, self.solved.distortion_k1)
         else:
             expected = _same
-        self._drift.add(self._tracker.current, _box(mask, self._width / full[0]), expected)
+        self._drift.add(points, _box(mask, self._width / full[0]), expected)
         if self.solved is None:
             self._follow_object(_small(result.luma, size), mask)
 

@@ -50,6 +50,7 @@ PLATE_EFFECTS: Mapping[str, str] = {
 
 MOST_PICTURES = 8  # of a shot that are measured, the first one included
 _MOST_COLUMNS, _MOST_ROWS = 1280, 720
+_LEAST_BENT = 0.3  # shift of a corner that is visible [% of its distance from the middle]
 _LEAST_MOVE_PX = 8.0
 _LEAST_RESPONSE = 0.05  # of the phase correlation: less is no common motion
 _LEAST_BLUR_PX = 3.0
@@ -110,6 +111,24 @@ def overridden(optics: LensOverrides) -> dict[str, Measurement]:
         distortion = Distortion(k1=k1, k2=k2, focal_normalized=True) if k1 or k2 else None
         given["distortion"] = _given("distortion", abs(k1) + abs(k2), "of k1 and k2", distortion)
     return given
+
+
+def solved_distortion(k1: float, half: float) -> Measurement:
+    """The distortion that was solved with the plate's camera.
+
+    Args:
+        k1: of the lens, by focal lengths [1].
+        half: half the frame's diagonal by the focal length [1].
+    """
+    return Measurement(
+        effect="distortion",
+        value=100.0 * abs(k1) * half**2,
+        threshold=_LEAST_BENT,
+        unit="% of the corner's distance from the middle",
+        evidence=f"solved with the plate's camera: k1 {k1:+.3f}",
+        model=Distortion(k1=k1, focal_normalized=True),
+        cost_ms=0.0,
+    )
 
 
 def _given(effect: str, value: float, unit: str, model: object | None) -> Measurement:

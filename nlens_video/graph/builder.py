@@ -59,7 +59,9 @@ def open_dependencies(
     occlusion, in_front = open_occlusion_source(
         objects, scene, view, estimate_coc, plate.again if possible else None, asked_for=asked_for
     )
-    effects = plan_effects(lens, pipeline, objects, scene, ground, in_front, plate, profiler)
+    effects = plan_effects(
+        lens, pipeline, objects, scene, ground, in_front, plate, profiler, view.solved
+    )
     view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides, Shutter, assumed_shutter
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement, measure_plate, overridden
+from nlens_video.effects.measurement import (
+    PLATE_EFFECTS,
+    Measurement,
+    measure_plate,
+    overridden,
+    solved_distortion,
+)
 from nlens_video.effects.planner import (
     MOTION_BLUR,
     OCCLUSION,
@@ -29,6 +37,8 @@ from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
+
+_DISTORTION = "distortion"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,6 +124,7 @@ def plan_effects(
     occlusion: Finding | None,
     plate: PlatePreview,
     profiler: Profiler,
+    solved: SolvedCamera | None = None,
 ) -> EffectPlan:
     """Decide on every effect, from the scene and the plate's first frames.
 
@@ -126,6 +137,7 @@ def plan_effects(
         occlusion: what was found of things in front of it.
         plate: the shot's first pictures.
         profiler: times the measuring.
+        solved: the plate's camera, which may tell its distortion.
 
     Raises:
         UsageError: an effect that does not exist, or that the pipeline has no node for.
@@ -133,6 +145,10 @@ def plan_effects(
     simulated = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
     possible = simulated.intersection(EffectRequest.parse(lens.effects).possible)
     measured: dict[str, Measurement] = overridden(lens.optics)
+    if solved is not None and solved.distortion_k1 and _DISTORTION in possible - set(measured):
+        camera = solved.at(solved.keys[0].pts_s)
+        half = 0.5 * math.hypot(camera.width, camera.height) / camera.fx
+        measured[_DISTORTION] = solved_distortion(solved.distortion_k1, half)
     unknown = possible.intersection(PLATE_EFFECTS).difference(measured)
     shutter = lens.shutter
     reads_shutter = (
@@ -168,7 +184,7 @@ def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[t
     if optics.vignetting_stops is not None:
         yield "vignetting", f"--vignetting {optics.vignetting_stops:g}"
     if optics.distortion is not None:
-        yield "distortion", "--distortion {:g},{:g}".format(*optics.distortion)
+        yield _DISTORTION, "--distortion {:g},{:g}".format(*optics.distortion)
 
 
 def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:

@@ -72,6 +72,13 @@ class Session:
             *quality,
         )
 
+    @property
+    def distortion_k1(self) -> float:
+        """Distortion that was solved with the plate's camera, where the object follows it [1]."""
+        followed = any(one.effect == "distortion" and one.wanted for one in self.decisions)
+        solved = self.view.solved
+        return solved.distortion_k1 if followed and solved is not None else 0.0
+
     @contextmanager
     def render_context(self) -> Iterator[None]:
         """Holds what the render lane's thread must open and close."""

@@ -9,7 +9,7 @@ from nlens_video.core.layers import Box, Float32
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.scene.camera import Camera
-from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved
+from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved, seen_by_pinhole
 from nlens_video.solve.tracks import Tracker, luma_of
 
 _WIDTH = 360  # of the picture that is tracked [px]
@@ -25,9 +25,12 @@ class DriftCheck(Observer):
         frame_s: frame interval, 0 for a still [s].
         ground_y: height of the object's ground [scene unit].
         solved: whether the camera is one of the plate's, solved or given.
+        distortion_k1: of the plate's lens, which the object follows, as of `SolvedCamera` [1].
     """
 
-    def __init__(self, frame_s: float, ground_y: float, *, solved: bool) -> None:
+    def __init__(
+        self, frame_s: float, ground_y: float, *, solved: bool, distortion_k1: float = 0.0
+    ) -> None:
         super().__init__()
         self._soon, self._late = (
             (max(1, round(wait / frame_s)) if frame_s > 0.0 else 0) for wait in (_SOON_S, _LATE_S)
@@ -35,6 +38,7 @@ class DriftCheck(Observer):
         self._wait, self._next = self._soon, 0
         self._ground_y = ground_y
         self._solved = solved
+        self._distortion = distortion_k1
         self._tracker = Tracker(most=_POINTS, recorded=False)
         self._drift = GroundDrift()
         self._camera: Camera | None = None
@@ -106,4 +110,5 @@ class DriftCheck(Observer):
         self._last = index
         before, self._camera = self._camera or camera, camera
         self._camera_moves = self._camera_moves or has_moved(before, camera)
-        self._drift.add(points, Box(*edges), ground_seen(before, camera, self._ground_y))
+        seen = seen_by_pinhole(points, camera, self._distortion)
+        self._drift.add(seen, Box(*edges), ground_seen(before, camera, self._ground_y))

@@ -199,8 +199,9 @@ def render(
         step = frame_s(source.info)
         zoom = ZoomCheck(step)
         drift = DriftCheck(
-            step, session.context.ground_height, solved=settings.scene.camera_from is not None
-        )
+            step, session.context.ground_height, solved=settings.scene.camera_from is not None,
+            distortion_k1=session.distortion_k1,
+        )  # fmt: skip
         found = observers(settings, source.info, session, output)
         sidecars = stack.enter_context(SidecarOutputs(found))
         observing = (sidecars, zoom, drift)

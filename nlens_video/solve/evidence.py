@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.solved import SolvedCamera, undistorted
 from nlens_video.core.layers import Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.points.observations import Ints, Observations
@@ -31,7 +31,8 @@ class Reprojection:
         track: number of the track of each observation (N,).
         frame: its place among the frames (N,).
         position: where it was seen (N, 2) [px].
-        error_px: distance from where its point is seen by the cameras (N,) [px].
+        error_px: distance from where its point is seen by the cameras, without the lens'
+            distortion (N,) [px].
     """
 
     track: Ints
@@ -65,10 +66,13 @@ def reproject(seen: Observations, times_s: list[float], solved: SolvedCamera) ->
     """
     frames = list(range(0, len(times_s), 1 + (len(times_s) - 1) // _MOST_FRAMES))
     table = seen.table(frames, _SHORTEST)
-    numbers, places, pixels = table.numbers, table.places, table.pixels
+    numbers, places, pixels = table.numbers, table.places, table.pixels.copy()
     if not len(numbers):
         return Reprojection(numbers, places, pixels, np.zeros(0))
     cameras = [solved.at(times_s[frame]) for frame in frames]
+    for place, camera in enumerate(cameras if solved.distortion_k1 else ()):
+        here = places == place
+        pixels[here] = undistorted(pixels[here], camera, solved.distortion_k1)
     poses = np.array([camera.world_from_camera for camera in cameras])[places]
     lens = np.array([(c.fx, c.fy, c.cx, c.cy) for c in cameras])[places]
     rays = np.column_stack([
@@ -91,7 +95,7 @@ def reproject(seen: Observations, times_s: list[float], solved: SolvedCamera) ->
         lens[:, 3] - lens[:, 1] * local[:, 1] / depth,
     ])  # fmt: skip
     shown = np.array(frames)[places]
-    return Reprojection(numbers, shown, pixels, np.linalg.norm(spots - pixels, axis=1))
+    return Reprojection(numbers, shown, table.pixels, np.linalg.norm(spots - pixels, axis=1))
 
 
 def _nearest_points(numbers: Ints, eyes: Float64, rays: Float64, count: int) -> Float64:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nlens_video.cameras.solved import undistorted
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.scene.camera import Camera
 
@@ -96,6 +97,23 @@ class GroundDrift:
         self.frames += 1
         self._squares += away**2
         self._worst = max(self._worst, away)
+
+
+def seen_by_pinhole(
+    points: Mapping[int, Float32], camera: Camera, distortion_k1: float
+) -> Mapping[int, Float32]:
+    """Tracked points where a pinhole sees them.
+
+    Args:
+        points: as of `GroundDrift.add`.
+        camera: the pinhole.
+        distortion_k1: of the plate's lens, as of `SolvedCamera` [1].
+    """
+    if not distortion_k1 or not points:
+        return points
+    shown = np.array(list(points.values()), np.float64)
+    seen = undistorted(shown, camera, distortion_k1).astype(np.float32)
+    return dict(zip(points, seen, strict=True))
 
 
 def ground_seen(before: Camera, now: Camera, ground_y: float) -> Callable[[Float64], Float64]:

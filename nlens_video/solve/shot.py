@@ -257,7 +257,8 @@ class ShotSolver:
             path.frames, list(turned), [one / self.size[0] for one in path.focals_px], errors,
             path="moving", sure=True, method="structure from motion",
         )  # fmt: skip
-        return replace(camera, points=path.ground @ level[:3, :3].T + level[:3, 3])
+        points = path.ground @ level[:3, :3].T + level[:3, 3]
+        return replace(camera, points=points, distortion_k1=path.distortion)
 
     def _solved(
         self, frames: list[int], poses: list[Float64], focals: list[float], errors: Float64, *,

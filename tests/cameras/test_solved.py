@@ -43,7 +43,7 @@ def test_camera_json_is_read_as_it_was_written(pitch, yaw, roll, x, y, z, fov):
     written = camera(
         *keys, ground_y=0.25, fov="metadata", horizon="measured", path="moving", scale="metres",
         errors=CameraErrors(fov_deg=1.5, pitch_deg=0.5, roll_deg=0.25), method="by hand",
-        principal_px=(481.0, 250.5),
+        principal_px=(481.0, 250.5), distortion_k1=-0.05,
     )  # fmt: skip
     read = camera_of_json(written.to_json())
     assert read.to_json() == written.to_json()

@@ -156,6 +156,36 @@ def test_object_is_composited_alike_through_each_kind_of_camera_file(files, tmp_
     assert [frame["index"] for frame in shots_in_json] == list(range(2, 14))
 
 
+def test_object_follows_the_distortion_that_was_solved_with_the_camera(files, tmp_path):
+    camera, _ = solved(files, "still.png", tmp_path, "--fov", "60")
+    pose = np.eye(4)
+    pose[:3, :3] = rotation(0.0, np.radians(-20), 0.0).T
+    pose[:3, 3] = -pose[:3, :3] @ (0.0, 1.6, 0.0)
+    camera["frames"][0]["world_to_camera"] = pose.tolist()
+    columns = []
+    for k1 in (0.0, -0.15):
+        path = tmp_path / "bent.json"
+        path.write_text(json.dumps({**camera, "distortion_k1": k1}))
+        words = (
+            "--camera-from", path, "--at", "0.1,0.85", "--size", "0.2", "--fit",
+            files / "fit.json", "--no-progress", "--effects", "distortion" if k1 else "none",
+        )  # fmt: skip
+        run = nlens(files / "still.png", files / "bare.glb", tmp_path / "out.png", *words)
+        assert run.returncode == 0, run.stderr
+        pictures = (
+            np.asarray(PIL.Image.open(one).convert("RGB"), np.int16)
+            for one in (files / "still.png", tmp_path / "out.png")
+        )
+        columns.append(middle(*pictures))
+    # where it is asked for, not where a pinhole would show it: 0.15 * 0.52² = 4 % of 384 px beside
+    assert columns[1] == pytest.approx(columns[0], abs=6.0)
+    shown = nlens(
+        files / "still.png", files / "bare.glb", tmp_path / "out.png", *words[:-1],
+        "auto", "--plan",
+    )  # fmt: skip
+    assert "solved with the plate's camera: k1 -0.150" in shown.stdout
+
+
 def test_name_of_no_format_of_cameras_is_refused_before_solving(files, tmp_path):
     run = nlens("solve", files / "walk.mkv", tmp_path / "camera.txt")
     one_line(run, 2)

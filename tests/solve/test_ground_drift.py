@@ -6,7 +6,7 @@ from support.camera_paths import SIZE, focal_of, project, rotation
 
 from nlens_video.core.layers import Box
 from nlens_video.scene.camera import Camera
-from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved
+from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved, seen_by_pinhole
 
 FOV_DEG = 50.0
 OBJECT = Box(400, 200, 560, 400)
@@ -58,6 +58,15 @@ def test_camera_that_stands_still_drifts_as_far_as_the_ground_moves(kind):
     assert found.slides(SIZE[0])
     if kind == "pan":  # 19 steps of 0.01 rad: 195 px in the frame's middle, more below it
         assert found.worst_px == pytest.approx(0.19 * focal_of(FOV_DEG), rel=0.25)
+
+
+def test_points_of_a_lens_with_distortion_are_where_a_pinhole_sees_them():
+    camera = camera_at(*next(poses("walk")))
+    ideal = np.array([[480.0, 256.0], [100.0, 60.0], [900.0, 480.0]])
+    flat = (ideal - (480.0, 256.0)) / camera.fx
+    bent = ideal + (ideal - (480.0, 256.0)) * -0.1 * (flat**2).sum(axis=1, keepdims=True)
+    seen = seen_by_pinhole(dict(enumerate(bent.astype(np.float32))), camera, -0.1)
+    assert abs(np.array([seen[n] for n in range(3)]) - ideal).max() < 0.05
 
 
 def test_camera_of_another_lens_drifts():

@@ -16,7 +16,7 @@ KEYFRAMES = FRAMES[::3] + FRAMES[-1:]
 FOV_DEG = 52.0
 
 
-def walk(turning=1.0, zoom=1.0, walkers=0):
+def walk(turning=1.0, zoom=1.0, walkers=0, distortion=0.0):
     """Observations of a camera that walks over a ground with things on it, poses, focal lengths."""
     rng = np.random.default_rng(5)
     ground = np.column_stack([rng.uniform(-4, 4, 500), np.zeros(500), rng.uniform(-10, 0, 500)])
@@ -41,6 +41,9 @@ def walk(turning=1.0, zoom=1.0, walkers=0):
         stepped = people + (1.2 * share, 0.05 * math.sin(9.0 * share), 0.3 * share)
         points = np.concatenate([ground, things, stepped])
         pixels, seen = project(points, pose[:3, :3], pose[:3, 3], fov)
+        middle = np.array(SIZE) / 2.0
+        square = (((pixels - middle) / focal) ** 2).sum(axis=1, keepdims=True)
+        pixels = middle + (pixels - middle) * (1.0 + distortion * square)
         frames.append((pixels + rng.normal(0.0, 0.1, pixels.shape), seen))
     return observed(frames), np.array(poses), np.array(focals)
 
@@ -86,6 +89,16 @@ def test_field_of_view_is_measured_with_its_error(walked):
     assert part.focals_px == pytest.approx(focal_of(FOV_DEG), rel=0.01)
     assert abs(part.focals_px[0] / focal_of(FOV_DEG) - 1.0) < 4.0 * part.focal_error + 0.001
     assert not part.zooms
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("distortion", [-0.08, 0.05])
+def test_distortion_of_the_lens_is_found_with_the_path(walked, distortion):
+    assert walked[0].distortion == 0.0
+    part = solved(walk(distortion=distortion)[0])
+    assert part.distortion == pytest.approx(distortion, abs=0.01)
+    assert part.focals_px == pytest.approx(focal_of(FOV_DEG), rel=0.01)
+    assert part.residual_px < 0.2
 
 
 def test_all_frames_have_a_pose(walked):

@@ -59,6 +59,7 @@ class Joined:
         ground_frames: how many frames there are up to its end.
         last: the newest part, in this world.
         depth: the newest part with depth, in this world.
+        distortion: radial coefficient of the first part with depth [1].
     """
 
     frames: list[int]
@@ -68,6 +69,7 @@ class Joined:
     ground_frames: int
     last: Part
     depth: Part | None
+    distortion: float
 
     @classmethod
     def begun(cls, part: Part) -> Joined:
@@ -76,7 +78,7 @@ class Joined:
         return cls(
             list(part.frames), list(part.poses), list(part.focals_px),
             part.points if moving else np.zeros((0, 3)), len(part.frames), part,
-            part if moving else None,
+            part if moving else None, part.distortion,
         )  # fmt: skip
 
     def add(self, part: Part) -> None:
@@ -107,6 +109,7 @@ class Joined:
         if part.kind == "moving":
             if self.depth is None:
                 self.ground, self.ground_frames = part.points, len(self.frames)
+                self.distortion = part.distortion
             self.depth = part
 
     def _fitted(self, part: Part, before: Float64, now: list[int]) -> Part:

@@ -50,6 +50,7 @@ class Part:
         residual_px: median distance of an observation from its point [px].
         zooms: whether the focal length changes.
         turn: largest angle between the optical axes of two keyframes [rad].
+        distortion: radial coefficient, as of `Bundle` [1].
     """
 
     kind: Literal["rotation", "moving"]
@@ -62,6 +63,7 @@ class Part:
     residual_px: float
     zooms: bool
     turn: float
+    distortion: float = 0.0
 
 
 def installed() -> bool:
@@ -142,7 +144,7 @@ class PartSolver:
             zoomed = bundle.adjusted(zooms=True, used=used)
             change = float(np.ptp(np.log(zoomed.focals_px)))
             if change < _LEAST_ZOOM or zoomed.cost(used) > _ZOOM_GAIN * bundle.cost(used):
-                return bundle
+                return bundle.bent(focal=free)
         structure = map_keyframes(table, count, self.size, focal_px, zooms=True)
         if structure is None:
             return None
@@ -196,7 +198,8 @@ class PartSolver:
                 pixels[here], world[there], np.ones(len(here), bool),
                 pycolmap.Camera(
                     model="SIMPLE_RADIAL", width=self.size[0], height=self.size[1],
-                    params=[focal_at(frame), self.size[0] / 2, self.size[1] / 2, 0.0],
+                    params=[focal_at(frame), self.size[0] / 2, self.size[1] / 2,
+                            bundle.distortion],
                 ),
             )  # fmt: skip
             if refined is not None:
@@ -209,6 +212,7 @@ class PartSolver:
             focals_px=np.array([focal_at(frame) for frame in frames]),
             focal_error=focal_error, names=names, points=world,
             residual_px=bundle.residual_px, zooms=zooms, turn=bundle_turn(bundle),
+            distortion=bundle.distortion,
         )  # fmt: skip
 
     def focal_error(self, bundle: Bundle) -> float:
