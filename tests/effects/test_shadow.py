@@ -329,6 +329,13 @@ def test_visible_contact_darkening_is_the_whole_share_of_light_that_is_blocked()
     assert shown[60, 80] == pytest.approx(form_factor, abs=0.02)
 
 
+def test_contact_of_light_is_a_factor_on_its_darkening():
+    light = Illumination((), hemispheres(GREY / math.pi, GREY / math.pi))
+    whole, part = (loss(cast(one)) for one in (light, replace(light, contact=0.5)))
+    assert part == pytest.approx(0.5 * whole, abs=1e-6)
+    assert whole.max() > 0.2
+
+
 def test_contact_darkening_of_a_small_thing_is_as_deep_as_that_of_a_large_one():
     around = Illumination((), hemispheres(GREY / math.pi, GREY / math.pi))
     foot = CARD * (0.3, 0.08, 0.3)  # 6 pixels wide

@@ -148,3 +148,12 @@ def test_note_says_where_the_light_comes_from():
     assert "2 lights" in both and "at the plate's level" in both
     given = SunSettings(azimuth_deg=60.0, elevation_deg=35.0)
     assert "--sun 60,35,2" in SceneLight(0, sun=given).note
+
+
+def test_contact_is_lighter_only_where_the_light_around_known_lamps_is_a_guess():
+    lamps = (sun(np.ones(3), DOWN),)
+    told = Illumination((), hemispheres(np.ones(3), np.ones(3)))
+    plate_light = around(plate())
+    assert SceneLight(1).on_ground(lamps, plate_light).contact < 1.0
+    assert SceneLight(0).on_ground((), plate_light).contact == 1.0
+    assert SceneLight(1, environment=told).on_ground(lamps, plate_light).contact == 1.0

@@ -1,6 +1,16 @@
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+
+import cv2
 import numpy as np
 import pytest
 from support.folders import SAMPLES
+
+from nlens_video.scene.plate_environment import sphere
 
 
 @pytest.fixture(autouse=True)
@@ -209,3 +219,23 @@ def test_unfinished_plates_are_skipped_and_small_ones_refused(plates):
     np.save(only / "bg_coc.npy", np.zeros((100, 640), np.float16))
     with pytest.raises(ValueError, match="expected the same size, 448 px or more"):
         Plate.load(only)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("blender") is None, reason="Blender is not installed")
+def test_map_of_a_sunny_scene_holds_its_sun_once(tmp_path):
+    command = [sys.executable, "-m", "truth.make", "--seed", "8105", "--focus", "mid", "--shadow"]
+    command += ["--percent", "5", "--samples", "2", "--out", str(tmp_path)]
+    path = os.pathsep.join([str(SAMPLES), str(SAMPLES.parent)])
+    subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": path})
+    folder = tmp_path / "8105_mid"
+    known = json.loads((folder / "params.json").read_text())
+    radiance = cv2.imread(str(folder / "env.hdr"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    directions, solid = sphere(radiance.shape[1])
+    toward = -np.array(known["sun"]["direction_gltf"])
+    around = directions @ toward > math.cos(math.radians(8.0))
+    ring = ~around & (directions @ toward > math.cos(math.radians(16.0)))
+    beside = np.median(radiance[ring], axis=0)
+    found = ((radiance[around] - beside) * solid[around][:, None]).sum(axis=0)
+    sun = known["film_exposure"] * known["sun"]["irradiance_w_m2"] * np.array(known["sun"]["color"])
+    assert found == pytest.approx(sun, rel=0.15)
