@@ -113,13 +113,13 @@ class ShotSolver:
         if len(self._times) == 1 or not self._tracker.moves:
             return self._still()
         # What the user gives is kept; a tag, which knows no crop, yields to a better measurement.
-        given = self.known is not None and self.known.given
-        focal = self.known.focal * self.size[0] if self.known and given else None
+        focal = self.known.focal * self.size[0] if self.known and self.known.given else None
         solver = PartSolver(self.seen, self.size, self.first)
         joined: Joined | None = None
         error = 0.0
         for keyframes in parts_of(self._tracker.steps_px, self.size[0], self.every):
-            part = self._part(solver, keyframes, focal)
+            zoomed = None if joined is None else joined.zoomed_focal_px(keyframes[0])
+            part = self._part(solver, keyframes, focal or zoomed)
             if joined is None:
                 joined, error = Joined.begun(part), part.focal_error
             else:

@@ -11,7 +11,7 @@ import pytest
 from support import shots
 from support.camera_paths import SIZE, focal_of, rotation
 from support.command import nlens, one_line
-from support.grounds import FOV_DEG, write_plate
+from support.grounds import FOV_DEG, write_clip, write_plate
 
 pytestmark = [pytest.mark.needs_gl, pytest.mark.slow]
 WIDTH, HEIGHT = SIZE
@@ -190,6 +190,24 @@ def test_name_of_no_format_of_cameras_is_refused_before_solving(files, tmp_path)
     run = nlens("solve", files / "walk.mkv", tmp_path / "camera.txt")
     one_line(run, 2)
     assert ".json, .glb, .chan, .usda" in run.stderr
+
+
+def test_each_shot_of_a_plate_with_a_cut_is_composited_by_its_range(files, tmp_path):
+    first, second = (list(frames(files / name)) for name in ("walk.mkv", "pan.mkv"))
+    write_clip(tmp_path / "cut.mkv", [one.astype(np.uint8) for one in first]
+        + [(255 - one // 3).astype(np.uint8) for one in second])  # fmt: skip
+    words = (
+        tmp_path / "cut.mkv", files / "bare.glb", tmp_path / "out.mkv", "--fit",
+        files / "fit.json", "--preset", "draft", "--effects", "none", "--no-progress",
+    )  # fmt: skip
+    run = nlens(*words)
+    one_line(run, 3)
+    assert "--range 0:14 or --range 14:" in run.stderr
+    for part, path, count in (("0:14", "moving", 14), ("14:", "rotation", 12)):
+        run = nlens(*words, "--range", part)
+        assert run.returncode == 0, run.stderr
+        assert f"path {path}" in run.stderr
+        assert len(list(frames(tmp_path / "out.mkv"))) == count
 
 
 @pytest.mark.parametrize("plate", ["pan.mkv", "walk.mkv"])

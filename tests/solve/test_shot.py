@@ -1,11 +1,14 @@
 """Shots from pictures: cuts are found, long ones are solved in parts."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from nlens_video.core.errors import InputError
-from nlens_video.solve.paths.joining import parts_of
+from nlens_video.solve.paths.joining import Joined, parts_of
+from nlens_video.solve.paths.moving import Part
 from nlens_video.solve.shot import ShotSolver
 
 SIZE = (320, 180)
@@ -52,3 +55,13 @@ def test_parts_cover_the_shot_and_overlap(frames):
 
 def test_short_shot_is_one_part():
     assert parts_of([0.0] + [4.0] * 47, 960) == [list(range(0, 48, 4)) + [47]]
+
+
+def test_next_part_of_a_turn_that_zooms_takes_over_its_focal_length():
+    part = Part(
+        kind="rotation", frames=[4, 5, 6], poses=np.tile(np.eye(4), (3, 1, 1)),
+        focals_px=np.array([900.0, 950.0, 1000.0]), focal_error=0.01, names=np.arange(1),
+        points=np.array([[0.0, 0.0, -1.0]]), residual_px=0.1, zooms=True, turn=0.1,
+    )  # fmt: skip
+    assert Joined.begun(part).zoomed_focal_px(5) == 950.0
+    assert Joined.begun(replace(part, zooms=False)).zoomed_focal_px(5) is None

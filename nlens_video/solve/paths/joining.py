@@ -81,6 +81,15 @@ class Joined:
             part if moving else None, part.distortion,
         )  # fmt: skip
 
+    def zoomed_focal_px(self, frame: int) -> float | None:
+        """Focal length on a frame where the next part begins, None without a zoom on the spot [px].
+
+        Each part of a turn tells it anew, with another error, and the ground would slip between.
+        """
+        if self.last.kind != "rotation" or not self.last.zooms or frame not in self.frames:
+            return None
+        return self.focals_px[self.frames.index(frame)]
+
     def add(self, part: Part) -> None:
         """Put the next part behind, blended over the frames that both hold.
 
