@@ -197,13 +197,13 @@ class ShotSolver:
         return math.log(self.known.focal), max(self.known.error, 1e-3)
 
     def _still(self) -> SolvedCamera:
-        prior = CameraPrior(self._focal_prior(), self._blur())
-        horizon = Mixture(self.segments, self.size, prior).solve()
+        blur = self._blur()
+        horizon = Mixture(self.segments, self.size, CameraPrior(self._focal_prior(), blur)).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
         return self._solved(
             [0], [_pose(horizon)], [math.exp(horizon.log_focal)], errors, path="still", sure=sure,
-            method="vanishing points",
+            method="vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
 
     def _turning(self, path: Joined, error: float) -> SolvedCamera:
@@ -216,12 +216,12 @@ class ShotSolver:
             if frame in place
         }
         focal = path.focals_px[0] / width
-        segments = pooled(self._segments(turned, focal))
+        blur = self._blur()
         prior = TurningPrior(
-            (math.log(focal), max(error, 1e-3)), self._blur(),
+            (math.log(focal), max(error, 1e-3)), blur,
             turn_axis(np.array([first.T @ pose[:3, :3] for pose in path.poses])),
         )  # fmt: skip
-        horizon = Mixture(segments, self.size, prior).solve()
+        horizon = Mixture(pooled(self._segments(turned, focal)), self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         errors[2] = max(error, 1e-3)
         sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
@@ -232,7 +232,7 @@ class ShotSolver:
             poses.append(level)
         return self._solved(
             path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
-            sure=sure, method="rotation and vanishing points",
+            sure=sure, method="rotation, vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
 
     def _moving(self, path: Joined, error: float) -> SolvedCamera:

@@ -1,6 +1,7 @@
 """Plates of known scale: markers and persons, in `solve` and in runs without a camera file."""
 
 import json
+import re
 
 import av
 import cv2
@@ -9,6 +10,9 @@ import pytest
 from support import marker_plates as plates
 from support import shots
 from support.command import nlens, one_line
+from support.folders import ROOT
+
+from nlens_video.solve.markers import MarkerFinder
 
 pytestmark = [pytest.mark.needs_gl, pytest.mark.slow]
 FOV, HEIGHT, SIDE = 50.0, 1.5, 0.2
@@ -138,3 +142,18 @@ def test_scale_beside_a_camera_file_is_refused(files, tmp_path):
     run = nlens(files / "still.png", files / "bare.glb", tmp_path / "out.png", *words)
     one_line(run, 2)
     assert "nlens-video solve" in run.stderr
+
+
+def test_sheet_of_the_page_shows_a_marker(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "camera.md").read_text(encoding="utf-8")
+    code = re.search(r"^```python\n(import cv2.*?)^```", page, re.M | re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(code[1])
+    sheet = cv2.imread("marker.png", cv2.IMREAD_GRAYSCALE)
+    finder = MarkerFinder()
+    finder.add(cv2.resize(sheet, None, fx=0.2, fy=0.2, interpolation=cv2.INTER_AREA))
+    ((sighting,), family) = finder.sightings()
+    assert sighting.ids.tolist() == [0]
+    assert "4x4" in family.lower()
+    sides = np.linalg.norm(np.diff(sighting.corners[0], axis=0), axis=1)
+    assert sides == pytest.approx(240.0, abs=0.5)
