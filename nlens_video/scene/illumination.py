@@ -135,11 +135,13 @@ class Illumination:
             None where nothing is known of it.
         contact: factor on the darkening where a body blocks the light from around; less than 1
             where that light is a guess beside known lamps [1].
+        exposure: factor on the lights of the file, which are not among the lamps yet [1].
     """
 
     lamps: tuple[Lamp, ...]
     ambient: Float64 | None
     contact: float = 1.0
+    exposure: float = 1.0
 
     @classmethod
     def plausible(cls) -> Illumination:
@@ -161,6 +163,16 @@ class Illumination:
         """Irradiance (3,) of the ground at a point (3,), by all that is known of the light."""
         lamps = (from_lamp(lamp, point) for lamp in self.lamps if reaches(lamp, float(point[1])))
         return np.asarray(sum(lamps, self.irradiance_around(_UP)))
+
+    def facing(self, point: Float64) -> float:
+        """Luminous irradiance of surfaces at a point (3,) that face each of the lamps, summed."""
+        found = 0.0
+        for lamp in self.lamps:
+            light, away = lamp.posed.light, point - lamp.posed.position
+            near = light.kind != "directional"
+            distance2 = max(float(away @ away), np.finfo(np.float64).tiny) if near else 1.0
+            found += light.intensity * float(np.array(light.color) @ LUMINANCE) / distance2
+        return found
 
     @property
     def level(self) -> float:

@@ -129,16 +129,26 @@ def _irradiance_of_ground(plate: Float32, ground: Float64, lamps: Float64) -> Fl
         lamps: irradiance that the file's lights give the ground (3,).
     """
     mean = plate.mean((0, 1)).astype(np.float64)
-    seen = math.sqrt(max(float(mean @ LUMINANCE), 1e-4) * max(float(ground @ LUMINANCE), 1e-4))
-    stops = math.log2(seen / _MEAN)
-    beyond = math.copysign(max(abs(stops) - _EXPOSED, 0.0), stops)
-    level = math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond)
+    level = _level(mean, ground)
     given = float(lamps @ LUMINANCE)
     if given > 0.0:
         left = max(level - given, _LEAST * level)
         level = left ** (1.0 - _USUAL) * (_AROUND * given) ** _USUAL
     hue = np.sqrt(np.maximum(mean, 1e-4))
     return np.asarray(level * hue / (hue @ LUMINANCE))  # half the hue is taken for the surfaces'
+
+
+def level_of_ground(plate: Float32, camera: Camera, seat: Seat) -> float:
+    """Luminous irradiance of the ground by all light, as `plate_environment` takes it [1]."""
+    return _level(plate.mean((0, 1)).astype(np.float64), _ground_radiance(plate, camera, seat))
+
+
+def _level(mean: Float64, ground: Float64) -> float:
+    """The same from the mean light of the plate (3,) and the ground's radiance (3,)."""
+    seen = math.sqrt(max(float(mean @ LUMINANCE), 1e-4) * max(float(ground @ LUMINANCE), 1e-4))
+    stops = math.log2(seen / _MEAN)
+    beyond = math.copysign(max(abs(stops) - _EXPOSED, 0.0), stops)
+    return float(math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond))
 
 
 def _ground_points(camera: Camera, size: tuple[int, int], seat: Seat) -> tuple[Float64, Bool]:

@@ -19,9 +19,11 @@ from nlens_video.scene.illumination import (
     PosedLight,
     sun,
 )
-from nlens_video.scene.plate_environment import Seat, plate_environment
+from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
 
 _SUN_DIAMETER = math.radians(0.53)
+_OUTSHONE = 1.4  # light of the file's lamps by the plate's from which they have another exposure
+_EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 
 
@@ -82,19 +84,26 @@ class SceneLight:
     ) -> Illumination:
         """The light beside the file's, at the plate's level unless the map's brightness is given.
 
+        The file's lights stay as bright as they are, unless that burns the object out: Blender
+        exports a sun of 3 W/m2 as 2049 lx, and no file tells the exposure of the plate.
+
         Args:
             plate: scene-linear (h, w, 3), of any size.
             camera: of the frame that it shows.
             seat: where the object stands.
             lights: the file's, at that moment.
         """
-        lamps = Illumination(tuple(map(Lamp, lights)), None).on_plane(seat.foot)
         if self.environment is not None and self.exposure_given:
             found = self.environment
         else:
+            own = Illumination(tuple(map(Lamp, lights)), None)
+            level, given = level_of_ground(plate, camera, seat), own.facing(seat.middle)
+            exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
+            lamps = own.scaled(exposure).on_plane(seat.foot)
             found = reduce_environment(plate_environment(plate, camera, seat, lamps))
             if self.environment is not None and self.environment.level > 0.0:
                 found = self.environment.scaled(found.level / self.environment.level)
+            found = replace(found, exposure=exposure)
         return found if self.sun is None else _with_sun(found, self.sun, camera, seat)
 
     def on_object(
@@ -108,7 +117,9 @@ class SceneLight:
         """
         own = tuple(map(Lamp, lights)) if self.count else ()
         rest = plate_light or self.environment
-        if rest is None:
+        if rest is not None:
+            own = Illumination(own, None).scaled(rest.exposure).lamps
+        else:
             rest = Illumination((), None) if own else Illumination.plausible()
         contact = _GUESSED if own and self.environment is None else rest.contact
         return Illumination((*own, *rest.lamps)[:MAX_LAMPS], rest.ambient, contact)
