@@ -25,9 +25,9 @@ NEAREST = 0.85
 """Depth that nothing may come nearer than, by the depth of the ground at the lower border [1]."""
 DISTANCES = {"table": (0.5, 1.3), "room": (1.1, 2.8), "yard": (1.8, 6.0)}
 OBJECT_M = (0.1, 1.5)
-FOCALS_MM = {"usual": (28.0, 100.0), "wild": (24.0, 85.0)}
-PITCHES_DEG = {"usual": (8.0, 40.0), "wild": (3.0, 50.0)}
-WILD_ROLL_DEG = 4.0
+FOCALS_MM = {"usual": (28.0, 100.0), "wild": (24.0, 85.0), "built": (24.0, 85.0)}
+PITCHES_DEG = {"usual": (8.0, 40.0), "wild": (3.0, 50.0), "built": (3.0, 35.0)}
+ROLL_DEG = {"usual": 0.0, "wild": 4.0, "built": 2.0}
 BARE_EVERY = 3
 """Of the scenes with wild cameras: every third has little to hold on to."""
 POINT_RADIUS_PX = 2.0
@@ -48,6 +48,7 @@ class View:
         size_m: largest extent of the object across the view [m].
         roll_deg: turn about the optical axis, positive where the world's up leans right [deg].
         bare: few things about, on a ground without lines.
+        built: a street, a room or a table that people have made.
     """
 
     seed: int
@@ -59,6 +60,7 @@ class View:
     size_m: float
     roll_deg: float = 0.0
     bare: bool = False
+    built: bool = False
 
     @property
     def focal_px(self) -> float:
@@ -145,7 +147,7 @@ def draw_view(seed: int, camera: str = "usual") -> View:
 
     Args:
         seed: names the scene.
-        camera: `usual`, or `wild`: more pitches, wider lenses, roll, and bare scenes.
+        camera: `usual`; `wild`: more pitches, wider lenses, roll, and bare scenes; or `built`.
     """
     rng = np.random.default_rng([seed, 0])
     setting = str(rng.choice(list(DISTANCES)))
@@ -158,7 +160,7 @@ def draw_view(seed: int, camera: str = "usual") -> View:
     size = rng.uniform(0.14, 0.36) * WIDTH * distance / focal_px
     slope = math.radians(pitch)
     down = distance * row / focal_px
-    roll = np.random.default_rng([seed, 7]).uniform(-WILD_ROLL_DEG, WILD_ROLL_DEG)
+    roll = np.random.default_rng([seed, 7]).uniform(-1.0, 1.0) * ROLL_DEG[camera]
     return View(
         seed=seed,
         setting=setting,
@@ -170,8 +172,9 @@ def draw_view(seed: int, camera: str = "usual") -> View:
             distance * math.cos(slope) - down * math.sin(slope),
         ),
         size_m=float(np.clip(size, *OBJECT_M)),
-        roll_deg=round(roll, 2) if camera == "wild" else 0.0,
+        roll_deg=round(roll, 2) + 0.0,
         bare=camera == "wild" and seed % BARE_EVERY == 0,
+        built=camera == "built",
     )
 
 

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from truth import subject, surfaces, things
+from truth import built, subject, surfaces, things
 from truth.plan import HEIGHT, WIDTH, Floats, View
 
 Rng = np.random.Generator
@@ -44,6 +44,11 @@ class Ground:
 
 def build(view: View, rng: Rng) -> bpy.types.Object:
     """Ground, wall, light, things, and the object, which is returned."""
+    if view.built:
+        built.raise_scene(view, rng)
+        target = _add_subject(view)
+        _light(view, 20.0, rng)
+        return target
     ground = Ground(view, rng)
     wall_y = math.inf
     if rng.random() < (0.3 if view.setting == "yard" else 0.6):

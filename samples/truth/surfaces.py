@@ -227,11 +227,14 @@ BARE = {
 """Grounds without lines."""
 
 
-def surface(rng: Rng, kind: str, grain: float, *, flat: bool = False) -> bpy.types.Material:
+def surface(
+    rng: Rng, kind: str, grain: float, *, flat: bool = False, turn: float | None = None
+) -> bpy.types.Material:
     """A material of one kind; `grain`: a pixel where it is seen [units of the thing]."""
     along = 0.08 if kind == "wood" else 1.0
     scale = (along / grain, 1.0 / grain, 1.0 / grain)
-    graph = Graph(kind, scale, rng.uniform(-0.8, 0.8), flat=flat)
+    drawn = rng.uniform(-0.8, 0.8)
+    graph = Graph(kind, scale, drawn if turn is None else turn, flat=flat)
     tint, height = KINDS[kind](graph, rng)
     if kind != "plain" and rng.random() < 0.6:
         tint = graph.shade(tint, graph.noise(2.5, 1), gain=rng.uniform(1.1, 2.0))
