@@ -38,7 +38,7 @@ _FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take 
 _STRAIGHT = math.radians(1.0)  # turn of a path whose pictures share their vanishing points
 _POOLED = 6  # pictures whose lines are pooled, at most
 _FOV_MEASURED = 0.08  # largest standard error of a focal length that counts as measured [1]
-_PITCH_MEASURED, _ROLL_MEASURED = math.radians(3.0), math.radians(1.5)
+_PITCH_MEASURED, _ROLL_MEASURED = math.radians(3.5), math.radians(1.5)
 _GROUND_ERROR_DEG = 0.5
 _FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
 
@@ -78,9 +78,15 @@ class ShotSolver:
 
     @property
     def segments(self) -> Segments:
-        """Line segments of the first picture."""
+        """Line segments of the first picture; where the camera stands still, of several's median.
+
+        Noise averages out, and what moves before a still camera goes.
+        """
         if self._lines is None:
-            self._lines = find_segments(self._pictures[0])
+            alike = len(self._times) > 1 and not self._tracker.moves
+            pictures = list(self._pictures.values()) if alike else [self._pictures[0]]
+            middle = np.median(np.array(pictures), axis=0).astype(np.uint8)
+            self._lines = find_segments(middle)
         return self._lines
 
     def add(self, luma: npt.NDArray[np.uint8], pts_s: float) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from nlens_video.core.layers import Bool, Float64
 
 _PARALLEL = 0.06  # sine of the angle to the line
-_OFF = 1.5  # distance from the line, by the error of an end [1]
+_OFF = 2.5  # distance from the line, by the error of an end [1]
 _TURN = 0.004  # how far off a line may be for each px beyond its ends [1]
 _GAP = 0.6  # of the longer one's length
 _WIDEST_GAP = 0.08  # of the extent of all segments

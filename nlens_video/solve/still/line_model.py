@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.solve.still.segments import Segments
 
 FAMILIES = 4
@@ -21,6 +21,7 @@ _FLAT_SPREAD, _UPRIGHT_SPREAD = math.radians(14.0), math.radians(7.0)
 _DIRECTION_ERROR = math.radians(0.2)
 _TEMPER = 0.6  # neighbouring segments are not independent
 _ALIKE, _MOST_ALIKE = 0.1, 20.0  # sine between lines; so many of a direction tell all they can
+_BESIDE = 0.03  # of the frame's width: parallel edges so near are of one thing, and lean with it
 _LONG, _LONGEST = 0.08, 3.0  # of the frame's width counts as one segment; most a segment counts
 
 
@@ -40,8 +41,20 @@ class LineModel:
         self._variance = 2.0 * (segments.error_px / lengths) ** 2 + _DIRECTION_ERROR**2
         weights = np.minimum(_LONGEST, lengths / (_LONG * width))
         x, y = self._along.T
-        alike = (abs(np.outer(x, y) - np.outer(y, x)) < _ALIKE) @ weights
+        parallel = abs(np.outer(x, y) - np.outer(y, x)) < _ALIKE
+        weights = weights / np.sqrt(self._neighbours(parallel, lengths / width))
+        alike = parallel @ weights
         self.weights = _TEMPER * weights * np.minimum(1.0, _MOST_ALIKE / np.maximum(alike, 1e-9))
+
+    def _neighbours(self, parallel: Bool, lengths: Float64) -> Float64:
+        """How many parallel segments lie beside each, itself among them (N,): one thing's edges."""
+        offset = self._middles[:, None] - self._middles
+        x, y = self._along.T
+        at = abs(offset[..., 0] * x + offset[..., 1] * y)
+        across = offset[..., 0] * y - offset[..., 1] * x
+        gap = np.maximum(at - 0.5 * (lengths[:, None] + lengths), 0.0)
+        near = np.exp(-0.5 * (across**2 + gap**2) / _BESIDE**2)
+        return np.asarray((near * parallel).sum(axis=1))
 
     def families(self, cameras: Float64, spread: float) -> Float64:
         """Densities (…, FAMILIES, N) of uniform, level and upright clutter and of the vertical.

@@ -12,8 +12,9 @@ from nlens_video.solve.still.ground_blur import GroundBlur
 
 FOCAL_PRIOR = math.log(45.0 / 36.0), 0.4
 """Logarithm of the focal length by the frame's width, and its spread, where nothing is known."""
+_FLAT = 1.6  # of that spread: lenses of 24 to 85 mm are about as likely as each other
 _HIGHEST, _HIGHEST_SOFT = -3.0, 1.5  # pitch: a camera that shows the ground looks down [deg]
-_LOWEST, _LOWEST_SOFT = -42.0, 4.0  # [deg]
+_LOWEST, _LOWEST_SOFT = -50.0, 4.0  # [deg]
 _LEVEL, _LEVEL_SPREAD, _TILTED_SPREAD = 0.95, 1.2, 7.0  # share of level cameras; roll [deg]
 _INFORMATION = math.radians(16.0) ** -2, math.radians(2.5) ** -2
 
@@ -37,7 +38,9 @@ class CameraPrior:
             cameras: pitch, roll [rad] and log focal length by the frame's width (…, 3).
         """
         pitch, roll = np.degrees(cameras[..., 0]), np.degrees(cameras[..., 1])
-        log = -0.5 * ((cameras[..., 2] - self.focal[0]) / self.focal[1]) ** 2
+        off = (cameras[..., 2] - self.focal[0]) / self.focal[1]
+        unknown = self.focal == FOCAL_PRIOR
+        log = -0.5 * (off / _FLAT) ** 4 if unknown else -0.5 * off**2
         log = log - np.logaddexp(0.0, (pitch - _HIGHEST) / _HIGHEST_SOFT)
         log = log - np.logaddexp(0.0, (_LOWEST - pitch) / _LOWEST_SOFT)
         log = log + np.log(

@@ -22,6 +22,7 @@ _MOST = 900  # that are looked at
 _BINS, _MOST_PER_BIN = 18, 60  # one direction, such as the grain of wood, must not stand for all
 _PARALLEL = 0.06  # sine of the angle between segments of one edge
 _SAME_PX = 1.0
+_ERROR_PX, _BLURRED = 0.35, 0.8  # of an end, and its growth with the scale; from known cameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +98,7 @@ def _once(ends: Float64, scales: Float64) -> Segments:
         same &= apart < _SAME_PX + 1.5 * np.maximum(scales[n], scales[kept])
         if not same.any():
             kept.append(n)
-    return Segments(ends[kept], 0.7 * np.sqrt(scales[kept]))
+    return Segments(ends[kept], _ERROR_PX * scales[kept] ** _BLURRED)
 
 
 def _balanced(ends: Float64, error_px: Float64) -> Segments:

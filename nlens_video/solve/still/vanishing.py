@@ -3,8 +3,8 @@
 The segments are a mixture of clutter, lines along the vertical, and lines along horizontal
 directions, some of them in pairs at right angles, as boxes, tiles and streets have them. How much
 there is of each is found for every camera by expectation and maximisation. The posterior is
-searched on a grid and refined by Newton's method; standard errors come from its curvature and from
-the spread of its modes.
+searched on a grid, its modes are climbed by Newton's method, and draws about each of them tell how
+much of the posterior it holds, which camera is nearest to all, and the standard errors.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import ndtr
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.still.line_model import FAMILIES, LineModel
 from nlens_video.solve.still.newton import climb, derivatives
 from nlens_video.solve.still.prior import CameraPrior
+from nlens_video.solve.still.sampling import Draws, integrate, nearest_to_all, one_errors
 from nlens_video.solve.still.segments import Segments
 
 _COUNTS = np.array([6.0, 6.0, 3.0, 4.0])  # of each family before any segment is seen
@@ -37,11 +37,13 @@ _APART = (0.1, 0.05, 0.35)  # between modes that are refined
 _STAGES = tuple(np.radians([(2.0, 3.0), (1.0, 1.5), (0.4, 1.0), (0.0, 0.5)]))
 _LEAST_SPREAD, _SMOOTH = math.radians(0.25), math.radians(0.3)
 _MOST_DIRECTIONS, _LEAST_SHARE = 8, 0.008
-_LOG_TURN = math.log(math.pi / math.sqrt(2.0 * math.pi))  # of all directions, by a normal's area
 _SQUARE = math.radians(3.0)
 _SAME_DIRECTION = math.radians(3.5)
-_ONE_ERROR, _HALVINGS = 0.683, 40
-_INFLATION = 2.0  # of errors, fitted to plates with known cameras [1]
+_SAME = 3e-3  # modes that are one [rad, 1]
+_LOWEST = 12.0  # below the highest mode: others hold nothing
+_FAR = 3.0  # errors within which the share is counted
+_SCALE = np.array([math.radians(3.0), math.radians(1.0), 0.15])  # errors that count half
+_INFLATION = 1.15  # of errors, fitted to plates with known cameras [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,7 @@ class Horizon:
         roll: turn about it [rad].
         log_focal: logarithm of the focal length by the frame's width [1].
         covariance: of the three (3, 3).
-        share: of the posterior that the best mode holds [1].
+        share: of the posterior within three errors of it [1].
     """
 
     pitch: float
@@ -78,6 +80,21 @@ class _Directions:
     shares: Float64
 
 
+@dataclass(frozen=True, slots=True)
+class _Mode:
+    """A mode of the posterior.
+
+    Attributes:
+        place: camera and azimuths (3 + K,).
+        found: directions.
+        log: logarithm of the posterior.
+    """
+
+    place: Float64
+    found: _Directions
+    log: float
+
+
 class Mixture:
     """Posterior of the camera, given the segments of a plate."""
 
@@ -88,26 +105,28 @@ class Mixture:
         self._prior = CameraPrior() if prior is None else prior
 
     def solve(self) -> Horizon:
-        """The best camera and its errors."""
-        modes = [self._refined(start) for start in self._starts()]
-        logs = np.array([evidence for evidence, _, _ in modes])
-        found: list[tuple[float, Float64, Float64]] = []
-        for place in np.argsort(-logs):
-            _, camera, spread = modes[place]
-            if all(abs(camera - other).max() > 3e-3 for _, other, _ in found):
-                found.append((math.exp(logs[place] - logs.max()), camera, spread))
-        shares = np.array([one[0] for one in found])
+        """The camera that is nearest to all that explain the lines, and its errors."""
+        draws = [self._draws(mode) for mode in self._modes()]
+        logs = np.array([one.log_integral for one in draws])
+        shares = np.exp(logs - logs.max())
         shares /= shares.sum()
-        best = found[0][1]
-        covariances = _INFLATION**2 * np.array([spread for _, _, spread in found])
-        errors = _errors(shares, np.array([camera for _, camera, _ in found]), covariances)
-        scale = errors / np.sqrt(np.diag(covariances[0]))
+        cameras = np.concatenate([one.places[:, :3] for one in draws])
+        weights = np.concatenate([
+            share * one.weights for share, one in zip(shares, draws, strict=True)
+        ])  # fmt: skip
+        spread = np.sqrt(weights @ (cameras - weights @ cameras) ** 2)
+        best = nearest_to_all(cameras, weights, np.maximum(_SCALE, spread))
+        off = cameras - best
+        errors = _INFLATION * one_errors(off, weights)
+        covariance = off.T @ (weights[:, None] * off)
+        scale = errors / np.sqrt(np.diag(covariance))
+        near = (abs(off) < _FAR * errors).all(axis=1)
         return Horizon(
             pitch=float(best[0]),
             roll=float(best[1]),
             log_focal=float(best[2]),
-            covariance=covariances[0] * np.outer(scale, scale),
-            share=float(shares[0]),
+            covariance=covariance * np.outer(scale, scale),
+            share=float(weights[near].sum()),
         )
 
     def log_evidence(self, cameras: Float64, spread: float, step: float) -> Float64:
@@ -176,8 +195,18 @@ class Mixture:
         families = np.log(shares[..., :FAMILIES]) @ (_PRIOR_WEIGHT * _COUNTS)
         return np.asarray(np.log(total) @ self._lines.weights + families)
 
-    def _refined(self, camera: Float64) -> tuple[float, Float64, Float64]:
-        """A mode: its evidence, camera and covariance."""
+    def _modes(self) -> list[_Mode]:
+        """Modes of the posterior, the highest first, each once."""
+        modes = [self._refined(start) for start in self._starts()]
+        kept: list[_Mode] = []
+        for one in sorted(modes, key=lambda mode: -mode.log):
+            apart = all(abs(one.place[:3] - other.place[:3]).max() > _SAME for other in kept)
+            if not kept or (apart and one.log > kept[0].log - _LOWEST):
+                kept.append(one)
+        return kept
+
+    def _refined(self, camera: Float64) -> _Mode:
+        """The mode near a camera (3,)."""
         place, found = camera, _Directions(np.zeros(0), [], _COUNTS / _COUNTS.sum())
         for spread, step in _STAGES:
             found = self._directions(place[:3], max(spread, _LEAST_SPREAD), step)
@@ -185,18 +214,20 @@ class Mixture:
             found = self._reshared(place, found, spread)
             place = climb(partial(self._posterior, found=found, spread=spread), place)
         found = self._reshared(place, found, 0.0)
-        smooth = partial(self._posterior, found=found, spread=_SMOOTH)
-        _, curvature = derivatives(smooth, place, 1e-3)
-        least = np.diag(np.concatenate([self._prior.information, np.ones(len(place) - 3)]))
-        values, axes = np.linalg.eigh(-curvature - least)
-        information = axes @ np.diag(np.maximum(values, 0.0)) @ axes.T + least
-        covariance = np.linalg.inv(information)
-        value = self._value(self._components(place, found, 0.0), found.shares)
-        evidence = float(
-            value + self._prior.log(place[:3]) + 0.5 * np.linalg.slogdet(covariance)[1]
-        )
-        evidence -= len(found.azimuths) * _LOG_TURN  # each is one more that has to be found
-        return evidence, place[:3], np.asarray(covariance[:3, :3])
+        return _Mode(place, found, float(self._posterior(place, found, 0.0)))
+
+    def _draws(self, mode: _Mode) -> Draws:
+        """The posterior about a mode; each azimuth is one more that has to be found."""
+        smooth = partial(self._posterior, found=mode.found, spread=_SMOOTH)
+        _, curvature = derivatives(smooth, mode.place, 1e-3)
+        values, axes = np.linalg.eigh(-curvature)
+        least = float(self._prior.information.min())
+        spread = axes @ np.diag(1.0 / np.maximum(abs(values), least)) @ axes.T
+        exact = partial(self._posterior, found=mode.found, spread=0.0)
+        draws = integrate(exact, mode.place, spread)
+        families = float(np.log(mode.found.shares[:FAMILIES]) @ (_PRIOR_WEIGHT * _COUNTS))
+        cost = len(mode.found.azimuths) * math.log(math.pi)
+        return replace(draws, log_integral=draws.log_integral + families - cost)
 
     def _directions(self, camera: Float64, spread: float, step: float) -> _Directions:
         """The horizontal directions that hold most lines of a camera (3,)."""
@@ -254,24 +285,3 @@ def _first_counts(count: int) -> Float64:
 def _turn(angle: Float64) -> Float64:
     """Angles between lines, from -90 to 90 degrees [rad]."""
     return np.asarray((angle + 0.5 * math.pi) % math.pi - 0.5 * math.pi)
-
-
-def _errors(shares: Float64, cameras: Float64, covariances: Float64) -> Float64:
-    """Errors (3,) about the first mode that hold as much of all modes as a normal one would.
-
-    Args:
-        shares: of the modes in the posterior (M,).
-        cameras: (M, 3).
-        covariances: (M, 3, 3).
-    """
-    spreads = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    off = cameras - cameras[0]
-    low, high = np.zeros(3), (abs(off) + 4.0 * spreads).max(axis=0)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        held = shares @ (ndtr((middle - off) / spreads) - ndtr((-middle - off) / spreads))
-        low, high = (
-            np.where(held < _ONE_ERROR, middle, low),
-            np.where(held < _ONE_ERROR, high, middle),
-        )
-    return np.asarray(high)
