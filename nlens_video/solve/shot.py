@@ -78,15 +78,11 @@ class ShotSolver:
 
     @property
     def segments(self) -> Segments:
-        """Line segments of the first picture; where the camera stands still, of several's median.
-
-        Noise averages out, and what moves before a still camera goes.
-        """
+        """Line segments of the first picture; of several's median where the camera is still."""
         if self._lines is None:
-            alike = len(self._times) > 1 and not self._tracker.moves
-            pictures = list(self._pictures.values()) if alike else [self._pictures[0]]
-            middle = np.median(np.array(pictures), axis=0).astype(np.uint8)
-            self._lines = find_segments(middle)
+            still = not self._tracker.moves
+            pictures = list(self._pictures.values()) if still else [self._pictures[0]]
+            self._lines = find_segments(np.median(pictures, axis=0).astype(np.uint8))
         return self._lines
 
     def add(self, luma: npt.NDArray[np.uint8], pts_s: float) -> None:
@@ -206,9 +202,8 @@ class ShotSolver:
         blur = self._blur()
         horizon = Mixture(self.segments, self.size, CameraPrior(self._focal_prior(), blur)).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
-        sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
         return self._solved(
-            [0], [_pose(horizon)], [math.exp(horizon.log_focal)], errors, path="still", sure=sure,
+            [0], [_pose(horizon)], [math.exp(horizon.log_focal)], errors, path="still",
             method="vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
 
@@ -230,7 +225,6 @@ class ShotSolver:
         horizon = Mixture(pooled(self._segments(turned, focal)), self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         errors[2] = max(error, 1e-3)
-        sure = errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED and horizon.share > 0.5
         poses = []
         for pose in path.poses:
             level = _pose(horizon)
@@ -238,7 +232,7 @@ class ShotSolver:
             poses.append(level)
         return self._solved(
             path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
-            sure=sure, method="rotation, vanishing points" + (" and blur" if blur else ""),
+            method="rotation, vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
 
     def _moving(self, path: Joined, error: float) -> SolvedCamera:
@@ -261,20 +255,21 @@ class ShotSolver:
         ])  # fmt: skip
         camera = self._solved(
             path.frames, list(turned), [one / self.size[0] for one in path.focals_px], errors,
-            path="moving", sure=True, method="structure from motion",
+            path="moving", method="structure from motion",
         )  # fmt: skip
         points = path.ground @ level[:3, :3].T + level[:3, 3]
         return replace(camera, points=points, distortion_k1=path.distortion)
 
     def _solved(
         self, frames: list[int], poses: list[Float64], focals: list[float], errors: Float64, *,
-        path: PathKind, sure: bool, method: str,
+        path: PathKind, method: str,
     ) -> SolvedCamera:  # fmt: skip
         """The camera with the sources and errors of its values."""
         fovs = [2.0 * math.degrees(math.atan(0.5 / focal)) for focal in focals]
         source: FovSource = "assumed" if self.known is None else "metadata"
         if errors[2] < min(_FOV_MEASURED, _FINER * (self.known.error if self.known else 1.0)):
             source = "measured"
+        sure = bool(errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED)
         return SolvedCamera(
             width=self.size[0],
             height=self.size[1],
@@ -286,7 +281,7 @@ class ShotSolver:
                 for frame, pose, fov in zip(frames, poses, fovs, strict=True)
             ),
             fov=source,
-            horizon="measured" if sure else "assumed",
+            horizon="measured" if sure or path == "moving" else "assumed",
             path=path,
             errors=CameraErrors(
                 # d fov / d log focal = -sin(fov)

@@ -41,7 +41,6 @@ _SQUARE = math.radians(3.0)
 _SAME_DIRECTION = math.radians(3.5)
 _SAME = 3e-3  # modes that are one [rad, 1]
 _LOWEST = 12.0  # below the highest mode: others hold nothing
-_FAR = 3.0  # errors within which the share is counted
 _SCALE = np.array([math.radians(3.0), math.radians(1.0), 0.15])  # errors that count half
 _INFLATION = 1.15  # of errors, fitted to plates with known cameras [1]
 
@@ -55,14 +54,12 @@ class Horizon:
         roll: turn about it [rad].
         log_focal: logarithm of the focal length by the frame's width [1].
         covariance: of the three (3, 3).
-        share: of the posterior within three errors of it [1].
     """
 
     pitch: float
     roll: float
     log_focal: float
     covariance: Float64
-    share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +117,11 @@ class Mixture:
         errors = _INFLATION * one_errors(off, weights)
         covariance = off.T @ (weights[:, None] * off)
         scale = errors / np.sqrt(np.diag(covariance))
-        near = (abs(off) < _FAR * errors).all(axis=1)
         return Horizon(
             pitch=float(best[0]),
             roll=float(best[1]),
             log_focal=float(best[2]),
             covariance=covariance * np.outer(scale, scale),
-            share=float(weights[near].sum()),
         )
 
     def log_evidence(self, cameras: Float64, spread: float, step: float) -> Float64:
