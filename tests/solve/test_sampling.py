@@ -45,7 +45,8 @@ def test_draws_are_the_same_each_time():
 def test_place_nearest_to_all_is_in_the_larger_mode_and_not_between():
     rng = np.random.default_rng(1)
     places = np.concatenate([rng.normal(0.0, 0.1, (120, 2)), rng.normal(5.0, 0.1, (80, 2))])
-    found = nearest_to_all(places, np.full(200, 1.0 / 200), np.array([0.3, 0.3]))
+    candidates = np.array([[2.0, 2.0], [5.0, 5.0], [0.0, 0.0]])
+    found = nearest_to_all(candidates, places, np.full(200, 1.0 / 200), np.array([0.3, 0.3]))
     assert np.linalg.norm(found) < 0.2
 
 

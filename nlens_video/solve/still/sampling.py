@@ -20,7 +20,6 @@ from nlens_video.core.layers import Float64
 
 _FREEDOM = 5.0  # of the t distribution: its tails hold those of the density
 _ROUNDS, _DRAWS, _LAST = 5, 240, 480
-_CANDIDATES = 300  # places that may be the nearest to all
 _ONE_ERROR = 0.683  # of a normal distribution
 _FEWEST, _FEWEST_EACH = 10.0, 3.0  # draws that count at least, and for each dimension
 _HALVINGS = 12
@@ -92,16 +91,17 @@ def _log_t(squares: Float64, size: int) -> Float64:
     return np.asarray(scale - whole * np.log1p(squares / _FREEDOM))
 
 
-def nearest_to_all(places: Float64, weights: Float64, scale: Float64) -> Float64:
-    """The place (P,) of some (N, P) that is nearest to all by their weights (N,).
+def nearest_to_all(
+    candidates: Float64, places: Float64, weights: Float64, scale: Float64
+) -> Float64:
+    """The candidate (P,) of some (C, P) that is nearest to places (N, P) by their weights (N,).
 
     Distances count by a scale (P,), and saturate beyond it: where there are two modes, it is in the
     larger one and not between them.
     """
-    likely = np.argsort(-weights, kind="stable")[:_CANDIDATES]
-    apart = abs(places[likely, None] - places) / scale
+    apart = abs(candidates[:, None] - places) / scale
     loss = (apart / (1.0 + apart)).sum(axis=2) @ weights
-    return np.asarray(places[likely[int(np.argmin(loss))]])
+    return np.asarray(candidates[int(np.argmin(loss))])
 
 
 def one_errors(off: Float64, weights: Float64) -> Float64:

@@ -102,8 +102,9 @@ class Mixture:
         self._prior = CameraPrior() if prior is None else prior
 
     def solve(self) -> Horizon:
-        """The camera that is nearest to all that explain the lines, and its errors."""
-        draws = [self._draws(mode) for mode in self._modes()]
+        """The mode or mean that is nearest to all draws, and its errors."""
+        modes = self._modes()
+        draws = [self._draws(mode) for mode in modes]
         logs = np.array([one.log_integral for one in draws])
         shares = np.exp(logs - logs.max())
         shares /= shares.sum()
@@ -111,8 +112,11 @@ class Mixture:
         weights = np.concatenate([
             share * one.weights for share, one in zip(shares, draws, strict=True)
         ])  # fmt: skip
-        spread = np.sqrt(weights @ (cameras - weights @ cameras) ** 2)
-        best = nearest_to_all(cameras, weights, np.maximum(_SCALE, spread))
+        middle = weights @ cameras
+        candidates = [mode.place[:3] for mode in modes]
+        candidates += [one.weights @ one.places[:, :3] for one in draws]
+        scale = np.maximum(_SCALE, np.sqrt(weights @ (cameras - middle) ** 2))
+        best = nearest_to_all(np.array([*candidates, middle]), cameras, weights, scale)
         off = cameras - best
         errors = _INFLATION * one_errors(off, weights)
         covariance = off.T @ (weights[:, None] * off)
