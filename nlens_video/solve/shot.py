@@ -80,8 +80,7 @@ class ShotSolver:
     def segments(self) -> Segments:
         """Line segments of the first picture; of several's median where the camera is still."""
         if self._lines is None:
-            still = not self._tracker.moves
-            pictures = list(self._pictures.values()) if still else [self._pictures[0]]
+            pictures = list(self._pictures.values())[: 1 if self._tracker.moves else None]
             self._lines = find_segments(np.median(pictures, axis=0).astype(np.uint8))
         return self._lines
 
