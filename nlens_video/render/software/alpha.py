@@ -3,8 +3,8 @@
 Blending runs from near to far: each sample stores its remaining transmittance only, no colour.
 """
 
-# Kernels of other files are compiled into these, and numba notes changes of this file only: after
-# a change there, delete the cache in __pycache__ or edit this file too.
+# Kernels of other files are compiled into these, and numba notes changes of this file only. After
+# a change there, delete the cache in __pycache__, or edit this file too.
 from __future__ import annotations
 
 import numpy as np

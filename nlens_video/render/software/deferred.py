@@ -6,8 +6,8 @@ each side is shaded. This keeps meshes finer than the pixels affordable. Depth i
 nearest surface, never a mean of two.
 """
 
-# Kernels of other files are compiled into these, and numba notes changes of this file only: after
-# a change there, delete the cache in __pycache__ or edit this file too.
+# Kernels of other files are compiled into these, and numba notes changes of this file only. After
+# a change there, delete the cache in __pycache__, or edit this file too.
 from __future__ import annotations
 
 import numpy as np
@@ -25,7 +25,8 @@ from nlens_video.render.software.triangles import FACING, SAMPLES
 
 Lamps = tuple[Float32, int, Float32]
 """Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4)."""
-ShadingInputs = tuple[MeshBuffers, MaterialBuffers, PinholeRows, Lamps]
+ShadingInputs = tuple[MeshBuffers, MaterialBuffers, PinholeRows, Lamps, int | None]
+"""The last is None where no material has layers: their kernels are then not compiled."""
 BRIGHTEST = f32(60000.0)
 """As much as the OpenGL backend's half floats hold: nothing overflows in the blur."""
 _ONE_SURFACE = f32(1.005)  # samples of one surface differ by less, seen from the front
@@ -48,11 +49,11 @@ def same_surface(mesh: MeshBuffers, one: int, other: int) -> bool:
 @kernel
 def shade(block: Float32, whole: Int32, count: int, scene: ShadingInputs) -> None:
     """Compute the radiance of the first `count` points of a block."""
-    mesh, paint, lens, (lamps, suns, ambient) = scene
-    layered = eval_materials(block, whole, count, mesh, paint, lens)
+    mesh, paint, lens, (lamps, suns, ambient), layered = scene
+    found = eval_materials(block, whole, count, mesh, paint, lens, layered)
     light(block, lamps, suns, ambient)
-    if layered:
-        light_layers(block, whole, count, paint, lamps, suns, ambient)
+    if found:
+        light_layers(block, whole, count, paint, lamps, suns, ambient, layered)
 
 
 @kernel

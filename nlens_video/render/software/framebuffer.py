@@ -53,7 +53,9 @@ class Framebuffer:
         ambient = lighting.ambient_rows()[: 0 if lighting.ambient is None else 9]
         lamps = lighting.lamp_rows(lens[9:12]), lighting.suns, ambient
         pinhole = np.delete(lens[:16], slice(9, 12)).astype(np.float32)
-        self._scene: deferred.ShadingInputs = (shown.mesh(planes), shown.paint, pinhole, lamps)
+        self._scene: deferred.ShadingInputs = (
+            shown.mesh(planes), shown.paint, pinhole, lamps, shown.layered
+        )  # fmt: skip
         stored = (lines, width + raster.PADDING)
         through = stored if len(self.blended) else (0, 0)
         self._disparity: Float32 = scratch("disparity", stored)

@@ -127,6 +127,12 @@ def _add(block: Float32, field: int, i: int, part: float, light: Vector) -> None
         block[field + c * at.WIDTH + i] += part * light[c]
 
 
+@inlined
+def _has_sheen(block: Float32, i: int) -> bool:
+    sheen = _at(block, at.SHEEN, i)
+    return max(sheen[0], max(sheen[1], sheen[2])) > _ZERO
+
+
 @kernel
 def _by_lamp(block: Float32, i: int, toward: Vector, light: Vector) -> None:
     """Add what a point reflects of light from the unit direction: base, sheen and coat apart."""
@@ -147,8 +153,11 @@ def _by_lamp(block: Float32, i: int, toward: Vector, light: Vector) -> None:
             metal = lobe * (base + (_ONE - base) * grazing)
             mixed = plastic + (metal - plastic) * metallic
             block[at.RED + c * at.WIDTH + i] += nl * light[c] * mixed
-        roughness = min(max(block[at.SHEEN_ROUGHNESS + i], _LEAST_SHEEN), _ONE)
-        _add(block, at.FUZZ, i, nl * _fibres(min(nh, _ONE), nl, nv, roughness), light)
+        if _has_sheen(block, i):
+            roughness = min(max(block[at.SHEEN_ROUGHNESS + i], _LEAST_SHEEN), _ONE)
+            _add(block, at.FUZZ, i, nl * _fibres(min(nh, _ONE), nl, nv, roughness), light)
+    if not block[at.COAT + i] > _ZERO:
+        return
     n = _unit(_at(block, at.COAT_NORMAL, i))
     nl, nh, nv = _dot(n, toward), max(_dot(n, h), _ZERO), max(abs(_dot(n, v)), _LEAST_NV)
     if nl > _ZERO:
@@ -257,11 +266,10 @@ def _light_point(
 
 
 @kernel
-def light_layers(
+def _light_runs(
     block: Float32, whole: Int32, count: int, paint: MaterialBuffers, lamps: Float32, suns: int,
     ambient: Float32,
 ) -> None:  # fmt: skip
-    """Replace the radiance of points whose materials have layers."""
     first = 0
     while first < count:
         run = same_material(whole, first, count)
@@ -270,3 +278,13 @@ def light_layers(
         if paint[2][m] & LAYERED:
             for i in range(run[0], run[1]):
                 _light_point(block, i, paint[0][m, BENDING], lamps, suns, ambient)
+
+
+@kernel
+def light_layers(
+    block: Float32, whole: Int32, count: int, paint: MaterialBuffers, lamps: Float32, suns: int,
+    ambient: Float32, layered: int | None,
+) -> None:  # fmt: skip
+    """Replace the radiance of points whose materials have layers; nothing with None for them."""
+    if layered is not None:
+        _light_runs(block, whole, count, paint, lamps, suns, ambient)

@@ -255,11 +255,14 @@ def _clear(block: Float32, whole: Int32, run: Run, paint: MaterialBuffers) -> No
 @kernel
 def eval_materials(
     block: Float32, whole: Int32, count: int, mesh: MeshBuffers, paint: MaterialBuffers,
-    lens: PinholeRows,
+    lens: PinholeRows, layered: int | None,
 ) -> bool:  # fmt: skip
-    """Evaluate materials at the first `count` points of a block; whether any has layers."""
+    """Evaluate materials at the first `count` points of a block; whether any has layers.
+
+    With None for `layered`, which stands for no layers at all, nothing of them is compiled.
+    """
     interpolate(block, whole, count, mesh)
-    first, layered = 0, False
+    first, found = 0, False
     while first < count:
         run = same_material(whole, first, count)
         first, m = run[1], whole[at.MATERIAL + run[0]]
@@ -275,15 +278,15 @@ def eval_materials(
             _emit(block, run)
             continue
         covered = (paint[2][m] & LAYERED) != 0
-        if covered:
+        if layered is not None and covered:
             _coat_normals(block, whole, run, mesh, paint)
             _stretch(block, whole, run, mesh, paint)
         if _sampled(block, whole, run, paint, m, NORMAL):
             apply_normal_map(block, whole, run, mesh, paint[0][m, _UV_ROWS + 8 * NORMAL + 7])
         _reflectance(block, whole, run, paint)
-        if covered:
+        if layered is not None and covered:
             _cover(block, whole, run, paint)
             _clear(block, whole, run, paint)
-        layered |= covered
+        found |= covered
     view_vectors(block, lens)
-    return layered
+    return found

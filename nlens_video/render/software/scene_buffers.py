@@ -30,6 +30,7 @@ class SceneBuffers:
         sides: bit 0 whether a triangle's back is drawn, bit 1 whether it is mirrored (F,).
         starts: where in `faces` masked and blended triangles start, and where they end.
         paint: materials and textures.
+        layered: 1 where any material has layers, else None.
     """
 
     positions: Float32
@@ -38,6 +39,7 @@ class SceneBuffers:
     sides: npt.NDArray[np.uint8]
     starts: tuple[int, int, int]
     paint: MaterialBuffers
+    layered: int | None
 
     def __init__(self, posed: PosedScene) -> None:
         self._meshes: tuple[PosedMesh | None, ...] = (None,) * len(posed.meshes)
@@ -51,6 +53,7 @@ class SceneBuffers:
         self._colors = _colors(posed)
         materials = list(dict.fromkeys(mesh.geometry.material for mesh in posed.meshes))
         self.paint = _paint(materials)
+        self.layered = 1 if (self.paint[2] & LAYERED).any() else None
         self._sort(posed, materials)
 
     def _sort(self, posed: PosedScene, materials: list[Material]) -> None:
