@@ -65,3 +65,18 @@ def test_next_part_of_a_turn_that_zooms_takes_over_its_focal_length():
     )  # fmt: skip
     assert Joined.begun(part).zoomed_focal_px(5) == 950.0
     assert Joined.begun(replace(part, zooms=False)).zoomed_focal_px(5) is None
+
+
+def test_lines_of_what_moves_before_a_still_camera_are_left_out():
+    wide = texture(3)[: SIZE[1], : SIZE[0]].astype(np.uint8)
+    wide[:, 250:] = 230  # stands
+    pictures = []
+    for n in range(6):
+        picture = wide.copy()
+        picture[40:140, 20 + 30 * n : 40 + 30 * n] = 255  # walks
+        pictures.append(picture)
+    solver = solver_of(pictures)
+    assert solver.solve().path == "still"
+    upright = [ends for ends in solver.segments.ends if abs(np.diff(ends, axis=0)[0, 1]) > 60]
+    assert upright
+    assert all(abs(ends[:, 0].mean() - 250) < 3.0 for ends in upright)
