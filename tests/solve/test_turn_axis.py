@@ -25,7 +25,7 @@ def test_pan_and_tilt_of_a_level_head_tell_pitch_and_roll():
     steps = np.linspace(0.0, 1.0, 30)
     axis = turn_axis(turns(12 - 24 * steps, -14 + 2 * np.sin(3 * steps)))
     assert best(axis) == pytest.approx((-14.0, 0.0), abs=0.3)
-    assert np.degrees(axis.errors) == pytest.approx(1.0, abs=0.05)
+    assert np.degrees(axis.errors) == pytest.approx(1.2, abs=0.05)
 
 
 def test_rolling_of_a_hand_makes_the_pitch_uncertain():
@@ -33,7 +33,7 @@ def test_rolling_of_a_hand_makes_the_pitch_uncertain():
     rolls = np.random.default_rng(3).normal(0.0, 0.5, 30)
     axis = turn_axis(turns(12 - 24 * steps, -14.0, rolls))
     roll_error, pitch_error = np.degrees(axis.errors)
-    assert roll_error < 1.5
+    assert roll_error < 1.6
     assert pitch_error > 2.5
     assert abs(best(axis)[0] + 14.0) < pitch_error
 

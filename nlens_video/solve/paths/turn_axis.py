@@ -14,9 +14,9 @@ import numpy as np
 from nlens_video.core.layers import Float64
 from nlens_video.solve.still.prior import CameraPrior
 
-_LEVEL = math.radians(1.0)  # of the axis of a head, by its spirit level
+_LEVEL = math.radians(1.2)  # of the axis of a head, by its spirit level
 _TRACKED = math.radians(0.02)  # error of a tracked turn
-_OTHERS = 0.1  # share of turns about another axis, as of a head that is not level
+_STRANGE = 1e-5  # likelihood that is left for turns about any axis
 _FEWEST = 3  # frames
 
 
@@ -43,8 +43,7 @@ class TurnAxis:
             [np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch), -np.sin(pitch)], axis=-1
         )
         away = np.arcsin(np.clip(up @ self.across.T, -1.0, 1.0)) / self.errors
-        near = np.exp(-0.5 * (away**2).sum(axis=-1))
-        return np.asarray(np.log((1.0 - _OTHERS) * near + 0.02 * _OTHERS))
+        return np.asarray(np.log(np.exp(-0.5 * (away**2).sum(axis=-1)) + _STRANGE))
 
 
 @dataclass(frozen=True, slots=True)
