@@ -5,6 +5,7 @@ An object is blurred by scattering its sharp layer: every pixel spreads over its
 transparent background with the object's own CoC (`extend`).
 """
 
-from nlens_video.kernels import numba_config
+from nlens_video.kernels import cache_stamp, numba_config
 
+cache_stamp.stamp_kernels_by_what_they_import()
 numba_config.settle_cache()
