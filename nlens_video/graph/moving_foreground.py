@@ -31,7 +31,7 @@ from nlens_video.effects.foreground.background import (
 )
 from nlens_video.effects.foreground.looks import parted
 from nlens_video.effects.foreground.matte import soft_matte
-from nlens_video.effects.foreground.things import find_things, normalised, things_mask
+from nlens_video.effects.foreground.things import find_regions, find_things, normalised, things_mask
 from nlens_video.effects.foreground.tracks import Ordered, Tracks
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.view import View, bounds_near_frame
@@ -129,21 +129,19 @@ class MovingForeground:
         roots = normalised(roots, self.small.roots)
         mask = things_mask(roots, self.small.roots, self.small.noise)
         meet = False
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
         near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
         frame = Box(0, 0, *mask.shape[::-1])
-        for number in range(1, count):
-            x, y, width, height, _ = (int(value) for value in stats[number])
-            region = Box(x, y, x + width, y + height)
+        for region in find_regions(mask):
             parts = sorted(
-                (one for one in things if one.region == region), key=lambda one: one.disparity
+                (one for one in things if one.region == region.box), key=lambda one: one.disparity
             )
-            inside = labels == number
+            inside = np.zeros(mask.shape, np.bool_)
+            inside[region.box.slices_in(frame)] = region.inside
             near[inside] = bool(parts)
             if len({one.before for one in parts}) > 1:
-                meet, at = True, region.slices_in(frame)
+                meet, at = True, region.box.slices_in(frame)
                 shares = parted(
-                    [one.look for one in parts], [one.box for one in parts], roots[at], region
+                    [one.look for one in parts], [one.box for one in parts], roots[at], region.box
                 )
                 mixed = np.tensordot(np.array([one.before for one in parts], np.float32), shares, 1)
                 order[at][inside[at]] = mixed[inside[at]]

@@ -135,6 +135,25 @@ def seen(box):
     return Seen(box, (0.5 * (box.x0 + box.x1), box.y1), box)
 
 
+def test_shoes_belong_to_the_body_above_them_where_the_legs_have_the_ground_s_colour():
+    mask = np.zeros((180, 320), np.bool_)
+    mask[40:90, 100:130] = True
+    mask[118:126, 100:110] = mask[120:127, 122:131] = True  # shoes
+    mask[60:150, 200:250] = True  # somebody nearer, whose head is beside
+    mask[160:170, 20:60] = True  # something on the ground, under nobody
+    (body, other, flat) = sorted(find_things(mask), key=lambda one: one.box.y0)
+    assert (body.box.x0, body.box.y0, body.box.y1) == (100, 40, 127)
+    assert body.foot[1] == 126.0
+    assert other.box.y0 == 60 and flat.box.y0 == 160
+
+
+def test_heads_of_those_who_stand_nearer_are_no_feet():
+    mask = np.zeros((180, 320), np.bool_)
+    mask[40:80, 100:120] = True
+    mask[84:176, 98:140] = True
+    assert len(find_things(mask)) == 2
+
+
 def test_two_things_that_meet_keep_their_orders():
     tracks = Tracks()
     for index in range(50):

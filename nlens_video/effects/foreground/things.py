@@ -20,6 +20,8 @@ _DARKEST, _LIGHTEST = 0.2, 0.97  # light that a shadow leaves [1]
 _TINT = 0.2  # a shadow's change of colour, of the light that it takes
 _TEXTURE = 0.16  # standard deviation of the logarithm of the light that a shadow leaves
 _WINDOW = 5
+_FAR_BELOW, _BESIDE, _SMALLER = 0.9, 0.6, 0.5
+"""By the size of a body: how far below it its feet lie, how far to a side, how high they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,21 +83,64 @@ def _shadow(roots: Float32, background: Float32) -> Bool:
     return np.asarray(untinted & (reach > 0), np.bool_)
 
 
-def find_things(mask: Bool) -> list[Seen]:
-    """The things of a mask (h, w)."""
-    count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Connected pixels of a mask, with the smaller ones below that belong to the same thing.
+
+    Attributes:
+        box: around them.
+        inside: where they are (h, w) in that box.
+    """
+
+    box: Box
+    inside: Bool
+
+
+def find_regions(mask: Bool) -> list[Region]:
+    """The regions of a mask (h, w).
+
+    Trousers of the ground's colour part the shoes from the body: what lies under a region, smaller
+    and not far below, is a part of it.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    boxes = [Box(x, y, x + width, y + height) for x, y, width, height, _ in stats[:count].tolist()]
+    owner = list(range(count))
+    for lower in sorted(range(1, count), key=lambda one: boxes[one].y0):
+        above = [one for one in range(1, count) if _stands_on(boxes[one], boxes[lower])]
+        if above:
+            owner[lower] = owner[max(above, key=lambda one: boxes[one].y1)]
     found = []
-    for number in range(1, count):
-        x, y, width, height, area = (int(value) for value in stats[number])
-        if area < _LEAST_AREA * mask.size:
+    for number in dict.fromkeys(owner[1:]):
+        parts = [one for one in range(1, count) if owner[one] == number]
+        if stats[parts, cv2.CC_STAT_AREA].sum() < _LEAST_AREA * mask.size:
             continue
-        box = Box(x, y, x + width, y + height)
-        found.append(Seen(box, _foot(mask, box), box))
+        box = boxes[number]
+        for one in parts:
+            box = box.union(boxes[one])
+        at = box.slices_in(Box(0, 0, *mask.shape[::-1]))
+        found.append(Region(box, np.isin(labels[at], parts)))
     return found
 
 
-def _foot(mask: Bool, box: Box) -> tuple[float, float]:
-    part = mask[box.y0 : box.y1, box.x0 : box.x1]
+def _stands_on(body: Box, foot: Box) -> bool:
+    """Whether what is in the lower box may be the foot of what is in the upper one."""
+    below = foot.y0 - body.y1
+    beside = abs(foot.x0 + foot.x1 - body.x0 - body.x1) / 2
+    return (
+        0 <= below <= _FAR_BELOW * body.height
+        and beside <= _BESIDE * body.width
+        and foot.height <= _SMALLER * body.height
+        and foot.width <= body.width
+    )
+
+
+def find_things(mask: Bool) -> list[Seen]:
+    """The things of a mask (h, w)."""
+    return [Seen(one.box, _foot(one), one.box) for one in find_regions(mask)]
+
+
+def _foot(region: Region) -> tuple[float, float]:
+    part, box = region.inside, region.box
     filled = part.sum(axis=1)
     rows = np.flatnonzero(filled >= max(2.0, 0.06 * box.width))
     last = int(rows[-1]) if rows.size else part.shape[0] - 1
