@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.background import MOVED, gain
@@ -20,8 +21,8 @@ _DARKEST, _LIGHTEST = 0.2, 0.97  # light that a shadow leaves [1]
 _TINT = 0.2  # a shadow's change of colour, of the light that it takes
 _TEXTURE = 0.16  # standard deviation of the logarithm of the light that a shadow leaves
 _WINDOW = 5
-_FAR_BELOW, _BESIDE, _SMALLER = 0.9, 0.6, 0.5
-"""By the size of a body: how far below it its feet lie, how far to a side, how high they are."""
+_FAR_BELOW, _BESIDE, _SMALLER = 0.9, 0.35, 0.5
+"""By the height of a body: how far below it its feet lie, how far to a side, how high they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,8 @@ def things_mask(roots: Float32, background: Float32, noise: Float32) -> Bool:
     limit = np.maximum(np.float32(MOVED), 5.0 * noise)
     strong, weak = off > limit, off > np.float32(_LOW) * limit
     shadow = _shadow(roots, background)
-    weak &= ~shadow
+    changed = weak
+    weak = weak & ~shadow
     strong &= ~shadow
     count, labels = cv2.connectedComponents(weak.astype(np.uint8), connectivity=8)
     kept = np.zeros(count, np.bool_)
@@ -61,7 +63,35 @@ def things_mask(roots: Float32, background: Float32, noise: Float32) -> Bool:
     mask = cv2.morphologyEx(
         kept[labels].astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 3), np.uint8)
     )
-    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0)
+    clean = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    return np.asarray(clean | (changed & _between_body_and_feet(np.asarray(clean))))
+
+
+def _between_body_and_feet(mask: Bool) -> Bool:
+    """Where (h, w) legs are, between a body of a mask (h, w) and its feet.
+
+    Legs that are grey and dark look like a shadow on the ground.
+    """
+    boxes = _components(mask)[0]
+    between = np.zeros(mask.shape, np.uint8)
+    for body in boxes:
+        for foot in boxes:
+            if _stands_on(body, foot):
+                waist, sole = body.y1 - 1, foot.y0
+                corners = [(body.x0, waist), (body.x1, waist), (foot.x1, sole), (foot.x0, sole)]
+                cv2.fillConvexPoly(between, np.array(corners, np.int32), 1)
+    return np.asarray(between > 0)
+
+
+def _components(mask: Bool) -> tuple[list[Box], npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Connected parts of a mask (h, w): boxes, areas (n,) [px], and the part of each pixel (h, w).
+
+    Parts are numbered from 1; the first box is that of 1.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    boxes = [Box(x, y, x + width, y + height) for x, y, width, height, _ in stats[1:count].tolist()]
+    areas = np.asarray(stats[1:, cv2.CC_STAT_AREA], np.int32)
+    return boxes, areas, np.asarray(labels, np.int32)
 
 
 def _shadow(roots: Float32, background: Float32) -> Bool:
@@ -102,33 +132,33 @@ def find_regions(mask: Bool) -> list[Region]:
     Trousers of the ground's colour part the shoes from the body: what lies under a region, smaller
     and not far below, is a part of it.
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    boxes = [Box(x, y, x + width, y + height) for x, y, width, height, _ in stats[:count].tolist()]
-    owner = list(range(count))
-    for lower in sorted(range(1, count), key=lambda one: boxes[one].y0):
-        above = [one for one in range(1, count) if _stands_on(boxes[one], boxes[lower])]
+    boxes, areas, labels = _components(mask)
+    numbers = range(len(boxes))
+    owner = list(numbers)
+    for lower in sorted(numbers, key=lambda one: boxes[one].y0):
+        above = [one for one in numbers if _stands_on(boxes[one], boxes[lower])]
         if above:
             owner[lower] = owner[max(above, key=lambda one: boxes[one].y1)]
     found = []
-    for number in dict.fromkeys(owner[1:]):
-        parts = [one for one in range(1, count) if owner[one] == number]
-        if stats[parts, cv2.CC_STAT_AREA].sum() < _LEAST_AREA * mask.size:
+    for number in dict.fromkeys(owner):
+        parts = [one for one in numbers if owner[one] == number]
+        if areas[parts].sum() < _LEAST_AREA * mask.size:
             continue
         box = boxes[number]
         for one in parts:
             box = box.union(boxes[one])
         at = box.slices_in(Box(0, 0, *mask.shape[::-1]))
-        found.append(Region(box, np.isin(labels[at], parts)))
+        found.append(Region(box, np.isin(labels[at], np.array(parts) + 1)))
     return found
 
 
 def _stands_on(body: Box, foot: Box) -> bool:
     """Whether what is in the lower box may be the foot of what is in the upper one."""
     below = foot.y0 - body.y1
-    beside = abs(foot.x0 + foot.x1 - body.x0 - body.x1) / 2
+    beside = max(foot.x0 - body.x1, body.x0 - foot.x1)
     return (
         0 <= below <= _FAR_BELOW * body.height
-        and beside <= _BESIDE * body.width
+        and beside <= _BESIDE * body.height
         and foot.height <= _SMALLER * body.height
         and foot.width <= body.width
     )
