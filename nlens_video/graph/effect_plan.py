@@ -37,6 +37,7 @@ from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.stages.r_regression import FitSamples
 
 _DISTORTION = "distortion"
 
@@ -58,6 +59,7 @@ class LensRequest:
         optics: known vignetting and distortion.
         known: what is known of the lens beforehand.
         track: the lens over the length of a file, where it changes, in the pixels of its frames.
+        others: samples of other frames for the fit, where the camera moves.
         live: whether a lens that changes is followed as frames come.
         hold_budget: whether quality adapts to keep the frame budget.
     """
@@ -74,6 +76,7 @@ class LensRequest:
     optics: LensOverrides = LensOverrides()
     known: KnownLens = UNKNOWN_LENS
     track: FitTrack | None = None
+    others: tuple[FitSamples, ...] = ()
     live: bool = False
     hold_budget: bool = False
 

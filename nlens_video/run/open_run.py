@@ -25,6 +25,7 @@ from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.stages.r_regression import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.exposure_time import exposure_time_s
 from nlens_video.video.focal_length import tagged_focal
@@ -91,18 +92,21 @@ class RunInput:
 
 
 @contextmanager
-def open_run(settings: Settings, profiler: Profiler) -> Iterator[RunInput]:
+def open_run(
+    settings: Settings, profiler: Profiler, others: tuple[FitSamples, ...] = ()
+) -> Iterator[RunInput]:
     """Open the source and build the graph for it; the source closes at the end.
 
     Args:
         settings: the run.
         profiler: times the run.
+        others: samples of other frames for the lens fit.
 
     Raises:
         NlensError: as `run.render`.
     """
     with opened(settings.source) as source:
-        yield take_in(source, settings, profiler)
+        yield take_in(source, settings, profiler, others=others)
 
 
 def take_in(
@@ -110,6 +114,8 @@ def take_in(
     settings: Settings,
     profiler: Profiler,
     track: FitTrack | None = None,
+    others: tuple[FitSamples, ...] = (),
+    *,
     chunks: ChunkFeed | None = None,
 ) -> RunInput:
     """Build the graph for a source that is open.
@@ -119,6 +125,7 @@ def take_in(
         settings: the run.
         profiler: times the run.
         track: the lens over the length of the file, where it changes.
+        others: samples of other frames for the lens fit.
         chunks: frames to render in place of the settings' range.
 
     Raises:
@@ -132,7 +139,7 @@ def take_in(
     frames = (
         FrameRange(source, settings.source.frames) if chunks is None else ChunkRange(source, chunks)
     )
-    session = _assembled(settings, source.info, profiler, frames, track)
+    session = _assembled(settings, source.info, profiler, frames, track, others)
     frames.on_skipped = session.executor.observe_skipped
     if isinstance(source, SeekableSource) and not session.graph.stateful:
         frames.skip_to = source.skip_to
@@ -184,6 +191,7 @@ def _assembled(
     profiler: Profiler,
     frames: SourceSlice,
     track: FitTrack | None,
+    others: tuple[FitSamples, ...],
 ) -> Session:
     lens = LensRequest(
         preset=settings.preset,
@@ -198,6 +206,7 @@ def _assembled(
         optics=settings.optics,
         known=settings.lens,
         track=track or _given_track(settings, info),
+        others=others,
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )

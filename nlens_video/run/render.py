@@ -22,6 +22,7 @@ from nlens_video.run.drift_check import DriftCheck
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import frame_s, open_run, opened, take_in
+from nlens_video.run.pooled_samples import lens_passes, samples_of_other_frames
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
@@ -124,7 +125,8 @@ def find_fit(
         return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.describe(),))
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
-        run_input = stack.enter_context(open_run(settings, profiler))
+        others = samples_of_other_frames(settings)
+        run_input = stack.enter_context(open_run(settings, profiler, others))
         session = run_input.session
         found = observers(settings, run_input.info, session, None)
         sidecars = stack.enter_context(SidecarOutputs(found))
@@ -193,7 +195,7 @@ def render(
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        run_input = take_in(source, settings, profiler, lens_track_pass(settings), chunks)
+        run_input = take_in(source, settings, profiler, *lens_passes(settings), chunks=chunks)
         session = run_input.session
         warmup = stack.enter_context(KernelWarmup(session.nodes))
         step = frame_s(source.info)

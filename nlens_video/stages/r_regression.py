@@ -12,16 +12,17 @@ values is too flat, so the training prior is divided out of the samples first.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
-from nlens_video.core.layers import Bool, CocMap, CocPrior, Float64
+from nlens_video.core.layers import Bool, CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
+from nlens_video.stages.f_coc import remove_prior
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
 from nlens_video.stages.r_robust_v import VCandidate, VFit
 
@@ -35,8 +36,6 @@ _LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
-_MOST_SHRUNK = 0.8  # a posterior this wide, as a share of the prior's width, holds no evidence
-_LAPLACE = math.sqrt(2.0)  # deviation of a Laplace distribution by its mean absolute error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +96,9 @@ class FitLens:
     whole_plane: bool = True
 
     def __call__(
-        self, coc: CocMap, ground: GroundProjection, frame: int = 0, known: LensPrior = NO_PRIOR
-    ) -> Regression:
+        self, coc: CocMap, ground: GroundProjection, frame: int = 0, known: LensPrior = NO_PRIOR,
+        others: Sequence[FitSamples] = (),
+    ) -> Regression:  # fmt: skip
         """Fit the lens on one frame.
 
         Args:
@@ -106,11 +106,14 @@ class FitLens:
             ground: footprint and plane on the same frame.
             frame: index of that frame, kept in the fit.
             known: of the lens beforehand, combined with the plate by its errors.
+            others: samples of other frames of a moving camera, which see other ground.
 
         Raises:
             LensFitError: the plane is not in view, or shows no blur.
         """
-        samples = _sample(coc, ground, whole_plane=self.whole_plane)
+        samples = self.samples(coc, ground)
+        if others:
+            samples = _joined([samples, *others])
         problem, lens = self._solved(samples, coc.coc_px.shape[1], known)
         if lens is None:
             raise LensFitError(
@@ -138,6 +141,7 @@ class FitLens:
             sign_margin=margin,
             method=f"robust V-fit over {self._where(samples)}"
             + (f", mean of {coc.frames} frames" if coc.frames > 1 else "")
+            + (f", {1 + len(others)} frames of a moving camera" if others else "")
             + ("" if known == NO_PRIOR else ", with what is known of the lens"),
             ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
@@ -145,6 +149,14 @@ class FitLens:
         )
         _check(fit, covariance, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))
+
+    def samples(self, coc: CocMap, ground: GroundProjection) -> FitSamples:
+        """The samples of one frame, of which `others` holds some; arguments as of a fit.
+
+        Raises:
+            LensFitError: the plane is not in view.
+        """
+        return _sample(coc, ground, whole_plane=self.whole_plane)
 
     def _solved(
         self, samples: FitSamples, width: int, known: LensPrior
@@ -166,6 +178,19 @@ class FitLens:
         if not samples.anchor.any():
             return "the ground plane without a footprint in view"
         return "the whole ground plane, anchored by the footprint"
+
+
+def _joined(parts: Sequence[FitSamples]) -> FitSamples:
+    """Samples of several frames; patches of different frames err apart."""
+    patches = np.cumsum([0, *(int(part.cluster.max()) + 1 for part in parts)])
+    moved = [
+        replace(part, cluster=part.cluster + int(first))
+        for part, first in zip(parts, patches, strict=False)
+    ]
+    names = [field.name for field in fields(FitSamples)]
+    return FitSamples(
+        **{name: np.concatenate([getattr(part, name) for part in moved]) for name in names}
+    )
 
 
 def _agreeing(problem: VFit, lens: VCandidate, samples: FitSamples) -> float:
@@ -260,27 +285,3 @@ def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
             f"error {expected:.1f} px); give --fit FILE.json, another --ground-y, or "
             "--fallback constant"
         )
-
-
-def remove_prior(coc_px: Float64, sigma_px: Float64, prior: CocPrior) -> tuple[Float64, Float64]:
-    """Divide the training prior out of posterior estimates.
-
-    Prior and posterior are about normal in log(1 + CoC), so precisions subtract, as do means
-    weighted by them.
-
-    Args:
-        coc_px: estimated unsigned CoC diameter (N,) [px of the frame].
-        sigma_px: its expected absolute error (N,) [px of the frame].
-        prior: distribution of CoC in training.
-
-    Returns:
-        Diameter and expected absolute error (N,) of the likelihood alone [px of the frame].
-    """
-    coc, sigma = coc_px / prior.scale, sigma_px / prior.scale
-    wide = _LAPLACE * sigma / (1 + coc)
-    share = np.minimum(wide / prior.deviation, _MOST_SHRUNK) ** 2
-    log_coc = np.log1p(coc)
-    log_coc = log_coc + (log_coc - prior.mean) * share / (1 - share)
-    debiased = np.expm1(np.maximum(log_coc, 0.0))
-    error = sigma * (1 + debiased) / (1 + coc) / np.sqrt(1 - share)
-    return debiased * prior.scale, error * prior.scale

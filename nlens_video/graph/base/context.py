@@ -19,6 +19,7 @@ from nlens_video.video.info import SourceFrame
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
+    from nlens_video.stages.r_regression import FitSamples
 
 CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 """F: the CoC map of a picture, from it and the ones that follow."""
@@ -81,6 +82,7 @@ class NodeContext:
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
         known_lens: what is known of the lens beforehand.
+        other_samples: samples of other frames for the lens fit.
         unit_m: the scene's unit, None where it is not known [m].
         aperture: shape of the lens' aperture.
         spread: accelerated kernel of the scatter, None for the CPU's.
@@ -100,6 +102,7 @@ class NodeContext:
     fallback_constant: bool
     pixel_aspect: float
     known_lens: KnownLens = UNKNOWN_LENS
+    other_samples: tuple[FitSamples, ...] = ()
     unit_m: float | None = 1.0
     aperture: Aperture = ROUND
     spread: Spread | None = None

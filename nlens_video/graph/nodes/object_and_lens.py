@@ -109,6 +109,7 @@ class FitNode(Node):
     ) -> None:
         self._fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
         self._known, self._unit_m = context.known_lens, context.unit_m
+        self._others = context.other_samples
         self._fallback_constant = context.fallback_constant
         self.description = "R: robust V-fit over the ground plane"
 
@@ -122,7 +123,7 @@ class FitNode(Node):
         camera = bounds.camera
         known = self._known.prior(camera.fx, camera.width, self._unit_m)
         try:
-            regression = self._fit(plate_coc, ground, frame.index, known)
+            regression = self._fit(plate_coc, ground, frame.index, known, self._others)
         except LensFitError as error:
             if known.complete:
                 fit = LensFit.of_known(known, camera.width, camera.height, frame.index)
