@@ -158,6 +158,8 @@ def params(take: Take, size: tuple[int, int]) -> dict[str, object]:
         "f_stop": lens.f_number,
         "focus_distance_m": lens.focus_m,
         "aperture_diameter_mm": lens.focal_mm / lens.f_number,
+        "aperture_blades": lens.blades,
+        "cat_eye": lens.cat_eye,
         "blender_fstop_set": lens.blender_f_number,
         "coc_at_infinity_px": lens.coc_at_infinity_px * size[1] / WIDTH,
         "coc_law": "diameter_px = A*f/(zf-f) * |z-zf|/z * W_px/sensor_w, A=f/N; "
@@ -169,7 +171,7 @@ def params(take: Take, size: tuple[int, int]) -> dict[str, object]:
         "coc_object_px": sorted(abs(float(lens.coc_px(z)) * size[1] / WIDTH) for z in (near, far)),
         "film_exposure": take.exposure,
         "tier": "truth",
-        "scene": f"{view.setting} {view.seed}",
+        "scene": f"{view.ground or view.setting} {view.seed}",
         "focus": take.focus,
     }
 

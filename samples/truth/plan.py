@@ -7,7 +7,7 @@ and the camera above the origin. glTF's axes are (x, z, -y). Needs only numpy.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,34 @@ NEAREST = 0.85
 """Depth that nothing may come nearer than, by the depth of the ground at the lower border [1]."""
 DISTANCES = {"table": (0.5, 1.3), "room": (1.1, 2.8), "yard": (1.8, 6.0)}
 OBJECT_M = (0.1, 1.5)
-FOCALS_MM = {"usual": (28.0, 100.0), "wild": (24.0, 85.0), "built": (24.0, 85.0)}
-PITCHES_DEG = {"usual": (8.0, 40.0), "wild": (3.0, 50.0), "built": (3.0, 35.0)}
-ROLL_DEG = {"usual": 0.0, "wild": 4.0, "built": 2.0}
+FOCALS_MM = {
+    "usual": (28.0, 100.0),
+    "wild": (24.0, 85.0),
+    "built": (24.0, 85.0),
+    "hard": (24.0, 85.0),
+}
+PITCHES_DEG = {"usual": (8.0, 40.0), "wild": (3.0, 50.0), "built": (3.0, 35.0), "hard": (3.0, 45.0)}
+ROLL_DEG = {"usual": 0.0, "wild": 4.0, "built": 2.0, "hard": 3.0}
 BARE_EVERY = 3
 """Of the scenes with wild cameras: every third has little to hold on to."""
+HARD_GROUNDS = {
+    "grass": ("yard",),
+    "gravel": ("yard",),
+    "snow": ("yard",),
+    "plaster": ("table", "room"),
+    "polished": ("room",),
+    "wet": ("yard",),
+    "sand": ("yard",),
+    "terrazzo": ("table", "room"),
+    "fabric": ("table", "room"),
+    "soft": ("table", "room"),
+    "fractal": ("table", "room", "yard"),
+    "brushed": ("table",),
+}
+"""Grounds whose blur is hard to read, in the order of the seeds, and where they are found."""
+HARD_COC_PX = (6.0, 39.0)
+"""Largest CoC of scenes on hard ground, from deep focus to a portrait [px]."""
+HARD_F_NUMBERS = (1.2, 22.0)
 POINT_RADIUS_PX = 2.0
 """Of the "points" of light of --point: much smaller ones are hit by too few rays."""
 
@@ -49,6 +72,7 @@ class View:
         roll_deg: turn about the optical axis, positive where the world's up leans right [deg].
         bare: few things about, on a ground without lines.
         built: a street, a room or a table that people have made.
+        ground: kind of hard ground, empty for any other.
     """
 
     seed: int
@@ -61,6 +85,7 @@ class View:
     roll_deg: float = 0.0
     bare: bool = False
     built: bool = False
+    ground: str = ""
 
     @property
     def focal_px(self) -> float:
@@ -114,17 +139,24 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lens:
-    """A thin lens with a round aperture.
+    """A thin lens.
 
     Attributes:
         focal_mm: focal length [mm].
         f_number: focal length by the diameter of the entrance pupil [1].
         focus_m: distance of the focal plane along the optical axis [m].
+        blades: of the aperture, which keeps the area of the round one; 0: round.
+        turn_deg: of the blades about the optical axis [deg].
+        cat_eye: in the frame's corners, how far the front of the barrel has moved over the
+            aperture, by the aperture's radius: 0 nowhere, 1 up to its middle [1].
     """
 
     focal_mm: float
     f_number: float
     focus_m: float
+    blades: int = 0
+    turn_deg: float = 0.0
+    cat_eye: float = 0.0
 
     @property
     def coc_at_infinity_px(self) -> float:
@@ -134,8 +166,15 @@ class Lens:
 
     @property
     def blender_f_number(self) -> float:
-        """The f-number that makes Cycles, whose sensor stays at f, obey the thin lens's law."""
-        return self.f_number * (self.focus_m - self.focal_mm * 1e-3) / self.focus_m
+        """The f-number that makes Cycles, whose sensor stays at f, obey the thin lens's law.
+
+        The corners of a bladed aperture lie on Cycles' circle, which is larger for that.
+        """
+        bare = self.f_number * (self.focus_m - self.focal_mm * 1e-3) / self.focus_m
+        if self.blades == 0:
+            return bare
+        area = 0.5 * self.blades * math.sin(2.0 * math.pi / self.blades)
+        return bare * math.sqrt(area / math.pi)
 
     def coc_px(self, depth: npt.ArrayLike) -> Floats:
         """Signed CoC diameter [px], positive nearer than the focal plane, of a depth [m]."""
@@ -147,10 +186,15 @@ def draw_view(seed: int, camera: str = "usual") -> View:
 
     Args:
         seed: names the scene.
-        camera: `usual`; `wild`: more pitches, wider lenses, roll, and bare scenes; or `built`.
+        camera: `usual`; `wild`: more pitches, wider lenses, roll, and bare scenes; `built`; or
+            `hard`: a ground whose blur is hard to read.
     """
     rng = np.random.default_rng([seed, 0])
     setting = str(rng.choice(list(DISTANCES)))
+    ground = ""
+    if camera == "hard":
+        ground = list(HARD_GROUNDS)[seed % len(HARD_GROUNDS)]
+        setting = str(rng.choice(HARD_GROUNDS[ground]))
     low, high = DISTANCES[setting]
     distance = math.exp(rng.uniform(math.log(low), math.log(high)))
     focal = math.exp(rng.uniform(*np.log(FOCALS_MM[camera])))
@@ -175,7 +219,13 @@ def draw_view(seed: int, camera: str = "usual") -> View:
         roll_deg=round(roll, 2) + 0.0,
         bare=camera == "wild" and seed % BARE_EVERY == 0,
         built=camera == "built",
+        ground=ground,
     )
+
+
+def kept_unseen(seed: int) -> bool:
+    """Whether a scene on hard ground is one of the third that nobody looks at or tunes on."""
+    return seed // len(HARD_GROUNDS) % 3 == 2
 
 
 def draw_lens(view: View, focus: str, depths_m: tuple[float, float, float]) -> Lens:
@@ -190,12 +240,26 @@ def draw_lens(view: View, focus: str, depths_m: tuple[float, float, float]) -> L
     focus_m = {"front": FRONT * near, "mid": middle, "back": BACK * far}[focus]
     focus_m = max(focus_m, 3.0e-3 * view.focal_mm)
     rng = np.random.default_rng([view.seed, 1 + FOCUSES.index(focus)])
-    largest = math.exp(rng.uniform(math.log(16.0), math.log(0.98 * MAX_COC_PX)))
+    smallest, most = HARD_COC_PX if view.ground else (16.0, 0.98 * MAX_COC_PX)
+    largest = math.exp(rng.uniform(math.log(smallest), math.log(most)))
     ends = focus_m / view.nearest_m - 1.0, 1.0 - focus_m / view.farthest_m
     infinity = largest / max(ends)
     unit = Lens(focal_mm=view.focal_mm, f_number=1.0, focus_m=focus_m)
     f_number = max(FASTEST, math.ceil(100.0 * unit.coc_at_infinity_px / infinity) / 100.0)
-    return Lens(focal_mm=view.focal_mm, f_number=f_number, focus_m=focus_m)
+    lens = Lens(focal_mm=view.focal_mm, f_number=f_number, focus_m=focus_m)
+    return _real_lens(lens, rng) if view.ground else lens
+
+
+def _real_lens(lens: Lens, rng: np.random.Generator) -> Lens:
+    """With an f-number that is sold, two in three with blades, two in three with a cat's eye."""
+    blades = int(rng.choice([0, 5, 6, 7]))
+    return replace(
+        lens,
+        f_number=float(np.clip(lens.f_number, *HARD_F_NUMBERS)),
+        blades=blades if rng.random() < 0.89 else 0,
+        turn_deg=round(rng.uniform(0.0, 360.0), 1),
+        cat_eye=round(max(0.0, rng.uniform(-0.4, 0.8)), 2),
+    )
 
 
 def matrices(view: View, near_m: float = 0.05, far_m: float = 2000.0) -> dict[str, Any]:

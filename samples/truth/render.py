@@ -25,6 +25,9 @@ from truth.plan import HEIGHT, POINT_RADIUS_PX, SENSOR_MM, WIDTH, Lens, View, dr
 
 BOUNCES = 3
 """Of light, where shadows are rendered: an object's underside sees the ground."""
+MIRRORED = 2
+"""Reflections in a row, on hard ground."""
+BARREL = "barrel"
 AROUND_PX = 256
 """Width of the panorama around the object."""
 
@@ -60,10 +63,13 @@ def set_up(view: View, job: Job) -> bpy.types.Scene:
     cycles.use_adaptive_sampling = not job.composite  # it ties pixels to their neighbours
     cycles.adaptive_threshold, cycles.adaptive_min_samples = job.error, 12
     cycles.max_bounces = cycles.diffuse_bounces = BOUNCES if job.shadow else 0
+    if view.ground:
+        cycles.max_bounces = max(MIRRORED, cycles.max_bounces)
+        cycles.glossy_bounces = MIRRORED
     cycles.caustics_reflective = cycles.caustics_refractive = False
     data = bpy.data.cameras.new("camera")
     data.lens, data.sensor_width, data.sensor_fit = view.focal_mm, SENSOR_MM, "HORIZONTAL"
-    data.clip_start, data.clip_end = 0.01, 2000.0
+    data.clip_start, data.clip_end = 1e-4 if view.ground else 0.01, 2000.0
     camera = bpy.data.objects.new("camera", data)
     tilt = Matrix.Rotation(math.radians(90.0 - view.pitch_deg), 4, "X")
     roll = Matrix.Rotation(math.radians(view.roll_deg), 4, "Z")
@@ -77,9 +83,27 @@ def look_through(made: bpy.types.Scene, lens: Lens | None) -> None:
     """Put a lens before the camera, or a pinhole."""
     depth_of_field = made.camera.data.dof
     depth_of_field.use_dof = lens is not None
+    if BARREL in made.objects:
+        bpy.data.objects.remove(made.objects[BARREL])
     if lens is not None:
         depth_of_field.focus_distance = lens.focus_m
-        depth_of_field.aperture_fstop, depth_of_field.aperture_blades = lens.blender_f_number, 0
+        depth_of_field.aperture_fstop = lens.blender_f_number
+        depth_of_field.aperture_blades = lens.blades
+        depth_of_field.aperture_rotation = math.radians(lens.turn_deg)
+        if lens.cat_eye > 0.0:
+            add_barrel(made, lens)
+
+
+def add_barrel(made: bpy.types.Scene, lens: Lens) -> None:
+    """The rim of a lens's front, black, which cuts the aperture off towards the corners."""
+    radius = 0.5e-3 * lens.focal_mm / lens.blender_f_number
+    corner = 0.5 * math.hypot(SENSOR_MM, SENSOR_MM * HEIGHT / WIDTH) / lens.focal_mm
+    away = lens.cat_eye * radius / corner
+    black = kit.emitter("black", (0.0, 0.0, 0.0), 0.0)
+    barrel = kit.lathe(BARREL, [(radius, 0.0), (50.0 * radius, 0.0)], (0.0, 0.0, 0.0), black, 128)
+    barrel.matrix_world = made.camera.matrix_world @ Matrix.Translation((0.0, 0.0, -away))
+    for ray in scene.LIGHT_RAYS:
+        setattr(barrel, f"visible_{ray}", False)
 
 
 def render(made: bpy.types.Scene, path: Path, samples: int) -> None:

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from truth import built, subject, surfaces, things
+from truth import built, grounds, subject, surfaces, things
 from truth.plan import HEIGHT, WIDTH, Floats, View
 
 Rng = np.random.Generator
@@ -54,9 +54,13 @@ def build(view: View, rng: Rng) -> bpy.types.Object:
     if rng.random() < (0.3 if view.setting == "yard" else 0.6):
         far = min(ground.edge_y, 20.0)
         wall_y = max(view.place[1] * rng.uniform(1.6, 5.0), 1.2 * far if far < 20.0 else 0.0)
+    if view.ground in grounds.MIRRORS:  # has something to mirror
+        wall_y = min(wall_y, view.place[1] * rng.uniform(1.6, 5.0))
     _lay_ground(view, ground, rng)
     if math.isfinite(wall_y):
         _raise_wall(view, wall_y, rng)
+        if view.ground in grounds.MIRRORS:
+            grounds.windows(wall_y, rng)
     target = _add_subject(view)
     _furnish(view, ground, wall_y, rng)
     _light(view, wall_y, rng)
@@ -71,7 +75,12 @@ def _lay_ground(view: View, ground: Ground, rng: Rng) -> None:
     kind = str(rng.choice((surfaces.BARE if view.bare else surfaces.GROUNDS)[view.setting]))
     grain = _grain(view, view.project(np.array([[*view.place, 0.0]]))[0, 2])
     grain *= rng.uniform(0.7, 1.4)
-    material = surfaces.surface(rng, kind, grain, flat=True)
+    if view.ground:
+        material = grounds.ground(rng, view.ground, grain)
+    else:
+        material = surfaces.surface(rng, kind, grain, flat=True)
+    if view.ground == "grass":
+        grounds.grow_grass(view, grain, rng)
     reach = min(ground.edge_y, 300.0)
     wide = 0.5 * reach if view.setting == "table" else 200.0
     thick = 0.04
@@ -153,7 +162,7 @@ class Room:
 def _furnish(view: View, ground: Ground, wall_y: float, rng: Rng) -> None:
     room = Room(view)
     middle = float(view.project(np.array([[*view.place, 0.0]]))[0, 2])
-    fewest, most = (1, 5) if view.bare else (9, 40)
+    fewest, most = (1, 5) if view.bare else (2, 14) if view.ground else (9, 40)
     for _ in range(int(np.exp(rng.uniform(np.log(fewest), np.log(most))))):
         build = things.BUILDERS[int(rng.integers(len(things.BUILDERS)))]
         size_px = WIDTH * np.exp(rng.uniform(np.log(0.05), np.log(0.3)))
