@@ -13,6 +13,7 @@ from nlens_video.evaluate.coc.baselines import (
     best_factor,
     edge_blur,
     fit_line,
+    matting_coc,
     nearest_blur,
     quadratic_coc,
     reblur_ratio_coc,
@@ -39,19 +40,22 @@ def test_reblur_ratio_recovers_the_sigma_of_a_blurred_step_within_5_percent(sigm
     assert np.median(found) == pytest.approx(sigma, rel=0.05)
 
 
-def test_reblur_ratio_gives_the_diameter_of_the_disc_with_the_same_variance():
-    coc = reblur_ratio_coc(step_edge(3.0))
+@pytest.mark.parametrize("estimate", [reblur_ratio_coc, matting_coc])
+def test_reblur_ratio_gives_the_diameter_of_the_disc_with_the_same_variance(estimate):
+    coc = estimate(step_edge(3.0))
     assert coc.shape == (120, 120)
     assert np.median(coc) == pytest.approx(12.0, rel=0.05)
 
 
-def test_reblur_ratio_of_a_picture_without_edges_is_zero():
-    assert not reblur_ratio_coc(np.full((60, 80, 3), 0.4, np.float32)).any()
+@pytest.mark.parametrize("estimate", [reblur_ratio_coc, matting_coc])
+def test_reblur_ratio_of_a_picture_without_edges_is_zero(estimate):
+    assert not estimate(np.full((60, 80, 3), 0.4, np.float32)).any()
 
 
-def test_reblur_ratio_increases_with_blur():
+@pytest.mark.parametrize("estimate", [reblur_ratio_coc, matting_coc])
+def test_reblur_ratio_increases_with_blur(estimate):
     picture = np.concatenate([step_edge(1.5), step_edge(5.0)], axis=1)
-    coc = reblur_ratio_coc(picture)
+    coc = estimate(picture)
     assert np.median(coc[:, 150:210]) > 2 * np.median(coc[:, 30:90])
 
 
