@@ -16,11 +16,25 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from models.coc.long_ground import draw_long_ground
 from models.coc.scene import SIZE, draw_scene
 from models.coc.textures import Photos
 
 Float32 = npt.NDArray[np.float32]
 LABEL_STEP = 4  # the network answers at a quarter of the size
+HARD_SHARE = 0.55  # of the pictures show one long ground that is hard to read
+
+
+def draw_picture(
+    rng: np.random.Generator, photos: Photos, hard_share: float
+) -> tuple[npt.NDArray[np.uint8], Float32]:
+    """A picture uint8 (SIZE, SIZE, 3) and its unsigned CoC diameter (SIZE, SIZE) [px].
+
+    With a `hard_share` of 0 a seed still draws the picture that it drew before there were any.
+    """
+    if hard_share and rng.random() < hard_share:
+        return draw_long_ground(rng, photos)
+    return draw_scene(rng, photos)
 
 
 def label(coc_px: Float32) -> Float32:
@@ -76,14 +90,16 @@ class Reservoir:
         self._write(index + 1)
 
 
-def contact_sheet(seed: int, photos: Photos, path: Path, columns: int = 8, rows: int = 4) -> None:
+def contact_sheet(
+    seed: int, photos: Photos, hard_share: float, path: Path, columns: int = 8, rows: int = 4
+) -> None:
     """Write pictures above their CoC (blue 0, red 64 px) for a look by eye."""
     strips = []
     for row in range(rows):
         pairs = []
         for column in range(columns):
             rng = np.random.default_rng([seed, row * columns + column])
-            picture, coc = draw_scene(rng, photos)
+            picture, coc = draw_picture(rng, photos, hard_share)
             shade = cv2.applyColorMap(np.uint8(np.minimum(coc * 4, 255)), cv2.COLORMAP_TURBO)
             pairs.append(np.vstack([picture[..., ::-1], cv2.resize(shade, None, fx=1, fy=0.5)]))
         strips.append(np.hstack(pairs))
@@ -99,19 +115,21 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=30000, help="pictures it holds")
     parser.add_argument("--endless", action="store_true", help="go on, replacing the oldest")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--hard", type=float, default=HARD_SHARE, help="share of long grounds")
     parser.add_argument("--sheet", type=Path, help="write a contact sheet there and stop")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     photos = Photos.load(options.photos, held_out=options.held_out)
     if options.sheet:
-        contact_sheet(options.seed, photos, options.sheet)
+        contact_sheet(options.seed, photos, options.hard, options.sheet)
         return
     reservoir = Reservoir(options.out, options.count)
     start = time.time()
     for index in itertools.count(reservoir.drawn):
         if index >= options.count and not options.endless:
             break
-        picture, coc = draw_scene(np.random.default_rng([options.seed, index]), photos)
+        rng = np.random.default_rng([options.seed, index])
+        picture, coc = draw_picture(rng, photos, options.hard)
         reservoir.append(picture, coc)
         if index % 500 == 0:
             print(f"{index} pictures, {time.time() - start:.0f} s", flush=True)

@@ -118,6 +118,23 @@ def resampled(rng: Rng, code: Float32) -> Float32:
     return np.clip(cv2.resize(small, (width, height), interpolation=way), 0, 1)
 
 
+def denoised(rng: Rng, code: Float32) -> Float32:
+    """A camera's noise reduction: faint grain smoothed between edges, the colour more than luma."""
+    luma, red, blue = cv2.split(cv2.cvtColor(code, cv2.COLOR_RGB2YCrCb))
+    spatial = rng.uniform(0.8, 2.5)
+    luma = cv2.bilateralFilter(luma, 5, rng.uniform(0.01, 0.07), spatial)
+    red, blue = (cv2.GaussianBlur(part, (0, 0), 1.5 * spatial) for part in (red, blue))
+    return np.clip(cv2.cvtColor(cv2.merge([luma, red, blue]), cv2.COLOR_YCrCb2RGB), 0, 1)
+
+
+def grainy(rng: Rng, code: Float32) -> Float32:
+    """Grain of film or of an editor: finer or coarser than a pixel, the same in every channel."""
+    grain = rng.standard_normal(code.shape[:2], dtype=np.float32)
+    grain = cv2.GaussianBlur(grain, (0, 0), rng.uniform(0.2, 1.1))
+    level = np.exp(rng.uniform(np.log(0.004), np.log(0.04))) / (grain.std() + 1e-9)
+    return np.clip(code + np.float32(level) * grain[..., None], 0, 1)
+
+
 def through_h264(picture: Uint8, crf: int, preset: str) -> Uint8:
     """One intra frame of H.264, yuv420p, and back."""
     buffer = io.BytesIO()
@@ -165,3 +182,34 @@ def photographed(rng: Rng, linear: Float32) -> Uint8:
     if rng.random() < 0.15:
         code = noisy(rng, code)
     return compressed(rng, np.uint8(np.clip(code * 255 + 0.5, 0, 255)))
+
+
+def filmed(rng: Rng, linear: Float32) -> Uint8:
+    """The picture of a camera that records H.264: every step that a phone or a hybrid takes.
+
+    Args:
+        rng: source of chance.
+        linear: defocused scene-linear light (H, W, 3).
+
+    Returns:
+        The decoded frame, uint8 (H, W, 3).
+    """
+    if rng.random() < 0.05:
+        linear = moved(rng, linear)
+    linear = cv2.GaussianBlur(linear, (0, 0), float(rng.triangular(0.2, 0.4, 0.8)))
+    level = np.exp(rng.uniform(np.log(0.002), np.log(0.05)))
+    deviation = level * np.sqrt(0.02 + np.maximum(linear, 0))
+    linear = linear + np.float32(deviation) * rng.standard_normal(linear.shape, dtype=np.float32)
+    if rng.random() < 0.8:
+        linear = demosaiced(np.maximum(linear, 0))
+    code = toned(rng, np.float32(linear))
+    if rng.random() < 0.6:
+        code = denoised(rng, code)
+    if rng.random() < 0.6:
+        code = sharpened(rng, code)
+    if rng.random() < 0.2:
+        code = grainy(rng, code)
+    picture = np.uint8(np.clip(code * 255 + 0.5, 0, 255))
+    if rng.random() < 0.8:
+        picture = through_h264(picture, int(rng.integers(18, 31)), "veryfast")
+    return picture

@@ -99,23 +99,23 @@ def draw_layout(rng: Rng) -> tuple[Layout, Float32 | None]:
     return Layout(disparity, slope * shrink, offset * shrink, down), wall
 
 
-def in_perspective(rng: Rng, layout: Layout, photos: Photos) -> Float32:
-    """The ground: a texture seen along the layout's plane, sharp to the pixel near and far.
+def in_perspective(rng: Rng, layout: Layout, texture: Float32) -> Float32:
+    """The ground: a square texture seen along the layout's plane, sharp to the pixel near and far.
 
     A texture that is magnified is soft without any defocus, and teaches the network to take blur
     for a smooth surface; so the nearest row sees about a texel a pixel, and farther rows
     smaller copies of the texture.
     """
     size = layout.disparity.shape[0]
-    texture = surface(rng, TEXTURE_SIZE, photos, PHOTO_SHARE * 0.6)
+    side = texture.shape[0]
     y, x = (np.mgrid[0:size, 0:size] - (size - 1) / 2).astype(np.float32)
     cosine, sine = layout.down
     d = np.maximum(layout.disparity, 0.02)
     scale = float(rng.uniform(0.8, 1.6) * np.quantile(d, 0.9))
     tilt, turn = np.exp(rng.uniform(0, np.log(4))), rng.uniform(0, 2 * np.pi)
     across, along = scale * (x * sine - y * cosine) / d, scale * tilt * (x * cosine + y * sine) / d
-    u = across * np.cos(turn) - along * np.sin(turn) + TEXTURE_SIZE / 2
-    v = across * np.sin(turn) + along * np.cos(turn) + TEXTURE_SIZE / 2
+    u = across * np.cos(turn) - along * np.sin(turn) + side / 2
+    v = across * np.sin(turn) + along * np.cos(turn) + side / 2
     level = np.clip(np.log2(scale / d), 0, 4).astype(np.int32)
     seen = np.zeros((size, size, 3), np.float32)
     for step in range(int(level.max()) + 1):
@@ -256,13 +256,13 @@ def with_squares(light: Float32) -> Float32:
     return np.concatenate([light, light * light], -1)
 
 
-def path_traced(rng: Rng, moments: Float32) -> Float32:
-    """The picture that a renderer gets from a few dozen to a thousand samples of the lens.
+def path_traced(rng: Rng, moments: Float32, fewest: float = 40, most: float = 1500) -> Float32:
+    """The picture that a renderer gets from `fewest` to `most` samples of the lens.
 
     Its noise is not that of a sensor: it is strong where a disc covers strong contrast, just where
     the blur must be read.
     """
-    samples = np.exp(rng.uniform(np.log(40), np.log(1500)))
+    samples = np.exp(rng.uniform(np.log(fewest), np.log(most)))
     mean, square = moments[..., :3], moments[..., 3:]
     deviation = np.sqrt(np.maximum(square - mean * mean, 0) / samples)
     chance = rng.standard_normal((*mean.shape[:2], 1), dtype=np.float32)
@@ -275,7 +275,8 @@ def draw_ground(rng: Rng, layout: Layout, wall: Float32 | None, photos: Photos) 
     if rng.random() < 0.3:
         ground = surface(rng, size, photos, 0.7)
     else:
-        ground = in_perspective(rng, layout, photos)
+        texture = surface(rng, TEXTURE_SIZE, photos, PHOTO_SHARE * 0.6)
+        ground = in_perspective(rng, layout, texture)
     if wall is not None:
         ground = np.where(wall[..., None] > 0, surface(rng, size, photos, PHOTO_SHARE), ground)
     return lit(rng, ground)

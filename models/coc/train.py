@@ -152,14 +152,16 @@ def validate(network: CocNet, data: Reservoir) -> tuple[float, Figures]:
 
 def held_out(run: Run, options: argparse.Namespace) -> dict[str, float]:
     """Figures on the held-out pictures, and on plates where there are any."""
-    likelihood, found = validate(run.average, Reservoir(options.validation))
-    print(found.line(), f" nll {likelihood:.3f}")
-    row = {
-        "held_out_nll": round(likelihood, 4),
-        "held_out_rmse_px": round(found.rmse_px, 3),
-        "held_out_confident_rmse_px": round(found.confident_rmse_px, 3),
-        "held_out_relative": round(found.relative, 4),
-    }
+    row: dict[str, float] = {}
+    for name, folder in (("held_out", options.validation), ("hard", options.hard_validation)):
+        if folder is None:
+            continue
+        likelihood, found = validate(run.average, Reservoir(folder))
+        print(found.line(), f" {name}, nll {likelihood:.3f}", flush=True)
+        row[f"{name}_nll"] = round(likelihood, 4)
+        row[f"{name}_rmse_px"] = round(found.rmse_px, 3)
+        row[f"{name}_confident_rmse_px"] = round(found.confident_rmse_px, 3)
+        row[f"{name}_relative"] = round(found.relative, 4)
     if options.plates:
         results = evaluate_plates(torch_estimate(run.average), options.plates)
         print("\n".join(result.line() for result in results), flush=True)
@@ -172,6 +174,7 @@ def main() -> None:
     """Train until the time is up."""
     parser = arguments(__doc__, Recipe())
     parser.add_argument("--rendered", type=Path, help="reservoir of rendered pictures, if any")
+    parser.add_argument("--hard-validation", type=Path, help="another one, of long grounds")
     parser.add_argument("--plates", type=Path, help="rendered plates, for the log only")
     parser.add_argument("--crop", type=int, default=Recipe().crop, help="of the first half [px]")
     options = parser.parse_args()

@@ -96,6 +96,22 @@ def test_training_resumes_from_a_checkpoint(reservoir, tmp_path):
     assert likelihood == validate(run.average, reservoir)[0]
 
 
+@pytest.mark.slow
+def test_training_is_followed_on_two_held_out_sets(reservoir):
+    from argparse import Namespace
+
+    from models.coc.train import Recipe, Run, held_out
+
+    run = Run(Recipe())
+    folders = {"validation": reservoir.folder, "hard_validation": reservoir.folder}
+    row = held_out(run, Namespace(**folders, plates=None))
+    assert row["hard_nll"] == row["held_out_nll"]
+    folders["hard_validation"] = None
+    assert not any(
+        name.startswith("hard") for name in held_out(run, Namespace(**folders, plates=None))
+    )
+
+
 def test_rendered_pictures_are_mixed_into_batches_once_available(reservoir, tmp_path):
     from models.coc.data import Reservoir
     from models.coc.scene import SIZE
