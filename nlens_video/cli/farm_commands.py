@@ -140,7 +140,8 @@ def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
 
     Args:
         path: TOML with a `[[shot]]` for each: `in`, `object`, `out`, and `options`, a list of
-            options as on the command line; paths are relative to the current folder.
+            options as on the command line; or `shot`, a shot file, in place of the first three.
+            Paths are relative to the current folder, those in a shot file to its own.
         overwrite: whether what is there may be replaced without asking.
 
     Raises:
@@ -171,15 +172,15 @@ def _parsed(entry: object, where: str) -> tuple[Namespace, Settings]:
     """A shot as `farm` parses it, and its settings."""
     if not isinstance(entry, dict):
         raise UsageError(f"{where} is no table")
-    unknown = set(entry) - {*_NEEDED, "options"}
+    needed = ("shot",) if "shot" in entry else _NEEDED
+    unknown = set(entry) - {*needed, "options"}
     if unknown:
-        raise UsageError(
-            f"{where}: no {sorted(unknown)[0]!r} there; expected in, object, out, options"
-        )
-    named = [entry.get(key) for key in _NEEDED]
+        expected = ", ".join((*needed, "options"))
+        raise UsageError(f"{where}: no {sorted(unknown)[0]!r} there; expected {expected}")
+    named = [entry.get(key) for key in needed]
     options = entry.get("options", [])
     if not isinstance(options, list) or not all(isinstance(w, str) for w in (*named, *options)):
-        raise UsageError(f"{where}: in, object and out must be texts, options a list of them")
+        raise UsageError(f"{where}: {', '.join(needed)} must be texts, options a list of them")
     try:
         args = parse(["render", *map(str, named), *options])
         return Namespace(**{**vars(args), **_FARMED}), to_settings.settings(args)

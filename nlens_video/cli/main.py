@@ -23,7 +23,7 @@ from nlens_video.core.stdio import (
     redirect_to_devnull,
     standard_error,
 )
-from nlens_video.options import to_settings
+from nlens_video.options import shot_file, to_settings
 from nlens_video.options.commands import COMMANDS
 from nlens_video.options.parser import parse, parser_of
 
@@ -112,6 +112,8 @@ def _run(argv: list[str]) -> int:
     if args.command not in _LIGHT:
         require_memory()
     check_outputs(args, overwrite=getattr(args, "overwrite", False))
+    if getattr(args, "save_shot", None) is not None:
+        shot_file.save(args.save_shot, args.given)
     if args.command in _SIDE_COMMANDS:
         return _SIDE_COMMANDS[args.command](args)
     from nlens_video.cli.console import Console

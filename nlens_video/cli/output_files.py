@@ -172,7 +172,10 @@ def _line(written: Use, other: Use) -> str:
 
 
 def _named_inside(args: Namespace) -> Iterator[Use]:
-    """Files that are read because a scene or a playlist names them."""
+    """Files that are read beside those that options name."""
+    shot_file = getattr(args, "shot_file", None)
+    if shot_file is not None:
+        yield Use("the shot file", str(shot_file), NamedFiles(shot_file))
     scene, plate = getattr(args, "glb", None), getattr(args, "input", None)
     if scene is not None:
         for path in _beside_scene(Path(scene)):
@@ -219,8 +222,8 @@ def _settle_existing(commands: tuple[Namespace, ...]) -> None:
     existing = [
         one
         for args in commands
-        if not getattr(args, "plan", False)
         for use in uses(args, "writes")
+        if use.name == "--save-shot" or not getattr(args, "plan", False)
         for one in _existing(use)
     ]
     if existing and all(one is not None and one.isatty() for one in (sys.stdin, sys.stderr)):

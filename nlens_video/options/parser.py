@@ -7,14 +7,16 @@ import re
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
 from nlens_video.core.version import VERSION
-from nlens_video.options.commands import ANALYSE, COMMANDS, JOBS, MAKE
+from nlens_video.options.commands import ANALYSE, COMMANDS, JOBS, MAKE, SHOT
 from nlens_video.options.readers import word
+from nlens_video.options.shot_file import is_shot_file, words_of
 from nlens_video.options.table import OPTIONS, ROWS
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 _PROGRAM = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
-  nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`
+  nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`; or SHOT.toml
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
   nlens-video farm IN ANIM.glb OUT    the same, by many processes or machines
   nlens-video merge OUT CHUNK... --plate IN   join what --chunk-out has rendered
@@ -167,7 +169,11 @@ class Parser(argparse.ArgumentParser):
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
-    """Parse a command line; `command` of the result is one of COMMANDS.
+    """Parse a command line.
+
+    Returns:
+        Its values; `command`, one of COMMANDS; `shot_file`, the file that it was read from, if any;
+        with `--save-shot` also `given`, the words as texts.
 
     Raises:
         UsageError: unknown or malformed arguments.
@@ -178,6 +184,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
         command, argv = argv[0], argv[1:]
     else:
         _check_command(argv)
+    shot_file = None
+    if command in SHOT and argv and is_shot_file(argv[0]):
+        shot_file, argv = Path(argv[0]), _with_shot_file(argv, command)
     many = command == "farm" and any(word.partition("=")[0] == "--jobs" for word in argv)
     parser = parser_of(JOBS if many else command)
     if command == "render" and not named:
@@ -186,8 +195,33 @@ def parse(argv: list[str]) -> argparse.Namespace:
         ) | {"--version"}
         parser.whole = "nlens-video render"
     namespace = parser.parse_args(argv)
-    namespace.command = command
+    namespace.command, namespace.shot_file = command, shot_file
+    if getattr(namespace, "save_shot", None) is not None:
+        namespace.given = _given(parser, argv)
     return namespace
+
+
+def _with_shot_file(argv: list[str], command: str) -> list[str]:
+    """The command line that a shot file, its first word, and the words after it make."""
+    path = Path(argv[0])
+    named = list(takewhile(lambda word: not word.startswith("-"), argv[1:]))
+    alone = words_of(path, named, command)
+    try:
+        parser_of(command).parse_args(alone)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from error
+    return words_of(path, argv[1:], command)
+
+
+def _given(parser: Parser, argv: list[str]) -> argparse.Namespace:
+    """What a command line gives, as texts; True for an option without a value."""
+    for action in parser._actions:
+        action.default = argparse.SUPPRESS
+        action.type = str
+    given = vars(parser.parse_args(argv))
+    return argparse.Namespace(
+        **{name: value if isinstance(value, str) else True for name, value in given.items()}
+    )
 
 
 def _check_command(argv: list[str]) -> None:

@@ -85,6 +85,8 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
                feeds="run.fit", parameter=True, often=True, files=files.READ),
         Option("--save-fit", RUN, "FIT.json", read.path, "keep the lens fit",
                feeds="run.save_fit", files=files.WRITE),
+        Option("--save-shot", RUN, "SHOT.toml", read.path,
+               "keep this command line as a shot file", files=files.WRITE),
         Option("--aov", RUN, "DIR", read.path, "EXR layers of each frame",
                feeds="run.aov", files=(files.Files("writes", inside=("*.exr",)),)),
         Option("--timings", RUN, "T.json", read.path, "time of each node and frame",

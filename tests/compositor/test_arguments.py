@@ -19,7 +19,8 @@ from nlens_video.options.parser import parser_of
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
 FILES_AND_STREAMS = {
     "input", "output", "glb", "layers", "input_format", "input_size", "input_rate",
-    "input_transfer", "range", "report", "save_fit", "aov", "timings", "codec", "crf", "pix_fmt",
+    "input_transfer", "range", "report", "save_fit", "save_shot", "aov", "timings", "codec",
+    "crf", "pix_fmt",
     "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
     "marker", "person_height", "person",
 }  # fmt: skip

@@ -177,6 +177,7 @@ RUN = {
     "reconnect": option("--reconnect", "5", nonsense=(*NOT_NUMBERS, "0", "5"), code=2),
     "fit": option("--fit", "fit.json", nonsense=FIT_FILES, codes=(2, 5)),
     "save_fit": option("--save-fit", "{tmp}/kept.json", nonsense=NO_TARGET, codes=(2, 6)),
+    "save_shot": option("--save-shot", "{tmp}/kept.toml", nonsense=NO_TARGET, codes=(2, 6)),
     "aov": option("--aov", "{tmp}/aov", nonsense=("", "text.txt", "x" * 300, "http://x.org/a"),
                   codes=(2, 6)),
     "timings": option("--timings", "{tmp}/t.json", nonsense=NO_TARGET, codes=(2, 6)),

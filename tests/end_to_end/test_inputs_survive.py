@@ -9,7 +9,8 @@ from nlens_video.options.files import CHUNKS
 RUN = (
     "{input} {glb} {output} --layers {layers} --holdout {holdout} --env {env} "
     "--camera-from {camera_from} --aperture {aperture} --preset {preset} --fit {fit} "
-    "--save-fit {save_fit} --timings {timings} --report {report} --aov {aov}"
+    "--save-fit {save_fit} --save-shot {save_shot} --timings {timings} --report {report} "
+    "--aov {aov}"
 )
 COMMANDS = {
     "render": f"render {RUN} --keep-partial",
@@ -30,8 +31,8 @@ NAMES = {
     "env": "sky.hdr", "camera_from": "camera.json",
     "aperture": "blades.png", "preset": "own.toml", "fit": "fit.json",
     "result": "result.mp4", "chunks": "chunk.nut", "folder": "plates",
-    "output": "out.mp4", "save_fit": "found.json", "timings": "times.json", "report": "report",
-    "aov": "aov", "out": "tables", "page": "page.html",
+    "output": "out.mp4", "save_fit": "found.json", "save_shot": "kept.toml",
+    "timings": "times.json", "report": "report", "aov": "aov", "out": "tables", "page": "page.html",
 }  # fmt: skip
 FOLDERS = {"render --as-chunk": {"output": "chunks"}, "farm": {"chunks": "chunks"}}
 

@@ -161,6 +161,8 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
         ('[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\ninput = "d"', "no 'input' there"),
         ('[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\noptions = ["--colour"]', "--colour"),
         (2 * '[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\n', "two shots write c.mkv"),
+        ('[[shot]]\nshot = "a.toml"\nin = "b"', "no 'in' there; expected shot, options"),
+        ('[[shot]]\nshot = "missing.toml"', "missing.toml: cannot be read as a shot file"),
         ("not toml", "cannot be read"),
     ],
 )

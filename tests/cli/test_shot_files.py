@@ -1,0 +1,71 @@
+"""Shot files on the command line: saved, rendered, guarded like any file that is read."""
+
+import json
+
+import pytest
+from support import shots
+from support.command import nlens, one_line
+from support.documents import ROOT
+
+from nlens_video.cli.farm_commands import read_shot_list
+from nlens_video.cli.main import main
+from nlens_video.options.shot_file import TABLES
+
+
+@pytest.fixture
+def still(tmp_path):
+    """The words of a quick run, in a folder of its own."""
+    plate = shots.write_png(tmp_path / "in.png", shots.plate())
+    glb = shots.cube_glb(tmp_path / "anim.glb")
+    return [str(plate), str(glb), str(tmp_path / "out.png"), "--fit"] + [
+        str(shots.fit_json(tmp_path / "fit.json")), "--preset", "draft", "-q",
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_saved_shot_file_renders_the_same_picture(still, tmp_path, monkeypatch):
+    kept = tmp_path / "shot.toml"
+    assert main([*still, "--save-shot", str(kept)]) == 0
+    first = (tmp_path / "out.png").read_bytes()
+    (tmp_path / "out.png").unlink()
+    monkeypatch.chdir("/")
+    assert main([str(kept), "-q"]) == 0
+    assert (tmp_path / "out.png").read_bytes() == first
+
+
+@pytest.mark.slow
+def test_plan_saves_the_shot_and_renders_nothing(still, tmp_path, capsys):
+    kept = tmp_path / "shot.toml"
+    assert main([*still, "--plan", "--json", "--save-shot", str(kept)]) == 0
+    assert json.loads(capsys.readouterr().out)
+    assert kept.exists() and not (tmp_path / "out.png").exists()
+
+
+def test_shot_file_is_not_written_over(still, tmp_path):
+    kept = tmp_path / "shot.toml"
+    kept.write_text('version = 1\n[plate]\nfile="in.png"\n[object]\nfile="anim.glb"\n'
+                    '[output]\nfile="out.png"\n')  # fmt: skip
+    before = kept.read_text()
+    said = one_line(nlens(str(kept), "--save-shot", str(kept), "--plan", "-y"), 6)
+    assert "is the shot file as well" in said
+    assert kept.read_text() == before
+
+
+def test_shot_file_that_cannot_be_written_is_told(still, tmp_path):
+    said = one_line(nlens(*still, "--save-shot", str(tmp_path / "none" / "a.toml")), 6)
+    assert "does not exist; make it first" in said
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_list_of_shots_takes_shot_files(still, tmp_path):
+    kept, listed = tmp_path / "a.toml", tmp_path / "jobs.toml"
+    kept.write_text('version = 1\n[plate]\nfile="in.png"\n[object]\nfile="anim.glb"\n'
+                    '[output]\nfile="out.png"\n')  # fmt: skip
+    listed.write_text(f'[[shot]]\nshot = "{kept}"\noptions = ["--preset", "realtime"]\n')
+    (run,) = read_shot_list(listed)
+    assert (run.source.spec, run.preset) == (str(tmp_path / "in.png"), "realtime")
+
+
+def test_page_about_shot_files_shows_every_table():
+    text = (ROOT / "docs" / "shots.md").read_text()
+    assert all(f"[{table}]" in text for table in TABLES)
