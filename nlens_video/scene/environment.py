@@ -13,6 +13,7 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
+from nlens_video.scene.surround import Surround
 
 _HEADER = 4096  # bytes of a .hdr file in which its size stands
 _SIZE = re.compile(rb"\n[-+]Y +(\d+) +[-+]X +(\d+)\n")
@@ -54,7 +55,8 @@ def reduce_environment(
     """Split a map into lights and ambient light; together they are all of it.
 
     The middle column looks along +X, row 0 straight up. What exceeds a multiple of the mean goes to
-    lights by a median cut (Debevec 2005), the rest to spherical harmonics of order 2.
+    lights by a median cut (Debevec 2005), the rest to spherical harmonics of order 2, and to what
+    smooth surfaces mirror.
 
     Args:
         radiance: scene-linear (h, w, 3), w = 2 h.
@@ -71,9 +73,13 @@ def reduce_environment(
     above = bright > max(limit, 0.0)
     kept = np.divide(limit, bright, out=np.ones_like(bright), where=above)[..., None]
     peaks = light * (1.0 - kept) * sphere.solid_angle[..., None]
+    lamps: tuple[Lamp, ...]
     if float((peaks @ LUMINANCE).sum()) <= _FAINT * 4.0 * math.pi * mean:
-        return Illumination((), sphere.harmonics(light))
-    return Illumination(_median_cut(peaks, sphere), sphere.harmonics(light * kept))
+        lamps, rest = (), light
+    else:
+        lamps, rest = _median_cut(peaks, sphere), light * kept
+    surround = Surround(rest.astype(np.float32), math.radians(rotation_deg))
+    return Illumination(lamps, sphere.harmonics(rest), surround=surround)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
+from nlens_video.scene.surround import Surround
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Of linear BT.709."""
@@ -136,12 +137,14 @@ class Illumination:
         contact: factor on the darkening where a body blocks the light from around; less than 1
             where that light is a guess beside known lamps [1].
         exposure: factor on the lights of the file, which are not among the lamps yet [1].
+        surround: the ambient light as smooth surfaces mirror it; None where that is not known.
     """
 
     lamps: tuple[Lamp, ...]
     ambient: Float64 | None
     contact: float = 1.0
     exposure: float = 1.0
+    surround: Surround | None = None
 
     @classmethod
     def plausible(cls) -> Illumination:
@@ -157,7 +160,9 @@ class Illumination:
             for lamp in self.lamps
         )
         ambient = None if self.ambient is None else gain * self.ambient
-        return replace(self, lamps=lamps, ambient=ambient)
+        around = self.surround
+        surround = None if around is None else replace(around, gain=gain * around.gain)
+        return replace(self, lamps=lamps, ambient=ambient, surround=surround)
 
     def on_plane(self, point: Float64) -> Float64:
         """Irradiance (3,) of the ground at a point (3,), by all that is known of the light."""

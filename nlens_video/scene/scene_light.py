@@ -122,7 +122,8 @@ class SceneLight:
         else:
             rest = Illumination((), None) if own else Illumination.plausible()
         contact = _GUESSED if own and self.environment is None else rest.contact
-        return Illumination((*own, *rest.lamps)[:MAX_LAMPS], rest.ambient, contact)
+        lamps = (*own, *rest.lamps)[:MAX_LAMPS]
+        return Illumination(lamps, rest.ambient, contact, surround=rest.surround)
 
     def on_ground(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None

@@ -18,6 +18,7 @@ from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.scene.surround import ROUGHEST
 
 
 class BoxRenderer(ABC):
@@ -201,7 +202,10 @@ class BoxRenderer(ABC):
         self._check()
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
-        return self._posed, Lighting.of(self._light.on_object(self._posed.lights, plate_light))
+        posed = self._posed
+        light = self._light.on_object(posed.lights, plate_light)
+        mirrored = any(mesh.geometry.material.mirrors(ROUGHEST) for mesh in posed.meshes)
+        return posed, Lighting.of(light, mirrored=mirrored)
 
     def _check(self) -> None:
         """Raise if the renderer cannot draw now, on this thread."""
@@ -223,4 +227,5 @@ def _key(posed: PosedScene, camera: Camera, lighting: Lighting) -> tuple[object,
         lighting.lamp_rows(camera.world_from_camera[:3, 3]).tobytes(),
         lighting.ambient_rows().tobytes(),
         lighting.ambient is None,
+        id(lighting.surround),
     )

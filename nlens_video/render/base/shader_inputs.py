@@ -20,17 +20,21 @@ class Lighting:
     Attributes:
         lights: at most `MAX_LAMPS`.
         ambient: light from around (9, 3), as of `Illumination.ambient`; None where there is none.
+        surround: that light as of `Surround.levels`; None where no surface mirrors it.
     """
 
     lights: tuple[PosedLight, ...]
     ambient: Float64 | None
+    surround: Float32 | None = None
 
     @classmethod
-    def of(cls, light: Illumination) -> Lighting:
-        """Pack an illumination."""
+    def of(cls, light: Illumination, *, mirrored: bool) -> Lighting:
+        """Pack an illumination; `mirrored` says whether any surface is smooth."""
         lights = (lamp.posed for lamp in light.lamps[:MAX_LAMPS])
         ordered = sorted(lights, key=lambda posed: posed.light.kind != "directional")
-        return cls(tuple(ordered), light.ambient)
+        known = mirrored and light.ambient is not None and light.surround is not None
+        surround = light.surround.levels if known and light.surround else None
+        return cls(tuple(ordered), light.ambient, surround)
 
     @property
     def defines(self) -> dict[str, int]:
@@ -40,7 +44,11 @@ class Lighting:
             "LAMP_ROWS": max(1, 4 * len(self.lights)),
             "DIRECTIONAL_COUNT": self.suns,
         }
-        return counts if self.ambient is None else {**counts, "USE_AMBIENT": 1}
+        if self.ambient is not None:
+            counts["USE_AMBIENT"] = 1
+        if self.surround is not None:
+            counts["USE_SURROUND"] = 1
+        return counts
 
     @property
     def suns(self) -> int:

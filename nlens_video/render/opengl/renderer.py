@@ -29,6 +29,7 @@ from nlens_video.render.opengl.gpu_objects import (
     GpuPrimitive,
     GpuTexture,
 )
+from nlens_video.render.opengl.surround_texture import SurroundTexture
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.textures import Image
 from nlens_video.scene.posed import PosedScene
@@ -36,6 +37,7 @@ from nlens_video.scene.posed import PosedScene
 _SHADERS = Path(__file__).parent / "shaders"
 _FRAME, _MATERIAL = 0, 1
 _LIMIT_UNIT = len(SLOTS)
+_SURROUND_UNIT = _LIMIT_UNIT + 1
 
 
 class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
@@ -47,6 +49,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._ready: set[ShaderProgram] = set()
         self._target = FloatTarget()
         self._behind = BehindTarget()
+        self._surround = SurroundTexture()
         self._defines: dict[str, int] = {}
         self._one_sided: frozenset[GpuPrimitive] | None = None  # computed on first use
         self._empty = int(GL.glGenVertexArrays(1))
@@ -119,6 +122,8 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         block = view.lighting.frame_block(_projection(view) @ rotation, _eye(view))
         GL.glBindBufferBase(GL.GL_UNIFORM_BUFFER, _FRAME, self._blocks[_FRAME])
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
+        if view.lighting.surround is not None:
+            self._surround.bind(view.lighting.surround, _SURROUND_UNIT)
 
     def _begin(self, target: FloatTarget, view: ViewSetup) -> None:
         GL.glDepthMask(GL.GL_TRUE)
@@ -224,6 +229,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
                 GL.glUniformBlockBinding(number, index, binding)
         samplers = [(f"{slot}_map", unit) for unit, slot in enumerate(SLOTS)]
         samplers += [("color_samples", 0), ("depth_samples", 1), ("limit", _LIMIT_UNIT)]
+        samplers.append(("surround_map", _SURROUND_UNIT))
         for sampler, unit in samplers:
             location = GL.glGetUniformLocation(number, sampler)
             if location >= 0:
@@ -233,6 +239,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         """Free all GPU objects, in the reverse order of their making."""
         self._target.delete()
         self._behind.delete()
+        self._surround.delete()
         super().delete()
         self._ready.clear()
         if self._blocks:

@@ -17,14 +17,15 @@ from nlens_video.kernels.numba_config import f32, inlined, kernel, kernel_of
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.interpolation import MeshBuffers, PinholeRows
 from nlens_video.render.software.layers import light_layers
-from nlens_video.render.software.light import light
+from nlens_video.render.software.light import light, mirror_surround
 from nlens_video.render.software.material_eval import MaterialBuffers, eval_materials
 from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
 from nlens_video.render.software.shading_block import Block, Int32
 from nlens_video.render.software.triangles import FACING, SAMPLES
 
-Lamps = tuple[Float32, int, Float32]
-"""Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4)."""
+Lamps = tuple[Float32, int, Float32, Float32 | None]
+"""Numbers of the lamps (L, 16), how many have no place, ambient light (9, 4) or (0, 4), and
+`Surround.levels`, None where nothing mirrors them."""
 ShadingInputs = tuple[MeshBuffers, MaterialBuffers, PinholeRows, Lamps, int | None]
 """The last is None where no material has layers: their kernels are then not compiled."""
 BRIGHTEST = f32(60000.0)
@@ -49,11 +50,12 @@ def same_surface(mesh: MeshBuffers, one: int, other: int) -> bool:
 @kernel
 def shade(block: Float32, whole: Int32, count: int, scene: ShadingInputs) -> None:
     """Compute the radiance of the first `count` points of a block."""
-    mesh, paint, lens, (lamps, suns, ambient), layered = scene
+    mesh, paint, lens, (lamps, suns, ambient, levels), layered = scene
     found = eval_materials(block, whole, count, mesh, paint, lens, layered)
     light(block, lamps, suns, ambient)
+    mirror_surround(block, count, ambient, levels)
     if found:
-        light_layers(block, whole, count, paint, lamps, suns, ambient, layered)
+        light_layers(block, whole, count, paint, (lamps, suns, ambient), levels, layered)
 
 
 @kernel

@@ -51,7 +51,7 @@ class Framebuffer:
         self.blended = blended[: 0 if behind else None]
         lighting = view.lighting
         ambient = lighting.ambient_rows()[: 0 if lighting.ambient is None else 9]
-        lamps = lighting.lamp_rows(lens[9:12]), lighting.suns, ambient
+        lamps = lighting.lamp_rows(lens[9:12]), lighting.suns, ambient, lighting.surround
         pinhole = np.delete(lens[:16], slice(9, 12)).astype(np.float32)
         self._scene: deferred.ShadingInputs = (
             shown.mesh(planes), shown.paint, pinhole, lamps, shown.layered

@@ -13,7 +13,7 @@ from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import f32, inlined, kernel, to_f32
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.interpolation import Vector
-from nlens_video.render.software.light import around_on, lamp_at, mirrored
+from nlens_video.render.software.light import around_on, lamp_at, mirrored, mirrored_around
 from nlens_video.render.software.material_eval import (
     BENDING,
     LAYERED,
@@ -27,7 +27,9 @@ _ZERO, _HALF, _ONE, _TWO, _FOUR = (f32(v) for v in (0.0, 0.5, 1.0, 2.0, 4.0))
 _LEAST, _LEAST_NV, _LEAST_ALPHA = f32(1e-30), f32(1e-4), f32(0.002)
 _COAT_F0 = f32(0.04)
 _LUMINANCE_R, _LUMINANCE_G, _LUMINANCE_B = f32(0.2126), f32(0.7152), f32(0.0722)
-_LEAST_SHEEN, _FITTED = f32(0.07), f32(0.1)
+_LEAST_SHEEN, _FITTED, _LEAST_FROST = f32(0.07), f32(0.1), f32(0.2)
+Lit = tuple[Float32, int, Float32]
+"""Lamps, how many of them have no place, and ambient light, as of `deferred.Lamps`."""
 
 
 @inlined
@@ -183,34 +185,36 @@ def _base_lobe(block: Float32, i: int, cosines: Vector, towards: tuple[Vector, .
 
 
 @kernel
-def _by_surround(block: Float32, i: int, ambient: Float32) -> None:
+def _by_surround(block: Float32, i: int, ambient: Float32, levels: Float32 | None) -> None:
     """Add what a point reflects of the light from around, likewise."""
     n, v = _at(block, at.NORMAL_X, i), _at(block, at.VIEW_X, i)
     coat = _unit(_at(block, at.COAT_NORMAL, i))
-    facing, ahead, coat_ahead = _dot(n, v), _mirror(n, v), _mirror(coat, v)
+    facing = _dot(n, v)
     f90, metallic = block[at.SPECULAR + i], block[at.METALLIC + i]
     edge, roughness = f90 + (_ONE - f90) * metallic, block[at.ROUGHNESS + i]
     fuzz = _fibre_share(min(abs(facing), _ONE), block[at.SHEEN_ROUGHNESS + i])
     occlusion, dull = block[at.OCCLUSION + i], block[at.COAT_ROUGHNESS + i]
+    ahead = mirrored_around(ambient, levels, _mirror(n, v), n, roughness)
+    gloss = mirrored_around(ambient, levels, _mirror(coat, v), coat, dull)
     for c in range(3):
-        around, shown = around_on(ambient, c, n), around_on(ambient, c, ahead)
-        shown += (around - shown) * roughness
+        around = around_on(ambient, c, n)
         base, f0 = block[at.BASE_R + c * at.WIDTH + i], block[at.F0_R + c * at.WIDTH + i]
         tint = f0 + (base - f0) * metallic
         scattered = (_ONE - metallic) * (_ONE - block[at.THROUGH + i])
-        part = around * base * scattered + shown * mirrored(tint, edge, facing, roughness)
+        part = around * base * scattered + ahead[c] * mirrored(tint, edge, facing, roughness)
         block[at.RED + c * at.WIDTH + i] += occlusion * part
         block[at.FUZZ + c * at.WIDTH + i] += occlusion * around * fuzz
-        around, shown = around_on(ambient, c, coat), around_on(ambient, c, coat_ahead)
-        block[at.SHINE + c * at.WIDTH + i] += occlusion * (shown + (around - shown) * dull)
+        block[at.SHINE + c * at.WIDTH + i] += occlusion * gloss[c]
 
 
 @kernel
-def _see_through(block: Float32, i: int, under: float, bending: float, ambient: Float32) -> None:
+def _see_through(
+    block: Float32, i: int, under: float, bending: float, ambient: Float32, levels: Float32 | None
+) -> None:
     """Let light from behind through; `under` is the share that further layers leave.
 
     Its alpha becomes what hides the things behind, all colours alike. In which colours it differs
-    from that, and what roughness scatters, is taken from the light around.
+    from that, and what roughness scatters, is taken from the light around, as blurred.
     """
     v = _at(block, at.VIEW_X, i)
     nv = min(abs(_dot(_at(block, at.NORMAL_X, i), v)), _ONE)
@@ -221,12 +225,14 @@ def _see_through(block: Float32, i: int, under: float, bending: float, ambient: 
     green = kept * block[at.BASE_G + i] * math.exp(-block[at.VOLUME + at.WIDTH + i])
     blue = kept * block[at.BASE_B + i] * math.exp(-block[at.VOLUME + 2 * at.WIDTH + i])
     shown = _LUMINANCE_R * red + _LUMINANCE_G * green + _LUMINANCE_B * blue
-    shown = min(shown, _ONE) * (_ONE - min(block[at.ROUGHNESS + i] * bending, _ONE))
+    frosted = min(block[at.ROUGHNESS + i] * bending, _ONE)
+    shown = min(shown, _ONE) * (_ONE - frosted)
     if len(ambient):
         behind = -v[0], -v[1], -v[2]
-        block[at.RED + i] += (red - shown) * around_on(ambient, 0, behind)
-        block[at.GREEN + i] += (green - shown) * around_on(ambient, 1, behind)
-        block[at.BLUE + i] += (blue - shown) * around_on(ambient, 2, behind)
+        light = mirrored_around(ambient, levels, behind, behind, max(frosted, _LEAST_FROST))
+        block[at.RED + i] += (red - shown) * light[0]
+        block[at.GREEN + i] += (green - shown) * light[1]
+        block[at.BLUE + i] += (blue - shown) * light[2]
     block[at.HIDDEN + i] = _ONE - shown
 
 
@@ -248,10 +254,9 @@ def _laid_over(block: Float32, i: int) -> float:
 
 
 @kernel
-def _light_point(
-    block: Float32, i: int, bending: float, lamps: Float32, suns: int, ambient: Float32
-) -> None:
+def _light_point(block: Float32, i: int, bending: float, lit: Lit, levels: Float32 | None) -> None:
     """Radiance of a point with layers."""
+    lamps, suns, ambient = lit
     for c in range(3):
         k = c * at.WIDTH + i
         block[at.RED + k] = block[at.FUZZ + k] = block[at.SHINE + k] = _ZERO
@@ -259,16 +264,16 @@ def _light_point(
         toward, light = lamp_at(block, i, lamps, suns, number)
         _by_lamp(block, i, toward, light)
     if len(ambient):
-        _by_surround(block, i, ambient)
+        _by_surround(block, i, ambient, levels)
     under = _laid_over(block, i)
     if block[at.THROUGH + i] > _ZERO:
-        _see_through(block, i, under, bending, ambient)
+        _see_through(block, i, under, bending, ambient, levels)
 
 
 @kernel
 def _light_runs(
-    block: Float32, whole: Int32, count: int, paint: MaterialBuffers, lamps: Float32, suns: int,
-    ambient: Float32,
+    block: Float32, whole: Int32, count: int, paint: MaterialBuffers, lit: Lit,
+    levels: Float32 | None,
 ) -> None:  # fmt: skip
     first = 0
     while first < count:
@@ -277,14 +282,14 @@ def _light_runs(
         m = whole[at.MATERIAL + run[0]]
         if paint[2][m] & LAYERED:
             for i in range(run[0], run[1]):
-                _light_point(block, i, paint[0][m, BENDING], lamps, suns, ambient)
+                _light_point(block, i, paint[0][m, BENDING], lit, levels)
 
 
 @kernel
 def light_layers(
-    block: Float32, whole: Int32, count: int, paint: MaterialBuffers, lamps: Float32, suns: int,
-    ambient: Float32, layered: int | None,
+    block: Float32, whole: Int32, count: int, paint: MaterialBuffers, lit: Lit,
+    levels: Float32 | None, layered: int | None,
 ) -> None:  # fmt: skip
     """Replace the radiance of points whose materials have layers; nothing with None for them."""
     if layered is not None:
-        _light_runs(block, whole, count, paint, lamps, suns, ambient)
+        _light_runs(block, whole, count, paint, lit, levels)

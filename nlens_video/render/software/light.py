@@ -11,8 +11,18 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.numba_config import f32, fastmath_inlined, fastmath_kernel, kernel_of
+from nlens_video.kernels.numba_config import (
+    f32,
+    fastmath_inlined,
+    fastmath_kernel,
+    inlined,
+    kernel,
+    kernel_of,
+    to_f32,
+)
 from nlens_video.render.software import shading_block as at
+from nlens_video.render.software.interpolation import Vector
+from nlens_video.scene.surround import LEVELS, ROUGHEST, SOFT
 
 _N = at.WIDTH
 _U = np.uint64  # of an index: signed ones might count from the end, which prevents vectorising
@@ -20,6 +30,8 @@ _PI = f32(math.pi)
 _ONE, _ZERO, _HALF = f32(1.0), f32(0.0), f32(0.5)
 _LEAST_NV, _LEAST = f32(1e-4), f32(1e-30)
 _LEAST_ALPHA = f32(0.002)
+_LAST, _STEPS = LEVELS - 1, f32((LEVELS - 1) / ROUGHEST)
+_ROUGHEST, _SHARPER = f32(ROUGHEST), f32(1.0 / (ROUGHEST - SOFT))
 # Of Karis's fit to the reflectance of rough mirrors ("Physically Based Shading on Mobile", 2014).
 _BEND, _BEND_ROUGH = f32(0.0425), f32(0.0275)
 _SPAN, _SPAN_ROUGH, _BIAS, _BIAS_ROUGH = f32(1.04), f32(0.572), f32(0.04), f32(0.022)
@@ -145,6 +157,97 @@ def mirrored(color: float, edge: float, nv: float, roughness: float) -> float:
     scale = _SPAN - _SPAN_ROUGH * roughness - _SPAN * bend
     bias = _SPAN * bend - _BIAS + _BIAS_ROUGH * roughness
     return (color * scale + edge * bias) * (_ONE + color * (_ONE / (scale + bias) - _ONE))
+
+
+@inlined
+def _mixed(levels: Float32, level: int, place: tuple[int, int], shares: Vector) -> Vector:
+    """Mean of four texels and their like on the next level; `shares` of column, row and level."""
+    x, y = place
+    across, down, rougher = shares
+    red = green = blue = _ZERO
+    for k in range(8):
+        dx, dy, dz = k & 1, k >> 1 & 1, k >> 2
+        weight = across if dx else _ONE - across
+        weight *= down if dy else _ONE - down
+        weight *= rougher if dz else _ONE - rougher
+        red += weight * levels[level + dz, y + dy, x + dx, 0]
+        green += weight * levels[level + dz, y + dy, x + dx, 1]
+        blue += weight * levels[level + dz, y + dy, x + dx, 2]
+    return red, green, blue
+
+
+@inlined
+def mirrored_light(levels: Float32, toward: Vector, roughness: float) -> tuple[Vector, float]:
+    """Light that a surface mirrors from a direction, as `surround.mirrored_light`.
+
+    With the share of it that this is; what a rough one mirrors is told by the light's harmonics.
+    """
+    scale = _ONE / larger(abs(toward[0]) + abs(toward[1]) + abs(toward[2]), _LEAST)
+    x, z = toward[0] * scale, toward[2] * scale
+    if toward[1] < _ZERO:
+        x, z = math.copysign(_ONE - abs(z), x), math.copysign(_ONE - abs(x), z)
+    side = levels.shape[1]
+    half = _HALF * to_f32(side - 2)
+    column, row = (x + _ONE) * half + _HALF, (z + _ONE) * half + _HALF
+    left, top = min(max(int(column), 0), side - 2), min(max(int(row), 0), side - 2)
+    place = larger(smaller(roughness, _ROUGHEST), _ZERO) * _STEPS
+    finer = min(int(place), _LAST - 1)
+    shares = column - to_f32(left), row - to_f32(top), place - to_f32(finer)
+    share = smaller(larger((_ROUGHEST - roughness) * _SHARPER, _ZERO), _ONE)
+    return _mixed(levels, finer, (left, top), shares), share
+
+
+@inlined
+def mirrored_around(
+    ambient: Float32, levels: Float32 | None, toward: Vector, normal: Vector, roughness: float
+) -> Vector:
+    """Light from around that a surface mirrors from a direction, by harmonics where it is rough."""
+    red, green, blue = (
+        around_on(ambient, 0, toward), around_on(ambient, 1, toward), around_on(ambient, 2, toward)
+    )  # fmt: skip
+    red += (around_on(ambient, 0, normal) - red) * roughness
+    green += (around_on(ambient, 1, normal) - green) * roughness
+    blue += (around_on(ambient, 2, normal) - blue) * roughness
+    if levels is not None:
+        found, share = mirrored_light(levels, toward, roughness)
+        red += share * (found[0] - red)
+        green += share * (found[1] - green)
+        blue += share * (found[2] - blue)
+    return red, green, blue
+
+
+@kernel
+def _mirror(block: Float32, count: int, ambient: Float32, levels: Float32) -> None:
+    for i in range(count):
+        roughness = block[at.ROUGHNESS + i]
+        if not roughness < _ROUGHEST:
+            continue
+        n = block[at.NORMAL_X + i], block[at.NORMAL_Y + i], block[at.NORMAL_Z + i]
+        v = block[at.VIEW_X + i], block[at.VIEW_Y + i], block[at.VIEW_Z + i]
+        nv = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+        twice = nv + nv
+        toward = twice * n[0] - v[0], twice * n[1] - v[1], twice * n[2] - v[2]
+        found, share = mirrored_light(levels, toward, roughness)
+        share *= block[at.OCCLUSION + i]
+        metallic, edge = block[at.METALLIC + i], block[at.SPECULAR + i]
+        edge += (_ONE - edge) * metallic
+        for c in range(3):
+            around, soft = around_on(ambient, c, n), around_on(ambient, c, toward)
+            soft += (around - soft) * roughness
+            base, f0 = block[at.BASE_R + c * at.WIDTH + i], block[at.F0_R + c * at.WIDTH + i]
+            color = f0 + (base - f0) * metallic
+            part = share * mirrored(color, edge, nv, roughness)
+            block[at.RED + c * at.WIDTH + i] += part * (found[c] - soft)
+
+
+@kernel
+def mirror_surround(block: Float32, count: int, ambient: Float32, levels: Float32 | None) -> None:
+    """Let the smooth ones of the first `count` points mirror the light around, added by `light`.
+
+    `levels` are `Surround.levels`; with None, which stands for none, nothing is compiled.
+    """
+    if levels is not None:
+        _mirror(block, count, ambient, levels)
 
 
 @fastmath_kernel

@@ -109,6 +109,13 @@ class Material:
         """Whether what lies behind it shows: it is drawn after all else, from far to near."""
         return self.alpha_mode == "BLEND" or self.layers.transmission > 0.0
 
+    def mirrors(self, roughness: float) -> bool:
+        """Whether any of it may be smoother than that, of what reflects or lets light through."""
+        own = 0.0 if self.metallic_roughness_texture is not None else self.roughness
+        layers = self.layers
+        coated = layers.clearcoat > 0.0 or layers.transmission > 0.0
+        return not self.unlit and (own < roughness or coated)
+
     @property
     def opacity(self) -> float:
         """Share of light that its shadow lacks, without the alpha of its texture."""

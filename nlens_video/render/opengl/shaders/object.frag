@@ -43,6 +43,9 @@ uniform sampler2D sheen_roughness_map;
 uniform sampler2D anisotropy_map;
 uniform sampler2D transmission_map;
 uniform sampler2D thickness_map;
+#ifdef USE_SURROUND
+uniform sampler2D surround_map;  // light from around, filtered: `Surround.levels` one below another
+#endif
 
 #ifdef USE_BEHIND
 uniform sampler2D limit;  // window depth of each pixel; what is nearer is left out
@@ -249,6 +252,27 @@ vec3 from_around(vec3 n)
     return max(sum, vec3(0.0));
 }
 
+// Light that a surface of some roughness mirrors from a direction; `soft`, which its harmonics
+// tell, where it is rough.
+vec3 mirrored_light(vec3 d, float roughness, vec3 soft)
+{
+#ifdef USE_SURROUND
+    if (roughness < 0.6) {
+        vec3 p = d / (abs(d.x) + abs(d.y) + abs(d.z));
+        vec2 over = vec2(p.x < 0.0 ? -1.0 : 1.0, p.z < 0.0 ? -1.0 : 1.0);
+        vec2 at = p.y < 0.0 ? (1.0 - abs(p.zx)) * over : p.xz;
+        vec2 size = vec2(textureSize(surround_map, 0));
+        float place = roughness / 0.2, finer = min(floor(place), 2.0);
+        at = 0.5 * (size.x - 2.0) * (at + 1.0) + 1.0 + vec2(0.0, finer * size.x);
+        vec3 one = textureLod(surround_map, at / size, 0.0).rgb;
+        vec3 other = textureLod(surround_map, (at + vec2(0.0, size.x)) / size, 0.0).rgb;
+        float share = min((0.6 - roughness) / 0.2, 1.0);
+        return mix(soft, mix(one, other, place - finer), share);
+    }
+#endif
+    return soft;
+}
+
 // Share of even light that a rough mirror of that colour reflects: Karis's fit (2014) with a power
 // for its exponential, and what bounces between facets (Fdez-Aguera 2019).
 vec3 mirrored(vec3 color, float edge, float nv, float roughness)
@@ -338,14 +362,15 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #endif
     vec3 r = reflect(-v, n);
     vec3 around = from_around(n);
-    vec3 ahead = mix(from_around(r), around, roughness);
+    vec3 ahead = mirrored_light(r, roughness, mix(from_around(r), around, roughness));
     vec3 color = mix(f0, base, metallic);
     float nv = clamp(dot(n, v), 0.0, 1.0);
     sum += occlusion * (around * base * ((1.0 - metallic) * (1.0 - through))
                         + ahead * mirrored(color, mix(f90, 1.0, metallic), nv, roughness));
 #ifdef USE_CLEARCOAT
-    coat += occlusion * mix(from_around(reflect(-v, coat_normal)), from_around(coat_normal),
-                            coat_roughness);
+    vec3 coat_r = reflect(-v, coat_normal);
+    vec3 soft = mix(from_around(coat_r), from_around(coat_normal), coat_roughness);
+    coat += occlusion * mirrored_light(coat_r, coat_roughness, soft);
 #endif
 #ifdef USE_SHEEN
     fuzz += occlusion * around * fuzz_share * fuzz_color;
@@ -370,11 +395,11 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #endif
 #ifdef USE_TRANSMISSION
     // One alpha for all colours: in which of them it differs from that, and what roughness
-    // scatters, is taken from the light around.
-    shown = min(dot(passing, vec3(0.2126, 0.7152, 0.0722)), 1.0)
-        * (1.0 - min(roughness * volume.w, 1.0));
+    // scatters, is taken from the light around, as blurred.
+    float frosted = min(roughness * volume.w, 1.0);
+    shown = min(dot(passing, vec3(0.2126, 0.7152, 0.0722)), 1.0) * (1.0 - frosted);
 #ifdef USE_AMBIENT
-    sum += (passing - shown) * from_around(-v);
+    sum += (passing - shown) * mirrored_light(-v, max(frosted, 0.2), from_around(-v));
 #endif
 #endif
     return sum;
