@@ -51,7 +51,7 @@ def two_chicks(path: Path) -> None:
 
 
 def balls(path: Path) -> None:
-    """Balls in the park: lacquer, velvet, brushed metal; clear, green, frosted glass."""
+    """Balls in the park: lacquer, velvet, brushed metal, chrome; glass, and gold."""
     made = Glb()
     made.camera(PARK)
     made.lights(lights("in2"))
@@ -74,9 +74,11 @@ def balls(path: Path) -> None:
             },
         ),
         ((0.9, 0.65, 0.4), 1.0, 0.25, {"KHR_materials_anisotropy": {"anisotropyStrength": 0.8}}),
+        ((0.9, 0.9, 0.92), 1.0, 0.03, {}),
         ((1.0, 1.0, 1.0), 0.0, 0.12, glass),
         ((0.3, 0.8, 0.4), 0.0, 0.12, glass),
-        ((0.9, 0.95, 1.0), 0.0, 0.5, glass),
+        ((0.9, 0.95, 1.0), 0.0, 0.4, glass),
+        ((1.0, 0.72, 0.3), 1.0, 0.3, {}),
     ]  # fmt: skip
     for number, (color, metallic, roughness, extensions) in enumerate(looks):
         made.gltf.materials.append(
@@ -94,8 +96,8 @@ def balls(path: Path) -> None:
             shape.triangles, number,
         )  # fmt: skip
         made.gltf.meshes.append(gl.Mesh(primitives=[part]))
-        row, column = divmod(number, 3)
-        place = [0.36 * (column - 1) + 0.16 * row, BALL, -4.0 + 0.5 * row]
+        row, column = divmod(number, 4)
+        place = [0.29 * (column - 1.5) + 0.12 * row - 0.04, BALL, -4.0 + 0.5 * row]
         made.node("ball", mesh=number, translation=place)
     made.gltf.extensionsUsed = sorted({name for *_, more in looks for name in more})
     made.save(path)

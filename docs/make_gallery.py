@@ -100,7 +100,7 @@ def materials(folder: Path) -> list[Panel]:
     objects.balls(glb)
     scene = ObjectSettings(glb=glb)
     shown = composite(SAMPLES / "in2.mp4", scene, 4, fit=SAMPLES / "in2.json")
-    return [("", shown.crop((180, 190, 920, 430)))]
+    return [("", shown.crop((90, 190, 940, 440)))]
 
 
 def environment(folder: Path) -> list[Panel]:

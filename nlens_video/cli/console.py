@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.planner import Decision
     from nlens_video.farm.chunk import Chunk
     from nlens_video.farm.merge import Merged
+    from nlens_video.graph.base.profiler import Summary
     from nlens_video.run.render import FitOutcome, RunResult
 
 OnProgress = Callable[[int, int | None], None]
@@ -185,18 +186,19 @@ class Console:
     def _summary(self, outcome: RunResult) -> None:
         timing = outcome.timing
         where = "standard output" if outcome.output == "-" else outcome.output
-        self._say("wrote", f"{where}, {timing.frames} frames, {outcome.composited} of them changed")
+        count, changed = timing.frames, outcome.composited
+        told = (
+            f"{count} frames, {changed} of them changed"
+            if count != 1
+            else (f"1 frame{'' if changed else ', unchanged'}")
+        )
+        self._say("wrote", f"{where}, {told}")
         self._say("lens", outcome.fit.describe() if outcome.fit else "none: no object in view")
         self._effects(outcome.decisions)
         if self._verbose:
             nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
             self._say("ms", f"median of each node: {nodes}")
-        first = f", with the fit {timing.first_frame_ms:.0f} ms" if timing.first_frame_ms else ""
-        self._say(
-            "frame",
-            f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms{first}; "
-            f"{timing.within_budget:.0%} within {timing.budget_ms:g} ms; {timing.fps:.1f} fps",
-        )
+        self._frame_times(timing)
         if timing.latency_median_ms:
             self._say(
                 "live",
@@ -206,6 +208,17 @@ class Console:
         if outcome.damaged:
             self._say("note", f"{outcome.damaged} damaged packets or frames in the source")
         self._notes(outcome.notes)
+
+    def _frame_times(self, timing: Summary) -> None:
+        if timing.frames == 1:  # its time is that of the fit and of the first start
+            self._say("frame", f"{timing.first_frame_ms or timing.median_ms:.0f} ms with the fit")
+            return
+        first = f", with the fit {timing.first_frame_ms:.0f} ms" if timing.first_frame_ms else ""
+        self._say(
+            "frame",
+            f"median {timing.median_ms:.1f} ms, p95 {timing.p95_ms:.1f} ms{first}; "
+            f"{timing.within_budget:.0%} within {timing.budget_ms:g} ms; {timing.fps:.1f} fps",
+        )
 
     def _effects(self, decisions: Sequence[Decision]) -> None:
         for decision in decisions:

@@ -26,6 +26,8 @@ _WHITE = 1.25  # radiance of a white sheet that lies on the ground, in a plate o
 _MEAN = 0.22  # light of such a plate [1]
 _EXPOSED = 1.0  # so far from it a plate may be by what it shows; beyond, its light differs [EV]
 _FOLLOWED = 0.15  # of the difference in between, share that is the light's [1]
+_DARKEST = 0.06  # reflectance below which grounds are not taken to be: they lie in less light [1]
+_DIMMED = 0.25  # of the level, what so little light is at least [1]
 _AROUND = 1.5  # light from around by that of the lamps, as is usual [1]
 _USUAL = 0.3  # weight of that ratio, where the level of the plate tells one too [1]
 _MIRRORED = 0.3  # certainty of what is mirrored, where what is seen has 1
@@ -145,10 +147,13 @@ def level_of_ground(plate: Float32, camera: Camera, seat: Seat) -> float:
 
 def _level(mean: Float64, ground: Float64) -> float:
     """The same from the mean light of the plate (3,) and the ground's radiance (3,)."""
-    seen = math.sqrt(max(float(mean @ LUMINANCE), 1e-4) * max(float(ground @ LUMINANCE), 1e-4))
+    near = max(float(ground @ LUMINANCE), 1e-4)
+    seen = math.sqrt(max(float(mean @ LUMINANCE), 1e-4) * near)
     stops = math.log2(seen / _MEAN)
     beyond = math.copysign(max(abs(stops) - _EXPOSED, 0.0), stops)
-    return float(math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond))
+    level = math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond)
+    # against a bright sky, as at dusk, the ground tells more of the light than the whole plate
+    return float(min(level, max(math.pi * near / _DARKEST, _DIMMED * level)))
 
 
 def _ground_points(camera: Camera, size: tuple[int, int], seat: Seat) -> tuple[Float64, Bool]:

@@ -266,8 +266,8 @@ def _name_alternatives(document: Document, animations: Animations, playback: Pla
     if left_out:
         played = animations.played()
         document.warn(
-            f"{listed(played)} {'plays' if len(played) == 1 else 'play'}; {listed(left_out)} would "
-            "move the same parts: choose with --animation NAME"
+            f"{listed(played)} {'plays' if len(played) == 1 else 'play'}; {listed(left_out, 4)} "
+            "would move the same parts: choose with --animation NAME"
         )
 
 

@@ -66,14 +66,14 @@ class SceneLight:
                 f"the rest from around{level})"
             )
         else:
-            found.append("light estimated from the plate")
+            found.append("the plate's own light")
         lamps = self.count + len(self.environment.lamps if self.environment else ())
         text = f"lit by {' and '.join(found)}"
         if lamps > MAX_LAMPS:
             return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
         if len(found) == 1 and self.environment is None:
             return Note(
-                f"{text}: level and tint as it shows them, what lies beyond it is a guess "
+                f"{text}: level and tint as seen, its direction a guess "
                 "(--sun AZ,EL or --env-map MAP.hdr tell it)",
                 NoteKind.LIGHTS_MISSING,
             )

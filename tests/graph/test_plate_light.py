@@ -1,5 +1,7 @@
 """Light estimated from the plate is a value of the graph and not a state of the renderer."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from support import shots
@@ -21,7 +23,13 @@ from nlens_video.video.pixels.picture import ArrayPicture
 @pytest.fixture
 def context(tmp_path):
     """Nodes' dependencies for a cube without lights, with one renderer for all graphs."""
-    settings = ObjectSettings(glb=shots.cube_glb(tmp_path / "cube.glb", sun=False))
+    with context_of(shots.cube_glb(tmp_path / "cube.glb", sun=False)) as context:
+        yield context
+
+
+@contextlib.contextmanager
+def context_of(glb):
+    settings = ObjectSettings(glb=glb)
     scene = Scene.load(settings.glb)
     shadow = shadow_scene(settings, scene)
     view = View(width=shots.WIDTH, height=shots.HEIGHT)
@@ -69,3 +77,14 @@ def test_light_of_the_first_frame_holds_for_the_shot(context):
     first, later = run(runner, 200), run(runner, 40, index=1)
     assert later.plate_light is first.plate_light
     assert np.array_equal(first.layer.rgba, later.layer.rgba)
+
+
+@pytest.mark.parametrize(("sun_lx", "told"), [(2.0, 0), (2000.0, 1)])
+def test_lights_that_are_exposed_for_the_plate_are_told_once(tmp_path, sun_lx, told):
+    glb = shots.cube_glb(tmp_path / "lit.glb", sun_lx=sun_lx)
+    with context_of(glb) as context:
+        runner = executor(context)
+        for index in range(2):
+            run(runner, 120, index)
+        found = [note for note in context.objects.notes if "exposed for the plate" in note]
+    assert len(found) == told

@@ -151,7 +151,7 @@ def test_shadow_falls_by_lights_that_a_file_or_the_plate_tells():
 
 
 def test_note_says_where_the_light_comes_from():
-    assert "estimated from the plate" in SceneLight(0).note
+    assert "the plate's own light" in SceneLight(0).note
     both = SceneLight(2, reduce_environment(np.ones((16, 32, 3), np.float32))).note
     assert "2 lights" in both and "at the plate's level" in both
     given = SunSettings(azimuth_deg=60.0, elevation_deg=35.0)
@@ -184,3 +184,13 @@ def test_point_light_is_exposed_by_what_arrives_at_the_object():
     beside = SceneLight(1).around(plate((0.5,) * 3, (0.18,) * 3), level_camera(), SEAT, (lamp,))
     kept = SceneLight(1).on_object((lamp,), beside).lamps[0].posed.light.intensity
     assert 1.5 < kept / 3.0**2 < 4.0
+
+
+def test_ground_that_is_dark_before_a_bright_sky_lies_in_little_light():
+    def white(ground):
+        light = around(plate((0.4, 0.3, 0.25), (ground,) * 3))
+        return float(light.on_plane(SEAT.foot)[1]) / math.pi
+
+    assert white(0.02) == pytest.approx(0.02 / 0.06, rel=0.15)  # as if it were asphalt
+    assert white(0.001) < white(0.02) < white(0.1) < white(0.3)
+    assert white(0.001) > 0.04  # black ground is no night

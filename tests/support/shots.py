@@ -118,6 +118,7 @@ def cube_glb(
     size=0.35,
     camera=True,
     sun=True,
+    sun_lx=2.0,
     **named,
 ):
     """A cube on the ground that slides from `start` to `end`, a camera and a sun.
@@ -138,7 +139,7 @@ def cube_glb(
         lens = builder.camera(YFOV, name="Plate", aspect=WIDTH / HEIGHT)
         builder.node(camera=lens, matrix=camera_pose().T.ravel().tolist())
     if sun:
-        builder.light(intensity=2.0, node={"rotation": [-0.5, 0.2, 0.0, 0.84]})
+        builder.light(intensity=sun_lx, node={"rotation": [-0.5, 0.2, 0.0, 0.84]})
     return builder.write(path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -9,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Self
 
-from nlens_video.core.errors import NlensError, Note
+from nlens_video.core.errors import NlensError, Note, NoteKind
 from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
 from nlens_video.render.base.shader_inputs import Lighting
@@ -203,9 +204,20 @@ class BoxRenderer(ABC):
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
         posed = self._posed
+        if posed.lights and plate_light is not None and plate_light.exposure != 1.0:
+            self._note_exposure(plate_light.exposure)
         light = self._light.on_object(posed.lights, plate_light)
         mirrored = any(mesh.geometry.material.mirrors(ROUGHEST) for mesh in posed.meshes)
         return posed, Lighting.of(light, mirrored=mirrored)
+
+    def _note_exposure(self, exposure: float) -> None:
+        note = Note(
+            "the file's lights are far brighter than the plate's (in lux, as Blender exports "
+            f"them): exposed for the plate, {math.log2(exposure):+.1f} stops",
+            NoteKind.INFORMATION,
+        )
+        if note not in self.notes:
+            self.notes.append(note)
 
     def _check(self) -> None:
         """Raise if the renderer cannot draw now, on this thread."""

@@ -210,7 +210,7 @@ class Animations:
         raise SceneError(f"no animation '{which}'; expected all or one of {listed(self.names)}")
 
 
-def listed(names: Sequence[str]) -> str:
-    """Names for a message, the first dozen of many."""
-    known = ", ".join(name[:40] or f"number {at}" for at, name in enumerate(names[:_LISTED]))
-    return known if len(names) <= _LISTED else f"{known} and {len(names) - _LISTED} more"
+def listed(names: Sequence[str], most: int = _LISTED) -> str:
+    """Names for a message, the first of many."""
+    known = ", ".join(name[:40] or f"number {at}" for at, name in enumerate(names[:most]))
+    return known if len(names) <= most else f"{known} and {len(names) - most} more"
