@@ -54,6 +54,16 @@ def test_output_video_has_every_frame_time_and_audio_packet_of_the_plate(files, 
 
 
 @pytest.mark.slow
+def test_summary_of_a_still_has_no_statistics_of_frames(files, tmp_path):
+    run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--no-progress")
+    assert run.returncode == 0, run.stderr
+    lines = run.stderr.splitlines()
+    assert f"wrote  {tmp_path / 'out.png'}, 1 frame" in lines
+    told = [line for line in lines if line.startswith("frame ")]
+    assert len(told) == 1 and told[0].endswith(" ms with the fit") and "median" not in told[0]
+
+
+@pytest.mark.slow
 def test_lens_fit_is_estimated_from_the_plate(files, tmp_path):
     run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
     assert run.returncode == 0, run.stderr
