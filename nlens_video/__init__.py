@@ -5,10 +5,11 @@ from nlens_video.core.version import VERSION
 TYPE_CHECKING = False  # as of `typing`, which takes ten milliseconds to load
 if TYPE_CHECKING:
     from nlens_video.compositor.compositor import Compositor
+    from nlens_video.compositor.video_capture import VideoCapture
     from nlens_video.core.lens_fit import LensFit
 
 __version__ = VERSION
-__all__ = ["Compositor", "LensFit", "__version__"]
+__all__ = ["Compositor", "LensFit", "VideoCapture", "__version__"]
 
 
 def __dir__() -> list[str]:
@@ -22,6 +23,10 @@ def __getattr__(name: str) -> object:
         from nlens_video.compositor.compositor import Compositor
 
         return Compositor
+    if name == "VideoCapture":
+        from nlens_video.compositor.video_capture import VideoCapture
+
+        return VideoCapture
     if name == "LensFit":
         from nlens_video.core.lens_fit import LensFit
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
+import numpy.typing as npt
+
 from nlens_video.compositor.arguments import (
     as_args,
     as_fit,
@@ -158,7 +160,9 @@ class Compositor:
             self._loop = FrameLoop(as_objects(glb, args), request, fps, Profiler(budget_ms))
         self._thread = OwnThread(self._loop.close)
 
-    def process(self, frame: Frames, time: float | None = None) -> Frames:
+    def process(
+        self, frame: Frames, time: float | None = None, out: npt.NDArray[Any] | None = None
+    ) -> Frames:
         """Composite one frame.
 
         Args:
@@ -166,19 +170,23 @@ class Compositor:
                 uint16, float32 or float16 in [0, 1]; or a torch tensor of that shape and type, or
                 of bfloat16; left as it is.
             time: of the frame in the animation [s]; default: frames so far / fps.
+            out: array that takes the result, of the shape and type of `frame`, uint8, uint16 or
+                float32; may be `frame` itself, which is changed then. Saves an allocation.
 
         Returns:
-            A new array (or a tensor on the same device) of the same shape, type and channel order.
+            `out`, or a new array (or a tensor on the same device) of the same shape, type and
+            channel order.
 
         Raises:
             InputError: a shape or type that no picture has, or floats of another range.
-            UsageError: neither array nor tensor, another size than before, or not a time.
+            UsageError: neither array nor tensor, another size than before, not a time, or an `out`
+                that cannot take the result.
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """
         from nlens_video.video.pixels.picture import ArrayPicture
 
-        result, time_s = to_samples(frame), as_time(time)
+        result, time_s = to_samples(frame, out), as_time(time)
         self._call(lambda: self._loop.composite(ArrayPicture(result), time_s))
         return from_samples(result, frame)
 

@@ -23,19 +23,22 @@ _WIDEST_PX = 640  # of the picture in a notebook
 _THIN = 8  # every so many rows and columns are tested for samples above 1
 
 
-def to_samples(frame: object) -> npt.NDArray[Any]:
+def to_samples(frame: object, out: object = None) -> npt.NDArray[Any]:
     """A copy of a frame in a sample type that can be composited.
 
     Half precision and foreign byte order are converted, without loss.
 
     Args:
         frame: a numpy array, or a torch tensor.
+        out: array that takes the copy, perhaps the frame itself; None for a new one.
 
     Raises:
         InputError: floating samples that are not in [0, 1].
-        UsageError: neither an array nor a tensor.
+        UsageError: neither an array nor a tensor, or an `out` that cannot take the copy.
     """
     if _is_tensor(frame):
+        if out is not None:
+            raise UsageError("out takes the result of an array, not of a tensor; leave it out")
         on_cpu: Any = frame
         on_cpu = on_cpu.detach().cpu()
         if on_cpu.is_floating_point() and on_cpu.element_size() == 2:
@@ -46,7 +49,10 @@ def to_samples(frame: object) -> npt.NDArray[Any]:
         use = "; process_av takes PyAV's frames" if kind == "VideoFrame" else ""
         raise UsageError(f"process takes a numpy array or a torch tensor, not {kind}{use}")
     half = frame.dtype.kind == "f" and frame.dtype.itemsize == 2
-    result = frame.astype(np.float32 if half else frame.dtype.newbyteorder("="))
+    if out is None:
+        result = frame.astype(np.float32 if half else frame.dtype.newbyteorder("="))
+    else:
+        result = _taking(frame, out)
     if result.dtype == np.float32:
         some = result[::_THIN, ::_THIN]
         if 2 * np.count_nonzero(some > 1.0) > some.size:
@@ -55,6 +61,21 @@ def to_samples(frame: object) -> npt.NDArray[Any]:
                 "such as 255"
             )
     return result
+
+
+def _taking(frame: npt.NDArray[Any], out: object) -> npt.NDArray[Any]:
+    """`out`, with the samples of a frame."""
+    wanted = f"an array {frame.shape} of {frame.dtype}"
+    if not isinstance(out, np.ndarray):
+        raise UsageError(f"out takes {wanted}, not {type(out).__name__}")
+    if (out.shape, out.dtype) != (frame.shape, frame.dtype) or not out.flags.writeable:
+        locked = "" if out.flags.writeable else ", which is read-only"
+        raise UsageError(f"out is {out.shape} of {out.dtype}{locked}; expected {wanted}")
+    if out.dtype not in (np.uint8, np.uint16, np.float32):
+        raise UsageError(f"out of {out.dtype} cannot be composited in place; leave it out")
+    if out is not frame:
+        np.copyto(out, frame)
+    return out
 
 
 def from_samples(result: npt.NDArray[Any], frame: Frames) -> Frames:

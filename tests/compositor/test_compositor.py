@@ -51,6 +51,33 @@ def test_result_has_the_frames_form_and_the_frame_is_not_modified(lens):
     assert 0.005 < changed.mean() < 0.3
 
 
+@pytest.mark.parametrize("form", ["new", "the frame", "every other column"])
+def test_result_is_written_into_the_array_that_is_given(lens, glb, form):
+    frame = bgr()
+    expected = lens.process(frame, time=0.1)
+    wide = np.zeros((shots.HEIGHT, 2 * shots.WIDTH, 3), np.uint8)
+    out = {"new": np.zeros_like(frame), "the frame": frame, "every other column": wide[:, ::2]}[
+        form
+    ]
+    assert lens.process(frame, 0.1, out) is out
+    np.testing.assert_array_equal(out, expected)
+    assert not wide[:, 1::2].any()
+
+
+@pytest.mark.parametrize(
+    ("out", "said"),
+    [
+        (np.zeros((4, 4, 3), np.uint8), r"out is \(4, 4, 3\) of uint8; expected an array"),
+        (bgr().astype(np.float32), "of float32; expected an array"),
+        (np.frombuffer(bytes(bgr()), np.uint8).reshape(bgr().shape), "read-only"),
+        ([1, 2], "not list"),
+    ],
+)
+def test_array_that_cannot_take_the_result_is_refused(lens, out, said):
+    with pytest.raises(UsageError, match=said):
+        lens.process(bgr(), out=out)
+
+
 def test_channel_order_is_bgr_as_in_opencv(lens):
     result = lens.process(bgr())
     changed = np.abs(result.astype(int) - bgr()).max(axis=2) > 60

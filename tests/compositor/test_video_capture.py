@@ -1,0 +1,132 @@
+"""OpenCV's capture with an object in its frames, beside OpenCV's own on the same real files."""
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+from support import shots
+
+import nlens_video
+from nlens_video import Compositor, VideoCapture
+from nlens_video.core.errors import SceneError, UsageError
+from nlens_video.core.lens_fit import LensFit
+
+pytestmark = pytest.mark.needs_gl
+FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
+OPTIONS = {"preset": "draft", "fit": FIT}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("capture")
+    shots.write_video(folder / "in.mp4", frames=12)
+    shots.cube_glb(folder / "anim.glb", end=(0.3, 0.0, -2.6), seconds=0.5)
+    return str(folder / "in.mp4"), folder / "anim.glb"
+
+
+@pytest.fixture
+def capture(files):
+    with VideoCapture(*files, **OPTIONS) as made:
+        yield made
+
+
+def by_hand(files):
+    """The composites that a loop over OpenCV's capture makes."""
+    plate = cv2.VideoCapture(files[0])
+    with Compositor(files[1], fps=plate.get(cv2.CAP_PROP_FPS), **OPTIONS) as lens:
+        while plate.grab():
+            time = plate.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            yield lens.process(plate.retrieve()[1], time)
+
+
+def test_frames_are_those_of_opencv_composited(capture, files):
+    expected = list(by_hand(files))
+    found = []
+    while (read := capture.read())[0]:
+        found.append(read[1])
+    assert len(found) == 12
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert capture.read() == (False, None)
+
+
+def test_object_is_in_the_frames_and_moves(capture, files):
+    plate = cv2.VideoCapture(files[0])
+    changed = [np.any(plate.read()[1] != capture.read()[1], axis=2) for _ in range(12)]
+    assert all(one.any() for one in changed)
+    assert (changed[0] != changed[11]).any()
+
+
+def assert_alike(one, other):
+    """Equal but for the light, which is estimated on the first frame that is composited."""
+    assert np.abs(one.astype(int) - other).max() <= 2
+
+
+def test_frames_that_are_only_grabbed_are_not_composited(capture, files):
+    expected = list(by_hand(files))
+    assert all(capture.grab() for _ in range(5))
+    assert_alike(capture.retrieve()[1], expected[4])
+    assert capture.compositor.timings.frames == 1
+
+
+def test_animation_follows_a_new_position(capture, files):
+    expected = list(by_hand(files))
+    assert capture.set(cv2.CAP_PROP_POS_FRAMES, 7)
+    assert_alike(capture.read()[1], expected[7])
+    assert capture.set(cv2.CAP_PROP_POS_FRAMES, 2)
+    assert_alike(capture.read()[1], expected[2])
+    assert np.abs(expected[7].astype(int) - expected[2]).max() > 30
+
+
+def test_result_is_written_into_a_fitting_array_only(capture):
+    image = np.zeros((shots.HEIGHT, shots.WIDTH, 3), np.uint8)
+    assert capture.read(image)[1] is image and image.any()
+    other = np.zeros((4, 4, 3), np.uint8)
+    assert capture.read(other)[1].shape == image.shape and not other.any()
+
+
+def test_properties_and_state_are_opencvs(capture, files):
+    plate = cv2.VideoCapture(files[0])
+    for name in ("FRAME_WIDTH", "FRAME_HEIGHT", "FRAME_COUNT", "FPS", "FOURCC", "POS_FRAMES"):
+        assert capture.get(getattr(cv2, f"CAP_PROP_{name}")) == plate.get(
+            getattr(cv2, f"CAP_PROP_{name}")
+        )
+    assert capture.isOpened() and capture.getBackendName() == plate.getBackendName()
+    assert not capture.getExceptionMode()
+    capture.setExceptionMode(True)
+    assert capture.getExceptionMode()
+
+
+def test_file_that_is_not_there_is_not_open_and_reads_nothing(files, tmp_path):
+    with VideoCapture(tmp_path / "none.mp4", files[1], **OPTIONS) as capture:
+        assert not capture.isOpened()
+        assert capture.read() == (False, None)
+        assert capture.open(files[0])
+        assert capture.read()[0]
+
+
+def test_released_capture_is_closed_and_leaves_no_thread(files):
+    before = threading.active_count()
+    capture = VideoCapture(*files, **OPTIONS)
+    assert capture.read()[0]
+    capture.release()
+    capture.release()
+    assert not capture.isOpened() and capture.read() == (False, None)
+    assert not [one for one in threading.enumerate() if one.name.startswith("nlens-compositor")]
+    assert threading.active_count() <= before + 1  # the kernels' pool stays
+
+
+def test_options_and_scene_are_checked_as_a_compositor_checks_them(files, tmp_path):
+    with pytest.raises(UsageError, match="budget_ms=-1"):
+        VideoCapture(*files, budget_ms=-1)
+    with VideoCapture(files[0], tmp_path / "none.glb", fit=FIT) as capture:
+        with pytest.raises(SceneError):
+            capture.read()
+
+
+def test_class_has_opencvs_methods():
+    missing = {name for name in dir(cv2.VideoCapture) if not name.startswith("_")} - set(
+        dir(nlens_video.VideoCapture)
+    )
+    assert missing == {"waitAny"}  # of several captures at once
