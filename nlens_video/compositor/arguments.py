@@ -123,7 +123,8 @@ def as_lens(
         fallback=args.fallback, device=args.device, frame_s=1.0 / fps,
         shutter_deg=args.shutter if shutter_deg is None else shutter_deg,
         aperture=as_aperture(aperture, args.cat_eye),
-        optics=given if optics == NO_OVERRIDES else optics, known=args.lens or UNKNOWN_LENS,
+        optics=given if optics == NO_OVERRIDES else optics,
+        known=replace(args.lens or UNKNOWN_LENS, prefer=args.prefer),
         live=args.track_focus == "auto",
     )  # fmt: skip
 

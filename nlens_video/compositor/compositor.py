@@ -29,6 +29,7 @@ from nlens_video.compositor.frames import (
     to_samples,
 )
 from nlens_video.core.errors import UsageError
+from nlens_video.core.known_lens import Prefer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides
 from nlens_video.core.settings import Device, Fallback, ObjectSettings, Occlusion
@@ -67,6 +68,7 @@ class Compositor:
         aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
         lens: what is known of it, such as `50mm f/2.8 focus 2.4m sensor full-frame`.
+        prefer: `near` or `far`: of two lenses that explain the plate, the one focused so.
         shutter: how long the shutter is open, 0 to 360 for all of a frame [deg].
         vignetting: light lost at the corners, 0 to 8 [stops].
         distortion: k1, or k1 and k2, as OpenCV defines them [1].
@@ -120,6 +122,7 @@ class Compositor:
         aperture: Aperture | str = "round",
         cat_eye: float = 0.0,
         lens: str | None = None,
+        prefer: Prefer | None = None,
         shutter: float | None = None,
         vignetting: float | None = None,
         distortion: float | tuple[float, float] | None = None,

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 from nlens_video.core.errors import UsageError
 
@@ -36,7 +36,8 @@ _LIMITS = {
 }  # fmt: skip
 _HELP = 'write such as "50mm f/2.8 focus 2.4m sensor full-frame", or any part of it'
 
-Target = Literal["slope", "focus", "intercept"]
+Prefer = Literal["near", "far"]
+"""Of two lenses that explain a plate: the one focused nearer than the object, or farther."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +65,18 @@ class LensPrior:
         slope: of the model [px * scene unit].
         focus: disparity in focus [1 / scene unit].
         intercept: signed CoC at infinity [px]; given only without the other two.
+        prefer: which of two lenses to take where the plate leaves it open.
     """
 
     slope: Expected | None = None
     focus: Expected | None = None
     intercept: Expected | None = None
+    prefer: Prefer | None = None
+
+    @property
+    def in_numbers(self) -> bool:
+        """Whether any number is known."""
+        return (self.slope, self.focus, self.intercept) != (None, None, None)
 
     @property
     def complete(self) -> bool:
@@ -88,12 +96,14 @@ class KnownLens:
         f_number: focal length by the diameter of the aperture [1].
         focus_m: focused distance along the optical axis, infinity allowed [m].
         sensor_mm: width of the part of the sensor that the frame shows [mm].
+        prefer: which of two lenses to take where the plate leaves it open.
     """
 
     focal_mm: float | None = None
     f_number: float | None = None
     focus_m: float | None = None
     sensor_mm: float | None = None
+    prefer: Prefer | None = None
 
     def prior(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
         """What this lens says of the model.
@@ -104,6 +114,9 @@ class KnownLens:
             unit_m: the scene's unit, None where it is not known: then only what needs no unit is
                 used [m].
         """
+        return replace(self._numbers(focal_px, width_px, unit_m), prefer=self.prefer)
+
+    def _numbers(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
         aperture_m = self._aperture_m(focal_px / width_px)
         slope = None if aperture_m is None else Expected.of(aperture_m * focal_px)
         focus = None if self.focus_m is None else Expected.of(1.0 / self.focus_m, _LEAST_DIOPTRES)
@@ -150,7 +163,7 @@ def parse_lens(text: str) -> KnownLens:
     Raises:
         UsageError: a part that is none of these, that comes twice, or whose value makes no sense.
     """
-    found: dict[str, float] = {}
+    found: dict[str, Any] = {}
     words = text.replace(",", " ").split()
     while words:
         word = words.pop(0)

@@ -43,6 +43,10 @@ class LensFit:
         frame: index of the frame the fit was made on [1].
         sign: `resolved` by the data, `assumed` by the paper's rule, or `ambiguous`.
         sign_margin: relative cost by which the other sign fits worse, 0 = not at all [1].
+        other: slope and intercept of the best lens of the other sign, where the plate does not
+            tell the sign [px * scene unit, px].
+        object_disparity: of the middle of the object's depths when the fit was made, 0 where it is
+            not known [1 / scene unit].
         method: description of how it was found.
         ground_seen: pairs of disparity, rising, and the share of the plate there that shows the
             ground plane unoccluded, 0 to 1; empty where not measured [1 / scene unit].
@@ -61,6 +65,8 @@ class LensFit:
     frame: int = 0
     sign: Sign = "resolved"
     sign_margin: float = 0.0
+    other: tuple[float, float] | None = None
+    object_disparity: float = 0.0
     method: str = "given"
     ground_seen: tuple[tuple[float, float], ...] = ()
 
@@ -115,7 +121,8 @@ class LensFit:
         if not self.depends_on_depth:
             blur = self.usual_coc_px
             alike = f"the same blur at all depths ({blur:.1f} px)"
-            return f"{'in focus everywhere' if blur < IN_FOCUS_PX else alike}; {self.method}"
+            alike = "in focus everywhere" if blur < IN_FOCUS_PX else alike
+            return f"{alike}{self._of_the_object()}; {self.method}"
         focus = self.focus_disparity
         depth = "infinity"
         if focus > 0.0:
@@ -124,9 +131,18 @@ class LensFit:
         return (
             f"coc_px = {with_error(self.slope, self.slope_stderr)} · disparity "
             f"{'-' if self.intercept < 0 else '+'} "
-            f"{with_error(abs(self.intercept), self.intercept_stderr)}, in focus at {depth}; "
-            f"residual {self.rmse_px:.2f} px, sign {self.sign} (margin {self.sign_margin:.2g})"
+            f"{with_error(abs(self.intercept), self.intercept_stderr)}, in focus at {depth}"
+            f"{self._of_the_object()}; residual {self.rmse_px:.2f} px, sign {self.sign} "
+            f"(margin {self.sign_margin:.2g})"
         )
+
+    def _of_the_object(self) -> str:
+        """Words on the object's CoC, empty where its depth is not known."""
+        if self.object_disparity <= 0.0:
+            return ""
+        there = self.object_disparity
+        coc_px = abs(self.slope * there + self.intercept)
+        return f"; CoC of the object {with_error(coc_px, float(self.coc_stderr_px(there)))} px"
 
     def ground_share(self, disparity: Float32) -> Float32:
         """Share of the plate that shows the ground plane, by the plane's disparity >= 0 (h, w) [1].
@@ -158,6 +174,8 @@ class LensFit:
         values = asdict(self)
         for name in ("slope", "intercept", "slope_stderr", "intercept_stderr", "rmse_px"):
             values[name] *= scale
+        if self.other is not None:
+            values["other"] = (scale * self.other[0], scale * self.other[1])
         return LensFit(**{**values, **changed})
 
     @classmethod
@@ -225,6 +243,7 @@ class LensFit:
             known[name] = kind(value)
         if "ground_seen" in raw:
             known["ground_seen"] = _pairs(raw["ground_seen"], source)
+        known["other"] = _other(raw.get("other"), source)
         sign = raw.get("sign", "resolved")
         if sign not in get_args(Sign):
             raise LensFitError(f'{source}: "sign" is {sign!r}, expected one of {get_args(Sign)}')
@@ -241,6 +260,19 @@ class LensFit:
             return cls.from_json(path.read_text(encoding="utf-8"), str(path))
         except (OSError, UnicodeDecodeError) as error:
             raise LensFitError(f"{path}: cannot be read ({error}); expected a saved fit") from error
+
+
+def _other(raw: object, source: str) -> tuple[float, float] | None:
+    """Parse the lens of the other sign."""
+    if raw is None:
+        return None
+    try:
+        slope, intercept = np.array(raw, dtype=np.float64).reshape(2).tolist()
+    except (TypeError, ValueError, OverflowError):
+        slope = intercept = math.nan
+    if not (0.0 <= slope <= _LARGEST and abs(intercept) <= _LARGEST):
+        raise LensFitError(f'{source}: "other" must be a slope, not negative, and an intercept')
+    return slope, intercept
 
 
 def _pairs(raw: object, source: str) -> tuple[tuple[float, float], ...]:

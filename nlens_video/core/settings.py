@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from nlens_video.core.errors import UsageError
-from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
+from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens, Prefer
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides
 from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.core.scale import UNKNOWN_SCALE, ScaleSettings
@@ -237,6 +237,7 @@ class Settings:
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         optics: known vignetting and distortion.
         lens: what is known of the plate's lens beforehand.
+        prefer: which of two lenses to take where the plate leaves it open.
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what replaces a fit that fails.
@@ -261,6 +262,7 @@ class Settings:
     shutter_deg: float | None = None
     optics: LensOverrides = LensOverrides()
     lens: KnownLens = UNKNOWN_LENS
+    prefer: Prefer | None = None
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"
@@ -268,6 +270,11 @@ class Settings:
     report: Path | None = None
     aov: Path | None = None
     timings: Path | None = None
+
+    @property
+    def known_lens(self) -> KnownLens:
+        """What is known of the plate's lens beforehand, with what is preferred."""
+        return replace(self.lens, prefer=self.prefer)
 
     @property
     def needs_camera(self) -> bool:

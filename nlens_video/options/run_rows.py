@@ -24,6 +24,8 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--lens", SHOT, "LENS", read.lens,
                "what is known of it: \"50mm f/2.8 focus 2.4m sensor full-frame\", or a part",
                feeds="run.lens", parameter=True),
+        Option("--prefer", SHOT, choices=("near", "far"), feeds="run.prefer", parameter=True,
+               help="where two lenses explain the plate: the one focused nearer or farther"),
         Option("--cat-eye", SHOT, "S", read.number,
                "how much the aperture narrows towards the corners, 0 to 1",
                default=0.0, parameter=True),

@@ -204,7 +204,7 @@ def _assembled(
         frame_s=frame_s(info),
         exposure_s=exposure_time_s(info.camera_tags),
         optics=settings.optics,
-        known=settings.lens,
+        known=settings.known_lens,
         track=track or _given_track(settings, info),
         others=others,
         hold_budget=settings.hold_budget,

@@ -120,11 +120,17 @@ class FitLens:
                 "the plate shows no blur on the ground under the object; give --fit FILE.json, "
                 "--effects none, or --fallback constant"
             )
-        weight = problem.inlier_weight(lens)
         covariance = problem.covariance(lens, samples.cluster)
+        sign, margin = _sign(problem, lens, float(np.sqrt(covariance[0, 0])))
+        other = problem.of_other_sign(lens) if sign == "ambiguous" else None
+        if other is not None and known.prefer is not None:
+            sign = "assumed"
+            if (lens.focus > other.focus) != (known.prefer == "near"):
+                lens, other = other, lens
+                covariance = problem.covariance(lens, samples.cluster)
+        weight = problem.inlier_weight(lens)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
         stderr = np.sqrt(np.diag(covariance))
-        sign, margin = _sign(problem, lens, float(stderr[0]))
         fit = LensFit(
             slope=lens.slope,
             intercept=-lens.slope * lens.focus,
@@ -139,10 +145,11 @@ class FitLens:
             frame=frame,
             sign=sign,
             sign_margin=margin,
+            other=None if other is None else (other.slope, -other.slope * other.focus),
             method=f"robust V-fit over {self._where(samples)}"
             + (f", mean of {coc.frames} frames" if coc.frames > 1 else "")
             + (f", {1 + len(others)} frames of a moving camera" if others else "")
-            + ("" if known == NO_PRIOR else ", with what is known of the lens"),
+            + (", with what is known of the lens" if known.in_numbers else ""),
             ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),

@@ -77,15 +77,18 @@ class VFit:
 
         The sign is that of the CoC at the weighted median of the disparities.
         """
-        middle = _weighted_median(self.disparity, self.share)
-        if lens.focus < middle:
-            other = self._within(middle, np.inf)
-        else:
-            other = self._within(0.0, middle)
+        other = self.of_other_sign(lens)
         if other is None:
             return np.inf
         cost = self.cost(lens)
         return max(0.0, (self.cost(other) - cost) / max(cost, 1e-6))
+
+    def of_other_sign(self, lens: VCandidate) -> VCandidate | None:
+        """The best lens of the other sign, if there is one."""
+        middle = _weighted_median(self.disparity, self.share)
+        if lens.focus < middle:
+            return self._within(middle, np.inf)
+        return self._within(0.0, middle)
 
     def coc_at_median(self, lens: VCandidate) -> float:
         """Signed CoC at the weighted median of the disparities [px]."""

@@ -76,23 +76,17 @@ def _gravel(g: Graph, rng: Rng, grain: float) -> None:
 
 
 def _snow(g: Graph, rng: Rng, grain: float) -> None:
-    """Nearly white, light wanders below its surface; waves and crumbs as relief."""
+    """Nearly white, in waves and crumbs, as shallow as light that wanders below leaves them.
+
+    Cycles' own scattering below the surface would need a thousand rays a pixel: its noise would be
+    the sharpest thing on the ground.
+    """
     white = rng.uniform(0.7, 0.9)
-    cool = [white * rng.uniform(0.94, 1.0), white * 0.985, white, 1.0]
-    tint = g.shade(g.node("RGB", {}).outputs[0], g.noise(60, 4), gain=rng.uniform(1.005, 1.03))
-    g.nodes["RGB"].outputs[0].default_value = cool
+    first = [white * rng.uniform(0.94, 1.0), white * 0.985, white, 1.0]
+    second = [c * rng.uniform(1.01, 1.06) for c in first[:3]] + [1.0]
+    tint = g.mix(g.noise(60, 4), first, second)
     relief = g.noise(rng.uniform(30, 150), rng.uniform(2, 9), rng.uniform(0.4, 0.65))
-    given: dict[str | int, object] = {
-        "Base Color": tint,
-        "Subsurface": 0.6,
-        "Subsurface Color": cool,
-        "Subsurface Radius": (4 * grain, 3 * grain, 2.5 * grain),
-        "Roughness": 0.7,
-        "Specular": 0.2,
-        "Normal": _bent(g, relief, grain * rng.uniform(3, 25)),
-    }
-    shader = g.node("BsdfPrincipled", given, subsurface_method="BURLEY").outputs[0]
-    g.node("OutputMaterial", {"Surface": shader})
+    _matt(g, tint, _bent(g, relief, grain * rng.uniform(1, 10)))
 
 
 def _plaster(g: Graph, rng: Rng, grain: float) -> None:

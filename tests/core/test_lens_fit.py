@@ -1,5 +1,6 @@
 """The linear lens model refuses numbers that float32 arithmetic cannot square."""
 
+import json
 import math
 import tomllib
 from pathlib import Path
@@ -54,6 +55,26 @@ def lens(slope, intercept, **more):
 def test_lens_is_described_with_the_digits_that_its_error_warrants(slope, error, intercept, words):
     fit = lens(slope, intercept, slope_stderr=error, intercept_stderr=0.5)
     assert fit.describe().startswith(words)
+
+
+def test_lens_is_described_with_the_objects_blur_and_its_error():
+    fit = lens(40.0, -6.0, slope_stderr=1.0, intercept_stderr=0.3, object_disparity=0.4)
+    assert "; CoC of the object 10.00 ± 0.50 px; residual" in fit.describe()
+    unknown = lens(40.0, -6.0, slope_stderr=1.0, intercept_stderr=0.3)
+    assert "of the object" not in unknown.describe()
+
+
+def test_lens_of_the_other_sign_is_kept_in_the_file_and_scaled():
+    fit = lens(40.0, -6.0, sign="ambiguous", other=(30.0, -20.0))
+    assert LensFit.from_json(fit.to_json()) == fit
+    assert fit.for_width(480, 256).other == (15.0, -10.0)
+
+
+@pytest.mark.parametrize("other", ["near", [1.0], [-1.0, 0.0], [1.0, 1e30], 3])
+def test_file_with_a_nonsensical_other_lens_is_refused(other):
+    text = json.dumps({"slope": 1.0, "intercept": 0.0, "width": 8, "height": 8, "other": other})
+    with pytest.raises(LensFitError, match='"other" must be'):
+        LensFit.from_json(text)
 
 
 def test_blur_at_all_depths_is_that_of_the_ground_in_view():

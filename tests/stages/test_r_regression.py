@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from support.planes import HEIGHT, WIDTH, ground
 
 from nlens_video.core.errors import LensFitError
+from nlens_video.core.known_lens import LensPrior
 from nlens_video.core.layers import CocMap
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import FitLens, constant_fit
@@ -46,6 +47,41 @@ def test_sign_of_the_coc_is_ambiguous_without_a_trend_of_blur():
     fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5)), plane).fit
     assert fit.sign == "ambiguous"
     assert abs(fit.slope + fit.intercept) == pytest.approx(8.0, abs=0.5)
+
+
+def steep_ground_of_one_blur():
+    """A ground that spans so little disparity that either sign explains its blur."""
+    plane = ground(near=1.0, far=0.9)
+    plane = GroundProjection(
+        mask=plane.mask, disparity=np.maximum(plane.disparity, 0.9), ground_y=0
+    )
+    rng = np.random.default_rng(3)
+    coc = (8.0 + rng.normal(0, 1.0, (HEIGHT, WIDTH))).astype(np.float32)
+    return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 2.0)), plane
+
+
+@pytest.mark.parametrize(("prefer", "sign"), [("near", -1.0), ("far", 1.0)])
+def test_preference_decides_between_two_lenses_that_explain_the_plate(prefer, sign):
+    coc, plane = steep_ground_of_one_blur()
+    fit = FitLens()(coc, plane, known=LensPrior(prefer=prefer)).fit
+    assert fit.sign == "assumed"
+    assert fit.slope * 0.95 + fit.intercept == pytest.approx(sign * 8.0, abs=1.0)
+    assert fit.other is not None
+    assert fit.other[0] * 0.95 + fit.other[1] == pytest.approx(-sign * 8.0, abs=1.0)
+
+
+def test_fit_of_unclear_sign_keeps_both_lenses():
+    fit = FitLens()(*steep_ground_of_one_blur()).fit
+    assert fit.sign == "ambiguous"
+    here, there = fit.slope * 0.95 + fit.intercept, fit.other[0] * 0.95 + fit.other[1]
+    assert here * there < 0.0
+
+
+@pytest.mark.parametrize("prefer", ["near", "far"])
+def test_preference_changes_nothing_where_the_plate_tells_the_sign(prefer):
+    plane = ground()
+    coc = plate(plane, 30.0, 0.1)
+    assert FitLens()(coc, plane, known=LensPrior(prefer=prefer)).fit == FitLens()(coc, plane).fit
 
 
 def test_upright_objects_on_the_ground_do_not_bias_the_fit():

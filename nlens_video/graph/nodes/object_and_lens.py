@@ -135,9 +135,10 @@ class FitNode(Node):
             return FoundLens(
                 fit=fit, regression=None, warning=f"constant CoC instead of a fit: {reason}"
             )
-        return FoundLens(
-            fit=regression.fit, regression=regression, warning=_warning(regression.fit, ground)
-        )
+        middle = 0.5 / bounds.nearest + 0.5 / bounds.farthest if bounds.nearest > 0.0 else 0.0
+        fit = replace(regression.fit, object_disparity=middle)
+        regression = replace(regression, fit=fit)
+        return FoundLens(fit=fit, regression=regression, warning=_warning(fit, ground))
 
 
 def _warning(fit: LensFit, ground: GroundProjection) -> str:
@@ -145,7 +146,8 @@ def _warning(fit: LensFit, ground: GroundProjection) -> str:
     if fit.slope < 2 * fit.slope_stderr:
         return "the plate's blur hardly changes with depth, so the object's will not either"
     if fit.sign == "ambiguous":
-        return "the plate does not show whether the ground lies before or behind the focal plane"
+        unclear = "the plate does not show whether the ground lies before or behind the focal plane"
+        return unclear if fit.other is None else f"{unclear}; --prefer near or far chooses"
     if not ground.mask.any():
         return Note(
             "no footprint in view: fitted on the ground plane as a whole",
