@@ -22,6 +22,12 @@ SENSORS_MM = {
 _ERROR = 0.03
 """Relative standard error of the marks on a lens: rounded f-numbers, scales of distance."""
 
+_USUAL_APERTURE_M = 0.012
+"""Root mean square aperture of a lens whose focal length is the width of the frame [m].
+
+Sensors about 25 mm wide (deviation of the logarithm 0.35), f-numbers about 4 (0.7).
+"""
+
 _LEAST_DIOPTRES = 0.005  # standard error of the mark of infinity [1 / m]
 _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
 _PARTS = (
@@ -66,12 +72,15 @@ class LensPrior:
         focus: disparity in focus [1 / scene unit].
         intercept: signed CoC at infinity [px]; given only without the other two.
         prefer: which of two lenses to take where the plate leaves it open.
+        usual_slope: root mean square slope of lenses with this field of view, None where the
+            scene's unit is not known [px * scene unit].
     """
 
     slope: Expected | None = None
     focus: Expected | None = None
     intercept: Expected | None = None
     prefer: Prefer | None = None
+    usual_slope: float | None = None
 
     @property
     def in_numbers(self) -> bool:
@@ -114,7 +123,10 @@ class KnownLens:
             unit_m: the scene's unit, None where it is not known: then only what needs no unit is
                 used [m].
         """
-        return replace(self._numbers(focal_px, width_px, unit_m), prefer=self.prefer)
+        usual_m = _USUAL_APERTURE_M * focal_px / width_px
+        usual = None if unit_m is None else usual_m * focal_px / unit_m
+        told = self._numbers(focal_px, width_px, unit_m)
+        return replace(told, prefer=self.prefer, usual_slope=usual)
 
     def _numbers(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
         aperture_m = self._aperture_m(focal_px / width_px)

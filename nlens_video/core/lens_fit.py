@@ -35,6 +35,8 @@ class LensFit:
         slope_stderr: standard error of the slope [px * scene unit].
         intercept_stderr: standard error of the intercept [px].
         correlation: of the errors of slope and intercept, -1 to 1 [1].
+        readings_share: part of the standard errors that is of the readings; the rest is what they
+            leave open, alike on every frame of a shot, 0 to 1 [1].
         rmse_px: weighted root mean square residual of the inliers [px].
         n: pixels that entered the fit [1].
         inlier_fraction: share of them that the robust loss kept, 0 to 1 [1].
@@ -57,6 +59,7 @@ class LensFit:
     slope_stderr: float = 0.0
     intercept_stderr: float = 0.0
     correlation: float = 0.0
+    readings_share: float = 1.0
     rmse_px: float = 0.0
     n: int = 0
     inlier_fraction: float = 1.0

@@ -116,6 +116,7 @@ def differs(before: LensFit, now: LensFit, *, still: bool) -> bool:
     if "ambiguous" in (before.sign, now.sign):
         was, is_now = np.abs(was), np.abs(is_now)
     change = np.abs(is_now - was)
-    error = np.hypot(now.coc_stderr_px(there), before.coc_stderr_px(there))
+    errors = [fit.readings_share * fit.coc_stderr_px(there) for fit in (now, before)]
+    error = np.hypot(*errors)
     told = change > (_TOLD_STILL if still else _TOLD_MOVING) * error
     return bool(np.any(told & (change > IN_FOCUS_PX)))

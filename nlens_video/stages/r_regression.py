@@ -24,7 +24,7 @@ from nlens_video.core.layers import Bool, CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.stages.f_coc import remove_prior
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
-from nlens_video.stages.r_robust_v import VCandidate, VFit
+from nlens_video.stages.r_robust_v import VCandidate, VFit, with_what_is_open
 
 GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
 MIN_SAMPLES = 48
@@ -58,6 +58,13 @@ class FitSamples:
     weight: Float64
     cluster: npt.NDArray[np.int64]
 
+    @property
+    def middle(self) -> float:
+        """Median disparity of the footprint, of the plane where there is none."""
+        return float(
+            np.median(self.disparity[self.anchor] if self.anchor.any() else self.disparity)
+        )
+
     def problem(self, anchor_weight: float, width: int, known: LensPrior = NO_PRIOR) -> VFit:
         """The robust fit of these samples on a frame of some width [px], with what is known.
 
@@ -65,8 +72,7 @@ class FitSamples:
         Ground beyond the footprint counts less with the square of the distance: the farther, the
         likelier it is no longer the plane on which the object stands.
         """
-        there = self.disparity[self.anchor] if self.anchor.any() else self.disparity
-        share = np.minimum(self.disparity / np.median(there), 1.0) ** 2
+        share = np.minimum(self.disparity / self.middle, 1.0) ** 2
         share /= share.sum()
         if self.anchor.any():
             share = share + anchor_weight * self.anchor / self.anchor.sum()
@@ -128,6 +134,13 @@ class FitLens:
             if (lens.focus > other.focus) != (known.prefer == "near"):
                 lens, other = other, lens
                 covariance = problem.covariance(lens, samples.cluster)
+        readings = covariance
+        if known.usual_slope is not None:
+            chance = 0.5 * max(0.0, 1.0 - margin / RESOLVED_MARGIN) if sign == "ambiguous" else 0.0
+            usual = known.usual_slope, samples.middle
+            covariance = with_what_is_open(readings, lens, other, chance, *usual)
+            if sign == "resolved" and lens.slope < 2.0 * np.sqrt(covariance[0, 0]):
+                sign = "ambiguous"
         weight = problem.inlier_weight(lens)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
         stderr = np.sqrt(np.diag(covariance))
@@ -143,6 +156,7 @@ class FitLens:
             width=coc.coc_px.shape[1],
             height=coc.coc_px.shape[0],
             frame=frame,
+            readings_share=_part(readings, covariance, samples.middle),
             sign=sign,
             sign_margin=margin,
             other=None if other is None else (other.slope, -other.slope * other.focus),
@@ -154,7 +168,7 @@ class FitLens:
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),
         )
-        _check(fit, covariance, samples)
+        _check(fit, readings, samples)
         return Regression(fit=fit, samples=replace(samples, weight=weight))
 
     def samples(self, coc: CocMap, ground: GroundProjection) -> FitSamples:
@@ -195,42 +209,13 @@ def _joined(parts: Sequence[FitSamples]) -> FitSamples:
         for part, first in zip(parts, patches, strict=False)
     ]
     names = [field.name for field in fields(FitSamples)]
-    return FitSamples(
-        **{name: np.concatenate([getattr(part, name) for part in moved]) for name in names}
-    )
+    return FitSamples(**{n: np.concatenate([getattr(part, n) for part in moved]) for n in names})
 
 
 def _agreeing(problem: VFit, lens: VCandidate, samples: FitSamples) -> float:
     """Mean weight of the footprint's samples under the loss, 0 to 1; 1 where there are none."""
     anchor = samples.anchor
     return float(problem.inlier_weight(lens)[anchor].mean()) if anchor.any() else 1.0
-
-
-def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensFit:
-    """The fallback: one CoC for every depth, behind the focus: the plate's confident median.
-
-    It is that of the footprint of `ground`, or of the whole plate where the footprint is empty;
-    `frame` is the index of the frame, kept in the fit.
-    """
-    known = np.isfinite(coc.coc_px) & np.isfinite(coc.sigma_px)
-    use = known & ground.mask if (known & ground.mask).any() else known
-    if not use.any():
-        raise LensFitError("the CoC estimate holds no number at all; give --fit FILE.json")
-    values, sigma = coc.coc_px[use], coc.sigma_px[use]
-    confident = values[sigma <= np.quantile(sigma, 0.5)]
-    height, width = coc.coc_px.shape
-    return LensFit(
-        slope=0.0,
-        intercept=-float(np.median(confident)),
-        rmse_px=float(np.median(sigma)),
-        n=int(confident.size),
-        inlier_fraction=0.5,
-        width=width,
-        height=height,
-        frame=frame,
-        sign="assumed",
-        method="constant CoC: no usable fit, the plate's confident median",
-    )
 
 
 def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitSamples:
@@ -277,10 +262,16 @@ def _sign(problem: VFit, lens: VCandidate, slope_stderr: float) -> tuple[Sign, f
     return ("resolved" if margin >= RESOLVED_MARGIN else "ambiguous"), float(min(margin, 1e6))
 
 
+def _part(readings: Float64, whole: Float64, disparity: float) -> float:
+    """Standard error of the CoC at a disparity of the readings by that of the whole, 0 to 1."""
+    there = np.array([disparity, 1.0])
+    return float(min(1.0, np.sqrt(there @ readings @ there / max(there @ whole @ there, 1e-300))))
+
+
 def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
     """Refuse a fit that does not determine the blur where the object stands."""
     use = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
-    jacobian = np.array([float(np.median(samples.disparity[use])), 1.0])
+    jacobian = np.array([samples.middle, 1.0])
     error = float(np.sqrt(jacobian @ covariance @ jacobian))
     blur = abs(fit.slope * jacobian[0] + fit.intercept)
     expected = float(np.median(samples.sigma_px[use]))

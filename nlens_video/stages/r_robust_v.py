@@ -27,6 +27,8 @@ _SLOPE_QUANTILES = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 0.92)
 _SCAN_SAMPLES = 3000
 _FARTHEST_FOCUS = 8.0  # of the largest disparity: nearer focus planes look alike from the data
 _STEPS = 40
+_USUAL_FOCUS = 0.4  # deviation of the logarithm of the focused distance from the object's
+_TOLD_POWER = 6  # at two standard errors a slope is even odds, at four a certainty
 _PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
 
 
@@ -248,6 +250,37 @@ class VFit:
         x = self.disparity
         slope = float((weight * x * self.coc_px).sum() / (weight * x * x).sum())
         return VCandidate(slope, 0.0) if slope > 0 else None
+
+
+def with_what_is_open(
+    covariance: Float64, lens: VCandidate, other: VCandidate | None, chance: float,
+    usual_slope: float, disparity: float,
+) -> Float64:  # fmt: skip
+    """Covariance of (slope, intercept) with what the readings leave open (2, 2).
+
+    Fine grain, noise and mirrors make a network read too little blur at all depths alike, and no
+    residual shows it. A slope that is told from zero says that it has not happened; where there is
+    none, the lens may be any that is in use, focused about as far as the object stands.
+
+    Args:
+        covariance: of the readings (2, 2).
+        lens: the solution.
+        other: the best lens of the other sign, where the sign is open.
+        chance: that it is the other one, 0 to 1 [1].
+        usual_slope: root mean square slope of lenses in use [px * scene unit].
+        disparity: of the object's ground [1 / scene unit].
+    """
+    told = lens.slope / max(float(np.sqrt(covariance[0, 0])), 1e-300)
+    misread = 1.0 / (1.0 + min(0.5 * told, 1e6) ** _TOLD_POWER)
+    mean = disparity * np.exp(0.5 * _USUAL_FOCUS**2)
+    square = disparity**2 * np.exp(2.0 * _USUAL_FOCUS**2)
+    usual = usual_slope**2 * np.array([[1.0, -mean], [-mean, square]])
+    whole = covariance + misread * usual
+    if other is not None:
+        step = np.array([other.slope, -other.slope * other.focus])
+        step -= np.array([lens.slope, -lens.slope * lens.focus])
+        whole = whole + chance * np.outer(step, step)
+    return np.asarray(whole)
 
 
 def _weighted_median(values: Float64, weights: Float64) -> float:

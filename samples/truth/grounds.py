@@ -18,6 +18,7 @@ from truth.plan import HARD_GROUNDS, WIDTH, View
 from truth.surfaces import Graph, Rng, Socket
 
 MIRRORS = ("polished", "wet")
+NODES = ("NodeEmission", "NodeAddShader")
 TUFTS, KINDS_OF_TUFT, BLADES = 9000, 6, 16
 GRASS_REACH = 8.0
 """Farthest blade of grass by the depth of the object's place [1]."""
@@ -210,6 +211,33 @@ BUILDERS: dict[str, Callable[[Graph, Rng, float], None]] = dict(
         strict=True,
     )
 )  # fmt: skip
+
+
+def fill_shadows(share: float) -> None:
+    """Give matt surfaces a part of their light from all sides alike, without a ray being cast.
+
+    Rays that look for the sky or choose between lamps leave noise, which on such grounds would be
+    the sharpest thing to see.
+
+    Args:
+        share: of a white surface's radiance in full fill light [1].
+    """
+    for material in bpy.data.materials:
+        tree = material.node_tree
+        for matt in [n for n in tree.nodes if n.type == "BSDF_DIFFUSE"] if tree else []:
+            glow, both = (tree.nodes.new(f"Shader{kind}") for kind in NODES)
+            tint = matt.inputs["Color"]
+            if tint.is_linked:
+                tree.links.new(tint.links[0].from_socket, glow.inputs["Color"])
+            else:
+                glow.inputs["Color"].default_value = tint.default_value
+            glow.inputs["Strength"].default_value = share
+            targets = [link.to_socket for link in matt.outputs[0].links]
+            tree.links.new(matt.outputs[0], both.inputs[0])
+            tree.links.new(glow.outputs[0], both.inputs[1])
+            for target in targets:
+                tree.links.new(both.outputs[0], target)
+            material.cycles.sample_as_light = False
 
 
 def windows(wall_y: float, rng: Rng) -> None:

@@ -218,7 +218,7 @@ def _light(view: View, wall_y: float, rng: Rng) -> None:
     links.new(nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
     links.new(split.outputs["Z"], ramp.inputs["Fac"])
     links.new(ramp.outputs["Color"], nodes["Background"].inputs["Color"])
-    sunny = not indoor and rng.random() < 0.85
+    sunny = not indoor and (rng.random() < 0.85 or bool(view.ground))
     strength = rng.uniform(0.2, 0.5) if indoor else rng.uniform(0.5, 1.0) + 0.7 * (not sunny)
     nodes["Background"].inputs["Strength"].default_value = strength
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 128
@@ -230,11 +230,14 @@ def _light(view: View, wall_y: float, rng: Rng) -> None:
         sun.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
     if indoor:
         _hang_lamps(view, wall_y, rng)
+    if view.ground:
+        world.cycles_visibility.diffuse = False
+        grounds.fill_shadows(strength * rng.uniform(0.3, 0.7))
 
 
 def _hang_lamps(view: View, wall_y: float, rng: Rng) -> None:
     reach = math.hypot(*view.place)
-    for k in range(int(rng.integers(1, 4))):
+    for k in range(1 if view.ground else int(rng.integers(1, 4))):
         height = reach * rng.uniform(0.8, 2.0)
         x = view.place[0] + reach * rng.uniform(-1.5, 1.5)
         y = min(view.place[1] + reach * rng.uniform(-1.0, 1.2), 0.9 * wall_y)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nlens_video.core.errors import UsageError
-from nlens_video.core.known_lens import NO_PRIOR, KnownLens, LensPrior, parse_lens
+from nlens_video.core.known_lens import NO_PRIOR, UNKNOWN_LENS, KnownLens, LensPrior, parse_lens
 from nlens_video.core.lens_fit import LensFit
 
 
@@ -73,8 +73,26 @@ def test_prior_is_the_law_of_the_thin_lens(focal, number, sensor, focus, depth, 
     assert at_focus == pytest.approx(prior.slope.value * prior.focus.error, rel=1e-6)
 
 
+def test_usual_lenses_need_the_unit_and_grow_with_the_square_of_the_focal_length():
+    usual = UNKNOWN_LENS.prior(960.0, 960, 1.0)
+    assert usual.usual_slope == pytest.approx(0.012 * 960.0) and not usual.in_numbers
+    assert UNKNOWN_LENS.prior(1920.0, 960, 1.0).usual_slope == pytest.approx(
+        4.0 * usual.usual_slope
+    )
+    assert UNKNOWN_LENS.prior(960.0, 960, 0.01).usual_slope == pytest.approx(
+        100.0 * usual.usual_slope
+    )
+    assert UNKNOWN_LENS.prior(960.0, 960, None) == NO_PRIOR
+
+
+@pytest.mark.parametrize("prefer", ["near", "far"])
+def test_preference_goes_along_with_what_is_known(prefer):
+    lens = KnownLens(focal_mm=50.0, f_number=2.0, prefer=prefer)
+    assert lens.prior(1333.0, 960, 1.0).prefer == prefer
+
+
 def test_parts_tell_what_they_can():
-    assert KnownLens(focal_mm=50.0).prior(1333.0, 960, 1.0) == NO_PRIOR
+    assert not KnownLens(focal_mm=50.0).prior(1333.0, 960, 1.0).in_numbers
     assert KnownLens(focus_m=2.0).prior(1333.0, 960, None) == NO_PRIOR
     aperture = KnownLens(focal_mm=50.0, f_number=2.0).prior(1333.0, 960, 1.0)
     assert aperture.slope.value == pytest.approx(0.025 * 1333.0)

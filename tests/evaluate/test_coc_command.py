@@ -87,6 +87,14 @@ def test_estimated_fit_recovers_the_lens_of_the_plates(measured):
 
 
 @pytest.mark.slow
+def test_stated_errors_of_a_clear_plate_hold_and_no_sign_is_wrong(measured):
+    stated = summary(measured, "stated")["as rendered"]
+    assert 0.0 < stated["stated_px"] < 3.0
+    assert stated["within_two_percent"] == 100.0
+    assert stated["wrong_percent"] == 0.0
+
+
+@pytest.mark.slow
 def test_errors_at_twice_the_width_are_in_the_plates_pixels(measured):
     rows = summary(measured, "conditions")
     assert rows["1920 px wide"]["rmse_px"] < 2 * rows["as rendered"]["rmse_px"]
@@ -96,7 +104,7 @@ def test_errors_at_twice_the_width_are_in_the_plates_pixels(measured):
 def test_tables_and_plots_are_written(measured):
     assert sorted(path.name for path in measured.out.iterdir()) == [
         "ablations.csv", "coc.md", "conditions.csv", "error_by_coc.png", "methods.csv",
-        "reliability.png",
+        "reliability.png", "stated.csv",
     ]  # fmt: skip
     for name in ("reliability.png", "error_by_coc.png"):
         plot = cv2.imread(str(measured.out / name))

@@ -42,11 +42,12 @@ from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.values import FoundLens
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.nodes.object_and_lens import constant_fit
 from nlens_video.graph.session import open_session
 from nlens_video.report.collect import PAGE, Report
 from nlens_video.run.render import render
 from nlens_video.stages.p_projection import project_to_ground
-from nlens_video.stages.r_regression import FitLens, constant_fit
+from nlens_video.stages.r_regression import FitLens
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.source import open_source
 from nlens_video.video.pixels.picture import ArrayPicture

@@ -227,6 +227,13 @@ def test_fit_that_differs_by_less_than_its_error_does_not_move_the_live_lens():
     assert live.fits == 2 and live.step().intercept < -10.0
 
 
+def test_change_beyond_the_readings_errors_is_told_however_open_both_lenses_are():
+    before = LensFit(slope=0.1, intercept=-4.0, intercept_stderr=5.0, width=8, height=8)
+    now = replace(before, intercept=-8.0)
+    assert not differs(before, now, still=True)
+    assert differs(*(replace(fit, readings_share=0.1) for fit in (before, now)), still=True)
+
+
 def test_unsigned_blur_is_compared_where_the_sign_is_ambiguous():
     near = LensFit(slope=0.1, intercept=4.0, sign="ambiguous", width=8, height=8)
     far = LensFit(slope=0.1, intercept=-4.2, width=8, height=8)

@@ -5,10 +5,11 @@ from hypothesis import strategies as st
 from support.planes import HEIGHT, WIDTH, ground
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.known_lens import LensPrior
+from nlens_video.core.known_lens import UNKNOWN_LENS, LensPrior
 from nlens_video.core.layers import CocMap
+from nlens_video.graph.nodes.object_and_lens import constant_fit
 from nlens_video.stages.p_projection import GroundProjection
-from nlens_video.stages.r_regression import FitLens, constant_fit
+from nlens_video.stages.r_regression import FitLens
 from nlens_video.stages.r_robust_v import VFit
 
 
@@ -82,6 +83,55 @@ def test_preference_changes_nothing_where_the_plate_tells_the_sign(prefer):
     plane = ground()
     coc = plate(plane, 30.0, 0.1)
     assert FitLens()(coc, plane, known=LensPrior(prefer=prefer)).fit == FitLens()(coc, plane).fit
+
+
+USUAL = UNKNOWN_LENS.prior(focal_px=1333.0, width_px=960, unit_m=1.0)
+"""What is known of any lens, of 50 mm before a full frame."""
+
+
+def sharp_everywhere(plane, seed=1):
+    """Readings of a ground whose grain is taken for sharpness."""
+    rng = np.random.default_rng(seed)
+    coc = np.abs(0.4 + rng.normal(0.0, 0.1, (HEIGHT, WIDTH))).astype(np.float32)
+    return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5))
+
+
+def test_ground_that_reads_sharp_at_all_depths_leaves_the_lens_open():
+    plane = ground()
+    coc, there = sharp_everywhere(plane), float(np.median(plane.disparity[plane.mask]))
+    readings, open_too = FitLens()(coc, plane).fit, FitLens()(coc, plane, known=USUAL).fit
+    assert readings.coc_stderr_px(there) < 0.5
+    blur_of_a_usual_lens = USUAL.usual_slope * there
+    assert 0.3 < open_too.coc_stderr_px(there) / blur_of_a_usual_lens < 0.7
+    assert open_too.sign == "ambiguous" and not open_too.depends_on_depth
+    share = readings.coc_stderr_px(there) / open_too.coc_stderr_px(there)
+    assert open_too.readings_share == pytest.approx(float(share), rel=1e-3)
+
+
+def test_usual_lenses_change_nothing_where_the_blur_clearly_changes_with_depth():
+    plane = ground()
+    coc = plate(plane, 60.0, 0.5)
+    plain, aware = FitLens()(coc, plane).fit, FitLens()(coc, plane, known=USUAL).fit
+    assert (aware.slope, aware.intercept) == (plain.slope, plain.intercept)
+    assert aware.slope_stderr == pytest.approx(plain.slope_stderr, rel=0.02)
+    assert aware.sign == "resolved"
+
+
+def test_error_covers_the_other_lens_where_the_sign_is_open():
+    coc, plane = steep_ground_of_one_blur()
+    fit = FitLens()(coc, plane, known=LensPrior(usual_slope=1e-6)).fit
+    assert fit.coc_stderr_px(0.95) == pytest.approx(16.0 / np.sqrt(2.0), rel=0.2)
+
+
+@pytest.mark.parametrize("slope", [1.0, 3.0, 6.0, 12.0, 25.0])
+@pytest.mark.parametrize("sigma", [0.4, 1.5, 4.0])
+def test_sign_is_never_resolved_with_a_slope_within_two_errors_of_zero(slope, sigma):
+    plane = ground()
+    rng = np.random.default_rng(5)
+    true = slope * np.abs(plane.disparity - 0.2)
+    coc = np.abs(true + rng.normal(0.0, 0.5 * sigma, true.shape)).astype(np.float32)
+    fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, sigma)), plane, known=USUAL).fit
+    assert fit.sign != "resolved" or fit.slope >= 2.0 * fit.slope_stderr
 
 
 def test_upright_objects_on_the_ground_do_not_bias_the_fit():

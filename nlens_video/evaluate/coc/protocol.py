@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.errors import LensFitError, SceneError
+from nlens_video.core.known_lens import UNKNOWN_LENS
 from nlens_video.core.layers import CocMap, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.coc.baselines import BASELINES, NOTE, SCALED, best_factor, fit_line
@@ -25,11 +26,13 @@ from nlens_video.evaluate.metrics import coc_figures, rms_within
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate
 from nlens_video.evaluate.plots import PlateErrors, error_by_coc, reliability
 from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
+from nlens_video.scene.camera import Camera
 from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
 OURS = "ours (network)"
+UNSIGNED_PX = 1.0
 _SAMPLE_STEP = 4  # the network's own grid: finer samples would tell the plots nothing more
 
 Fit = Callable[[CocMap, GroundProjection], LensFit]
@@ -80,6 +83,7 @@ class CocProtocol:
         methods: estimates of the whole plate's CoC, each against the truth.
         ablations: ways to fit the lens, each by the object's CoC.
         conditions: the shipped estimate and fit on rough plates and with a wrong camera.
+        stated: how the errors of those fits compare with what they state.
         errors: of our estimate, one for each plate.
     """
 
@@ -89,12 +93,13 @@ class CocProtocol:
         taken = Column("time_ms", "time, ms", 0, "median")
         self.ablations = _object_table("ablations", "Ways to fit the lens (stage R)", taken)
         self.conditions = _conditions_table()
+        self.stated = _stated_table()
         self.errors: list[PlateErrors] = []
 
     @property
     def tables(self) -> tuple[Table, ...]:
         """All tables, in the order in which they are shown."""
-        return self.methods, self.ablations, self.conditions
+        return self.methods, self.ablations, self.conditions, self.stated
 
     def measure(self, plate: Plate) -> None:
         """Add a plate to all tables."""
@@ -144,8 +149,8 @@ class CocProtocol:
             coc_px=coc.coc_px, sigma_px=np.full_like(coc.sigma_px, np.median(coc.sigma_px))
         )
         ways: dict[str, tuple[CocMap, Fit]] = {
-            "shipped": (coc, _shipped),
-            "no confidence": (even, _shipped),
+            "shipped": (coc, _shipped(plate.camera)),
+            "no confidence": (even, _shipped(plate.camera)),
             "no V-fit (the paper's line)": (coc, fit_line),
             "footprint only": (coc, lambda c, g: FitLens(whole_plane=False)(c, g).fit),
         }
@@ -164,7 +169,7 @@ class CocProtocol:
             coc = estimate_coc(self._network, degrade(plate.rgb))
             camera = camera_at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
             ground = project_to_ground(plate.triangles, camera, plate.ground_y)
-            fit = _attempt(_shipped, coc, ground)
+            fit = _attempt(_shipped(camera), coc, ground)
             scale = np.float32(width / coc.coc_px.shape[1])  # to the plate's pixels
             coc_px, sigma_px = (
                 scale * cv2.resize(values, (width, height)) for values in (coc.coc_px, coc.sigma_px)
@@ -177,6 +182,7 @@ class CocProtocol:
                 "object_rms_px": object_rms(plate, fit and fit.for_width(width, height)),
             }
             self.conditions.add(name, plate.name, figures)
+            self.stated.add(name, plate.name, _stated(plate, fit and fit.for_width(width, height)))
 
     def _measure_cameras(self, plate: Plate, coc: CocMap) -> None:
         for ratio in YFOV_RATIOS:
@@ -189,13 +195,16 @@ class CocProtocol:
                     guess.moved(plate.triangles), guess.camera, plate.ground_y
                 )
                 depth = guess.moved_depth(plate.camera, plate.object_depth.astype(np.float64))
-                rms = object_rms(plate, _attempt(_shipped, coc, ground), depth)
+                fit = _attempt(_shipped(guess.camera), coc, ground)
+                rms = object_rms(plate, fit, depth)
             name = f"field of view {100 * (ratio - 1):+.0f} %"
             self.conditions.add(name, plate.name, {"object_rms_px": rms})
 
 
-def _shipped(coc: CocMap, ground: GroundProjection) -> LensFit:
-    return FitLens()(coc, ground).fit
+def _shipped(camera: Camera) -> Fit:
+    """The fit as a run makes it through a camera, in metres."""
+    known = UNKNOWN_LENS.prior(camera.fx, camera.width, 1.0)
+    return lambda coc, ground: FitLens()(coc, ground, known=known).fit
 
 
 def _attempt(fit: Fit, coc: CocMap, ground: GroundProjection) -> LensFit | None:
@@ -212,6 +221,45 @@ def object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None) 
     known = np.where(plate.solid, plate.object_depth if depth is None else depth, 1.0)
     coc = fit.coc_px(np.asarray(1.0 / known, dtype=np.float32))
     return rms_within(coc, plate.object_coc_px, plate.solid)
+
+
+def _stated(plate: Plate, fit: LensFit | None) -> dict[str, float]:
+    """What a fit says of its own errors against the truth, shares in percent."""
+    if fit is None:
+        return {}
+    disparity = 1.0 / plate.object_depth[plate.solid].astype(np.float64)
+    true_px = float(np.median(plate.object_coc_px[plate.solid]))
+    middle = float(np.median(disparity))
+    found_px, stated_px = fit.slope * middle + fit.intercept, float(fit.coc_stderr_px(middle))
+    off = abs(found_px - true_px) / max(stated_px, 1e-9)
+    resolved = fit.sign == "resolved"
+    wrong = resolved and found_px * true_px < 0.0 and abs(true_px) > UNSIGNED_PX
+    return {
+        "stated_px": stated_px,
+        "within_one_percent": 100.0 * (off <= 1.0),
+        "within_two_percent": 100.0 * (off <= 2.0),
+        "resolved_percent": 100.0 * resolved,
+        "wrong_percent": 100.0 * wrong,
+    }
+
+
+def _stated_table() -> Table:
+    return Table(
+        name="stated",
+        title="The fit's own account of its errors",
+        columns=(
+            Column("stated_px", "stated error of the object's CoC, px"),
+            Column("within_one_percent", "within one, % of plates", 0),
+            Column("within_two_percent", "within two, % of plates", 0),
+            Column("resolved_percent", "sign resolved, % of plates", 0),
+            Column("wrong_percent", "resolved but wrong, % of plates", 0),
+        ),
+        detail="stated_px",
+        notes=(
+            "Of the CoC in the middle of the object's depths. A true CoC below "
+            f"{UNSIGNED_PX:g} px counts as of either sign.",
+        ),
+    )
 
 
 def _methods_table() -> Table:

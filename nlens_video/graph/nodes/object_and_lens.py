@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import DEFOCUS
@@ -12,7 +14,7 @@ from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
-from nlens_video.stages.r_regression import FitLens, constant_fit
+from nlens_video.stages.r_regression import FitLens
 
 if TYPE_CHECKING:
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
@@ -139,6 +141,33 @@ class FitNode(Node):
         fit = replace(regression.fit, object_disparity=middle)
         regression = replace(regression, fit=fit)
         return FoundLens(fit=fit, regression=regression, warning=_warning(fit, ground))
+
+
+def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensFit:
+    """The fallback: one CoC for every depth, behind the focus: the plate's confident median.
+
+    It is that of the footprint of `ground`, or of the whole plate where the footprint is empty;
+    `frame` is the index of the frame, kept in the fit.
+    """
+    known = np.isfinite(coc.coc_px) & np.isfinite(coc.sigma_px)
+    use = known & ground.mask if (known & ground.mask).any() else known
+    if not use.any():
+        raise LensFitError("the CoC estimate holds no number at all; give --fit FILE.json")
+    values, sigma = coc.coc_px[use], coc.sigma_px[use]
+    confident = values[sigma <= np.quantile(sigma, 0.5)]
+    height, width = coc.coc_px.shape
+    return LensFit(
+        slope=0.0,
+        intercept=-float(np.median(confident)),
+        rmse_px=float(np.median(sigma)),
+        n=int(confident.size),
+        inlier_fraction=0.5,
+        width=width,
+        height=height,
+        frame=frame,
+        sign="assumed",
+        method="constant CoC: no usable fit, the plate's confident median",
+    )
 
 
 def _warning(fit: LensFit, ground: GroundProjection) -> str:

@@ -6,9 +6,10 @@ from hard.drawing import OTHER, OURS, heat, panels, plot
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import CocMap
+from nlens_video.graph.nodes.object_and_lens import constant_fit
 from nlens_video.scene import Camera
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
-from nlens_video.stages.r_regression import FitLens, constant_fit
+from nlens_video.stages.r_regression import FitLens
 
 ROWS, COLUMNS = 128, 240
 SLOPE, FOCUS = 30.0, 0.9
