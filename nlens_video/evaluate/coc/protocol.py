@@ -22,6 +22,7 @@ from nlens_video.evaluate.coc.conditions import (
     camera_at_size,
     guess_camera,
 )
+from nlens_video.evaluate.coc.stated import stated_figures, stated_table
 from nlens_video.evaluate.metrics import coc_figures, rms_within
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate
 from nlens_video.evaluate.plots import PlateErrors, error_by_coc, reliability
@@ -32,7 +33,6 @@ from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
 OURS = "ours (network)"
-UNSIGNED_PX = 1.0
 _SAMPLE_STEP = 4  # the network's own grid: finer samples would tell the plots nothing more
 
 Fit = Callable[[CocMap, GroundProjection], LensFit]
@@ -93,7 +93,7 @@ class CocProtocol:
         taken = Column("time_ms", "time, ms", 0, "median")
         self.ablations = _object_table("ablations", "Ways to fit the lens (stage R)", taken)
         self.conditions = _conditions_table()
-        self.stated = _stated_table()
+        self.stated = stated_table()
         self.errors: list[PlateErrors] = []
 
     @property
@@ -170,6 +170,7 @@ class CocProtocol:
             camera = camera_at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
             ground = project_to_ground(plate.triangles, camera, plate.ground_y)
             fit = _attempt(_shipped(camera), coc, ground)
+            fit = fit and fit.for_width(width, height)
             scale = np.float32(width / coc.coc_px.shape[1])  # to the plate's pixels
             coc_px, sigma_px = (
                 scale * cv2.resize(values, (width, height)) for values in (coc.coc_px, coc.sigma_px)
@@ -179,10 +180,10 @@ class CocProtocol:
                 "rmse_px": whole["rmse_px"],
                 "confident_rmse_px": whole["confident_rmse_px"],
                 "footprint_rmse_px": rms_within(coc_px, truth, footprint),
-                "object_rms_px": object_rms(plate, fit and fit.for_width(width, height)),
+                "object_rms_px": object_rms(plate, fit),
             }
             self.conditions.add(name, plate.name, figures)
-            self.stated.add(name, plate.name, _stated(plate, fit and fit.for_width(width, height)))
+            self.stated.add(name, plate.name, stated_figures(plate, fit))
 
     def _measure_cameras(self, plate: Plate, coc: CocMap) -> None:
         for ratio in YFOV_RATIOS:
@@ -221,45 +222,6 @@ def object_rms(plate: Plate, fit: LensFit | None, depth: Float64 | None = None) 
     known = np.where(plate.solid, plate.object_depth if depth is None else depth, 1.0)
     coc = fit.coc_px(np.asarray(1.0 / known, dtype=np.float32))
     return rms_within(coc, plate.object_coc_px, plate.solid)
-
-
-def _stated(plate: Plate, fit: LensFit | None) -> dict[str, float]:
-    """What a fit says of its own errors against the truth, shares in percent."""
-    if fit is None:
-        return {}
-    disparity = 1.0 / plate.object_depth[plate.solid].astype(np.float64)
-    true_px = float(np.median(plate.object_coc_px[plate.solid]))
-    middle = float(np.median(disparity))
-    found_px, stated_px = fit.slope * middle + fit.intercept, float(fit.coc_stderr_px(middle))
-    off = abs(found_px - true_px) / max(stated_px, 1e-9)
-    resolved = fit.sign == "resolved"
-    wrong = resolved and found_px * true_px < 0.0 and abs(true_px) > UNSIGNED_PX
-    return {
-        "stated_px": stated_px,
-        "within_one_percent": 100.0 * (off <= 1.0),
-        "within_two_percent": 100.0 * (off <= 2.0),
-        "resolved_percent": 100.0 * resolved,
-        "wrong_percent": 100.0 * wrong,
-    }
-
-
-def _stated_table() -> Table:
-    return Table(
-        name="stated",
-        title="The fit's own account of its errors",
-        columns=(
-            Column("stated_px", "stated error of the object's CoC, px"),
-            Column("within_one_percent", "within one, % of plates", 0),
-            Column("within_two_percent", "within two, % of plates", 0),
-            Column("resolved_percent", "sign resolved, % of plates", 0),
-            Column("wrong_percent", "resolved but wrong, % of plates", 0),
-        ),
-        detail="stated_px",
-        notes=(
-            "Of the CoC in the middle of the object's depths. A true CoC below "
-            f"{UNSIGNED_PX:g} px counts as of either sign.",
-        ),
-    )
 
 
 def _methods_table() -> Table:
