@@ -51,6 +51,29 @@ def test_known_lens_makes_a_fit_more_certain(tmp_path):
     )
 
 
+@pytest.mark.slow
+def test_ground_of_fine_grain_is_said_to_leave_the_lens_open(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    grain = 128.0 + 25.0 * rng.standard_normal((shots.HEIGHT, shots.WIDTH, 1))
+    sand = np.repeat(np.clip(grain, 0, 255), 3, axis=2).astype(np.uint8)
+    code, fit = fitted(tmp_path, sand)
+    said = capsys.readouterr()
+    assert code == 0 and fit.sign == "ambiguous" and not fit.depends_on_depth
+    assert "the ground reads about alike at all depths" in said.out + said.err
+    assert fit.object_disparity > 0.0
+    assert fit.coc_stderr_px(fit.object_disparity) > 1.0
+
+
+@pytest.mark.slow
+def test_preference_chooses_the_lens_that_the_file_holds_as_the_other(tmp_path):
+    rgb = shots.plate(slope=0.0, intercept=-5.0)
+    lenses = {p: fitted(tmp_path, rgb, "--prefer", p)[1] for p in ("near", "far")}
+    near, far = (lens.slope * lens.object_disparity + lens.intercept for lens in lenses.values())
+    assert near < 0.0 < far
+    assert {lens.sign for lens in lenses.values()} == {"assumed"}
+    assert lenses["near"].other == pytest.approx((lenses["far"].slope, lenses["far"].intercept))
+
+
 def test_lens_that_is_none_ends_with_one_line(tmp_path, capsys):
     assert fitted(tmp_path, shots.grey(), "--lens", "50mm f2.8")[0] == 2
     (line,) = capsys.readouterr().err.strip().splitlines()[-1:]

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from nlens_video.scene.illumination import Illumination
     from nlens_video.video.info import SourceFrame
 
+_SURE_SHARE = 0.5  # of the whole error: below it most is what the readings leave open
+
 
 class EstimateLight(Node):
     """The light around the object from the first frame, beside the file's lights."""
@@ -172,7 +174,12 @@ def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensF
 
 def _warning(fit: LensFit, ground: GroundProjection) -> str:
     """A warning about a fit that may be wrong, empty for a sound one."""
-    if fit.slope < 2 * fit.slope_stderr:
+    if not fit.depends_on_depth:
+        if fit.readings_share < _SURE_SHARE:
+            return (
+                "the ground reads about alike at all depths; noise, fine grain or a mirror may "
+                "hide its blur: look whether the object's fits, else give --lens or --prefer"
+            )
         return "the plate's blur hardly changes with depth, so the object's will not either"
     if fit.sign == "ambiguous":
         unclear = "the plate does not show whether the ground lies before or behind the focal plane"
