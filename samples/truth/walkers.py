@@ -23,6 +23,7 @@ import av
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from nlens_video.core.color import transfer
 from nlens_video.evaluate.bench.glb_writer import GlbWriter
@@ -34,31 +35,55 @@ WIDTH, HEIGHT, RATE = 640, 360, 25
 _CODED = transfer("iec61966-2-1").to_coded
 _LINEAR = transfer("iec61966-2-1").to_linear
 KINDS = ("before", "behind", "past", "before", "behind", "both", "past")
-_FOCAL, _EYE = WIDTH / 2 / math.tan(math.radians(30)), 1.6
-_PITCH, _WALL = math.radians(12), 14.0
+FOCAL, _EYE = WIDTH / 2 / math.tan(math.radians(30)), 1.6
+_PITCH, WALL = math.radians(12), 14.0
 _FINE = 2  # samples of a pixel, each way
 _SMEAR = np.array([-0.25, -0.08, 0.08, 0.25])  # moments of the open shutter [frame]
 
 
-def project(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A camera: where it stands [m], how far it turns right, looks down and leans right [rad]."""
+
+    eye: tuple[float, float, float] = (0.0, _EYE, 0.0)
+    yaw: float = 0.0
+    pitch: float = _PITCH
+    roll: float = 0.0
+
+    @property
+    def axes(self) -> npt.NDArray[np.float64]:
+        """Its directions right, up and ahead (3, 3), as rows; x right, y up, z away."""
+        sine, cosine = math.sin(self.yaw), math.cos(self.yaw)
+        down, level = math.sin(self.pitch), math.cos(self.pitch)
+        right = np.array([cosine, 0.0, -sine])
+        up = np.array([sine * down, level, cosine * down])
+        ahead = np.array([sine * level, -down, cosine * level])
+        across, along = math.cos(self.roll), math.sin(self.roll)
+        return np.stack([across * right - along * up, across * up + along * right, ahead])
+
+    def seen(self, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Points (n, 3) by those directions (n, 3) [m]."""
+        return np.asarray((np.asarray(points, float) - self.eye) @ self.axes.T)
+
+    def depth(self, x: float, y: float, z: float) -> float:
+        """Depth of a point along the optical axis [m]."""
+        return float(self.seen([(x, y, z)])[0, 2])
+
+
+STILL = Pose()
+
+
+def project(points: npt.ArrayLike, pose: Pose) -> npt.NDArray[np.float64]:
     """Columns and rows (n, 2) of points (n, 3): x right, y up, z away from the camera [m]."""
-    x, y, z = np.asarray(points, float).T
-    up = y - _EYE
-    depth = z * math.cos(_PITCH) - up * math.sin(_PITCH)
-    rise = up * math.cos(_PITCH) + z * math.sin(_PITCH)
-    return np.stack([WIDTH / 2 + _FOCAL * x / depth, HEIGHT / 2 - _FOCAL * rise / depth], axis=1)
+    x, y, depth = pose.seen(points).T
+    return np.stack([WIDTH / 2 + FOCAL * x / depth, HEIGHT / 2 - FOCAL * y / depth], axis=1)
 
 
-def axis_depth(y: float, z: float) -> float:
-    """Depth along the optical axis [m]."""
-    return z * math.cos(_PITCH) - (y - _EYE) * math.sin(_PITCH)
-
-
-def warped(card: Array, corners: npt.ArrayLike) -> Array:
+def warped(card: Array, corners: npt.ArrayLike, pose: Pose) -> Array:
     """A card (h, w, c) with its corners (4, 3) in the world, as a pinhole sees it (H, W, c)."""
     height, width = card.shape[:2]
     flat = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
-    seen = project(corners).astype(np.float32) * _FINE
+    seen = project(corners, pose).astype(np.float32) * _FINE
     matrix = cv2.getPerspectiveTransform(flat, seen)
     fine = cv2.warpPerspective(card, matrix, (WIDTH * _FINE, HEIGHT * _FINE))
     return np.asarray(cv2.resize(fine, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA), np.float32)
@@ -104,6 +129,20 @@ class Walker:
         return x, z
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """What a camera sees without the walkers.
+
+    The scene behind the lens (H, W, 3); the object's card, premultiplied (H, W, 4), its depth [m],
+    and the card behind the lens.
+    """
+
+    ground: Array
+    card: Array
+    depth: float
+    blurred: Array
+
+
 class Clip:
     """A clip of a seed: what stands and walks where, and the lens."""
 
@@ -121,13 +160,25 @@ class Clip:
         self.walkers = [self._walker(kind) for kind in (
             ("before", "behind") if self.kind == "both" else (self.kind,)
         )]  # fmt: skip
-        self.ground = self._background()
-        card = draw_object(draw)
+        self.floor, self.wall = _texture(draw, (1800, 2400)), _texture(draw, (600, 2400))
+        self.card = draw_object(draw)
+        self.still = self.view(STILL)
+
+    def pose(self, index: float) -> Pose:
+        """The camera of a frame."""
+        return STILL
+
+    def seen(self, index: int) -> View:
+        """What a frame shows without the walkers."""
+        return self.still
+
+    def view(self, pose: Pose) -> View:
+        """What a camera sees without the walkers."""
         width, height = OBJECT_SIZE
         x, z = self.place
-        self.object = warped(card, _standing(x, z, width, height))
-        self.object_depth = axis_depth(height / 2, z)
-        self.object_seen = blurred(self.object, self.coc(self.object_depth))
+        card = warped(self.card, _standing(x, z, width, height), pose)
+        depth = pose.depth(x, height / 2, z)
+        return View(self._background(pose), card, depth, blurred(card, self.coc(depth)))
 
     def coc(self, depth: float) -> float:
         """Signed circle of confusion of a depth [px]."""
@@ -143,21 +194,24 @@ class Clip:
         times = float(draw.uniform(0.02, 0.15)) * length, float(draw.uniform(0.8, 0.97)) * length
         return Walker(Look.drawn(draw), (x - side * reach, start), (x + side * reach, end), times)
 
-    def _background(self) -> Array:
-        """The still scene in focus by depth, in linear light (H, W, 3)."""
-        draw = self.draw
-        floor = _texture(draw, (1800, 2400))
-        wall = _texture(draw, (600, 2400))
-        far = [(-12, 0, _WALL), (12, 0, _WALL), (12, 0, 2.2), (-12, 0, 2.2)]
-        ground = warped(floor, far)
-        upright = warped(wall, [(-12, 6, _WALL), (12, 6, _WALL), (12, 0, _WALL), (-12, 0, _WALL)])
+    def sharp(self, pose: Pose) -> tuple[Array, Array]:
+        """The scene of a still camera without its lens, in linear light (H, W, 3); its depth."""
+        far = [(-12, 0, WALL), (12, 0, WALL), (12, 0, 2.2), (-12, 0, 2.2)]
+        ground = warped(self.floor, far, pose)
+        upright = [(-12, 6, WALL), (12, 6, WALL), (12, 0, WALL), (-12, 0, WALL)]
         _, rows = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT) + 0.5)
-        foot = project([(0, 0, _WALL)])[0, 1]
-        picture = np.where((rows < foot)[..., None], upright, ground)
-        down = _PITCH + np.arctan((rows - HEIGHT / 2) / _FOCAL)
+        foot = project([(0, 0, WALL)], pose)[0, 1]
+        above = warped(self.wall, upright, pose)
+        picture = np.where((rows < foot)[..., None], above, ground)
+        down = _PITCH + np.arctan((rows - HEIGHT / 2) / FOCAL)
         along = _EYE / np.maximum(np.tan(down), 1e-3)
-        z = np.where(rows < foot, _WALL, along)
+        z = np.where(rows < foot, WALL, along)
         depth = z * math.cos(_PITCH) + np.where(rows < foot, 0, _EYE) * math.sin(_PITCH)
+        return picture, np.asarray(depth, np.float32)
+
+    def _background(self, pose: Pose) -> Array:
+        """The still scene in focus by depth, in linear light (H, W, 3)."""
+        picture, depth = self.sharp(pose)
         coc = np.abs(self.infinity * (self.focus / depth - 1))
         levels = np.arange(0.0, coc.max() + 1.0, 0.75)
         stack = [blurred(picture, level) for level in levels]
@@ -169,32 +223,36 @@ class Clip:
 
     def frame(self, index: int) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
         """Plate and composite (H, W, 3) in linear light, coverage before the object, order."""
-        plate = self.ground.copy()
+        pose, seen = self.pose(index), self.seen(index)
+        plate = seen.ground.copy()
         layers: list[tuple[float, Array]] = []
         facts = []
         for walker in self.walkers:
             if walker.at(index) is None:
                 continue
-            seen, shade, z = self._smeared(walker, index)
+            figure, shade, (x, z) = self._smeared(walker, index, pose)
             plate *= 1 - self.shade * shade
-            depth = axis_depth(0.9, z)
-            layer = blurred(seen, self.coc(depth))
+            layer = blurred(figure, self.coc(pose.depth(x, 0.9, z)))
             layers.append((z, layer))
-            meets = float((layer[..., 3] * self.object_seen[..., 3]).sum())
+            if walker.start == walker.end:  # it only stands there
+                continue
+            meets = float((layer[..., 3] * seen.blurred[..., 3]).sum())
             facts.append({"before": z < self.place[1], "depth_m": z, "meets_px": meets})
         composite = plate.copy()
         in_front = np.zeros((HEIGHT, WIDTH), np.float32)
-        objects = [*layers, (self.place[1], self.object_seen)]
+        objects = [*layers, (self.place[1], seen.blurred)]
         for z, layer in sorted(objects, key=lambda one: -one[0]):
             composite = over(layer, composite)
-            if layer is not self.object_seen:
+            if layer is not seen.blurred:
                 plate = over(layer, plate)
             if z < self.place[1]:
                 in_front = 1 - (1 - in_front) * (1 - layer[..., 3])
         gain = 1 + self.drift * math.sin(math.pi * index / self.frames)
         return plate * np.float32(gain), composite * np.float32(gain), in_front, facts
 
-    def _smeared(self, walker: Walker, index: int) -> tuple[Array, Array, float]:
+    def _smeared(
+        self, walker: Walker, index: int, pose: Pose
+    ) -> tuple[Array, Array, tuple[float, float]]:
         seen = np.zeros((HEIGHT, WIDTH, 4), np.float32)
         shade = np.zeros((HEIGHT, WIDTH, 1), np.float32)
         places = [walker.at(index + moment) or walker.at(index) for moment in _SMEAR]
@@ -204,14 +262,15 @@ class Clip:
             stride = math.dist(walker.start, (x, z)) / 0.75
             card = draw_figure(look, stride, facing=np.sign(walker.end[0] - walker.start[0]))
             height, width = (length / PX_PER_M for length in card.shape[:2])
-            seen += warped(card, _standing(x, z, width, height)) / len(_SMEAR)
+            seen += warped(card, _standing(x, z, width, height), pose) / len(_SMEAR)
             lean_x, lean_z = self.sun[0] * height, self.sun[1] * height
             left, right = x - width / 2, x + width / 2
             fallen = [(left + lean_x, 0, z + lean_z), (right + lean_x, 0, z + lean_z),
                       (right, 0, z), (left, 0, z)]  # fmt: skip
-            cast = warped(np.ascontiguousarray(card[..., 3]), fallen)
+            cast = warped(np.ascontiguousarray(card[..., 3]), fallen, pose)
             shade[..., 0] += cv2.GaussianBlur(cast, (0, 0), 1.5) / len(_SMEAR)
-        return seen, shade, float(np.mean([place[1] for place in places if place]))
+        x, z = np.mean([place for place in places if place], axis=0)
+        return seen, shade, (float(x), float(z))
 
 
 def _standing(x: float, z: float, width: float, height: float) -> list[tuple[float, ...]]:
@@ -245,10 +304,6 @@ def write_clip(folder: Path, clip: Clip) -> None:
         (folder / name).mkdir(parents=True, exist_ok=True)
     facts: list[dict[str, Any]] = []
     made: list[tuple[npt.NDArray[np.float16], ...]] = []
-    card = clip.object
-    depth = np.where(card[..., 3] > 0, np.float32(clip.object_depth), np.float32(1e10))
-    channels = {name: np.ascontiguousarray(card[..., at]) for at, name in enumerate("RGBA")}
-    reach = (clip.object_seen[..., 3] > 1e-3).astype(np.uint8) * 255
     with av.open(str(folder / "bg.mp4"), "w") as container:
         stream: Any = container.add_stream("libx264", RATE, options={"crf": "20", "threads": "1"})
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
@@ -264,20 +319,29 @@ def write_clip(folder: Path, clip: Clip) -> None:
             container.mux(stream.encode(frame))
             made.append(tuple(one.astype(np.float16) for one in (plate, composite, in_front)))
             cv2.imwrite(str(folder / f"front/{index:04d}.png"), np.uint8(255 * in_front + 0.5))
-            write_layers(folder / f"object/{index:04d}.exr", {**channels, "Z": depth})
+            _write_layer(folder / f"object/{index:04d}.exr", clip.seen(index))
             facts.append({"focus_distance_m": clip.focus, "coc_at_infinity_px": clip.infinity,
                           "walkers": walkers})  # fmt: skip
         container.mux(stream.encode())
     for index, (seen, (plate, composite, in_front)) in enumerate(
         zip(_decoded(folder / "bg.mp4"), made, strict=True)
     ):
-        shown = 1 - clip.object_seen[..., 3:] * (1 - in_front[..., None].astype(np.float32))
+        covered = clip.seen(index).blurred[..., 3:]
+        reach = (covered[..., 0] > 1e-3).astype(np.uint8) * 255
+        shown = 1 - covered * (1 - in_front[..., None].astype(np.float32))
         light = composite + shown * (seen - plate)
         truth = np.uint8(255 * np.clip(_CODED(light), 0, 1) + 0.5)
         cv2.imwrite(str(folder / f"gt_patch/{index:04d}.png"), np.dstack([truth[..., ::-1], reach]))
     write_glb(folder / "object.glb", clip)
     described = {"resolution": [WIDTH, HEIGHT], "fps": RATE, "kind": clip.kind, "frames": facts}
     (folder / "params.json").write_text(json.dumps(described, indent=1))
+
+
+def _write_layer(path: Path, seen: View) -> None:
+    card = seen.card
+    depth = np.where(card[..., 3] > 0, np.float32(seen.depth), np.float32(1e10))
+    channels = {name: np.ascontiguousarray(card[..., at]) for at, name in enumerate("RGBA")}
+    write_layers(path, {**channels, "Z": depth})
 
 
 def _decoded(path: Path) -> Iterator[Array]:
@@ -302,14 +366,31 @@ def write_glb(path: Path, clip: Clip) -> None:
         "attributes": {"POSITION": writer.accessor(np.array(corners, np.float32))},
         "indices": writer.accessor(np.array(faces, np.uint32).ravel()),
     }]})  # fmt: skip
-    lens = {"yfov": 2 * math.atan(HEIGHT / 2 / _FOCAL), "znear": 0.1}
+    lens = {"yfov": 2 * math.atan(HEIGHT / 2 / FOCAL), "znear": 0.1}
     camera = writer.add("cameras", {"type": "perspective", "perspective": lens})
-    turn = [-math.sin(_PITCH / 2), 0.0, 0.0, math.cos(_PITCH / 2)]
-    nodes: list[dict[str, Any]] = [{"mesh": mesh}]
-    nodes.append({"camera": camera, "translation": [0, _EYE, 0], "rotation": turn})
-    for node in nodes:
-        writer.node(**node)
+    writer.node(mesh=mesh)
+    poses = [clip.pose(index) for index in range(clip.frames)]
+    eyes, turns = [_eye(one) for one in poses], [_turn(one) for one in poses]
+    node = writer.node(camera=camera, translation=eyes[0], rotation=turns[0])
+    if any(one != poses[0] for one in poses):
+        times = np.arange(clip.frames) / RATE
+        writer.animation(
+            (node, "translation", times, eyes, "LINEAR"),
+            (node, "rotation", times, turns, "LINEAR"),
+        )
     writer.write(path)
+
+
+def _eye(pose: Pose) -> list[float]:
+    """Its place in glTF's axes [m]."""
+    return [pose.eye[0], pose.eye[1], -pose.eye[2]]
+
+
+def _turn(pose: Pose) -> list[float]:
+    """Its direction in glTF's axes, as a quaternion."""
+    right, up, ahead = pose.axes * (1, 1, -1)
+    turn = Rotation.from_matrix(np.stack([right, up, -ahead], axis=1))
+    return [float(part) for part in turn.as_quat()]
 
 
 def main() -> None:

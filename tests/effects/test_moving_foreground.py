@@ -6,9 +6,10 @@ import pytest
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box, MovingMatte
-from nlens_video.effects.foreground.background import Reservoir, Survey, gain, middle, root
+from nlens_video.effects.foreground.background import Survey, gain, root
 from nlens_video.effects.foreground.looks import parted
 from nlens_video.effects.foreground.matte import soft_matte
+from nlens_video.effects.foreground.reservoir import Reservoir, middle
 from nlens_video.effects.foreground.things import Seen, find_things, things_mask
 from nlens_video.effects.foreground.tracks import Tracks
 from nlens_video.effects.occlusion import moving_mattes
@@ -70,7 +71,7 @@ def test_a_reservoir_keeps_evenly_spaced_pictures_and_no_more_than_allowed():
 def test_a_survey_tells_where_a_card_passes_and_where_nothing_moves():
     survey = Survey(SHAPE[::-1])
     for index in range(28):
-        survey.add(ArrayPicture(np.square(shot(index, scene())), "rgb", LINEAR))
+        survey.add(shot(index, scene()))
     found = survey.result()
     assert found.moves(Box(80, 40, 110, 80)) and not found.moves(Box(0, 104, 200, 120))
     assert found.certainty(Box(80, 40, 110, 80)) == 1.0

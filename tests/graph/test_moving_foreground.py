@@ -1,9 +1,16 @@
 """Whether a shot calls for occlusion by what moves in it, and which way the order falls."""
 
+import math
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support import shots
 
+from nlens_video.cameras.placed import in_solved_world
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.core.layers import Box
 from nlens_video.graph.base.view import View
 from nlens_video.graph.moving_foreground import find_moving_foreground
@@ -147,3 +154,81 @@ def test_what_has_no_steady_outline_is_given_up_before_the_shot_is_read_through(
     moving, finding = find_moving_foreground(read_again(jumping, passes), scene, view, 0.0)
     assert moving is None and "steady outline" in finding.reason
     assert passes[0][0] == 96 and passes[1][0] < 60
+
+
+def turned(index):
+    """World to camera (3, 3) of a frame of a camera that turns by 0.6 degrees each frame."""
+    yaw = math.radians(0.6 * (0.5 * FRAMES - index))
+    return shots.camera_pose()[:3, :3].T @ Rotation.from_euler("Y", -yaw).as_matrix()
+
+
+def view_of_a_turning_camera(eyes=None):
+    """The frames' cameras as they were solved; `eyes` are where the camera stands."""
+    fov = math.degrees(2 * math.atan(shots.WIDTH / shots.HEIGHT * math.tan(0.5 * shots.YFOV)))
+    keys = []
+    for index in range(FRAMES):
+        pose = np.eye(4)
+        pose[:3, :3] = turned(index)
+        eye = shots.camera_pose()[:3, 3] if eyes is None else eyes[index]
+        pose[:3, 3] = -pose[:3, :3] @ eye
+        keys.append(CameraKey(index=index, pts_s=index / 25, world_to_camera=pose, fov_x_deg=fov))
+    solved = SolvedCamera(
+        width=shots.WIDTH, height=shots.HEIGHT, keys=tuple(keys), path="rotation", fov="measured"
+    )
+    view = View(width=shots.WIDTH, height=shots.HEIGHT, solved=solved)
+    return replace(view, cameras=in_solved_world(solved))
+
+
+def seen_turned(picture, index):
+    """A picture of the still camera, twice as wide, as a frame of the turning one shows it."""
+    view = shots.camera()
+    lens = np.array([[view.fx, 0, -view.cx], [0, -view.fy, -view.cy], [0, 0, -1]])
+    wide = np.array([[1, 0, shots.WIDTH / 2], [0, 1, 0], [0, 0, 1]]) @ lens
+    turn = turned(index) @ shots.camera_pose()[:3, :3]
+    matrix = lens @ turn @ np.linalg.inv(wide)
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    size = shots.WIDTH, shots.HEIGHT
+    return cv2.warpPerspective(
+        picture, np.linalg.inv(half) @ matrix @ half, size, flags=cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REFLECT_101,
+    )  # fmt: skip
+
+
+def turning_shot(depth):
+    """Frames of a camera that turns, and where a card is that walks through its picture."""
+    half = shots.plate()
+    plate = np.hstack([half[:, ::-1][:, shots.WIDTH // 2 :], half, half[:, : shots.WIDTH // 2]])
+    for index in range(FRAMES):
+        wide, where = plate.copy(), np.zeros(plate.shape[:2], np.float32)
+        foot, left = round(row_of(depth)), shots.WIDTH // 2 + 10 + 19 * index
+        wide[max(0, foot - 150) : foot, left : left + 40] = (200, 30, 40)
+        where[max(0, foot - 150) : foot, left : left + 40] = 1.0
+        grain = np.random.default_rng(index).normal(0, 1, half.shape)
+        codes = np.clip(seen_turned(wide, index) + grain, 0, 255).astype(np.uint8)
+        frame = SourceFrame(index=index, time_s=index / 25, picture=ArrayPicture(codes, "rgb"))
+        yield frame, seen_turned(where, index)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("depth", "before"), [(1.9, True), (2.6, False)])
+def test_the_order_with_what_walks_past_holds_while_the_camera_turns(scene, depth, before):
+    frames = list(turning_shot(depth))
+    again = read_again(lambda: (frame for frame, _ in frames))
+    moving, finding = find_moving_foreground(again, scene, view_of_a_turning_camera(), 0.0)
+    assert finding.wanted and finding.certainty > 0.9
+    whole = Box(0, 0, shots.WIDTH, shots.HEIGHT)
+    for index in (9, 11, 13):
+        frame, where = frames[index]
+        got = moving.on_frame(index).matte(frame.picture, whole, None)
+        middle = (where > 0.99)[got.box.slices_in(whole)]
+        off = np.abs(got.coverage - where[got.box.slices_in(whole)])
+        assert off.sum() < 0.05 * middle.sum()
+        assert (got.before[middle] > 0.5).mean() == float(before)
+
+
+def test_a_camera_that_travels_calls_for_nothing(scene):
+    frames = [frame for frame, _ in turning_shot(1.9)]
+    eyes = [np.array([0.01 * index, shots.EYE_HEIGHT, 0.0]) for index in range(FRAMES)]
+    view = view_of_a_turning_camera(eyes)
+    moving, finding = find_moving_foreground(read_again(lambda: frames), scene, view, 0.0)
+    assert moving is None and "travels" in finding.reason

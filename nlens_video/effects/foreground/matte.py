@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Float32
-from nlens_video.effects.foreground.background import MOVED, root
+from nlens_video.effects.foreground.background import root
+from nlens_video.effects.foreground.reservoir import MOVED
 from nlens_video.effects.occlusion import inpainted
 
 _TRUST = 60.0  # of the coarse mask, in variances of light by which F and B must differ

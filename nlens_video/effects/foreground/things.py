@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32
-from nlens_video.effects.foreground.background import MOVED, gain
+from nlens_video.effects.foreground.reservoir import MOVED
 
 _LOW = 0.5  # of the change that makes a thing, for the rest of it
 _LEAST_AREA = 3e-4  # of the frame
@@ -177,8 +177,3 @@ def _foot(region: Region) -> tuple[float, float]:
     lowest = part[max(0, last - 2) : last + 1].any(axis=0)
     column = float(np.flatnonzero(lowest).mean()) if lowest.any() else 0.5 * box.width
     return box.x0 + column + 0.5, float(box.y0 + last)  # the mask reaches a pixel too far
-
-
-def normalised(roots: Float32, background: Float32) -> Float32:
-    """A picture (h, w, 3) in the background's exposure."""
-    return np.asarray(roots / gain(roots, background), np.float32)
