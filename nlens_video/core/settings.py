@@ -154,11 +154,14 @@ class RealSettings:
             that is certain; `auto` falls back to the plate's CoC; `none` does neither.
         reflectance: share of the light that the ground mirrors seen from straight above, 0 to 1;
             None for 0, or `REFLECTANCE` where `effects` names the reflection [1].
+        found: what another run of the shot has found in front of it, so that this one need not
+            look; a file of `foreground_pass`.
     """
 
     holdout: str | None = None
     occlusion: Occlusion = "moving"
     reflectance: float | None = None
+    found: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

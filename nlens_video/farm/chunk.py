@@ -13,10 +13,11 @@ from pathlib import Path
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.core.version import VERSION
-from nlens_video.farm.store import NAME_A_FOLDER, Folder
+from nlens_video.farm.store import NAME_A_FOLDER, Folder, Store
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
 from nlens_video.render.select import renderer_name
+from nlens_video.run.foreground_pass import foreground_pass
 from nlens_video.run.render import OnProgress, RunResult, render
 from nlens_video.video.atomic_files import make_folder
 from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
@@ -65,11 +66,15 @@ def render_chunk(settings: Settings, folder: Path, on_progress: OnProgress) -> C
         )
     mark = mark_of(settings)
     path = folder / mark.file_name
-    if Folder(folder).has(mark.file_name):
+    store = Folder(folder)
+    if store.has(mark.file_name):
         return Chunk(path=path, result=None)
     feed = ChunkFeed((mark,))
     feed.end()
-    result = write_chunks(settings, feed, folder, on_progress)
+    make_folder(folder, NAME_A_FOLDER)
+    look_once(settings, store, mark.key)
+    known = with_stored_look(settings, store, mark.key)
+    result = write_chunks(known, feed, folder, on_progress)
     return Chunk(path=path, result=replace(result, output=str(path)))
 
 
@@ -89,6 +94,37 @@ def mark_of(settings: Settings) -> ChunkMark:
         )
     first, end = settings.source.frames
     return ChunkMark(key=job_key(settings), plate=plate_key(settings.source), first=first, end=end)
+
+
+def look_once(settings: Settings, store: Store, key: str) -> None:
+    """Look for what moves in front of the object, unless the store has what was found.
+
+    Args:
+        settings: the run.
+        store: of the chunks.
+        key: of the chunks.
+
+    Raises:
+        NlensError: as `run.render` and `Store.put`.
+    """
+    name = _look_name(key)
+    whole = replace(settings, source=replace(settings.source, frames=(0, None)))
+    if not store.has(name) and foreground_pass(whole, store.local / name):
+        store.put(name)
+
+
+def with_stored_look(settings: Settings, store: Store, key: str) -> Settings:
+    """The run with what was found in front of the object; unchanged where nobody looked."""
+    name = _look_name(key)
+    if not store.has(name):
+        return settings
+    scene = settings.scene
+    real = replace(scene.real, found=store.fetch(name))
+    return replace(settings, scene=replace(scene, real=real))
+
+
+def _look_name(key: str) -> str:
+    return f"front-{key}.npz"
 
 
 def write_chunks(
@@ -115,13 +151,16 @@ def job_key(settings: Settings) -> str:
     """Key of a result's pictures: plate, object, settings, lens, weights and version.
 
     Args:
-        settings: the run; output, range and sidecar outputs are not part of the key.
+        settings: the run; output, range, sidecar outputs and what is known of its frames
+            beforehand are not part of the key.
 
     Raises:
         InputError: a file that it names cannot be read.
     """
+    scene = settings.scene
     bare = replace(
         settings,
+        scene=replace(scene, real=replace(scene.real, found=None)),
         source=replace(settings.source, frames=(0, None)),
         output=None, budget_ms=1.0, save_fit=None, report=None, aov=None, timings=None,
     )  # fmt: skip

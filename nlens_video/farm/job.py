@@ -11,7 +11,7 @@ from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import EffectRequest
-from nlens_video.farm.chunk import mark_of, write_chunks
+from nlens_video.farm.chunk import look_once, mark_of, with_stored_look, write_chunks
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
 from nlens_video.run.open_run import frame_s, opened
@@ -74,13 +74,15 @@ def run_job(settings: Settings, folder: Path, chunk_s: float, on_progress: OnPro
         if missing:
             feed = ChunkFeed(missing, finished)
             feed.end()
-            write_chunks(with_stored_fit(settings, prepared.fit, store), feed, folder)
+            known = with_stored_fit(settings, prepared.fit, store)
+            known = with_stored_look(known, store, missing[0].key)
+            write_chunks(known, feed, folder)
         files = [folder / mark.file_name for mark in prepared.marks]
         return merge(settings.source, files, output)
 
 
 def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
-    """Fit the lens and divide the plate into chunks.
+    """Fit the lens, look for what moves in front of the object, and divide the plate into chunks.
 
     Args:
         settings: the run.
@@ -95,7 +97,9 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
         seconds = frame_s(plate.info) or 1 / 25
     fit = _found_fit(settings, store, counted.append)
     frames = counted[0] if counted else _count_frames(settings.source)
-    whole = mark_of(with_stored_fit(settings, fit, store))
+    known = with_stored_fit(settings, fit, store)
+    whole = mark_of(known)
+    look_once(known, store, whole.key)
     parts = ranges(frames, max(1, round(chunk_s / seconds)))
     marks = tuple(replace(whole, first=first, end=end) for first, end in parts)
     return Prepared(fit=fit, marks=marks, frames=frames, frame_s=seconds)
@@ -179,6 +183,7 @@ def absolute(settings: Settings) -> Settings:
         scene=replace(
             scene,
             glb=scene.glb.absolute(),
+            camera_from=_path(scene.camera_from),
             layers=None if scene.layers is None else _absolute_spec(scene.layers),
             light=replace(light, env=_path(light.env)),
             real=replace(

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 
 NAME_A_FOLDER = "name a folder for the chunks"
 """What to do where a folder for chunks cannot be made."""
-_FARM_FILES = re.compile(r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json)")
-"""Names of chunks and fits, and of their temporaries."""
+_FARM_FILES = re.compile(
+    r"\.?([0-9a-f]{16}-\d{8}-.*\.nut|fit-[0-9a-f]{16}.*\.json|front-[0-9a-f]{16}.*\.npz)"
+)
+"""Names of chunks, fits and what moves in front, and of their temporaries."""
 _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "adl", "oss", "oci", "memory"}
 """Protocols whose uploads are atomic; elsewhere files are renamed at the end."""
 

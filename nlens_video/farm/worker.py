@@ -11,7 +11,7 @@ from queue import SimpleQueue
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
-from nlens_video.farm.chunk import mark_of, write_chunks
+from nlens_video.farm.chunk import mark_of, with_stored_look, write_chunks
 from nlens_video.farm.job import Prepared, prepare, with_stored_fit
 from nlens_video.farm.merge import Merged, merge_arriving
 from nlens_video.farm.store import Store
@@ -119,6 +119,7 @@ class Worker:
         if not missing:
             return
         fitted = with_stored_fit(settings, fit, store)
+        fitted = with_stored_look(fitted, store, missing[0].key)
         if self._open is None or not self._open.accepts(fitted, store, missing[0]):
             self.close()
             own = mark_of(fitted)
@@ -144,6 +145,7 @@ class Worker:
         """
         self.close()
         fitted = with_stored_fit(settings, fit, store)
+        fitted = with_stored_look(fitted, store, mark_of(fitted).key)
         result = render(replace(fitted, track_focus="off"))
         return Merged(output=result.output, frames=frames, chunks=1, notes=result.notes)
 

@@ -7,6 +7,7 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.view import View
+from nlens_video.graph.foreground_file import read_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.scene.scene import Scene
 
@@ -29,7 +30,7 @@ def open_occlusion_source(
         The source, None where no option and nothing in the shot calls for one; and what was found.
 
     Raises:
-        InputError: the holdout cannot be read.
+        InputError: the holdout, or what was found before, cannot be read.
     """
     real = objects.real
     if real.holdout is not None:
@@ -42,7 +43,10 @@ def open_occlusion_source(
         return source, Finding(f"--holdout {reader.description}", wanted=True)
     finding = None
     if real.occlusion != "none" and again is not None:
-        moving, finding = find_moving_foreground(again, scene, view, objects.ground_y)
+        if real.found is not None:
+            moving, finding = read_foreground(real.found)
+        else:
+            moving, finding = find_moving_foreground(again, scene, view, objects.ground_y)
         if moving is not None and finding.wanted:
             return OcclusionSource(
                 "what moves before the shot's background",

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 
-_SHORT = 3000
-"""Most frames of a file that is read as a whole for a part of it."""
+_SHORT = 3000  # most frames of a file that is read as a whole for a part of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,23 +213,24 @@ def _assembled(
     def pictures() -> tuple[Picture, ...]:
         return run_in_thread(lambda: frames.peek(MOST_PICTURES if _may_wait(info) else 1))
 
-    plate = PlatePreview(pictures, settings.source.frames[0], _read_again(settings, info))
+    again = None if settings.output is None else read_again(settings.source, info)
+    plate = PlatePreview(pictures, settings.source.frames[0], again)
     return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
 
 
-def _read_again(settings: Settings, info: SourceInfo) -> ReadAgain | None:
-    """Reads the shot, None where it is no file or is not composited.
+def read_again(given: SourceSettings, info: SourceInfo) -> ReadAgain | None:
+    """Reads the shot, None where it is no file.
 
     All of it, whatever the range, so that a range equals the whole; of a long file up to the end of
     the range.
     """
-    spec, end = settings.source.spec, settings.source.frames[1]
-    if settings.output is None or not _may_wait(info) or not can_be_read_again(spec):
+    end = given.frames[1]
+    if not _may_wait(info) or not can_be_read_again(given.spec):
         return None
     last = end if (info.frame_count or 0) > _SHORT else None
 
     def again(*, sparse: bool = False) -> Iterator[SourceFrame]:
-        with opened(replace(settings.source, frames=(0, None))) as source:
+        with opened(replace(given, frames=(0, None))) as source:
             if sparse and isinstance(source, AvSource):
                 source.leave_out_unreferenced()
             for frame in takewhile(lambda frame: last is None or frame.index < last, source):

@@ -11,8 +11,10 @@ from support import shots
 
 from nlens_video.cameras.placed import in_solved_world
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
+from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
 from nlens_video.graph.base.view import View
+from nlens_video.graph.foreground_file import read_foreground, write_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.scene.scene import Scene
 from nlens_video.video.info import SourceFrame
@@ -211,15 +213,24 @@ def turning_shot(depth):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("depth", "before"), [(1.9, True), (2.6, False)])
-def test_the_order_with_what_walks_past_holds_while_the_camera_turns(scene, depth, before):
+def test_the_order_with_what_walks_past_holds_while_the_camera_turns(
+    scene, depth, before, tmp_path
+):
     frames = list(turning_shot(depth))
     again = read_again(lambda: (frame for frame, _ in frames))
     moving, finding = find_moving_foreground(again, scene, view_of_a_turning_camera(), 0.0)
     assert finding.wanted and finding.certainty > 0.9
     whole = Box(0, 0, shots.WIDTH, shots.HEIGHT)
+    file = tmp_path / "found.npz"
+    write_foreground(file, moving, finding)
+    told, also = read_foreground(file)
+    assert also == finding
     for index in (9, 11, 13):
         frame, where = frames[index]
         got = moving.on_frame(index).matte(frame.picture, whole, None)
+        again = told.on_frame(index).matte(frame.picture, whole, None)
+        for name in ("box", "coverage", "before", "background"):
+            assert np.array_equal(getattr(got, name), getattr(again, name))
         middle = (where > 0.99)[got.box.slices_in(whole)]
         off = np.abs(got.coverage - where[got.box.slices_in(whole)])
         assert off.sum() < 0.05 * middle.sum()
@@ -232,3 +243,18 @@ def test_a_camera_that_travels_calls_for_nothing(scene):
     view = view_of_a_turning_camera(eyes)
     moving, finding = find_moving_foreground(read_again(lambda: frames), scene, view, 0.0)
     assert moving is None and "travels" in finding.reason
+
+
+@pytest.mark.parametrize("content", [b"", b"PK nothing", None])
+def test_a_file_that_tells_nothing_is_refused(tmp_path, content):
+    file = tmp_path / "found.npz"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_foreground(file)
+
+
+def test_that_nothing_moves_is_kept_too(scene, tmp_path):
+    file = tmp_path / "found.npz"
+    write_foreground(file, *found(scene))
+    assert read_foreground(file) == found(scene)

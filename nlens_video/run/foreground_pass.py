@@ -1,0 +1,50 @@
+"""A look at what moves in front of the object, kept for all runs that render parts of a shot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nlens_video.core.settings import Settings
+from nlens_video.effects.planner import OCCLUSION, EffectRequest
+from nlens_video.graph.base.view import choose_camera
+from nlens_video.graph.foreground_file import write_foreground
+from nlens_video.graph.moving_foreground import find_moving_foreground
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.run.open_run import opened, read_again, view_of
+from nlens_video.scene.scene import Scene
+from nlens_video.video.atomic_files import replacing
+
+
+def foreground_pass(settings: Settings, path: Path) -> bool:
+    """Look for what moves in front of the object, and write what was found.
+
+    Args:
+        settings: of the run; the whole shot is looked at, whatever its range.
+        path: the file, for `RealSettings.found`.
+
+    Returns:
+        Whether there was anything to look for: a run does not look where it is told what is in
+        front, or simulates no occlusion, or its plate is no video or sequence.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    real = settings.scene.real
+    if real.holdout is not None or real.occlusion == "none":
+        return False
+    if OCCLUSION not in EffectRequest.parse(settings.effects).possible:
+        return False
+    if all(spec.type.effect != OCCLUSION for spec in load_pipeline(settings.preset).nodes):
+        return False
+    with opened(settings.source) as source:
+        info = source.info
+    again = read_again(settings.source, info)
+    if again is None:
+        return False
+    objects = settings.scene
+    scene = Scene.load(objects.glb, objects.playback, objects.scene)
+    view, _ = choose_camera(objects, scene, view_of(settings, info))
+    found, finding = find_moving_foreground(again, scene, view, objects.ground_y)
+    with replacing(path) as partial:
+        write_foreground(partial, found, finding)
+    return True
