@@ -117,7 +117,7 @@ def test_farm_through_a_url_equals_the_single_run_and_leaves_no_local_files(
     assert (merged.frames, merged.chunks) == (FRAMES, 3)
     shots.assert_same_frames(shots.read_planes(tmp_path / "out.mkv"), whole)
     files, folder = fsspec.core.url_to_fs(url)
-    assert len(files.ls(folder)) == 4  # three chunks and the fit
+    assert len(files.ls(folder)) == 5  # three chunks, the fit, and what moves in front
     assert not [path for path in own_temporaries.rglob("*.nut")]
 
 

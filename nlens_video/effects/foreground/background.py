@@ -88,8 +88,9 @@ class Survey:
             roots = roots / gain(roots, self._first)
             np.fmin(self._low, roots, out=self._low)
             np.fmax(self._high, roots, out=self._high)
-            new = np.isnan(self._first)
-            self._first[new] = roots[new]
+            new = np.isnan(self._first[..., 0])
+            if new.any():
+                self._first[new] = roots[new]
         self._reservoir.add(roots)
         self.pictures += 1
 

@@ -83,9 +83,10 @@ class Reservoir:
         """
         if self.takes_next and roots is not None:
             hidden = np.isnan(roots[..., 0])
-            codes = np.clip(np.nan_to_num(roots), 0.0, 4.0) * np.float32(_CODES)
-            kept = codes.astype(np.uint16)
-            if hidden.any():
+            partial = bool(hidden.any())
+            known = np.nan_to_num(roots) if partial else roots
+            kept = (np.clip(known, 0.0, 4.0) * np.float32(_CODES)).astype(np.uint16)
+            if partial:
                 kept[hidden] = _UNKNOWN
                 self._partial = True
             self._kept.append(kept)
