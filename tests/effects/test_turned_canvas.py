@@ -108,6 +108,16 @@ def test_the_box_of_the_object_is_found_on_the_canvas_and_back():
     assert np.isnan(canvas.part(picture(away), away, canvas.reached(box, view))).all()
 
 
+def test_a_camera_that_looks_straight_down_is_laid_as_it_looks():
+    view = camera(pitch=-0.5 * np.pi, eye=(OBJECT[0], 3.0, OBJECT[2]))
+    canvas = TurnedCanvas.towards(OBJECT, view)
+    back = canvas.from_part(
+        canvas.part(picture(view), view, Box(0, 0, *canvas.size)), Box(0, 0, *canvas.size), view,
+        Box(20, 20, 300, 160),
+    )  # fmt: skip
+    np.testing.assert_allclose(back, shown(view)[20:160, 20:300], atol=5e-3)
+
+
 def test_a_zoom_is_laid_too():
     wide, long = camera(), camera(yfov=0.5)
     canvas = TurnedCanvas.towards(OBJECT, wide)

@@ -22,6 +22,7 @@ from nlens_video.scene.camera import Camera
 _WIDER, _TALLER = 2.0, 1.5  # of a turned canvas, by the frame [1]
 _NOWHERE = -1e6  # a pixel that another camera does not see [px]
 _FOLDS = -1.0 / 3.0  # k1 r^2 from which on a lens shows what lies farther out farther in
+_BELOW = 1e-3  # of a distance, by which a point lies beside the one straight below
 _STEP = 8  # pixels between places whose position is worked out [px]
 _LEAST_DEPTH = 1e-6  # before a camera, of the distance of what it sees [1]
 
@@ -60,12 +61,14 @@ class TurnedCanvas:
         """
         pose = camera.world_from_camera.copy()
         away = point - pose[:3, 3]
-        back = -np.array([away[0], 0.0, away[2]]) / max(math.hypot(away[0], away[2]), 1e-9)
-        pitch = float(np.clip(pose[1, 2], -0.99, 0.99))  # sine of the angle by which it looks down
-        back = math.sqrt(1.0 - pitch * pitch) * back + np.array([0.0, pitch, 0.0])
-        right = np.cross([0.0, 1.0, 0.0], back)
-        right /= np.linalg.norm(right)
-        pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
+        level = math.hypot(away[0], away[2])
+        if level > _BELOW * float(np.linalg.norm(away)):  # else it has no direction to turn to
+            pitch = float(np.clip(pose[1, 2], -0.99, 0.99))  # sine of how far down it looks
+            flat: Float64 = -math.sqrt(1.0 - pitch * pitch) / level * away
+            back = np.array([flat[0], pitch, flat[2]])
+            right = np.cross([0.0, 1.0, 0.0], back)
+            right /= np.linalg.norm(right)
+            pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
         frame = camera.width, camera.height
         across, down = small_size(*frame)
         small = round(_WIDER * across), round(_TALLER * down)
