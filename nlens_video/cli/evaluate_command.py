@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.cli.solve_command import solve_camera
 from nlens_video.core.settings import SourceSettings
+from nlens_video.solve.shot import Cue
 
 
 def run_evaluate(args: Namespace) -> int:
@@ -35,8 +37,8 @@ def _cameras(args: Namespace) -> int:
     with TemporaryDirectory(prefix="nlens-video-camera-") as folder:
         output = Path(folder) / "camera.json"
 
-        def solve(plate: Path) -> SolvedCamera:
-            return solve_camera(SourceSettings(spec=str(plate)), output)
+        def solve(plate: Path, cues: Sequence[Cue]) -> SolvedCamera:
+            return solve_camera(SourceSettings(spec=str(plate)), output, cues=cues)
 
         evaluate_camera(args.folder, args.out, solve, as_json=args.json, quiet=args.quiet)
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.cameras.files import camera_bytes, check_camera_name
 from nlens_video.cameras.solved import SolvedCamera
@@ -41,7 +42,8 @@ from nlens_video.solve.free_place import free_place
 from nlens_video.solve.marker_fit import metric_camera
 from nlens_video.solve.markers import MarkerFinder
 from nlens_video.solve.person import scaled_by_person
-from nlens_video.solve.shot import ShotSolver
+from nlens_video.solve.person_box import find_person
+from nlens_video.solve.shot import CUES, Cue, ShotSolver
 from nlens_video.solve.tracks import luma_of
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.video.atomic_files import check_folder, make_folder, replacing
@@ -80,6 +82,7 @@ def solve_camera(
     *,
     report: Path | None = None,
     scale: ScaleSettings = UNKNOWN_SCALE,
+    cues: Sequence[Cue] = CUES,
 ) -> SolvedCamera:
     """Solve a plate's camera and write it.
 
@@ -91,6 +94,7 @@ def solve_camera(
         on_progress: called with the frames so far and in all.
         scale: what tells the scale.
         report: folder of a page that shows the camera on the plate, None for none; it exists.
+        cues: what may tell the attitude.
 
     Returns:
         The camera at the plate's size.
@@ -104,7 +108,7 @@ def solve_camera(
     check_camera_name(output)
     check_folder(output)
     pictures: EvenPick[PlatePicture] | None = None if report is None else EvenPick(_KEPT)
-    found = _solved(source, scale, fov_deg, every, on_progress, pictures)
+    found = _solved(source, scale, fov_deg, every, on_progress, pictures, cues)
     with replacing(output) as partial:
         partial.write_bytes(camera_bytes(found.camera, output))
     if report is not None and pictures is not None:
@@ -167,6 +171,7 @@ def _solved(
     every: int,
     on_progress: Callable[[int, int | None], None],
     pictures: EvenPick[PlatePicture] | None = None,
+    cues: Sequence[Cue] = CUES,
 ) -> _Solved:
     """Solve a plate's camera; `pictures` gets some frames of it."""
     start, end = source.frames
@@ -176,16 +181,18 @@ def _solved(
         size = round(info.width * shrink), max(1, round(info.height * shrink))
         markers = None if scale.marker_m is None else MarkerFinder()
         known, said = _known(info, fov_deg)
-        solver = ShotSolver(size=size, known=known, first=start, every=every)
+        solver = ShotSolver(size=size, known=known, first=start, every=every, lines="lines" in cues)
         frames: list[int] = []
         for frame in takewhile(lambda frame: end is None or frame.index < end, plate):
             signals.check()
             if frame.index < start:
                 continue
-            if not frames:
+            if not frames and "blur" in cues:
                 first = cv2.resize(frame.picture.srgb(), size, interpolation=cv2.INTER_AREA)
                 solver.coc = partial(_coc, np.asarray(first, np.float32))
             luma = luma_of(frame.picture, size)
+            if not frames:
+                scale = _with_box(scale, luma)
             solver.add(luma, frame.time_s)
             if markers is not None and not markers.full:
                 if info.width > size[0]:
@@ -219,8 +226,16 @@ def _in_metres(
     if markers is not None and scale.marker_m is not None:
         return metric_camera(camera, *markers.sightings(), side_m=scale.marker_m)
     if scale.person is not None and scale.person_m is not None:
-        return scaled_by_person(camera, scale.person, scale.person_m)
+        left, upper, right, lower = scale.person
+        return scaled_by_person(camera, (left, upper, right, lower), scale.person_m)
     return camera
+
+
+def _with_box(scale: ScaleSettings, luma: npt.NDArray[np.uint8]) -> ScaleSettings:
+    """The scale with the whole person where a point is given; `luma` is the first picture."""
+    if scale.person is None or len(scale.person) != 2:
+        return scale
+    return replace(scale, person=find_person(luma, (scale.person[0], scale.person[1])))
 
 
 def _findings(

@@ -71,8 +71,8 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--person-height", SOLVED, "H", read.length,
                "height of a person who stands on the ground, such as 1.75m",
                feeds="scale.person_m"),
-        Option("--person", SOLVED, "X0,Y0,X1,Y1", read.box,
-               "where the first frame shows that person, from head to feet",
+        Option("--person", SOLVED, "X,Y", read.person,
+               "a point on that person in the first frame, or X0,Y0,X1,Y1 from head to feet",
                feeds="scale.person"),
     ),
     "its light, beside the lights of its file": (

@@ -134,15 +134,18 @@ def length(text: str) -> float:
     return value
 
 
-def box(text: str) -> tuple[float, float, float, float]:
-    """X0,Y0,X1,Y1, fractions of the frame, with X0 < X1 and Y0 < Y1."""
+def person(text: str) -> tuple[float, ...]:
+    """X,Y in the frame, or X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1; fractions of the frame."""
     values = [_float(part) for part in text.split(",")]
+    if len(values) == 2 and all(0.0 <= value <= 1.0 for value in values):
+        return tuple(values)
     if len(values) == 4:
         left, upper, right, lower = values
         if -1.0 <= left < right <= 2.0 and -1.0 <= upper < lower <= 2.0:
             return left, upper, right, lower
     raise argparse.ArgumentTypeError(
-        f"{text!r} is not X0,Y0,X1,Y1 in fractions of the frame, such as 0.4,0.2,0.5,0.9"
+        f"{text!r} is not X,Y or X0,Y0,X1,Y1 in fractions of the frame, such as 0.45,0.5 or "
+        "0.4,0.2,0.5,0.9"
     )
 
 

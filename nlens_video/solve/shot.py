@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathKind, SolvedCamera
@@ -28,10 +28,13 @@ from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
-from nlens_video.solve.still.segments import Segments, find_segments
+from nlens_video.solve.still.segments import NO_SEGMENTS, Segments, find_segments
 from nlens_video.solve.still.vanishing import Horizon, Mixture
 from nlens_video.solve.tracks import Tracker
 
+Cue = Literal["lines", "blur"]
+"""What tells the attitude of a still camera, or of one that turns."""
+CUES: tuple[Cue, ...] = ("lines", "blur")
 EYE_HEIGHT = 1.6
 """Height of the first camera above the ground where no scale is known [scene unit]."""
 _FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
@@ -53,6 +56,7 @@ class ShotSolver:
         first: number of the first picture in the plate.
         every: keyframes lie at least this many frames apart, 0 for a number by the shot's length.
         coc: reads the blur of the first picture, which tells of the ground; None for lines alone.
+        lines: whether line segments tell the camera too; else the blur alone.
     """
 
     size: tuple[int, int]
@@ -60,6 +64,7 @@ class ShotSolver:
     first: int = 0
     every: int = 0
     coc: Callable[[], CocMap] | None = None
+    lines: bool = True
     _tracker: Tracker = field(default_factory=Tracker)
     _times: list[float] = field(default_factory=list)
     _lines: Segments | None = None
@@ -79,6 +84,8 @@ class ShotSolver:
     @property
     def segments(self) -> Segments:
         """Line segments of the first picture; of several's median where the camera is still."""
+        if not self.lines:
+            return NO_SEGMENTS
         if self._lines is None:
             pictures = list(self._pictures.values())[: 1 if self._tracker.moves else None]
             self._lines = find_segments(np.median(pictures, axis=0).astype(np.uint8))
@@ -202,7 +209,7 @@ class ShotSolver:
         horizon = Mixture(self.segments, self.size, CameraPrior(self._focal_prior(), blur)).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         return self._solved(
-            [0], [_pose(horizon)], [math.exp(horizon.log_focal)], errors, path="still",
+            [0], [horizon.pose(EYE_HEIGHT)], [math.exp(horizon.log_focal)], errors, path="still",
             method="vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
 
@@ -226,7 +233,7 @@ class ShotSolver:
         errors[2] = max(error, 1e-3)
         poses = []
         for pose in path.poses:
-            level = _pose(horizon)
+            level = horizon.pose(EYE_HEIGHT)
             level[:3, :3] = level[:3, :3] @ first.T @ pose[:3, :3]
             poses.append(level)
         return self._solved(
@@ -290,11 +297,3 @@ class ShotSolver:
             ),
             method=method,
         )  # fmt: skip
-
-
-def _pose(horizon: Horizon) -> Float64:
-    """World-from-camera matrix (4, 4) of a camera at eye height that looks along -Z."""
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("XZ", [horizon.pitch, horizon.roll]).as_matrix()
-    pose[1, 3] = EYE_HEIGHT
-    return pose

@@ -126,6 +126,7 @@ def test_height_in_metres_is_as_tall_as_a_person_of_that_height(files, tmp_path)
         (["--person-height", "1.75"], 2, "give both --person-height"),
         (["--person", "0.4,0.2,0.5,0.9"], 2, "give both --person-height"),
         (["--person-height", "1.75", "--person", "0.4,-0.9,0.5,-0.5"], 3, "horizon"),
+        (["--person-height", "1.75", "--person", "0.5,0.5"], 3, "no upright person is found"),
         (["--person-height", "1", "--person", "0.4,0.2,0.5,0.9", "--marker", "1m"], 2, "both"),
         (["--marker", "2ft"], 2, "is not a length"),
     ],

@@ -107,7 +107,7 @@ SCALE = {
     "marker": option("--marker", "0.2m", nonsense=LENGTHS, code=3),  # no plate here has one
     "person_height": option(*PERSON, nonsense=LENGTHS),
     "person": option(
-        *PERSON, nonsense=("", "0.5,0.8", "0.5,0.9,0.4,0.2", "40,20,50,90", "a,b,c,d")
+        *PERSON, nonsense=("", "0.5,1.8", "0.5,0.9,0.4,0.2", "40,20,50,90", "a,b,c,d")
     ),
 }
 SCALE_ELSEWHERE = {

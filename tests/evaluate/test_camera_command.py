@@ -46,6 +46,15 @@ def test_still_is_compared_with_its_camera(measured):
     assert noise["plate"] == "stills/one" and noise["all"] == pytest.approx(abs(one["pitch_error"]))
 
 
+def test_each_cue_is_solved_by_alone(measured):
+    rows = {r["name"]: r for r in measured.figures["cues"]["plates"]}
+    assert list(rows) == ["lines", "blur", "lines and blur"]
+    both = row(measured, "stills", "stills/one")
+    assert rows["lines and blur"]["all"] == pytest.approx(abs(both["pitch_error"]))
+    # The plate is a sharp photograph: its blur tells hardly anything of the ground.
+    assert rows["lines"]["all"] != rows["blur"]["all"]
+
+
 def test_object_is_measured_by_both_cameras(measured):
     rows = {r["name"]: r for r in measured.figures["objects"]["summary"]}
     assert set(rows) == {"by the solved camera", "by the true camera"}
@@ -54,8 +63,8 @@ def test_object_is_measured_by_both_cameras(measured):
 
 def test_tables_and_plots_are_written(measured):
     assert sorted(path.name for path in measured.out.iterdir()) == [
-        "areas.csv", "camera.md", "clips.csv", "errors.csv", "errors.png", "objects.csv",
-        "stated.png", "stills.csv",
+        "areas.csv", "camera.md", "clips.csv", "cues.csv", "errors.csv", "errors.png",
+        "objects.csv", "stated.png", "stills.csv",
     ]  # fmt: skip
     for name in ("errors.png", "stated.png"):
         plot = cv2.imread(str(measured.out / name))

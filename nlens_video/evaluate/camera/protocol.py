@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,13 +19,15 @@ from nlens_video.evaluate.camera.still import WIDTH_PX, coc_rms, subject_of
 from nlens_video.evaluate.camera.truth import STILL, Known, find_known
 from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
 from nlens_video.run.open_run import opened
+from nlens_video.solve.shot import CUES, Cue
 from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Solve = Callable[[Path], SolvedCamera]
-"""Solves the camera of a plate, as the command `solve` does; raises `InputError` if it cannot."""
+Solve = Callable[[Path, Sequence[Cue]], SolvedCamera]
+"""Solves the camera of a plate by some cues, as the command `solve` does by all of them; raises
+`InputError` if it cannot."""
 
 ROWS = {
     "pitch": "pitch [deg]", "roll": "roll [deg]", "fov": "field of view [deg]",
@@ -33,6 +35,8 @@ ROWS = {
 }  # fmt: skip
 AREAS = ("pitch", "roll", "yfov")
 AREAS_DEG = (1, 5, 10)
+CUES_DEG = 5
+ALONE: dict[str, tuple[Cue, ...]] = {"lines": ("lines",), "blur": ("blur",)}
 GOOD_PX = 1.0
 
 
@@ -86,13 +90,14 @@ class CameraProtocol:
         self._network = network
         self.stills, self._errors, self._areas = _stills_table(), _errors_table(), _areas_table()
         self._objects, self._clips = _objects_table(), _clips_table()
+        self._cues = _cues_table()
         self.angles: list[dict[str, AngleError]] = []
         self.refusals: list[str] = []
 
     @property
     def tables(self) -> tuple[Table, ...]:
         """All tables, in the order in which they are shown."""
-        return self._errors, self._areas, self._objects, self._clips, self.stills
+        return self._errors, self._areas, self._cues, self._objects, self._clips, self.stills
 
     @property
     def plots(self) -> dict[str, tuple[str, Callable[[], Figure]]]:
@@ -108,16 +113,31 @@ class CameraProtocol:
     def measure(self, known: Known) -> None:
         """Add a plate to the tables."""
         start, spent = time.perf_counter(), time.process_time()
-        try:
-            found = self._solve(known.plate)
-        except (InputError, UsageError) as error:
-            self.refusals.append(f"{known.name}: {error}")
-            found = None
+        found, refusal = self._found(known, CUES)
+        if refusal:
+            self.refusals.append(f"{known.name}: {refusal}")
         took = {"wall_s": time.perf_counter() - start, "cpu_s": time.process_time() - spent}
         if known.kind == STILL:
             self._add_still(known, found, took)
+            for row, cues in ALONE.items():
+                self._add_cues(row, known, self._found(known, cues)[0])
+            self._add_cues("lines and blur", known, found)
         else:
             self._add_clip(known, found, took)
+
+    def _found(self, known: Known, cues: Sequence[Cue]) -> tuple[SolvedCamera | None, str]:
+        """The camera by some cues, None and the reason where there is none."""
+        try:
+            return self._solve(known.plate, cues), ""
+        except (InputError, UsageError) as error:
+            return None, str(error)
+
+    def _add_cues(self, row: str, known: Known, found: SolvedCamera | None) -> None:
+        errors = {} if found is None else angle_errors(known.camera, found)
+        pitch, roll, share = (errors.get(key, UNSOLVED) for key in ("pitch", "roll", "fov_share"))
+        self._cues.add(row, known.name, pitch.summary() | {
+            "auc": pitch.area(CUES_DEG), "roll": abs(roll.error), "fov_share": abs(share.error),
+        })  # fmt: skip
 
     def _add_still(self, known: Known, found: SolvedCamera | None, took: dict[str, float]) -> None:
         figures = took | self._object_figures(known, found)
@@ -189,6 +209,26 @@ def _areas_table() -> Table:
             "for photographs of LaMAR, another set, so only of a kind: UVP, without weights: roll "
             "73 / 82 / 86, pitch 42 / 60 / 69, vertical field of view 16 / 31 / 44; GeoCalib, "
             "learned: 86 / 93 / 95, 55 / 77 / 86, 19 / 42 / 60.",
+        ),
+    )
+
+
+def _cues_table() -> Table:
+    return Table(
+        name="cues",
+        title="Still cameras: what each cue is worth",
+        columns=(
+            Column("measured", "horizon measured, %", 0),
+            Column("sure", "pitch where measured, median, deg", 2, "median"),
+            Column("all", "pitch of all, median, deg", 2, "median"),
+            Column("auc", f"pitch, AUC at {CUES_DEG} deg, %", 1),
+            Column("within", "pitch within one stated error, %", 0),
+            Column("roll", "roll of all, median, deg", 2, "median"),
+            Column("fov_share", "field of view of all, median, %", 1, "median"),
+        ),
+        notes=(
+            "The same plates, solved by line segments alone, by the blur of the ground alone, and "
+            "by both as the command `solve` does.",
         ),
     )
 

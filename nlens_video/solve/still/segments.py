@@ -43,6 +43,10 @@ class Segments:
         return np.asarray(np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1))
 
 
+NO_SEGMENTS = Segments(np.zeros((0, 2, 2)), np.zeros(0))
+"""Of a picture that shows none."""
+
+
 def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
     """Segments by LSD at three scales, each edge once, joined along lines.
 
@@ -69,7 +73,7 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
         ends.append(lines[long])
         scales.append(np.full(int(long.sum()), float(scale)))
     if not ends:
-        return Segments(np.zeros((0, 2, 2)), np.zeros(0))
+        return NO_SEGMENTS
     segments = _once(np.concatenate(ends), np.concatenate(scales))
     return _balanced(*join_segments(segments.ends, segments.error_px))
 

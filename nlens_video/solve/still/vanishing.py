@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.still.line_model import FAMILIES, LineModel
@@ -60,6 +61,13 @@ class Horizon:
     roll: float
     log_focal: float
     covariance: Float64
+
+    def pose(self, height: float) -> Float64:
+        """World-from-camera matrix (4, 4) of a camera at a height that looks along -Z."""
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("XZ", [self.pitch, self.roll]).as_matrix()
+        pose[1, 3] = height
+        return pose
 
 
 @dataclass(frozen=True, slots=True)
