@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from nlens_video.core.layers import Float64
-from nlens_video.solve.still.segments import Segments
+from nlens_video.solve.still.segments import Segments, pooled
 from nlens_video.solve.still.vanishing import Mixture
 
 _FOCALS = np.linspace(math.log(0.4), math.log(2.6), 16)
@@ -22,7 +22,8 @@ _NEAR = np.linspace(-0.25, 0.25, 13)
 _ROUGH = math.radians(1.5), math.radians(4.0)  # smoothing, and steps of azimuths
 _FINE = math.radians(0.5), math.radians(1.5)
 _AHEAD = 0.3  # cosine by which a turned segment lies before the camera
-_MOST = 400  # segments of several pictures
+MOST_POOLED = 400
+"""Segments of several pictures that are taken together."""
 _TEMPER = 0.5  # pictures of one scene are not independent
 
 
@@ -57,7 +58,7 @@ def focal_by_lines(
         focal: that focal length by the frame's width [1].
         prior: logarithm of the focal length and its standard error.
     """
-    whole = Mixture(pooled(pictures), size)
+    whole = Mixture(pooled(pictures, MOST_POOLED), size)
     values = whole.log_evidence(_cameras(normal, focal, _FOCALS), *_ROUGH)
     values = values - 0.5 * ((_FOCALS - prior[0]) / prior[1]) ** 2
     near = _FOCALS[int(np.argmax(values))] + _NEAR
@@ -90,14 +91,6 @@ def turned_segments(
     ahead = (depth > _AHEAD).all(axis=(1, 2))
     ends = middle + rays[ahead, :, :2] / depth[ahead] * (1.0, -1.0)
     return Segments(ends, segments.error_px[ahead] / depth[ahead].mean(axis=(1, 2)))
-
-
-def pooled(parts: list[Segments]) -> Segments:
-    """The longest segments of several pictures."""
-    ends = np.concatenate([one.ends for one in parts])
-    errors = np.concatenate([one.error_px for one in parts])
-    order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), kind="stable")[:_MOST]
-    return Segments(ends[order], errors[order])
 
 
 def product(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

@@ -15,9 +15,9 @@ from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathK
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import CocMap, Float64
 from nlens_video.solve.focal import (
+    MOST_POOLED,
     KnownFov,
     focal_by_lines,
-    pooled,
     product,
     turned_segments,
 )
@@ -28,7 +28,7 @@ from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
-from nlens_video.solve.still.segments import NO_SEGMENTS, Segments, find_segments
+from nlens_video.solve.still.segments import NO_SEGMENTS, Segments, find_segments, pooled
 from nlens_video.solve.still.vanishing import Horizon, Mixture
 from nlens_video.solve.tracks import Tracker
 
@@ -39,9 +39,9 @@ EYE_HEIGHT = 1.6
 """Height of the first camera above the ground where no scale is known [scene unit]."""
 _FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
 _STRAIGHT = math.radians(1.0)  # turn of a path whose pictures share their vanishing points
-_POOLED = 6  # pictures whose lines are pooled, at most
+_POOLED, _EVERY_OTHER = 6, 2  # pictures whose lines are pooled, at most; of a path's, for time
 _FOV_MEASURED = 0.08  # largest standard error of a focal length that counts as measured [1]
-_PITCH_MEASURED, _ROLL_MEASURED = math.radians(3.5), math.radians(1.5)
+_PITCH_MEASURED, _ROLL_MEASURED = math.radians(4.0), math.radians(1.5)
 _GROUND_ERROR_DEG = 0.5
 _FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
 
@@ -84,12 +84,10 @@ class ShotSolver:
     @property
     def segments(self) -> Segments:
         """Line segments of the first picture; of several's median where the camera is still."""
-        if not self.lines:
-            return NO_SEGMENTS
-        if self._lines is None:
+        if self._lines is None and self.lines:
             pictures = list(self._pictures.values())[: 1 if self._tracker.moves else None]
             self._lines = find_segments(np.median(pictures, axis=0).astype(np.uint8))
-        return self._lines
+        return self._lines or NO_SEGMENTS
 
     def add(self, luma: npt.NDArray[np.uint8], pts_s: float) -> None:
         """Take the next picture (H, W) and its time [s]."""
@@ -171,13 +169,14 @@ class ShotSolver:
             for frame in self._pictures
             if keyframes[0] <= frame <= keyframes[-1]
         }
-        if bundle_turn(path) > _STRAIGHT:
-            turned = dict(list(turned.items())[:1])  # turned segments depend on the focal length
+        # Turned segments depend on the focal length: a path that turns takes one picture.
+        taken = slice(1) if bundle_turn(path) > _STRAIGHT else slice(0, None, _EVERY_OTHER)
+        turned = dict(list(turned.items())[taken])
         if not turned:
             return path, error
         pictures = self._segments(turned, focal)
         if ground is None:
-            found = self._horizon(pooled(pictures), prior)
+            found = self._horizon(pooled(pictures, MOST_POOLED), prior)
             log, error = found.log_focal, math.sqrt(found.covariance[2, 2])
         else:
             normal = first[:3, :3].T @ ground[0]
@@ -228,7 +227,8 @@ class ShotSolver:
             (math.log(focal), max(error, 1e-3)), blur,
             turn_axis(np.array([first.T @ pose[:3, :3] for pose in path.poses])),
         )  # fmt: skip
-        horizon = Mixture(pooled(self._segments(turned, focal)), self.size, prior).solve()
+        lines = pooled(self._segments(turned, focal), MOST_POOLED)
+        horizon = Mixture(lines, self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         errors[2] = max(error, 1e-3)
         poses = []

@@ -7,7 +7,7 @@ import pytest
 from support.camera_paths import SIZE, focal_of, project, rotation
 
 from nlens_video.solve.still.prior import CameraPrior
-from nlens_video.solve.still.segments import Segments, find_segments
+from nlens_video.solve.still.segments import Segments, find_segments, pooled
 from nlens_video.solve.still.vanishing import Mixture
 
 FOV_DEG = 48.0
@@ -77,6 +77,21 @@ def test_errors_shrink_with_more_lines():
 
 def test_picture_without_an_edge_has_no_segment():
     assert len(find_segments(np.full((120, 200), 90, np.uint8)).ends) == 0
+
+
+def test_an_edge_that_several_pictures_show_counts_once():
+    """Pictures of one scene are not independent: what they share tells no more than one of them."""
+    rng = np.random.default_rng(8)
+    starts = np.array([[60.0, 50.0], [400.0, 90.0], [240.0, 300.0]])
+    ends = np.stack([starts, starts + [[150.0, 20.0], [-10.0, 120.0], [170.0, -60.0]]], axis=1)
+    one = Segments(ends, np.full(3, 0.35))
+    again = Segments(ends + rng.normal(0.0, 0.3, ends.shape), np.full(3, 0.35))
+    other = Segments(ends[:1] + [0.0, 40.0], np.full(1, 0.6))
+    assert len(pooled([one, again], 10).ends) == 3
+    found = pooled([one, again, other], 10)
+    assert len(found.ends) == 4 and sorted(found.error_px) == [0.35, 0.35, 0.35, 0.6]
+    assert (np.diff(found.lengths) <= 0).all()
+    assert len(pooled([one, other], 2).ends) == 2
 
 
 def test_lines_of_a_chequered_floor_run_across_its_tiles():

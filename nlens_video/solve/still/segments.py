@@ -6,6 +6,7 @@ of a chequered floor, which change side at each tile, become lines across the fl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -74,21 +75,39 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
         scales.append(np.full(int(long.sum()), float(scale)))
     if not ends:
         return NO_SEGMENTS
-    segments = _once(np.concatenate(ends), np.concatenate(scales))
-    return _balanced(*join_segments(segments.ends, segments.error_px))
+    return _joined(np.concatenate(ends), np.concatenate(scales))
 
 
-def _once(ends: Float64, scales: Float64) -> Segments:
-    """Drop segments that lie along a longer one."""
+def _joined(ends: Float64, scales: Float64) -> Segments:
+    """Each edge once, joined along lines; ends (N, 2, 2) [px] and the scales that they show at."""
+    kept = _once(ends, scales, _MOST)
+    return _balanced(*join_segments(ends[kept], _ERROR_PX * scales[kept] ** _BLURRED))
+
+
+def pooled(parts: Sequence[Segments], most: int) -> Segments:
+    """The longest segments of several pictures of one scene, each edge once.
+
+    Args:
+        parts: of the pictures, in the axes of one of them.
+        most: so many are kept.
+    """
+    ends = np.concatenate([one.ends for one in parts])
+    errors = np.concatenate([one.error_px for one in parts])
+    kept = _once(ends, (errors / _ERROR_PX) ** (1.0 / _BLURRED), most)
+    return Segments(ends[kept], errors[kept])
+
+
+def _once(ends: Float64, scales: Float64, most: int) -> list[int]:
+    """Which segments (N, 2, 2) do not lie along a longer one, longest first, at most so many."""
     vectors = ends[:, 1] - ends[:, 0]
     lengths = np.linalg.norm(vectors, axis=1)
     order = np.argsort(-lengths, kind="stable")
     ends, scales, lengths = ends[order], scales[order], lengths[order]
-    along = vectors[order] / lengths[:, None]
+    along = vectors[order] / np.maximum(lengths, 1e-9)[:, None]
     middles = ends.mean(axis=1)
     kept: list[int] = []
     for n in range(len(ends)):
-        if len(kept) == _MOST:
+        if len(kept) == most:
             break
         other = along[kept]
         offset = middles[n] - ends[kept, 0]
@@ -102,7 +121,7 @@ def _once(ends: Float64, scales: Float64) -> Segments:
         same &= apart < _SAME_PX + 1.5 * np.maximum(scales[n], scales[kept])
         if not same.any():
             kept.append(n)
-    return Segments(ends[kept], _ERROR_PX * scales[kept] ** _BLURRED)
+    return [int(one) for one in order[kept]]
 
 
 def _balanced(ends: Float64, error_px: Float64) -> Segments:

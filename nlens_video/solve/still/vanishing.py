@@ -43,7 +43,6 @@ _SAME_DIRECTION = math.radians(3.5)
 _SAME = 3e-3  # modes that are one [rad, 1]
 _LOWEST = 12.0  # below the highest mode: others hold nothing
 _SCALE = np.array([math.radians(3.0), math.radians(1.0), 0.15])  # errors that count half
-_INFLATION = 1.15  # of errors, fitted to plates with known cameras [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +125,7 @@ class Mixture:
         scale = np.maximum(_SCALE, np.sqrt(weights @ (cameras - middle) ** 2))
         best = nearest_to_all(np.array([*candidates, middle]), cameras, weights, scale)
         off = cameras - best
-        errors = _INFLATION * one_errors(off, weights)
+        errors = one_errors(off, weights)
         covariance = off.T @ (weights[:, None] * off)
         scale = errors / np.sqrt(np.diag(covariance))
         return Horizon(
