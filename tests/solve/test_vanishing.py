@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from support.camera_paths import SIZE, focal_of, project, rotation
@@ -77,6 +78,15 @@ def test_errors_shrink_with_more_lines():
 
 def test_picture_without_an_edge_has_no_segment():
     assert len(find_segments(np.full((120, 200), 90, np.uint8)).ends) == 0
+
+
+def test_dark_margin_of_a_scan_is_no_line_of_the_scene():
+    luma = np.full((512, 768), 20, np.uint8)
+    luma[3:-3, 4:-4] = 170
+    cv2.line(luma, (200, 120), (560, 400), 60, 3, cv2.LINE_AA)
+    found = find_segments(luma)
+    vectors = found.ends[:, 1] - found.ends[:, 0]
+    assert len(vectors) and (abs(vectors) > 20).all()
 
 
 def test_an_edge_that_several_pictures_show_counts_once():

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.solve.still.joining import join_segments
 
 _SCALES = (1, 2, 4)
@@ -23,6 +23,7 @@ _MOST = 900  # that are looked at
 _BINS, _MOST_PER_BIN = 18, 60  # one direction, such as the grain of wood, must not stand for all
 _PARALLEL = 0.06  # sine of the angle between segments of one edge
 _SAME_PX = 1.0
+_BORDER = 0.008  # of the frame's width or height
 _ERROR_PX, _BLURRED = 0.35, 0.8  # of an end, and its growth with the scale; from known cameras
 
 
@@ -71,11 +72,19 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
             height / size[1],
         )
         long = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > shortest * (1 + _LONGER * level)
-        ends.append(lines[long])
-        scales.append(np.full(int(long.sum()), float(scale)))
+        kept = long & ~_on_border(lines, (width, height))
+        ends.append(lines[kept])
+        scales.append(np.full(int(kept.sum()), float(scale)))
     if not ends:
         return NO_SEGMENTS
     return _joined(np.concatenate(ends), np.concatenate(scales))
+
+
+def _on_border(ends: Float64, size: tuple[int, int]) -> Bool:
+    """Which segments (N, 2, 2) lie along the frame's border: a scan's or a converter's margin."""
+    places = ends / np.array(size)
+    lower, upper = (places < _BORDER).all(axis=1), (places > 1.0 - _BORDER).all(axis=1)
+    return np.asarray((lower | upper).any(axis=1))
 
 
 def _joined(ends: Float64, scales: Float64) -> Segments:
