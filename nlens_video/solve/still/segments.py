@@ -72,7 +72,7 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
             height / size[1],
         )
         long = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > shortest * (1 + _LONGER * level)
-        kept = long & ~_on_border(lines, (width, height))
+        kept = long & ~_on_border(lines, (width, height), float(scale))
         ends.append(lines[kept])
         scales.append(np.full(int(kept.sum()), float(scale)))
     if not ends:
@@ -80,10 +80,10 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
     return _joined(np.concatenate(ends), np.concatenate(scales))
 
 
-def _on_border(ends: Float64, size: tuple[int, int]) -> Bool:
+def _on_border(ends: Float64, size: tuple[int, int], scale: float) -> Bool:
     """Which segments (N, 2, 2) lie along the frame's border: a scan's or a converter's margin."""
-    places = ends / np.array(size)
-    lower, upper = (places < _BORDER).all(axis=1), (places > 1.0 - _BORDER).all(axis=1)
+    margin = _BORDER * np.array(size) + 0.75 * scale
+    lower, upper = (ends < margin).all(axis=1), (ends > np.array(size) - margin).all(axis=1)
     return np.asarray((lower | upper).any(axis=1))
 
 
