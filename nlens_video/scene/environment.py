@@ -50,7 +50,11 @@ def load_environment(path: Path, rotation_deg: float, exposure_ev: float) -> Ill
 
 
 def reduce_environment(
-    radiance: Float32, rotation_deg: float = 0.0, exposure_ev: float = 0.0
+    radiance: Float32,
+    rotation_deg: float = 0.0,
+    exposure_ev: float = 0.0,
+    *,
+    mirrored: Float32 | None = None,
 ) -> Illumination:
     """Split a map into lights and ambient light; together they are all of it.
 
@@ -62,6 +66,7 @@ def reduce_environment(
         radiance: scene-linear (h, w, 3), w = 2 h.
         rotation_deg: as of `load_environment` [deg].
         exposure_ev: as of `load_environment` [EV].
+        mirrored: what smooth surfaces mirror, where that differs; of the same shape.
     """
     size = (min(_WIDTH, radiance.shape[1]), min(_WIDTH // 2, radiance.shape[0]))
     small = cv2.resize(radiance, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], 3)
@@ -75,10 +80,12 @@ def reduce_environment(
     peaks = light * (1.0 - kept) * sphere.solid_angle[..., None]
     lamps: tuple[Lamp, ...]
     if float((peaks @ LUMINANCE).sum()) <= _FAINT * 4.0 * math.pi * mean:
-        lamps, rest = (), light
+        lamps, kept = (), np.ones_like(kept)
     else:
-        lamps, rest = _median_cut(peaks, sphere), light * kept
-    surround = Surround(rest.astype(np.float32), math.radians(rotation_deg))
+        lamps = _median_cut(peaks, sphere)
+    rest = light * kept
+    shown = rest if mirrored is None else mirrored * kept * 2.0**exposure_ev
+    surround = Surround(shown.astype(np.float32), math.radians(rotation_deg))
     return Illumination(lamps, sphere.harmonics(rest), surround=surround)
 
 

@@ -66,14 +66,22 @@ class Seat:
         return np.asarray(self.middle * (1.0, 0.0, 1.0) + (0.0, self.ground_y, 0.0))
 
 
-def plate_environment(plate: Float32, camera: Camera, seat: Seat, lamps: Float64) -> Float32:
-    """Radiance around the object (COLUMNS / 2, COLUMNS, 3), as `reduce_environment` takes it.
+def plate_environment(
+    plate: Float32, camera: Camera, seat: Seat, lamps: Float64
+) -> tuple[Float32, Float32]:
+    """Radiance around the object, and what smooth surfaces mirror of it.
+
+    They differ above the horizon beyond the frame: what a sun or lamps there give is spread over
+    it, but a mirror shows sky and walls more as they are seen.
 
     Args:
         plate: scene-linear (h, w, 3), of any size.
         camera: of the frame.
         seat: where the object stands.
         lamps: irradiance that the file's lights give the ground (3,).
+
+    Returns:
+        Two maps (COLUMNS / 2, COLUMNS, 3), as `reduce_environment` takes them.
     """
     directions, solid = sphere(COLUMNS)
     light, seen = _projected(plate, camera, seat, directions)
@@ -93,7 +101,12 @@ def plate_environment(plate: Float32, camera: Camera, seat: Seat, lamps: Float64
     rest = (1.0 - share) * overcast * cosine
     level = (wanted - (known * cosine).sum((0, 1))) / max(float(rest.sum()), 1e-6)
     level = np.maximum(level, _LEAST * wanted / math.pi)
-    return np.asarray(known + (1.0 - share) * overcast * level, dtype=np.float32)
+    radiance = np.asarray(known + (1.0 - share) * overcast * level, dtype=np.float32)
+    if not (seen & ~below).any():
+        return radiance, radiance
+    between = np.sqrt(np.maximum(fill, 0.0) * radiance)  # neither tells how bright it is there
+    beyond = fill + (1.0 - share) * (between - fill)
+    return radiance, np.where(open_, beyond, light).astype(np.float32)
 
 
 def sphere(columns: int) -> tuple[Float64, Float64]:

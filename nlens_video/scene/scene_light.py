@@ -100,7 +100,8 @@ class SceneLight:
             level, given = level_of_ground(plate, camera, seat), own.facing(seat.middle)
             exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
             lamps = own.scaled(exposure).on_plane(seat.foot)
-            found = reduce_environment(plate_environment(plate, camera, seat, lamps))
+            radiance, mirrored = plate_environment(plate, camera, seat, lamps)
+            found = reduce_environment(radiance, mirrored=mirrored)
             if self.environment is not None and self.environment.level > 0.0:
                 found = self.environment.scaled(found.level / self.environment.level)
             found = replace(found, exposure=exposure)

@@ -1,6 +1,7 @@
 """Light around the object, estimated from the plate."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from nlens_video.scene.illumination import (
 )
 from nlens_video.scene.plate_environment import Seat, plate_environment, sphere
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.scene.surround import mirrored_light
 
 UP, DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])
 AWAY, BACK = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
@@ -36,6 +38,15 @@ def level_camera(height=1.0):
     )
 
 
+def looking_down():
+    """The same camera, turned down by 60 degrees: it sees no horizon."""
+    camera = level_camera()
+    turn = math.radians(-60.0)
+    pose = camera.world_from_camera.copy()
+    pose[1:3, 1:3] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+    return replace(camera, world_from_camera=pose)
+
+
 def plate(above=SKY, below=LAWN):
     """Two colours that meet at the horizon."""
     codes = np.empty((100, 160, 3), np.float32)
@@ -48,7 +59,7 @@ def around(picture, **given):
 
 
 def test_surroundings_show_what_the_plate_shows_where_it_shows_it():
-    radiance = plate_environment(plate(), level_camera(), SEAT, NO_LAMPS)
+    radiance, _ = plate_environment(plate(), level_camera(), SEAT, NO_LAMPS)
     directions, _ = sphere(radiance.shape[1])
     for toward, color in (((0.0, 0.15, -1.0), SKY), ((0.0, -0.3, -1.0), LAWN)):
         unit = np.array(toward) / np.linalg.norm(toward)
@@ -194,3 +205,20 @@ def test_ground_that_is_dark_before_a_bright_sky_lies_in_little_light():
     assert white(0.02) == pytest.approx(0.02 / 0.06, rel=0.15)  # as if it were asphalt
     assert white(0.001) < white(0.02) < white(0.1) < white(0.3)
     assert white(0.001) > 0.04  # black ground is no night
+
+
+def test_mirrors_show_the_sky_of_the_plate_and_less_of_the_sun_spread_over_it():
+    radiance, mirrored = plate_environment(plate(), level_camera(), SEAT, NO_LAMPS)
+    up = sphere(radiance.shape[1])[0][..., 1]
+    guessed = (up > 0.0) & (radiance[..., 2] > 1.5 * SKY[2])
+    assert guessed.mean() > 0.1  # the plate's sky does not give the light of its ground
+    assert (mirrored[guessed] < 0.9 * radiance[guessed]).all()
+    assert (mirrored[up > 0.0] > 0.9 * np.array(SKY)).all()
+    light = around(plate())
+    seen = mirrored_light(light.surround.levels, np.array([0.0, 0.3, -0.954]), 0.0)
+    assert seen == pytest.approx(SKY, rel=0.05)
+
+
+def test_camera_that_sees_no_sky_leaves_mirrors_the_light_that_is_guessed():
+    _, mirrored = plate_environment(plate(LAWN, LAWN), looking_down(), SEAT, NO_LAMPS)
+    assert mirrored[:8].mean() > 2.0 * np.mean(LAWN)
