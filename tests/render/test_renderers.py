@@ -441,7 +441,7 @@ def test_scene_without_lights_is_lit_by_default_with_a_note(tmp_path):
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
     with ObjectRenderer(scene) as renderer:
         rgba, _ = centre(renderer.render(0.0, camera_at(4.0)))
-        assert "estimated from the plate" in renderer.light_note
+        assert "the plate's own light" in renderer.light_note
     assert 0.05 < rgba[0] < 1.0
 
 
