@@ -82,9 +82,10 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
 
 def _on_border(ends: Float64, size: tuple[int, int], scale: float) -> Bool:
     """Which segments (N, 2, 2) lie along the frame's border: a scan's or a converter's margin."""
-    margin = _BORDER * np.array(size) + 0.75 * scale
-    lower, upper = (ends < margin).all(axis=1), (ends > np.array(size) - margin).all(axis=1)
-    return np.asarray((lower | upper).any(axis=1))
+    whole = np.array(size, np.float64)
+    margin = _BORDER * whole + 0.75 * scale
+    lower, upper = (ends < margin).all(axis=1), (ends > whole - margin).all(axis=1)
+    return np.asarray(np.any(lower | upper, axis=1))
 
 
 def _joined(ends: Float64, scales: Float64) -> Segments:
