@@ -23,7 +23,7 @@ _MOST = 900  # that are looked at
 _BINS, _MOST_PER_BIN = 18, 60  # one direction, such as the grain of wood, must not stand for all
 _PARALLEL = 0.06  # sine of the angle between segments of one edge
 _SAME_PX = 1.0
-_BORDER = 0.008  # of the frame's width or height
+_BORDER, _EVEN = 0.008, 6.0  # of the frame's width or height; deviation along it [8-bit]
 _ERROR_PX, _BLURRED = 0.35, 0.8  # of an end, and its growth with the scale; from known cameras
 
 
@@ -72,7 +72,7 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
             height / size[1],
         )
         long = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > shortest * (1 + _LONGER * level)
-        kept = long & ~_on_border(lines, (width, height), float(scale))
+        kept = long & ~_on_margin(lines, luma, float(scale))
         ends.append(lines[kept])
         scales.append(np.full(int(kept.sum()), float(scale)))
     if not ends:
@@ -80,12 +80,14 @@ def find_segments(luma: npt.NDArray[np.uint8]) -> Segments:
     return _joined(np.concatenate(ends), np.concatenate(scales))
 
 
-def _on_border(ends: Float64, size: tuple[int, int], scale: float) -> Bool:
-    """Which segments (N, 2, 2) lie along the frame's border: a scan's or a converter's margin."""
-    whole = np.array(size, np.float64)
+def _on_margin(ends: Float64, luma: npt.NDArray[np.uint8], scale: float) -> Bool:
+    """Which segments (N, 2, 2) lie along an even margin of the frame, as a scan's."""
+    first = np.array([luma[:, 0].std(), luma[0].std()]) < _EVEN
+    last = np.array([luma[:, -1].std(), luma[-1].std()]) < _EVEN
+    whole = np.array(luma.shape[::-1], np.float64)
     margin = _BORDER * whole + 0.75 * scale
     lower, upper = (ends < margin).all(axis=1), (ends > whole - margin).all(axis=1)
-    return np.asarray(np.any(lower | upper, axis=1))
+    return np.asarray(np.any((lower & first) | (upper & last), axis=1))
 
 
 def _joined(ends: Float64, scales: Float64) -> Segments:
