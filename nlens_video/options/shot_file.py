@@ -32,7 +32,7 @@ TABLES: dict[str, tuple[str, ...]] = {
     "place": ("at", "at_frame", "size", "height", "yaw"),
     "camera": ("camera_from", "fov", "horizon", "marker", "person_height", "person"),
     "light": ("env", "env_rotation", "env_exposure", "sun", "shadow_strength"),
-    "lens": ("lens", "aperture", "cat_eye", "fit", "fallback", "track_focus"),
+    "lens": ("lens", "aperture", "cat_eye", "fit", "fallback", "track_focus", "prefer"),
     "effects": (
         "effects", "shutter", "vignetting", "distortion", "reflect", "occlusion", "holdout",
     ),
