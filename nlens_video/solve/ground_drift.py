@@ -17,6 +17,8 @@ LIMIT_PX, LIMIT_SHARE = 2.0, 0.002
 _REACHES = ((0.1, 0.5, 0.25, 12), (0.25, 0.5, 0.5, 20))
 """Above, below and beside the object's contact, by its box, and in pixels: near, else farther."""
 _FEWEST = 5
+_LEAST_GROUND = 1.0 / 3.0  # share of the points around the object that are of the ground
+_ALIKE_PX = 0.5  # between steps of one thing
 _AT_REST = 1e-6  # change of a pose or of a focal length that is none [1]
 _SURE = 3.0  # standard errors
 
@@ -85,8 +87,8 @@ class GroundDrift:
         if near is None:
             return
         step = now - seen
-        middle, error = _median(step[near])
-        everywhere, _ = _median(step[known])
+        middle, error = _of_the_ground(step[near])
+        everywhere, _ = _of_the_ground(step[known])
         # what moves by itself beside the object is not the ground: most of the plate stays then
         if np.linalg.norm(everywhere) < np.linalg.norm(middle):
             middle = everywhere
@@ -154,6 +156,20 @@ def _around(
     top, bottom = box.y1 - above * height - margin, box.y1 + below * height + margin
     x, y = points[:, 0], points[:, 1]
     return np.asarray((x > left) & (x < right) & (y > top) & (y < bottom))
+
+
+def _of_the_ground(steps: Float64) -> tuple[Float64, float]:
+    """Step of the ground (N, 2), and its standard error, where other things are tracked too [px].
+
+    Of the ground are the third of the points that keeps best to where it is expected, and all that
+    move as those do. Where the whole ground slides, that third does too.
+    """
+    least = max(_FEWEST, math.ceil(_LEAST_GROUND * len(steps)))
+    kept = steps[np.argsort(np.linalg.norm(steps, axis=1), kind="stable")[:least]]
+    middle, error = _median(kept)
+    spread = error * math.sqrt(len(kept)) / 1.25
+    alike = np.linalg.norm(steps - middle, axis=1) <= max(_ALIKE_PX, _SURE * spread)
+    return _median(steps[alike])
 
 
 def _median(steps: Float64) -> tuple[Float64, float]:

@@ -87,6 +87,24 @@ def test_what_moves_by_itself_beside_the_object_is_no_drift():
     assert not found.slides(SIZE[0])
 
 
+@pytest.mark.parametrize("slides", [False, True])
+def test_large_thing_around_the_object_is_not_taken_for_its_ground(slides):
+    """Three points of five, beside the object and in the frame, are of a car that drives by."""
+    still = camera_at(rotation(0.0, -0.3, 0.0), np.array([0.0, 1.5, 0.0]))
+    rng = np.random.default_rng(7)
+    places = rng.uniform((0, 250), (960, 512), (400, 2))
+    of_the_car = np.arange(400) % 5 < 3
+    found = GroundDrift()
+    for n in range(20):
+        moved = places + np.outer(of_the_car, [12.0 * n, 0.0]) + rng.normal(0.0, 0.1, places.shape)
+        moved[~of_the_car] += [0.6 * n * slides, 0.0]
+        points = dict(enumerate(moved.astype(np.float32)))
+        found.add(points, OBJECT, ground_seen(still, still, 0.0))
+    assert found.slides(SIZE[0]) == slides
+    if slides:
+        assert found.worst_px == pytest.approx(0.6 * 19, rel=0.1)
+
+
 def test_noise_of_a_still_plate_is_no_drift():
     still = camera_at(rotation(0.0, -0.3, 0.0), np.array([0.0, 1.5, 0.0]))
     rng = np.random.default_rng(6)
