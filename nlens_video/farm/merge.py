@@ -27,6 +27,8 @@ from nlens_video.video.pixels.picture import AvPicture
 if TYPE_CHECKING:
     import av
 
+_BESIDE_CHUNKS = (".json", ".npz")  # a fit, and what moves in front, in the same folder
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Merged:
@@ -56,7 +58,8 @@ def merge(
 
     Args:
         source: the plate of the chunks.
-        chunks: files, in any order, or folders of them.
+        chunks: files, in any order, or folders of them; the fit and what moves in front, which lie
+            beside them, are left out.
         output: the result and its encoding.
         on_progress: called after each frame with (frames written, frames expected or None).
 
@@ -67,10 +70,14 @@ def merge(
     """
     files: list[Path] = []
     for path in chunks:
+        if path.suffix in _BESIDE_CHUNKS and not path.is_dir():
+            continue
         inside = sorted(path.glob("[!.]*.nut")) if path.is_dir() else [path]
         if not inside:
             raise UsageError(f"{path}: contains no chunks (*.nut)")
         files += inside
+    if not files:
+        raise UsageError(f"{chunks[0]}: is no chunk (*.nut)")
     ordered = _sorted([ChunkFile(path) for path in files], plate_key(source), source.spec)
     return _merged(source, ordered, len(ordered), output, on_progress)
 

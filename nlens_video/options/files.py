@@ -38,7 +38,7 @@ class Files:
         return not self.when or given != self.when.startswith("!")
 
 
-CHUNKS = ("*.nut", "fit-*.json")
+CHUNKS = ("*.nut", "fit-*.json", "front-*.npz")
 """Files of a folder of chunks."""
 PAGE = ("index.html",)
 """The file of a report's folder."""

@@ -137,7 +137,9 @@ class FitLens:
         readings = covariance
         if known.usual_slope is not None:
             chance = 0.5 * max(0.0, 1.0 - margin / RESOLVED_MARGIN) if sign == "ambiguous" else 0.0
-            usual = known.usual_slope, samples.middle
+            # a scene that is not in metres has lenses in use that no frame could show
+            most = _LARGEST_AT_INFINITY * coc.coc_px.shape[1] / max(samples.middle, 1e-300)
+            usual = min(known.usual_slope, most), samples.middle
             covariance = with_what_is_open(readings, lens, other, chance, *usual)
             if sign == "resolved" and lens.slope < 2.0 * np.sqrt(covariance[0, 0]):
                 sign = "ambiguous"

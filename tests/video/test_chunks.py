@@ -93,7 +93,7 @@ def whole(shot):
 @pytest.fixture(scope="module")
 def pieces(shot):
     chunked(shot, shot / "pieces", "0:5", "5:6", "6:")
-    return sorted((shot / "pieces").iterdir())
+    return sorted((shot / "pieces").glob("*.nut"))
 
 
 @pytest.mark.slow
@@ -161,10 +161,27 @@ def test_chunk_name_depends_on_content_and_not_on_paths(shot, pieces, tmp_path):
     for name in ("in.mp4", "anim.glb", "fit.json"):
         (tmp_path / name).write_bytes((shot / name).read_bytes())
     chunked(tmp_path, tmp_path / "chunks", "5:6")
-    assert [path.name for path in (tmp_path / "chunks").iterdir()] == [pieces[1].name]
+    assert [path.name for path in (tmp_path / "chunks").glob("*.nut")] == [pieces[1].name]
     assert main(arguments(tmp_path, tmp_path / "chunks", "--as-chunk", "--range", "5:6",
                       "--ground-y", "0.01")) == 0  # fmt: skip
-    assert len(list((tmp_path / "chunks").iterdir())) == 2
+    assert len(list((tmp_path / "chunks").glob("*.nut"))) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.needs_gl
+def test_all_files_of_a_folder_of_chunks_can_be_named(shot, whole, pieces, tmp_path):
+    """As a shell does for `merge OUT chunks/*`: what lies beside the chunks is left out."""
+    everything = sorted((shot / "pieces").iterdir())
+    assert len(everything) > len(pieces)
+    assert merged(shot, tmp_path / "o.mkv", everything, "--codec", "ffv1") == 0
+    shots.assert_same_frames(whole, tmp_path / "o.mkv")
+
+
+@pytest.mark.needs_gl
+def test_merge_of_no_chunk_is_refused(shot, tmp_path, capsys):
+    (tmp_path / "fit.json").touch()
+    assert merged(shot, tmp_path / "never.mkv", [tmp_path / "fit.json"]) == 2
+    assert "is no chunk (*.nut)" in one_line(capsys)
 
 
 @pytest.mark.needs_gl
@@ -186,12 +203,12 @@ def test_merge_refuses_a_missing_chunk(shot, pieces, capsys, left_out, says):
 def test_merge_refuses_overlapping_mismatched_or_damaged_chunks(shot, pieces, tmp_path, capsys):
     out = shot / "never.mkv"
     chunked(shot, tmp_path / "more", "4:6")
-    (more,) = (tmp_path / "more").iterdir()
+    (more,) = (tmp_path / "more").glob("*.nut")
     assert merged(shot, out, [*pieces, more]) == 2
     assert "overlap: both hold frame 4" in one_line(capsys)
     assert main(arguments(shot, tmp_path / "other", "--as-chunk", "--range", "5:6",
                       "--effects", "defocus")) == 0  # fmt: skip
-    (other,) = (tmp_path / "other").iterdir()
+    (other,) = (tmp_path / "other").glob("*.nut")
     assert merged(shot, out, [pieces[0], other, pieces[2]]) == 2
     assert "different settings" in one_line(capsys)
     foreign = shots.write_video(tmp_path / "in.mp4", FRAMES)

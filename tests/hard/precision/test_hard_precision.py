@@ -245,7 +245,8 @@ def _shading() -> dict[str, tuple[float, float]]:
         np.zeros((1, MATERIAL_FLOATS), np.float32), np.full((1, len(SLOTS)), -1, np.int32),
         np.full(1, LAYERED, np.int32), (np.zeros(4, np.uint16), *np.zeros((2, 0, 6), np.int64)),
     )  # fmt: skip
-    light_layers(block, shading_block.new_block()[1], width, paint, lamps, 3, lamps[:0, :4], 1)
+    lit = lamps, 3, lamps[:0, :4]
+    light_layers(block, shading_block.new_block()[1], width, paint, lit, None, 1)
     exact = np.array([
         sum(reference_kernels.layered(layered_surface(fields, i), way) * part for way, part in suns)
         for i in range(width)
