@@ -42,6 +42,7 @@ def package(tmp_path):
     return copy
 
 
+@pytest.mark.slow
 def test_kernel_is_compiled_again_when_a_constant_of_another_module_changes(package, tmp_path):
     constant = package / "kernels" / "tried_constant.py"
     said = []

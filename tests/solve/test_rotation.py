@@ -85,6 +85,7 @@ def test_zoom_of_a_pan_is_followed_in_each_frame():
     assert part.focals_px == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_zoom_without_a_turn_does_not_tell_the_field_of_view():
     seen, _, _ = pan(50.0, zoom=1.6, turning=0.0)
     part = PartSolver(seen, SIZE).solve(FRAMES, None)

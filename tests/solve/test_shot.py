@@ -38,6 +38,7 @@ def test_cut_is_named_by_its_frame_in_the_plate():
         solver_of(pictures, first=100).solve()
 
 
+@pytest.mark.slow
 def test_lamp_that_is_switched_on_is_no_cut():
     wide = texture(1)
     pictures = [picture + np.uint8(40 * (n > 5)) for n, picture in enumerate(panned(wide, 12))]
