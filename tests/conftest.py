@@ -75,6 +75,11 @@ def _why_no_programs(names: tuple[str, ...]) -> str:
 
 
 @functools.cache
+def _why_no_blender() -> str:
+    return "" if shutil.which("blender") else "no blender; apt-get install blender"
+
+
+@functools.cache
 def _why_no_root() -> str:
     return "not root, who alone can run a program as another user" if os.geteuid() else ""
 
@@ -82,6 +87,7 @@ def _why_no_root() -> str:
 _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
+    "needs_blender": ("REQUIRE_BLENDER", _why_no_blender),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
     "needs_root": ("REQUIRE_ROOT", _why_no_root),

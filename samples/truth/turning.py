@@ -8,9 +8,7 @@ that the camera's own motion does not blur. A seed names a clip.
 
 from __future__ import annotations
 
-import argparse
 import math
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -27,6 +25,7 @@ from truth.walkers import (
     Pose,
     View,
     Walker,
+    clip_arguments,
     write_clip,
 )
 
@@ -108,12 +107,7 @@ def _painted(texture: Array, columns: np.ndarray, rows: np.ndarray) -> Array:
 
 def main() -> None:
     """Write the clips."""
-    parser = argparse.ArgumentParser(prog="truth.turning", description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--clips", type=int, default=6)
-    parser.add_argument("--first", type=int, default=0, help="seed of the first clip")
-    parser.add_argument("--frames", type=int, default=60)
-    given = parser.parse_args()
+    given = clip_arguments("truth.turning", __doc__.splitlines()[0], clips=6)
     for seed in range(given.first, given.first + given.clips):
         clip = MovingClip(seed, given.frames)
         write_clip(given.out / f"{seed:02d}_{clip.path}_{clip.kind}", clip)

@@ -393,14 +393,19 @@ def _turn(pose: Pose) -> list[float]:
     return [float(part) for part in turn.as_quat()]
 
 
-def main() -> None:
-    """Write the clips."""
-    parser = argparse.ArgumentParser(prog="truth.walkers", description=__doc__.splitlines()[0])
+def clip_arguments(prog: str, about: str, clips: int) -> argparse.Namespace:
+    """What the command line says: the folder, seeds and length of the clips."""
+    parser = argparse.ArgumentParser(prog=prog, description=about)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--clips", type=int, default=14)
+    parser.add_argument("--clips", type=int, default=clips)
     parser.add_argument("--first", type=int, default=0, help="seed of the first clip")
     parser.add_argument("--frames", type=int, default=60)
-    given = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Write the clips."""
+    given = clip_arguments("truth.walkers", __doc__.splitlines()[0], clips=14)
     for seed in range(given.first, given.first + given.clips):
         clip = Clip(seed, given.frames)
         write_clip(given.out / f"{seed:02d}_{clip.kind}", clip)

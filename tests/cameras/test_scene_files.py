@@ -4,7 +4,6 @@ import importlib.util
 import json
 import math
 import os
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -278,7 +277,7 @@ print("SEEN" + json.dumps([seen, meshes, camera.data.lens, camera.data.sensor_he
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("blender") is None, reason="Blender is not installed")
+@pytest.mark.needs_blender
 @pytest.mark.parametrize("size", [(960, 512), (540, 960)])
 def test_blender_sees_what_was_written_and_its_export_is_read_back(tmp_path, size):
     poses = [

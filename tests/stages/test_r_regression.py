@@ -38,11 +38,15 @@ def test_sign_of_the_coc_is_resolved_from_the_trend_of_blur(focus, sign):
     assert fit.sign == "resolved" and fit.sign_margin > 0.5
 
 
+def short_ground(far, least):
+    """A ground none of which has a disparity below `least`."""
+    plane = ground(near=1.0, far=far)
+    disparity = np.maximum(plane.disparity, least)
+    return GroundProjection(mask=plane.mask, disparity=disparity, ground_y=0)
+
+
 def test_sign_of_the_coc_is_ambiguous_without_a_trend_of_blur():
-    plane = ground(near=1.0, far=0.995)
-    plane = GroundProjection(
-        mask=plane.mask, disparity=np.maximum(plane.disparity, 0.99), ground_y=0
-    )
+    plane = short_ground(far=0.995, least=0.99)
     rng = np.random.default_rng(3)
     coc = (8.0 + rng.normal(0, 0.4, (HEIGHT, WIDTH))).astype(np.float32)
     fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.5)), plane).fit
@@ -52,10 +56,7 @@ def test_sign_of_the_coc_is_ambiguous_without_a_trend_of_blur():
 
 def steep_ground_of_one_blur():
     """A ground that spans so little disparity that either sign explains its blur."""
-    plane = ground(near=1.0, far=0.9)
-    plane = GroundProjection(
-        mask=plane.mask, disparity=np.maximum(plane.disparity, 0.9), ground_y=0
-    )
+    plane = short_ground(far=0.9, least=0.9)
     rng = np.random.default_rng(3)
     coc = (8.0 + rng.normal(0, 1.0, (HEIGHT, WIDTH))).astype(np.float32)
     return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 2.0)), plane

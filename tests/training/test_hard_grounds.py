@@ -1,7 +1,6 @@
 import json
 import math
 import os
-import shutil
 import subprocess
 import sys
 
@@ -140,7 +139,7 @@ def render(seed, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("blender") is None, reason="Blender is not installed")
+@pytest.mark.needs_blender
 @pytest.mark.parametrize("seed", [9000, 9002, 9004, 9005])
 def test_hard_ground_is_rendered_with_its_labels(tmp_path, seed):
     folder = render(seed, tmp_path)

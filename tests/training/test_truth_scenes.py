@@ -1,7 +1,6 @@
 import json
 import math
 import os
-import shutil
 import subprocess
 import sys
 
@@ -222,7 +221,7 @@ def test_unfinished_plates_are_skipped_and_small_ones_refused(plates):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("blender") is None, reason="Blender is not installed")
+@pytest.mark.needs_blender
 def test_map_of_a_sunny_scene_holds_its_sun_once(tmp_path):
     command = [sys.executable, "-m", "truth.make", "--seed", "8105", "--focus", "mid", "--shadow"]
     command += ["--percent", "5", "--samples", "2", "--out", str(tmp_path)]
