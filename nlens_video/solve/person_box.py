@@ -18,10 +18,7 @@ _LARGEST = 720  # rows of the picture that is searched [px]
 _FINER = 1.04  # between sizes that are tried [1]
 _STRIDE = 8  # [px]
 _LEAST = 0.3  # score of a window
-_WITHIN = (
-    0.25,
-    0.45,
-)  # how far the point may lie from a window's middle, by its columns and rows [1]
+_WITHIN = 0.25, 0.45  # of the point from a window's middle, by its columns and rows [1]
 
 
 def find_person(
