@@ -1,5 +1,6 @@
 # make demo    install everything and composite the samples: samples/out.mp4 and samples/report/
 # make test    install everything and run all tests
+# make native  compile the C++ kernels into the checkout again, after a change
 # make check   format check, lint, types and the quick tests, in under two minutes
 # make lint    format check, lint, types
 # make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
@@ -13,9 +14,10 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check -q
-SOURCES := $(wildcard pyproject.toml constraints.txt nlens_video/core/version.py)
+SOURCES := $(wildcard pyproject.toml constraints.txt hatch_build.py nlens_video/core/version.py nlens_video/native/CMakeLists.txt nlens_video/native/source/*)
 
-# Debian and Ubuntu packages: headless OpenGL, and venv where Python comes without it.
+# Debian and Ubuntu packages: headless OpenGL, what compiles the kernels, and venv where Python comes
+# without it.
 define SYSTEM
 missing=""; \
 $(FIND_SYSTEM) \
@@ -37,7 +39,9 @@ define FIND_SYSTEM
 PATH="$$PATH:/usr/sbin:/sbin"; \
 ldconfig -p 2>/dev/null | grep -q 'libEGL\.so\.1' || missing="$$missing libegl1"; \
 ldconfig -p 2>/dev/null | grep -q 'libGL\.so\.1' || missing="$$missing libgl1"; \
-$(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv";
+$(PYTHON) -c 'import ensurepip' 2>/dev/null || missing="$$missing python3-venv"; \
+command -v c++ >/dev/null || missing="$$missing g++"; \
+$(PYTHON) -c 'import os, sys, sysconfig; sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))' || missing="$$missing python3-dev";
 endef
 
 define INSTALL_MISSING
@@ -49,7 +53,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: demo test check lint fuzz gallery docs golden bench install system programs clean
+.PHONY: native demo test check lint fuzz gallery docs golden bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -72,6 +76,9 @@ $(VENV)/.installed-test: $(VENV)/.installed
 	@touch $@
 
 install: system $(VENV)/.installed
+
+native: $(VENV)/.installed-test
+	$(BIN)/python hatch_build.py
 
 demo: install
 	$(BIN)/nlens-video samples/in.mp4 samples/anim.glb samples/out.mp4 --report samples/report -y

@@ -13,6 +13,7 @@ PACKAGE = ROOT / "nlens_video"
 
 FOLDERS = """
 core
+native
 kernels  kernels/scatter
 video/pixels  video  video/input  video/output
 scene/gltf  scene  cameras  solve/still  solve/points  solve/paths  solve

@@ -10,6 +10,7 @@ from support.clips import noise_frame, planes, write_clip
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
+from nlens_video.native import kernels
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.input.source import open_source
 from nlens_video.video.pixels import blend, blend_ref
@@ -319,4 +320,4 @@ def test_object_is_converted_to_the_primaries_of_a_bt2020_plate():
 
 
 def test_sample_tables_have_the_layout_that_kernels_read():
-    assert (blend.STEPS_BITS, blend.FIRST_OCTAVE) == (STEPS_BITS, FIRST_OCTAVE)
+    assert (kernels.STEPS_BITS, kernels.FIRST_OCTAVE) == (STEPS_BITS, FIRST_OCTAVE)

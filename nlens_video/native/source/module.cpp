@@ -1,0 +1,28 @@
+// The module's functions, area by area; each area binds its kernels in its own file.
+#include "module.h"
+
+namespace nb = nanobind;
+
+namespace {
+
+// The module of the highest level that this processor runs.
+const char* best_module() {
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+                    __builtin_cpu_supports("bmi2");
+    const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+                    __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
+                    __builtin_cpu_supports("avx512vl");
+    if (v4) return "_x86_64_v4";
+    if (v3) return "_x86_64_v3";
+#endif
+    return "_baseline";
+}
+
+}  // namespace
+
+NB_MODULE(NLENS_MODULE, module) {
+    module.def("best_module", &best_module, "Name of the module for this processor.");
+    nlens::bind_blend(module);
+}

@@ -1,0 +1,15 @@
+// What every file with bindings needs.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include "casters.h"
+
+namespace nlens {
+
+// Kernels touch no Python object, so other threads may run Python meanwhile.
+using Unlocked = nanobind::call_guard<nanobind::gil_scoped_release>;
+
+void bind_blend(nanobind::module_& module);
+
+}  // namespace nlens

@@ -1,0 +1,29 @@
+"""The compiled modules: one for each level of processors, all with the functions of the stub."""
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+from nlens_video import native
+
+FOLDER = Path(native.__file__).parent
+LEVELS = sorted(path.name.partition(".")[0] for path in FOLDER.glob("_*.so"))
+
+
+def public_names(module):
+    return {name for name in dir(module) if not name.startswith("_")}
+
+
+def test_the_module_for_this_processor_is_one_of_those_that_are_there():
+    assert native.kernels.__name__.rpartition(".")[2] in LEVELS
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_stub_lists_what_a_module_holds(level):
+    stub = ast.parse((FOLDER / "kernels.pyi").read_text(encoding="utf-8"))
+    listed = {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
+    listed |= {node.target.id for node in stub.body if isinstance(node, ast.AnnAssign)}
+    module = importlib.import_module(f"nlens_video.native.{level}")
+    assert public_names(module) == listed
