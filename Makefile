@@ -1,6 +1,7 @@
 # make demo    install everything and composite the samples: samples/out.mp4 and samples/report/
 # make test    install everything and run all tests
 # make native  compile the C++ kernels into the checkout again, after a change
+# make sanitize  the tests of the C++ kernels under the sanitizers of the compiler
 # make check   format check, lint, types and the quick tests, in under two minutes
 # make lint    format check, lint, types
 # make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
@@ -53,7 +54,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: native demo test check lint fuzz gallery docs golden bench install system programs clean
+.PHONY: native sanitize demo test check lint fuzz gallery docs golden bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -79,6 +80,14 @@ install: system $(VENV)/.installed
 
 native: $(VENV)/.installed-test
 	$(BIN)/python hatch_build.py
+
+# The kernels with the compiler's address and undefined-behaviour sanitizers, under their tests and
+# the damaged files; then as they were.
+sanitize: $(VENV)/.installed-test
+	$(BIN)/python hatch_build.py address,undefined
+	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libubsan.so)" ASAN_OPTIONS=detect_leaks=0 \
+	  $(BIN)/python -m pytest -q -p no:cacheprovider tests/native tests/kernels tests/render tests/video/test_picture.py tests/hard/precision; \
+	  found=$$?; $(BIN)/python hatch_build.py; exit $$found
 
 demo: install
 	$(BIN)/nlens-video samples/in.mp4 samples/anim.glb samples/out.mp4 --report samples/report -y

@@ -1,6 +1,7 @@
 """Compiles `nlens_video/native` when a wheel is built or the checkout is installed.
 
-`python hatch_build.py` compiles it into the checkout again, as `make native` does.
+`python hatch_build.py` compiles it into the checkout again, as `make native` does;
+`python hatch_build.py address,undefined` with these sanitizers of the compiler, as `make sanitize`.
 """
 
 from __future__ import annotations
@@ -41,12 +42,13 @@ class NativeBuildHook(BuildHookInterface[Any]):
             self._folder.cleanup()
 
 
-def compile_kernels(build: Path, prefix: Path) -> None:
+def compile_kernels(build: Path, prefix: Path, sanitizers: str = "") -> None:
     """Compile the modules of all levels of processors.
 
     Args:
         build: folder for CMake's files; kept, it saves time when little has changed.
         prefix: folder in which `nlens_video/native` gets the modules.
+        sanitizers: those of the compiler, separated by commas; default: none.
 
     Raises:
         SystemExit: CMake or the compiler failed; they have said why.
@@ -55,7 +57,7 @@ def compile_kernels(build: Path, prefix: Path) -> None:
     programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
     for step in (
         ["-S", str(ROOT / NATIVE), "-B", str(build), "-G", "Ninja",
-         f"-DPython_EXECUTABLE={sys.executable}"],
+         f"-DPython_EXECUTABLE={sys.executable}", f"-DNLENS_SANITIZE={sanitizers}"],
         ["--build", str(build)],
         ["--install", str(build), "--prefix", str(prefix)],
     ):  # fmt: skip
@@ -68,4 +70,5 @@ def compile_kernels(build: Path, prefix: Path) -> None:
 
 
 if __name__ == "__main__":
-    compile_kernels(ROOT / "build" / "native", ROOT)
+    chosen = "".join(sys.argv[1:])
+    compile_kernels(ROOT / "build" / ("sanitized" if chosen else "native"), ROOT, chosen)
