@@ -54,9 +54,9 @@ class Expected:
     error: float
 
     @classmethod
-    def of(cls, value: float, least_error: float = 0.0) -> Expected:
-        """A value that a lens is marked with."""
-        return cls(value, max(_ERROR * value, least_error))
+    def of(cls, value: float, relative_error: float, least_error: float = 0.0) -> Expected:
+        """A value that a lens is marked with, or that a recording states."""
+        return cls(value, max(relative_error * value, least_error))
 
     def times(self, factor: float) -> Expected:
         """In another unit."""
@@ -74,6 +74,7 @@ class LensPrior:
         prefer: which of two lenses to take where the plate leaves it open.
         usual_slope: root mean square slope of lenses with this field of view, None where the
             scene's unit is not known [px * scene unit].
+        source: who knows it, in words.
     """
 
     slope: Expected | None = None
@@ -81,6 +82,7 @@ class LensPrior:
     intercept: Expected | None = None
     prefer: Prefer | None = None
     usual_slope: float | None = None
+    source: str = "what is known of the lens"
 
     @property
     def in_numbers(self) -> bool:
@@ -98,7 +100,7 @@ NO_PRIOR = LensPrior()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownLens:
-    """A lens as its owner knows it; None where a value is not known.
+    """A lens as its owner or its recording knows it; None where a value is not known.
 
     Attributes:
         focal_mm: focal length [mm].
@@ -106,6 +108,9 @@ class KnownLens:
         focus_m: focused distance along the optical axis, infinity allowed [m].
         sensor_mm: width of the part of the sensor that the frame shows [mm].
         prefer: which of two lenses to take where the plate leaves it open.
+        aperture_error: relative standard error of its aperture [1].
+        focus_error: relative standard error of the focused distance [1].
+        source: who knows it, in words.
     """
 
     focal_mm: float | None = None
@@ -113,6 +118,24 @@ class KnownLens:
     focus_m: float | None = None
     sensor_mm: float | None = None
     prefer: Prefer | None = None
+    aperture_error: float = _ERROR
+    focus_error: float = _ERROR
+    source: str = "what is known of the lens"
+
+    def completed_by(self, other: KnownLens) -> KnownLens:
+        """This lens, and what only `other` knows, with its errors: the aperture, the focus."""
+        lens = self
+        if lens.f_number is None and other.f_number is not None:
+            focal_mm = lens.focal_mm or other.focal_mm
+            lens = replace(
+                lens, f_number=other.f_number, focal_mm=focal_mm, source=other.source,
+                aperture_error=other.aperture_error,
+            )  # fmt: skip
+        if lens.focus_m is None and other.focus_m is not None:
+            lens = replace(
+                lens, focus_m=other.focus_m, focus_error=other.focus_error, source=other.source
+            )
+        return lens
 
     def prior(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
         """What this lens says of the model.
@@ -126,12 +149,18 @@ class KnownLens:
         usual_m = _USUAL_APERTURE_M * focal_px / width_px
         usual = None if unit_m is None else usual_m * focal_px / unit_m
         told = self._numbers(focal_px, width_px, unit_m)
-        return replace(told, prefer=self.prefer, usual_slope=usual)
+        return replace(told, prefer=self.prefer, usual_slope=usual, source=self.source)
 
     def _numbers(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
         aperture_m = self._aperture_m(focal_px / width_px)
-        slope = None if aperture_m is None else Expected.of(aperture_m * focal_px)
-        focus = None if self.focus_m is None else Expected.of(1.0 / self.focus_m, _LEAST_DIOPTRES)
+        slope = (
+            None if aperture_m is None else Expected.of(aperture_m * focal_px, self.aperture_error)
+        )
+        focus = (
+            None
+            if self.focus_m is None
+            else Expected.of(1.0 / self.focus_m, self.focus_error, _LEAST_DIOPTRES)
+        )
         if unit_m is not None:
             return LensPrior(
                 slope=None if slope is None else slope.times(1.0 / unit_m),

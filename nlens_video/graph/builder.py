@@ -72,6 +72,7 @@ def open_dependencies(
         fallback_constant=lens.fallback == "constant",
         pixel_aspect=view.pixel_aspect,
         known_lens=lens.known,
+        tagged_lens=lens.tagged,
         other_samples=lens.others,
         unit_m=view.unit_m,
         aperture=lens.aperture,

@@ -58,6 +58,7 @@ class LensRequest:
         exposure_s: how long the shutter is open as the recording states it, if it does [s].
         optics: known vignetting and distortion.
         known: what is known of the lens beforehand.
+        tagged: what the recording states of it.
         track: the lens over the length of a file, where it changes, in the pixels of its frames.
         others: samples of other frames for the fit, where the camera moves.
         live: whether a lens that changes is followed as frames come.
@@ -75,6 +76,7 @@ class LensRequest:
     exposure_s: float | None = None
     optics: LensOverrides = LensOverrides()
     known: KnownLens = UNKNOWN_LENS
+    tagged: KnownLens = UNKNOWN_LENS
     track: FitTrack | None = None
     others: tuple[FitSamples, ...] = ()
     live: bool = False

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from nlens_video.cameras.files import read_camera
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
-from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
@@ -35,6 +34,7 @@ from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.input.source import AvSource, open_source
 from nlens_video.video.interfaces import Source
+from nlens_video.video.lens_tags import tagged_lens
 
 if TYPE_CHECKING:
     import av
@@ -204,17 +204,17 @@ def _assembled(
         exposure_s=exposure_time_s(info.camera_tags),
         optics=settings.optics,
         known=settings.known_lens,
+        tagged=tagged_lens(info.camera_tags),
         track=track or _given_track(settings, info),
         others=others,
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )
-
-    def pictures() -> tuple[Picture, ...]:
-        return run_in_thread(lambda: frames.peek(MOST_PICTURES if _may_wait(info) else 1))
-
+    most = MOST_PICTURES if _may_wait(info) else 1
     again = None if settings.output is None else read_again(settings.source, info)
-    plate = PlatePreview(pictures, settings.source.frames[0], again)
+    plate = PlatePreview(
+        lambda: run_in_thread(lambda: frames.peek(most)), settings.source.frames[0], again
+    )
     return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
 
 

@@ -165,7 +165,7 @@ class FitLens:
             method=f"robust V-fit over {self._where(samples)}"
             + (f", mean of {coc.frames} frames" if coc.frames > 1 else "")
             + (f", {1 + len(others)} frames of a moving camera" if others else "")
-            + (", with what is known of the lens" if known.in_numbers else ""),
+            + (f", with {known.source}" if known.in_numbers else ""),
             ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),

@@ -82,6 +82,7 @@ class NodeContext:
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
         known_lens: what is known of the lens beforehand.
+        tagged_lens: what the recording states of it.
         other_samples: samples of other frames for the lens fit.
         unit_m: the scene's unit, None where it is not known [m].
         aperture: shape of the lens' aperture.
@@ -102,6 +103,7 @@ class NodeContext:
     fallback_constant: bool
     pixel_aspect: float
     known_lens: KnownLens = UNKNOWN_LENS
+    tagged_lens: KnownLens = UNKNOWN_LENS
     other_samples: tuple[FitSamples, ...] = ()
     unit_m: float | None = 1.0
     aperture: Aperture = ROUND

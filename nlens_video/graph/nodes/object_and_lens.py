@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,12 +18,16 @@ from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
 if TYPE_CHECKING:
+    from nlens_video.core.known_lens import LensPrior
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
     from nlens_video.video.info import SourceFrame
 
+_CONTRADICTION = (
+    "the metadata's lens does not go with the plate's blur and is left out; --lens gives another"
+)
 _SURE_SHARE = 0.5  # of the whole error: below it most is what the readings leave open
 
 
@@ -113,6 +118,7 @@ class FitNode(Node):
     ) -> None:
         self._fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
         self._known, self._unit_m = context.known_lens, context.unit_m
+        self._with_tags = context.known_lens.completed_by(context.tagged_lens)
         self._others = context.other_samples
         self._fallback_constant = context.fallback_constant
         self.description = "R: robust V-fit over the ground plane"
@@ -125,12 +131,21 @@ class FitNode(Node):
         bounds: ScreenBounds,
     ) -> FoundLens:
         camera = bounds.camera
-        known = self._known.prior(camera.fx, camera.width, self._unit_m)
+        known, with_tags = (
+            lens.prior(camera.fx, camera.width, self._unit_m)
+            for lens in (self._known, self._with_tags)
+        )
+        contradiction = ""
         try:
             regression = self._fit(plate_coc, ground, frame.index, known, self._others)
+            if with_tags != known:
+                if _contradicts(regression.fit, with_tags):
+                    contradiction = _CONTRADICTION
+                else:
+                    regression = self._fit(plate_coc, ground, frame.index, with_tags, self._others)
         except LensFitError as error:
-            if known.complete:
-                fit = LensFit.of_known(known, camera.width, camera.height, frame.index)
+            if with_tags.complete:
+                fit = LensFit.of_known(with_tags, camera.width, camera.height, frame.index)
                 return FoundLens(fit=fit, regression=None)
             if not self._fallback_constant:
                 raise
@@ -142,7 +157,8 @@ class FitNode(Node):
         middle = 0.5 / bounds.nearest + 0.5 / bounds.farthest if bounds.nearest > 0.0 else 0.0
         fit = replace(regression.fit, object_disparity=middle)
         regression = replace(regression, fit=fit)
-        return FoundLens(fit=fit, regression=regression, warning=_warning(fit, ground))
+        warning = contradiction or _warning(fit, ground)
+        return FoundLens(fit=fit, regression=regression, warning=warning)
 
 
 def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensFit:
@@ -170,6 +186,21 @@ def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensF
         sign="assumed",
         method="constant CoC: no usable fit, the plate's confident median",
     )
+
+
+def _contradicts(fit: LensFit, known: LensPrior) -> bool:
+    """Whether what is known beforehand lies more than three standard errors off a fit."""
+    slope, focus, intercept = known.slope, known.focus, known.intercept
+    apart = []
+    if slope is not None:
+        apart.append((fit.slope - slope.value, fit.slope_stderr, slope.error))
+    if focus is not None:  # what is in focus has no CoC
+        coc_px = fit.slope * focus.value + fit.intercept
+        error = float(fit.coc_stderr_px(focus.value))
+        apart.append((coc_px, error, fit.slope * focus.error))
+    if intercept is not None:
+        apart.append((fit.intercept - intercept.value, fit.intercept_stderr, intercept.error))
+    return any(abs(off) > 3.0 * math.hypot(own, told) for off, own, told in apart)
 
 
 def _warning(fit: LensFit, ground: GroundProjection) -> str:
