@@ -1,4 +1,4 @@
-"""Aperture and focus that recordings state: read from tags, combined with the plate, or left out."""
+"""Aperture and focus that recordings state: read, combined with the plate, or left out."""
 
 import json
 import math
