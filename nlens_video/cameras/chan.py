@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.ground_grid import on_ground_zero
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
@@ -96,6 +95,8 @@ def _turns_deg(rotation: Float64) -> tuple[float, float, float]:
 def _key(
     row: list[float], index: int, size: tuple[int, int], time_s: Callable[[int], float]
 ) -> CameraKey:
+    from scipy.spatial.transform import Rotation  # here: scipy takes long to load
+
     turns = dict(zip("xyz", row[4:7], strict=True))
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler(

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
@@ -112,6 +111,8 @@ def _cameras(path: Path) -> dict[str, tuple[int, int, float, tuple[float, float]
 
 def _images(path: Path) -> list[tuple[int, str, Float64]]:
     """Frame, camera and camera-from-world matrix of each picture, by frame."""
+    from scipy.spatial.transform import Rotation  # here: scipy takes long to load
+
     found = []
     for words in _rows(path)[::2]:  # every second line holds the picture's points
         number = re.findall(r"\d+", " ".join(words[9:]))

@@ -11,7 +11,6 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.camera_json import DESCRIPTION, described_camera, description
 from nlens_video.cameras.ground_grid import ground_lines, on_ground_zero, square_size
@@ -36,6 +35,8 @@ _MOST_FRAMES = 50_000
 
 def to_glb(camera: SolvedCamera) -> bytes:
     """The bytes of a GLB file; times count from the plate's first frame."""
+    from scipy.spatial.transform import Rotation  # here: scipy takes long to load
+
     camera = on_ground_zero(camera)
     angles = np.array([_fov(key.fov_x_deg, camera.height / camera.width) for key in camera.keys])
     poses = np.array([key.world_from_camera for key in camera.keys])

@@ -8,8 +8,8 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
+import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlens_video.core.box import undistorted_radius
 from nlens_video.core.errors import SceneError
@@ -136,9 +136,9 @@ class SolvedCamera:
         first, second = self.keys[after - 1], self.keys[after]
         share = (time_s - first.pts_s) / (second.pts_s - first.pts_s)
         start, end = first.world_from_camera, second.world_from_camera
-        turn = Rotation.from_matrix(start[:3, :3].T @ end[:3, :3]).as_rotvec()
+        turn = cv2.Rodrigues(start[:3, :3].T @ end[:3, :3])[0]
         pose = np.eye(4)
-        pose[:3, :3] = start[:3, :3] @ Rotation.from_rotvec(share * turn).as_matrix()
+        pose[:3, :3] = start[:3, :3] @ cv2.Rodrigues(share * turn)[0]
         pose[:3, 3] = (1.0 - share) * start[:3, 3] + share * end[:3, 3]
         return self._camera(pose, (1.0 - share) * first.fov_x_deg + share * second.fov_x_deg)
 

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.camera_json import DESCRIPTION, described_camera, description
 from nlens_video.cameras.fspy import Y_UP_FROM_Z_UP
@@ -100,6 +99,8 @@ def _add_camera(stage: Usd.Stage, camera: SolvedCamera, codes: list[float]) -> N
     place = lens.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
     turn = lens.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
     focal = lens.CreateFocalLengthAttr()
+    from scipy.spatial.transform import Rotation  # here: scipy takes long to load
+
     always = Usd.TimeCode.Default()
     zooms = len({key.fov_x_deg for key in camera.keys}) > 1
     for code, key in zip(codes, camera.keys, strict=True):

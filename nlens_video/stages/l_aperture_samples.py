@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.core.optics import ROUND, Aperture
@@ -61,6 +60,8 @@ def lens_points(count: int, aperture: Aperture = ROUND) -> LensPoints:
     Raises:
         InputError: the aperture's picture cannot be read.
     """
+    from scipy.spatial import cKDTree  # here: it takes long to load, and few presets need it
+
     places, light = _dense(aperture)
     before = np.cumsum(light)  # seeds: each after an equal share of the light
     seeds = np.searchsorted(before, (np.arange(count) + 0.5) / count * before[-1])
