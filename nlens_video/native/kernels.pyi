@@ -2,9 +2,13 @@
 
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Float32
+from nlens_video.core.layers import Float32, Float64
+
+_Int32 = npt.NDArray[np.int32]
+_Bits = npt.NDArray[np.uint8]
 
 # area by area, one of `source/*.cpp` each
 
@@ -41,5 +45,30 @@ def composite_over(
     rgba: Float32,
     tables: tuple[Float32, Float32, Float32, Float32, Float32, Float32],
     peak: float,
+    /,
+) -> None: ...
+
+# shadow_coverage.cpp
+PER_PIXEL: int
+PROJECTIONS: int
+
+def mark_covered(
+    bits: _Bits,
+    mesh: tuple[Float64, _Int32, _Int32],
+    projections: tuple[_Bits, Float64, Float64],
+    held: tuple[_Int32, npt.NDArray[np.int8]],
+    /,
+) -> None: ...
+
+# shadow_transparency.cpp
+def absorb(
+    sums: tuple[Float32, Float32, _Int32],
+    opaque: tuple[_Bits, int],
+    points: Float64,
+    surface: Float64,
+    faces: _Int32,
+    texture: tuple[Float32, tuple[int, int], float],
+    call: int,
+    at: tuple[float, float],
     /,
 ) -> None: ...

@@ -136,7 +136,7 @@ def test_absorption_kernel_agrees_with_the_reference(seed):
     bits, veiled = np.zeros(size, np.uint8), no_absorption(*size)
     one = np.array([[0, 1, 2]], np.int32)
     for call in (1, 2):  # a second call takes as much again
-        mark_covered(bits, call - 1, (opaque, one, edges_of(one)), np.eye(3, 4), at)
+        mark_covered(bits, (opaque, one, edges_of(one)), [(call - 1, np.eye(3, 4), at)])
         absorb(veiled, (bits, call - 1), points, surface, faces, texture, call, at)
     truth = absorb_reference(size, points, surface, faces, texture, at)
     truth[covered_reference(size, opaque, one, at)] = 0.0

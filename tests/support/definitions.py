@@ -76,6 +76,6 @@ def edge_parallax_by_pixels(rgba, plate, cocs, trust, margin, aspect):
 
 def marked(size, points, faces, at):
     bits = np.zeros(size, np.uint8)
-    mark_covered(bits, 5, (points, faces, edges_of(faces)), np.eye(3, 4), at)
+    mark_covered(bits, (points, faces, edges_of(faces)), [(5, np.eye(3, 4), at)])
     assert not (bits & ~np.uint8(1 << 5)).any()
     return bits > 0

@@ -19,10 +19,8 @@ from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.ambient import hemisphere, smoothed, surface_points
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
+from nlens_video.effects.shadow.blocked import Query, hidden_shares
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
-from nlens_video.effects.shadow.coverage import PROJECTIONS, mark_covered
-from nlens_video.effects.shadow.transparency import absorb, no_absorption
-from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
@@ -33,7 +31,6 @@ _FAINT = 0.03  # a share that is not visible: bounds the reach of contact darken
 _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
 _BLACKEST = 0.999  # largest loss: some light always comes back from the body
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
-_R2 = (0.7548776662466927, 0.5698402909980532)  # of Roberts' low-discrepancy sequence
 _FOLLOWED = 400  # vertices that measure the motion of the shadow
 
 
@@ -98,12 +95,12 @@ class CastShadow:
         lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))
         least, _ = ground_blur(camera, ground_y, lit, fit)
         step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
-        queries = [_Query(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
+        queries = [Query(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
         if ambient.any():
             finer = boxes[-1].width * boxes[-1].height <= _FEW * _FINER**2
             around = Grid.on(boxes[-1], max(step, _FINER) if finer else _COARSE)
-            queries.append(_Query(lights[-1], self.ambient_directions, around))
-        hidden = _hidden_shares(occluders, queries, self.threads)
+            queries.append(Query(lights[-1], self.ambient_directions, around))
+        hidden = hidden_shares(occluders, queries, self.threads)
         shares = [_Share(share, one.grid) for one, share in zip(queries, hidden, strict=True)]
         if ambient.any():
             around = queries[-1].grid
@@ -174,70 +171,6 @@ class _Share:
         if not common.empty:
             out[common.slices_in(here)] = hidden[common.slices_in(there)]
         return out
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Query:
-    """Samples of a light whose blocked share is computed on a grid.
-
-    Attributes:
-        lights: points (x, y, z, 1), or directions towards distant light (x, y, z, 0) (N, 4).
-        count: samples that they stand for, neglected ones included [1].
-        grid: the pixels.
-    """
-
-    lights: Float64
-    count: int
-    grid: Grid
-
-
-def _hidden_shares(
-    occluders: Sequence[Occluder | None], queries: Sequence[_Query], threads: int | None
-) -> list[Float32]:
-    """Share of each query's light that is blocked, on its grid.
-
-    Samples of the light take turns with temporal samples (None: nothing above the ground), so the
-    mean over moments costs no more than one moment.
-    """
-    work = [
-        (number, first)
-        for number, one in enumerate(queries)
-        for first in range(0, len(one.lights), PROJECTIONS)
-    ]
-    done: dict[tuple[int, int], Float32] = {}
-
-    def count(part: tuple[int, int]) -> None:
-        done[part] = _counts(occluders, queries[part[0]], part[1])
-
-    parallel_for(count, work, threads)
-    counts = [np.zeros(one.grid.shape, np.float32) for one in queries]
-    for part in work:  # in this order, whichever was ready first
-        counts[part[0]] += done[part]
-    return [number / np.float32(one.count) for number, one in zip(counts, queries, strict=True)]
-
-
-def _counts(occluders: Sequence[Occluder | None], query: _Query, first: int) -> Float32:
-    """Number of blocked samples among `PROJECTIONS` of a query from `first` on (h, w)."""
-    height, width = query.grid.shape
-    bits = np.zeros((height, width), np.uint8)
-    absorption = no_absorption(height, width)
-    for bit, light in enumerate(query.lights[first : first + PROJECTIONS]):
-        number = first + bit
-        occluder = occluders[number % len(occluders)]
-        if occluder is None or light[1] <= light[3] * occluder.ground_y:
-            continue
-        view = query.grid.view(occluder.camera)
-        (matrix,) = project_along_light(light[None], occluder.ground_y, view)
-        at = (((number + 1) * _R2[0]) % 1.0, ((number + 1) * _R2[1]) % 1.0)
-        opaque = occluder.opaque if light[3] == 0.0 else occluder.opaque.below(light[1])
-        mark_covered(bits, bit, (opaque.vertices, opaque.faces, opaque.edges), matrix, at)
-        for whole, opacity in occluder.transparent:
-            mesh = whole if light[3] == 0.0 else whole.below(light[1])
-            points = mesh.vertices[:, :3] @ matrix[:, :3].T + matrix[:, 3]
-            surface = np.ascontiguousarray(mesh.vertices[:, 3:])
-            texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
-            absorb(absorption, (bits, bit), points, surface, mesh.faces, texture, number + 1, at)
-    return np.bitwise_count(bits).astype(np.float32) + absorption.taken
 
 
 def _surface(occluder: Occluder) -> Float64:

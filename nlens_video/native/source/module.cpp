@@ -25,4 +25,6 @@ const char* best_module() {
 NB_MODULE(NLENS_MODULE, module) {
     module.def("best_module", &best_module, "Name of the module for this processor.");
     nlens::bind_blend(module);
+    nlens::bind_shadow_coverage(module);
+    nlens::bind_shadow_transparency(module);
 }

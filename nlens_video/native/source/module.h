@@ -11,5 +11,7 @@ namespace nlens {
 using Unlocked = nanobind::call_guard<nanobind::gil_scoped_release>;
 
 void bind_blend(nanobind::module_& module);
+void bind_shadow_coverage(nanobind::module_& module);
+void bind_shadow_transparency(nanobind::module_& module);
 
 }  // namespace nlens

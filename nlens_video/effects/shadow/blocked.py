@@ -1,0 +1,101 @@
+"""How much of a light casters block: each sample of it is a projection of their triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.effects.shadow.apply import Grid
+from nlens_video.effects.shadow.casters import ClippedMesh, Occluder, project_along_light
+from nlens_video.effects.shadow.coverage import PROJECTIONS, Projection, mark_covered
+from nlens_video.effects.shadow.transparency import absorb, no_absorption
+from nlens_video.kernels.thread_pool import parallel_for
+
+R2 = (0.7548776662466927, 0.5698402909980532)
+"""Of Roberts' low-discrepancy sequence."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Query:
+    """Samples of a light whose blocked share is computed on a grid.
+
+    Attributes:
+        lights: points (x, y, z, 1), or directions towards distant light (x, y, z, 0) (N, 4).
+        count: samples that they stand for, neglected ones included [1].
+        grid: the pixels.
+    """
+
+    lights: Float64
+    count: int
+    grid: Grid
+
+
+def hidden_shares(
+    occluders: Sequence[Occluder | None], queries: Sequence[Query], threads: int | None
+) -> list[Float32]:
+    """Share of each query's light that is blocked, on its grid.
+
+    Samples of the light take turns with temporal samples (None: nothing above the ground), so the
+    mean over moments costs no more than one moment.
+    """
+    # samples of one moment go together: they share its triangles
+    work = [
+        (number, moment, first)
+        for number, one in enumerate(queries)
+        for moment in range(len(occluders))
+        for first in range(moment, len(one.lights), len(occluders) * PROJECTIONS)
+    ]
+    done: dict[tuple[int, int, int], Float32] = {}
+
+    def count(part: tuple[int, int, int]) -> None:
+        number, moment, first = part
+        query, occluder = queries[number], occluders[moment]
+        if occluder is not None:
+            samples = range(first, len(query.lights), len(occluders))[:PROJECTIONS]
+            done[part] = _counts(occluder, query, samples)
+
+    parallel_for(count, work, threads)
+    counts = [np.zeros(one.grid.shape, np.float32) for one in queries]
+    for part in work:  # in this order, whichever was ready first
+        if part in done:
+            counts[part[0]] += done[part]
+    return [number / np.float32(one.count) for number, one in zip(counts, queries, strict=True)]
+
+
+def _counts(occluder: Occluder, query: Query, samples: Sequence[int]) -> Float32:
+    """Number of blocked samples (h, w) among some of a query, at most `PROJECTIONS`."""
+    height, width = query.grid.shape
+    view = query.grid.view(occluder.camera)
+    above = [n for n in samples if query.lights[n][1] > query.lights[n][3] * occluder.ground_y]
+    matrices = project_along_light(query.lights[above], occluder.ground_y, view)
+    projections = [
+        (bit, matrix, (((n + 1) * R2[0]) % 1.0, ((n + 1) * R2[1]) % 1.0))
+        for bit, (n, matrix) in enumerate(zip(above, matrices, strict=True))
+    ]
+    bits = np.zeros((height, width), np.uint8)
+    absorption = no_absorption(height, width)
+    for below, alike in _by_mesh(occluder.opaque, query.lights[above], projections):
+        mark_covered(bits, (below.vertices, below.faces, below.edges), alike)
+    for number, (bit, matrix, at) in zip(above, projections, strict=True):
+        light = query.lights[number]
+        for whole, opacity in occluder.transparent:
+            mesh = whole if light[3] == 0.0 else whole.below(light[1])
+            points = mesh.vertices[:, :3] @ matrix[:, :3].T + matrix[:, 3]
+            surface = np.ascontiguousarray(mesh.vertices[:, 3:])
+            texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
+            absorb(absorption, (bits, bit), points, surface, mesh.faces, texture, number + 1, at)
+    return np.bitwise_count(bits).astype(np.float32) + absorption.taken
+
+
+def _by_mesh(
+    mesh: ClippedMesh, lights: Float64, projections: Sequence[Projection]
+) -> list[tuple[ClippedMesh, list[Projection]]]:
+    """What of a mesh lies below each light, with the projections from the lights that see it so."""
+    found: dict[ClippedMesh, list[Projection]] = {}
+    for light, projection in zip(lights, projections, strict=True):
+        below = mesh if light[3] == 0.0 else mesh.below(light[1])
+        found.setdefault(below, []).append(projection)
+    return list(found.items())
