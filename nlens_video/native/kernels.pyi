@@ -5,14 +5,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64
 
 _Int32 = npt.NDArray[np.int32]
+_Int64 = npt.NDArray[np.int64]
 _Bits = npt.NDArray[np.uint8]
 
 # area by area, one of `source/*.cpp` each
 
 def best_module() -> str: ...
+
+# animation.cpp
+def sample_tracks(
+    time_s: float, tracks: _Int64, times: Float64, values: Float64, out: Float64, /
+) -> None: ...
+def multiply_nodes(
+    local: Float64, order: _Int64, matrices: Float64, has_matrix: Bool, world: Float64, /
+) -> None: ...
 
 # blend.cpp; planes may have any strides
 STEPS_BITS: int
@@ -48,6 +57,41 @@ def composite_over(
     /,
 ) -> None: ...
 
+# projection.cpp; positions of any strides for `screen_bounds`
+def project(positions: Float32, lens: Float64, points: Float64, /) -> None: ...
+def screen_bounds(
+    positions: Float32 | Float64, lens: Float64, /
+) -> tuple[float, float, float, float, float, float]: ...
+def travel_bound(points: Float64, lenses: Float64, /) -> float: ...
+
+# raster.cpp
+PADDING: int
+_Shape = tuple[Float64, Float32, _Int32, Float64]
+
+def fill_triangles(
+    drawn: _Int32,
+    first: int,
+    last: int,
+    shape: _Shape,
+    spans: _Int32,
+    width: int,
+    disparity: Float32,
+    ids: _Int32,
+    /,
+) -> None: ...
+def fill_triangles_behind(
+    drawn: _Int32,
+    first: int,
+    last: int,
+    shape: _Shape,
+    spans: _Int32,
+    most: Float32,
+    planes: Float32,
+    disparity: Float32,
+    ids: _Int32,
+    /,
+) -> None: ...
+
 # shadow_coverage.cpp
 PER_PIXEL: int
 PROJECTIONS: int
@@ -72,3 +116,15 @@ def absorb(
     at: tuple[float, float],
     /,
 ) -> None: ...
+
+# triangles.cpp
+def set_up_triangles(
+    shape: _Shape,
+    sides: _Bits,
+    width: int,
+    lines: int,
+    spans: _Int32,
+    planes: Float32,
+    kept: _Int32,
+    /,
+) -> int: ...

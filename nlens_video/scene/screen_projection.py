@@ -14,12 +14,10 @@ from functools import lru_cache
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
-from nlens_video.kernels.numba_config import inlined, kernel_of
+from nlens_video.kernels.numba_config import inlined
+from nlens_video.native import kernels
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.posed import PosedScene
-
-_GRID = 256.0
-_HUGE = 1e9  # positions beyond are far off the frame whatever they are [px]
 
 
 def pinhole_params(camera: Camera, box: Box, near: float) -> Float64:
@@ -57,40 +55,19 @@ def in_camera(position: Float32, lens: Float64) -> tuple[float, float, float]:
     )
 
 
-@kernel_of("void(f4[:,::1],f8[::1],f8[:,::1])")
 def project(positions: Float32, lens: Float64, points: Float64) -> None:
     """Fill in columns and rows [px] and disparities (V, 3); disparity 0 nearer than `near`."""
-    for v in range(len(positions)):
-        right, up, depth = in_camera(positions[v], lens)
-        inside = depth >= lens[16]
-        disparity = 1.0 / (depth if inside else 1.0)
-        x = lens[14] + lens[12] * right * disparity
-        y = lens[15] - lens[13] * up * disparity
-        points[v, 0] = np.rint(min(max(x, -_HUGE), _HUGE) * _GRID) / _GRID
-        points[v, 1] = np.rint(min(max(y, -_HUGE), _HUGE) * _GRID) / _GRID
-        points[v, 2] = disparity if inside else 0.0
+    kernels.project(positions, lens, points)
 
 
-_Bounds = tuple[float, float, float, float, float, float]
-_BOUNDS = "Tuple((f8,f8,f8,f8,f8,f8))"
-
-
-@kernel_of(f"{_BOUNDS}(f4[:,:],f8[::1])", f"{_BOUNDS}(f8[:,:],f8[::1])")
-def bounds(positions: Float32 | Float64, lens: Float64) -> _Bounds:
+def bounds(
+    positions: Float32 | Float64, lens: Float64
+) -> tuple[float, float, float, float, float, float]:
     """Least and greatest column, row [px] and depth of positions (V, 3).
 
     Columns and rows are those of positions before the camera; without meaning if any is not.
     """
-    low_x = low_y = low_z = np.inf
-    high_x = high_y = high_z = -np.inf
-    for v in range(len(positions)):
-        right, up, depth = in_camera(positions[v], lens)
-        x = lens[14] + lens[12] * right / depth
-        y = lens[15] - lens[13] * up / depth
-        low_x, high_x = min(low_x, x), max(high_x, x)
-        low_y, high_y = min(low_y, y), max(high_y, y)
-        low_z, high_z = min(low_z, depth), max(high_z, depth)
-    return low_x, high_x, low_y, high_y, low_z, high_z
+    return kernels.screen_bounds(positions, lens)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,35 +120,7 @@ def travel_bound_px(points: Sequence[Float64], cameras: Sequence[Camera]) -> flo
     Returns:
         The bound; infinite where a point does not lie in front of the camera.
     """
-    return float(_travel(np.array(points), np.array(list(map(_frame_params, cameras)))))
-
-
-@kernel_of("f8(f8[:,:,::1],f8[:,::1])")
-def _travel(points: Float64, lenses: Float64) -> float:
-    """`travel_ref` of points (M, N, 3) seen by cameras (M, 17)."""
-    slope_x = slope_y = total = 0.0
-    nearest = np.inf
-    for m in range(len(points)):
-        for p in range(points.shape[1]):
-            right, up, depth = in_camera(points[m, p], lenses[m])
-            if not 0.0 < depth < np.inf:
-                return np.inf
-            slope_x, slope_y = max(slope_x, abs(right / depth)), max(slope_y, abs(up / depth))
-            nearest = min(nearest, depth)
-    for m in range(1, len(points)):
-        way_x = way_y = way_z = 0.0
-        for p in range(points.shape[1]):
-            right, up, depth = in_camera(points[m, p], lenses[m])
-            right0, up0, depth0 = in_camera(points[m - 1, p], lenses[m - 1])
-            way_x, way_y = max(way_x, abs(right - right0)), max(way_y, abs(up - up0))
-            way_z = max(way_z, abs(depth - depth0))
-        moved_x, moved_y = way_x + slope_x * way_z, way_y + slope_y * way_z
-        moved_x *= lenses[m, 12]
-        moved_y *= lenses[m, 13]
-        moved_x += abs(lenses[m, 12] - lenses[m - 1, 12]) * slope_x * nearest
-        moved_y += abs(lenses[m, 13] - lenses[m - 1, 13]) * slope_y * nearest
-        total += math.hypot(moved_x, moved_y) / nearest
-    return total
+    return kernels.travel_bound(np.array(points), np.array(list(map(_frame_params, cameras))))
 
 
 def travel_ref(points: Sequence[Float64], cameras: Sequence[Camera]) -> float:

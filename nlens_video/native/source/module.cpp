@@ -24,7 +24,11 @@ const char* best_module() {
 
 NB_MODULE(NLENS_MODULE, module) {
     module.def("best_module", &best_module, "Name of the module for this processor.");
+    nlens::bind_animation(module);
     nlens::bind_blend(module);
+    nlens::bind_projection(module);
+    nlens::bind_raster(module);
     nlens::bind_shadow_coverage(module);
     nlens::bind_shadow_transparency(module);
+    nlens::bind_triangles(module);
 }

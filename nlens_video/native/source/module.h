@@ -10,8 +10,12 @@ namespace nlens {
 // Kernels touch no Python object, so other threads may run Python meanwhile.
 using Unlocked = nanobind::call_guard<nanobind::gil_scoped_release>;
 
+void bind_animation(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
+void bind_projection(nanobind::module_& module);
+void bind_raster(nanobind::module_& module);
 void bind_shadow_coverage(nanobind::module_& module);
 void bind_shadow_transparency(nanobind::module_& module);
+void bind_triangles(nanobind::module_& module);
 
 }  // namespace nlens

@@ -10,22 +10,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from nlens_video.core.layers import Float32
 from nlens_video.kernels.numba_config import inlined, kernel
-from nlens_video.kernels.simd import DRAW_LANES, draw_samples
+from nlens_video.native import kernels
 from nlens_video.render.software.triangles import (
     Int32,
     Shape,
     crossing,
-    disparity_plane,
-    on_plane,
     on_screen,
 )
 
-Samples = tuple[Float32, Int32, int, int]
-"""Disparities and triangles, flat; columns of the picture, and those that are stored."""
 Line = tuple[float, float, float]
 """Column at which a line across rows lies: at a row, columns a row on, the row [px]."""
 Sides = tuple[Line, Line, Line, float]
@@ -33,7 +27,7 @@ Sides = tuple[Line, Line, Line, float]
 SAMPLE_X = (0.375, 0.875, 0.125, 0.625)
 SAMPLE_Y = (0.125, 0.375, 0.625, 0.875)
 """Where in a pixel its samples lie [px]."""
-PADDING = DRAW_LANES
+PADDING = kernels.PADDING
 """Columns stored to the right of the picture, of any content."""
 NOTHING = -1
 """No triangle."""
@@ -50,20 +44,6 @@ def _edge(p: Line, q: Line) -> Line:
 def _at(line: Line, y: float) -> float:
     """Its column at a row, exact to 2^-32: columns of samples are met exactly or not at all."""
     return (line[0] + line[1] * (y - line[2]) + _SNAP) - _SNAP
-
-
-@inlined
-def _run(
-    picture: Samples, t: int, line: int, run: tuple[int, int], slope: float, start: float
-) -> None:
-    """Draw columns `run` (first, one beyond the last) of a line; `start` is the first's."""
-    at, count = line * picture[3] + run[0], run[1] - run[0]
-    begun, step = np.float32(start), np.float32(slope)
-    # Unconditionally once: branch prediction fails on whether a short run is empty.
-    draw_samples(picture[0], picture[1], at, np.int32(count), begun, step, np.int32(t))
-    for x in range(DRAW_LANES, count, DRAW_LANES):
-        here = begun + step * np.float32(x)
-        draw_samples(picture[0], picture[1], at + x, np.int32(count - x), here, step, np.int32(t))
 
 
 @inlined
@@ -90,19 +70,6 @@ def _covered(sides: Sides, line: int, width: int) -> tuple[int, int]:
     shift = SAMPLE_X[line & 3]
     left = math.ceil(max(min(one, other) - shift, 0.0))
     return left, math.ceil(min(max(one, other) - shift, float(width)))
-
-
-@inlined
-def _fill(a: Line, b: Line, c: Line, t: int, limits: tuple[int, int], picture: Samples) -> None:
-    """A triangle before the camera, on lines `limits` (first, last)."""
-    sides = _sides(a, b, c)
-    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    slope = ((b[2] - a[2]) * (c[1] - a[1]) - (c[2] - a[2]) * (b[1] - a[1])) / area
-    down = ((c[2] - a[2]) * (b[0] - a[0]) - (b[2] - a[2]) * (c[0] - a[0])) / area
-    for line in range(limits[0], limits[1] + 1):
-        run = _covered(sides, line, picture[2])
-        x, y = run[0] + SAMPLE_X[line & 3] - a[0], 0.25 * line + 0.125 - a[1]
-        _run(picture, t, line, run, slope, a[2] + down * y + slope * x)
 
 
 @kernel
@@ -136,21 +103,6 @@ def _covered_crossing(
 
 
 @kernel
-def _fill_crossing(
-    planes: tuple[Line, Line, Line], highest: float, t: int, limits: tuple[int, int],
-    picture: Samples,
-) -> None:  # fmt: skip
-    """A triangle through the near plane, of which disparities up to `highest` are drawn."""
-    p, q, r = planes
-    slope, down = p[0] + q[0] + r[0], p[1] + q[1] + r[1]
-    for line in range(limits[0], limits[1] + 1):
-        run = _covered_crossing(planes, highest, line, picture[2])
-        x, y = run[0] + SAMPLE_X[line & 3], 0.25 * line + 0.125
-        if run[0] < run[1]:
-            _run(picture, t, line, run, slope, slope * x + down * y + p[2] + q[2] + r[2])
-
-
-@kernel
 def covered(shape: Shape, t: int, line: int, width: int) -> tuple[int, int]:
     """Columns of a line that a triangle covers: the first, and one beyond the last."""
     a, b, c = on_screen(shape, t)
@@ -162,7 +114,6 @@ def covered(shape: Shape, t: int, line: int, width: int) -> tuple[int, int]:
     return _covered_crossing(planes, 1.0 / shape[3][16], line, width)
 
 
-@kernel
 def fill(
     drawn: Int32, first: int, last: int, shape: Shape, spans: Int32, width: int,
     disparity: Float32, ids: Int32,
@@ -180,21 +131,9 @@ def fill(
             [1 / scene unit].
         ids: changed: triangle of each sample (4 h, width + PADDING).
     """
-    picture = disparity.reshape(-1), ids.reshape(-1), width, disparity.shape[1]
-    for n in range(len(drawn)):
-        t = drawn[n]
-        limits = max(first, spans[t, 0]), min(last, spans[t, 1])
-        if limits[0] > limits[1]:
-            continue
-        a, b, c = on_screen(shape, t)
-        if min(a[2], b[2], c[2]) > 0.0:
-            _fill(a, b, c, t, limits, picture)
-        else:
-            _, planes = crossing(shape, t)
-            _fill_crossing(planes, 1.0 / shape[3][16], t, limits, picture)
+    kernels.fill_triangles(drawn, first, last, shape, spans, width, disparity, ids)
 
 
-@kernel
 def fill_behind(
     drawn: Int32, rows: tuple[int, int], drawn_shape: tuple[Shape, Int32], most: Float32,
     planes: Float32, disparity: Float32, ids: Int32,
@@ -211,18 +150,7 @@ def fill_behind(
         ids: changed.
     """
     shape, spans = drawn_shape
-    width = most.shape[1]
-    for n in range(len(drawn)):
-        t = drawn[n]
-        first, last = max(4 * rows[0], spans[t, 0]), min(4 * rows[1] - 1, spans[t, 1])
-        if first > last:
-            continue
-        a, b, c = on_screen(shape, t)
-        before = min(a[2], b[2], c[2]) > 0.0
-        plane, sides = disparity_plane(planes, t), _sides(a, b, c)
-        for line in range(first, last + 1):
-            left, right = _covered(sides, line, width) if before else covered(shape, t, line, width)
-            for x in range(left, right):
-                d = on_plane(plane, x + SAMPLE_X[line & 3], 0.25 * line + 0.125)
-                if disparity[line, x] <= d <= most[line >> 2, x]:
-                    disparity[line, x], ids[line, x] = d, t
+    first, last = 4 * rows[0], 4 * rows[1] - 1
+    kernels.fill_triangles_behind(
+        drawn, first, last, shape, spans, most, planes, disparity, ids
+    )  # fmt: skip

@@ -6,13 +6,12 @@ attributes are interpolated; their sum is disparity.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.numba_config import inlined, kernel, to_f32
+from nlens_video.native import kernels
 from nlens_video.scene.screen_projection import in_camera
 
 Int32 = npt.NDArray[np.int32]
@@ -27,23 +26,6 @@ SAMPLES = 4
 PLANES = 16
 A, B, C = 0, 4, 8
 X0, Y0, FACING = 12, 13, 14
-
-
-@inlined
-def _corner_planes(
-    row: Float32, a: Triple, b: Triple, c: Triple, area: float, facing: float
-) -> None:  # fmt: skip
-    """Planes of a triangle whose corners (column, row, disparity) lie before the camera."""
-    scale = 1.0 / area
-    row[A] = (b[1] - c[1]) * scale * a[2]
-    row[A + 1] = (c[1] - a[1]) * scale * b[2]
-    row[A + 2] = (a[1] - b[1]) * scale * c[2]
-    row[B] = (c[0] - b[0]) * scale * a[2]
-    row[B + 1] = (a[0] - c[0]) * scale * b[2]
-    row[B + 2] = (b[0] - a[0]) * scale * c[2]
-    row[C], row[C + 1], row[C + 2] = a[2], 0.0, 0.0
-    row[A + 3] = row[B + 3] = row[C + 3] = 0.0
-    row[X0], row[Y0], row[FACING] = a[0], a[1], facing
 
 
 @inlined
@@ -97,28 +79,6 @@ def _crossing_planes(
     )
 
 
-@inlined
-def _set_crossing(row: Float32, shape: Shape, t: int) -> float:
-    """Planes of a triangle through the near plane; twice its area, 0 where it has none."""
-    area, planes = crossing(shape, t)
-    if area == 0.0:
-        return 0.0
-    for k in range(3):
-        row[A + k], row[B + k], row[C + k] = planes[k][0], planes[k][1], planes[k][2]
-    row[A + 3] = row[B + 3] = row[C + 3] = 0.0
-    row[X0], row[Y0] = 0.0, 0.0
-    return area
-
-
-@inlined
-def _lines(low: float, high: float, lines: int) -> tuple[int, int]:
-    """First and last line of samples whose row lies in [low, high)."""
-    first = math.ceil(min(max((low - 0.125) * SAMPLES, 0.0), lines))
-    last = math.ceil(min(max((high - 0.125) * SAMPLES, 0.0), lines)) - 1
-    return int(first), int(last)
-
-
-@kernel
 def set_up(
     shape: Shape, sides: npt.NDArray[np.uint8], width: int, lines: int,
     spans: Int32, planes: Float32, kept: Int32,
@@ -137,34 +97,7 @@ def set_up(
     Returns:
         How many are kept.
     """
-    count = 0
-    for t in range(len(shape[2])):
-        a, b, c = on_screen(shape, t)
-        mirrored = -1.0 if sides[t] & 2 else 1.0
-        if min(a[2], b[2], c[2]) > 0.0:
-            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            facing = mirrored if area < 0.0 else -mirrored  # rows run downwards
-            if area == 0.0 or (facing < 0.0 and not sides[t] & 1):
-                continue
-            if max(a[0], b[0], c[0]) < 0.0 or min(a[0], b[0], c[0]) > width:
-                continue
-            first, last = _lines(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), lines)
-            if first > last:
-                continue
-            _corner_planes(planes[t], a, b, c, area, facing)
-        else:
-            if max(a[2], b[2], c[2]) == 0.0:
-                continue
-            area = _set_crossing(planes[t], shape, t)
-            facing = mirrored if area < 0.0 else -mirrored
-            if area == 0.0 or (facing < 0.0 and not sides[t] & 1):
-                continue
-            planes[t, FACING] = facing
-            first, last = 0, lines - 1
-        spans[t, 0], spans[t, 1] = first, last
-        kept[count] = t
-        count += 1
-    return count
+    return kernels.set_up_triangles(shape, sides, width, lines, spans, planes, kept)
 
 
 @inlined

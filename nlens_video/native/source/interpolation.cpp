@@ -1,0 +1,150 @@
+// Interpolation of vertex attributes over the points of a block.
+#include "interpolation.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "triangles.h"
+#include "vectors.h"
+
+namespace nlens {
+namespace {
+
+constexpr float kLeast = 1e-30f;
+
+float sum_of_three(Float4 v) { return v[0] + v[1] + v[2]; }
+
+// Of a triangle's corners at a position, their change by a column and a row; depth there.
+struct Weights {
+    Float4 here, across, down;
+    float depth;
+};
+
+Weights weights(const float* planes, float x, float y) {
+    const auto a = load<Float4>(planes + kA), b = load<Float4>(planes + kB), c = load<Float4>(planes + kC);
+    // weights divided by depth; their sum, 1 / depth
+    const Float4 shares = a * (x - planes[kX0]) + b * (y - planes[kY0]) + c;
+    const float depth = 1.0f / sum_of_three(shares);
+    const Float4 here = shares * depth;
+    return {here, (a - here * sum_of_three(a)) * depth, (b - here * sum_of_three(b)) * depth, depth};
+}
+
+// Rows of four numbers of a triangle's corners.
+struct CornerRows {
+    Float4 a, b, c;
+
+    CornerRows(Array<const float, 2> values, const std::int32_t* corners)
+        : a(load<Float4>(values.at(corners[0]))),
+          b(load<Float4>(values.at(corners[1]))),
+          c(load<Float4>(values.at(corners[2]))) {}
+
+    Float4 weighted(Float4 by) const { return a * by[0] + b * by[1] + c * by[2]; }
+};
+
+void put(Block::Numbers* rows, int i, Float4 v) {
+    for (int k = 0; k < 4; ++k) rows[k][i] = v[k];
+}
+
+// Weighted corners where the weights' sum is 0, in differences: worlds may lie far off.
+Vector moved(const Mesh& mesh, const std::int32_t* corners, Float4 by) {
+    const float* a = mesh.positions.at(corners[0]);
+    const float* b = mesh.positions.at(corners[1]);
+    const float* c = mesh.positions.at(corners[2]);
+    const float u = by[1], v = by[2];
+    return {u * (b[0] - a[0]) + v * (c[0] - a[0]), u * (b[1] - a[1]) + v * (c[1] - a[1]),
+            u * (b[2] - a[2]) + v * (c[2] - a[2])};
+}
+
+// Unit normal, and tangent and bitangent along what is in `uv`. The longer of the two has a given
+// length; both are 0 where the coordinates do not change.
+struct Frame {
+    Vector normal, tangent, bitangent;
+};
+
+Frame frame(const Block& block, int i, const Mesh& mesh, float length) {
+    const int t = block.triangle[i];
+    const float* planes = mesh.planes.at(t);
+    const std::int32_t* corners = mesh.faces.at(t);
+    const Weights by = weights(planes, block.x[i], block.y[i]);
+    Vector n = get(block.normal, i);
+    n = n * (planes[kFacing] / std::sqrt(std::max(dot(n, n), kLeast)));
+    const Vector px = moved(mesh, corners, by.across), py = moved(mesh, corners, by.down);
+    const Vector fy = cross(py, n), fx = cross(n, px);
+    const auto along = [&](int k) { return fy * block.uv[1][k][i] + fx * block.uv[2][k][i]; };
+    const Vector tangent = along(0);
+    // v grows downwards in the picture, the map's green upwards.
+    const Vector bitangent = along(1) * -1.0f;
+    const float size = std::max(dot(tangent, tangent), dot(bitangent, bitangent));
+    if (!(size > 0.0f)) return {n, {}, {}};
+    // The frame's handedness follows the screen's: columns and rows turn about +-n.
+    const float turn = dot(py, fx);
+    float scale = length / std::sqrt(size);
+    if (turn < 0.0f) scale = -scale;
+    return {n, tangent * scale, bitangent * scale};
+}
+
+bool equal(Vector a, Vector b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+}  // namespace
+
+void interpolate(Block& block, int count, const Mesh& mesh) {
+    const bool coloured = mesh.colors.shape[0] > 0;
+    for (int i = 0; i < count; ++i) {
+        const int t = block.triangle[i];
+        const float* planes = mesh.planes.at(t);
+        const std::int32_t* corners = mesh.faces.at(t);
+        const Weights by = weights(planes, block.x[i], block.y[i]);
+        block.material[i] = mesh.material(t);
+        block.depth[i] = by.depth;
+        const CornerRows uv(mesh.uv, corners);
+        put(block.coordinates[0], i, uv.weighted(by.here));
+        put(block.coordinates[1], i, uv.weighted(by.across));
+        put(block.coordinates[2], i, uv.weighted(by.down));
+        const Float4 n = CornerRows(mesh.normals, corners).weighted(by.here) * planes[kFacing];
+        set(block.normal, i, {n[0], n[1], n[2]});
+        Float4 color = {1.0f, 1.0f, 1.0f, 1.0f};
+        if (coloured) color = CornerRows(mesh.colors, corners).weighted(by.here);
+        set(block.base, i, {color[0], color[1], color[2]});
+        block.alpha[i] = color[3];
+    }
+}
+
+void apply_normal_map(Block& block, Run run, const Mesh& mesh, float strength) {
+    for (int i = run.first; i < run.last; ++i) {
+        const auto [n, s, t] = frame(block, i, mesh, strength);
+        float a = block.texel[0][i] * 2.0f - 1.0f;
+        float b = block.texel[1][i] * 2.0f - 1.0f;
+        float c = block.texel[2][i] * 2.0f - 1.0f;
+        if (equal(s, t)) a = 0.0f, b = 0.0f, c = 1.0f;  // both are 0: there is no frame
+        set(block.normal, i, (s * a + t * b + n * c) * mesh.planes(block.triangle[i], kFacing));
+    }
+}
+
+void find_directions(Block& block, Run run, const Mesh& mesh) {
+    for (int i = run.first; i < run.last; ++i) {
+        const auto [n, s, t] = frame(block, i, mesh, 1.0f);
+        const float x = block.along[0][i] / std::sqrt(std::max(dot(s, s), kLeast));
+        const float y = block.along[1][i] / std::sqrt(std::max(dot(t, t), kLeast));
+        const Vector along = s * x + t * y;
+        set(block.along, i, along);
+        set(block.beside, i, cross(n, along));
+    }
+}
+
+void view_vectors(Block& block, Array<const float, 1> lens) {
+    for (int i = 0; i < kPoints; ++i) {
+        const Vector n = get(block.normal, i);
+        const float squared = dot(n, n);
+        set(block.normal, i, n * (1.0f / std::sqrt(squared > kLeast ? squared : kLeast)));
+    }
+    const Vector right{lens(0), lens(1), lens(2)}, up{lens(3), lens(4), lens(5)}, back{lens(6), lens(7), lens(8)};
+    const float per_column = 1.0f / lens(9), per_row = 1.0f / lens(10), cx = lens(11), cy = lens(12);
+    for (int i = 0; i < kPoints; ++i) {
+        const Vector v = back - right * ((block.x[i] - cx) * per_column) - up * ((cy - block.y[i]) * per_row);
+        const float length = std::sqrt(dot(v, v));
+        set(block.view, i, v * (1.0f / length));
+        block.distance[i] = block.depth[i] * length;
+    }
+}
+
+}  // namespace nlens
