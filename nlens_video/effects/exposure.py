@@ -12,10 +12,10 @@ import math
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Float32, Float64, Picture
+from nlens_video.native import kernels
 
 NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is applied in full
 DARKEST, BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from white [1]
@@ -137,44 +137,11 @@ def _registered(before: Float32, now: Float32) -> Float32 | None:
     )
 
 
-@numba.njit("void(f4[:,:,::1],f4[:,:,::1])", cache=True, nogil=True)
 def take_stops(light: Float32, stops: Float32) -> None:
     """Fill in logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
-    for i in range(light.shape[0]):
-        for j in range(light.shape[1]):
-            known = True  # false for NaN, too
-            for k in range(3):
-                known &= np.float32(DARKEST) <= light[i, j, k] <= np.float32(BRIGHTEST)
-            for k in range(3):
-                stops[i, j, k] = np.log2(light[i, j, k]) if known else np.float32(math.nan)
+    kernels.take_stops(light, (DARKEST, BRIGHTEST), stops)
 
 
-@numba.njit(cache=True, nogil=True)
-def median_of(values: Float32) -> float:
-    """The value of rank n // 2, from 0, among n finite ones.
-
-    Bisects the range of values, since counting takes no branch: a partition took four times as
-    long.
-    """
-    half = len(values) // 2
-    keys = values.view(np.int32)
-    keys = keys ^ ((keys >> 31) & np.int32(0x7FFFFFFF))  # in the order of the values
-    low, high = np.int64(keys.min()), np.int64(keys.max())
-    while low < high:
-        middle = np.int32((low + high) >> 1)
-        below = np.int32(0)
-        for key in keys:
-            below += np.int32(key <= middle)
-        if below > half:
-            high = np.int64(middle)
-        else:
-            low = np.int64(middle) + 1
-    key = np.int32(low)
-    bits = np.int32(key ^ ((key >> 31) & np.int32(0x7FFFFFFF)))
-    return bits.view(np.float32)  # type: ignore[return-value]  # single, like the values
-
-
-@numba.njit("b1(f4[:,:,::1],f4[:,:,::1],f8,f8,f8[::1])", cache=True, nogil=True)
 def take_change(
     before: Float32, now: Float32, least_share: float, most_spread: float, change: Float64
 ) -> bool:
@@ -190,25 +157,7 @@ def take_change(
     Returns:
         Whether it is usable.
     """
-    places = before.shape[0] * before.shape[1]
-    ratios = np.empty((3, places), np.float32)
-    count = 0
-    for i in range(before.shape[0]):
-        for j in range(before.shape[1]):
-            if math.isnan(before[i, j, 0]) or math.isnan(now[i, j, 0]):
-                continue
-            for k in range(3):
-                ratios[k, count] = now[i, j, k] - before[i, j, k]
-            count += 1
-    if count < least_share * places:
-        return False
-    for k in range(3):
-        known = ratios[k, :count]
-        middle = median_of(known)
-        if not median_of(np.abs(known - middle)) < most_spread:
-            return False
-        change[k] = middle
-    return True
+    return kernels.take_change(before, now, least_share, most_spread, change)
 
 
 def stops_reference(light: Float32) -> Float64:

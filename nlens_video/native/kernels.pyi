@@ -57,6 +57,26 @@ def composite_over(
     /,
 ) -> None: ...
 
+# exposure.cpp
+def take_stops(light: Float32, known: tuple[float, float], stops: Float32, /) -> None: ...
+def take_change(
+    before: Float32, now: Float32, least_share: float, most_spread: float, change: Float64, /
+) -> bool: ...
+
+# grain.cpp
+def regrain(
+    rgba: Float32,
+    plate: Float32,
+    noise: Float32,
+    deviation: Float32,
+    codes: Float32,
+    lights: Float32,
+    /,
+) -> None: ...
+def white_noise(
+    out: Float32, corner: tuple[int, int], moment: int, seed: int, scale: float, /
+) -> None: ...
+
 # projection.cpp; positions of any strides for `screen_bounds`
 def project(positions: Float32, lens: Float64, points: Float64, /) -> None: ...
 def screen_bounds(

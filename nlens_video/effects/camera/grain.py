@@ -11,11 +11,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Float32, Picture
+from nlens_video.native import kernels
 
 LAGS = 3  # reach of the spatial correlation, each way [px]
 _PERSISTENT = 0.03  # share of a past picture's noise that is neglected
@@ -133,47 +132,11 @@ def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -
     """
     out = np.array(rgba, np.float32, order="C")
     codes, lights = _tables()
-    _regrain(
+    kernels.regrain(
         out, np.ascontiguousarray(plate), np.ascontiguousarray(noise, np.float32),
         np.ascontiguousarray(deviation), codes, lights,
     )  # fmt: skip
     return out
-
-
-# Compiled for the types of the signature below, which annotations would only repeat.
-@njit(inline="always")
-def _look_up(table, at):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    place = at * np.float32(table.shape[0] - 1)
-    low = min(int(place), table.shape[0] - 2)
-    part = place - np.float32(low)
-    return table[low] + part * (table[low + 1] - table[low])
-
-
-@njit(
-    "void(f4[:,:,::1], f4[:,:,::1], f4[:,:,::1], f4[:,::1], f4[::1], f4[::1])",
-    cache=True,
-    nogil=True,
-)
-def _regrain(out, plate, noise, deviation, codes, lights):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    zero, one = np.float32(0.0), np.float32(1.0)
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            alpha = min(out[i, j, 3], one)
-            if alpha <= zero:
-                continue
-            free = one - alpha
-            missing = np.sqrt(one - free * free)
-            for c in range(3):
-                light = out[i, j, c] + free * plate[i, j, c]
-                if light >= one:
-                    continue
-                code = _look_up(codes, np.sqrt(max(light, zero)))
-                level = np.float32(255.0) * code
-                low = min(int(level), 254)
-                part = level - np.float32(low)
-                spread = deviation[low, c] + part * (deviation[low + 1, c] - deviation[low, c])
-                grained = min(max(code + missing * spread * noise[i, j, c], zero), one)
-                out[i, j, c] += _look_up(lights, grained) - max(light, zero)
 
 
 def regrain_reference(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
@@ -192,7 +155,6 @@ def regrain_reference(rgba: Float32, plate: Float32, noise: Float32, deviation: 
     ).astype(np.float32)
 
 
-_UINT32 = npt.NDArray[np.uint32]
 # The sum of the four bytes of a number, each uniform, is near to normal (Irwin-Hall), within 4
 # deviations; its deviation:
 _BYTES_DEVIATION = 2.0 * ((256.0**2 - 1.0) / 12.0) ** 0.5
@@ -211,35 +173,9 @@ def white_noise(corner: tuple[int, int], size: tuple[int, int], moment: int, see
         Values (h, w), independent of each other.
     """
     out = np.empty(size, np.float32)
-    _fill(out, corner[0], corner[1], np.uint32(moment & 0xFFFFFFFF), np.uint32(seed & 0xFFFFFFFF))
+    moment, seed = moment & 0xFFFFFFFF, seed & 0xFFFFFFFF
+    kernels.white_noise(out, corner, moment, seed, 1.0 / _BYTES_DEVIATION)
     return out
-
-
-# Not annotated: numba infers the types of `_mixed` and takes those of `_fill` from its signature.
-@njit(inline="always")
-def _mixed(value):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """A number whose bits all depend on all bits of another (the finaliser `lowbias32`)."""
-    # products and sums of 32 bits become 64 wide: each is cut again
-    value = np.uint32(value ^ (value >> np.uint32(16)))
-    value = np.uint32(value * np.uint32(0x7FEB352D))
-    value = np.uint32(value ^ (value >> np.uint32(15)))
-    value = np.uint32(value * np.uint32(0x846CA68B))
-    return np.uint32(value ^ (value >> np.uint32(16)))
-
-
-@njit("void(f4[:,::1], i8, i8, u4, u4)", cache=True, nogil=True)
-def _fill(out, top, left, moment, seed):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    start = _mixed(np.uint32(seed ^ _mixed(np.uint32(moment + np.uint32(0x9E3779B9)))))
-    scale = np.float32(1.0 / _BYTES_DEVIATION)
-    byte = np.uint32(255)
-    for i in range(out.shape[0]):
-        of_row = _mixed(np.uint32(start ^ np.uint32(top + i)))
-        for j in range(out.shape[1]):
-            place = np.uint32(np.uint32(left + j) * np.uint32(0x9E3779B1))
-            bits = _mixed(np.uint32(of_row + place))
-            total = np.uint32(bits & byte) + np.uint32((bits >> np.uint32(8)) & byte)
-            total += np.uint32((bits >> np.uint32(16)) & byte) + np.uint32(bits >> np.uint32(24))
-            out[i, j] = (np.float32(total) - np.float32(510.0)) * scale
 
 
 def white_noise_reference(

@@ -26,6 +26,8 @@ NB_MODULE(NLENS_MODULE, module) {
     module.def("best_module", &best_module, "Name of the module for this processor.");
     nlens::bind_animation(module);
     nlens::bind_blend(module);
+    nlens::bind_exposure(module);
+    nlens::bind_grain(module);
     nlens::bind_projection(module);
     nlens::bind_raster(module);
     nlens::bind_shadow_coverage(module);

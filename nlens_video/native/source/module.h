@@ -12,6 +12,8 @@ using Unlocked = nanobind::call_guard<nanobind::gil_scoped_release>;
 
 void bind_animation(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
+void bind_exposure(nanobind::module_& module);
+void bind_grain(nanobind::module_& module);
 void bind_projection(nanobind::module_& module);
 void bind_raster(nanobind::module_& module);
 void bind_shadow_coverage(nanobind::module_& module);
