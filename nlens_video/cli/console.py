@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from nlens_video.farm.chunk import Chunk
     from nlens_video.farm.merge import Merged
     from nlens_video.graph.base.profiler import Summary
-    from nlens_video.run.render import FitOutcome, RunResult
+    from nlens_video.run.find_fit import FitOutcome
+    from nlens_video.run.render import RunResult
 
 OnProgress = Callable[[int, int | None], None]
 

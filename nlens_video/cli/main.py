@@ -183,8 +183,9 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
         if args.resume:
             return farm_commands.run_resumable(args, settings, console)
         return farm_commands.run_chunk(settings, Path(args.output), console)
+    from nlens_video.run.find_fit import find_fit
     from nlens_video.run.observers import check_sidecars
-    from nlens_video.run.render import find_fit, render
+    from nlens_video.run.render import render
 
     if args.command == "fit":
         found = find_fit(settings)

@@ -242,6 +242,7 @@ class Settings:
         optics: known vignetting and distortion.
         lens: what is known of the plate's lens beforehand.
         prefer: which of two lenses to take where the plate leaves it open.
+        chart_m: side of the markers of a chart on which `fit` measures the lens [m].
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
         fallback: what replaces a fit that fails.
@@ -267,6 +268,7 @@ class Settings:
     optics: LensOverrides = LensOverrides()
     lens: KnownLens = UNKNOWN_LENS
     prefer: Prefer | None = None
+    chart_m: float | None = None
     fit: Path | None = None
     save_fit: Path | None = None
     fallback: Fallback = "none"

@@ -37,7 +37,7 @@ from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.stages.r_regression import FitSamples
+from nlens_video.stages.r_samples import FitSamples
 
 _DISTORTION = "distortion"
 

@@ -16,8 +16,8 @@ from nlens_video.graph.base.node import LANES, Lane, Node
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.base.values import FrameValues, ShotValues
 from nlens_video.graph.builder import Graph
+from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.scheduler import Worker
-from nlens_video.stages.r_camera_zoom import CameraZoom
 from nlens_video.stages.r_lens_track import FitTrack, LiveLens
 from nlens_video.video.info import SourceFrame
 

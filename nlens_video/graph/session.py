@@ -19,13 +19,13 @@ from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.view import View, choose_camera
 from nlens_video.graph.builder import Built, Graph, build, open_dependencies
+from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene
-from nlens_video.stages.r_camera_zoom import CameraZoom
 from nlens_video.stages.r_lens_track import LiveLens
 
 _WITH_BACKEND = ("estimate-coc", "render", "reblur", "lens-sampling")

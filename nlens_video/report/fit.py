@@ -8,7 +8,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Findings, MainFrame
 from nlens_video.report.html import figure, key, missing, section, table
 from nlens_video.report.svg import Axes, dots, line, nice_step, path, text
-from nlens_video.stages.r_regression import FitSamples
+from nlens_video.stages.r_samples import FitSamples
 
 _DRAWN_SAMPLES = 3000
 _WEIGHT_STEPS = 4  # shades of a sample

@@ -24,7 +24,7 @@ from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.stages.r_regression import FitSamples
+from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.exposure_time import exposure_time_s
 from nlens_video.video.focal_length import tagged_focal

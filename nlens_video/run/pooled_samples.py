@@ -21,7 +21,7 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.open_run import open_run
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.stages.r_regression import FitSamples
+from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
 

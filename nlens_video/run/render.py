@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from nlens_video.core import signals
-from nlens_video.core.errors import OutOfViewError, UsageError
+from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import Decision
@@ -19,13 +18,11 @@ from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
 from nlens_video.run.drift_check import DriftCheck
-from nlens_video.run.lens_track_pass import lens_track_pass
-from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
+from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
 from nlens_video.run.open_run import frame_s, open_run, opened, take_in
-from nlens_video.run.pooled_samples import lens_passes, samples_of_other_frames
+from nlens_video.run.pooled_samples import lens_passes
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.run.zoom_check import ZoomCheck
-from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceInfo, part_of
 from nlens_video.video.input.reconnect import Reconnecting
@@ -37,8 +34,6 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 OnProgress = Callable[[int, int | None], None]
-FIT_SEARCH_FRAMES = 240
-"""Frames within which `fit` expects the object to come into view."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,16 +65,6 @@ class RunResult:
         return {**asdict(self), "timing": {**asdict(self.timing), "fps": self.timing.fps}}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitOutcome:
-    """The result of `fit`: fit and file, notes and missing sidecar outputs as in `RunResult`."""
-
-    fit: LensFit
-    path: Path
-    notes: tuple[str, ...]
-    missing: tuple[str, ...] = ()
-
-
 def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
     """The resolved graph in words; reads the GLB and the source's first frames, renders nothing.
 
@@ -95,69 +80,6 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
             *_describe_source(run_input.info),
             *describe(run_input.session, all_reasons=all_reasons),
         )
-
-
-def find_fit(
-    settings: Settings,
-    search_frames: float = FIT_SEARCH_FRAMES,
-    on_counted: Callable[[int], None] = lambda frames: None,
-) -> FitOutcome:
-    """Fit the lens on the first frame with the object in view, and save the fit.
-
-    Where the lens changes over a file and `track_focus` is on, the whole track is saved.
-
-    Args:
-        settings: the run; `save_fit` names the file.
-        search_frames: frames to search at most, infinity for all [1].
-        on_counted: as of `lens_track_pass`.
-
-    Raises:
-        NlensError: as `render`; OutOfViewError when the object does not come into view.
-    """
-    if settings.save_fit is None:
-        raise UsageError("no file for the fit was named")
-    check_folder(settings.save_fit)
-    remove_stale(settings.save_fit)
-    track = lens_track_pass(settings, on_counted)
-    if track is not None:
-        with replacing(settings.save_fit) as partial:
-            partial.write_text(track.to_json())
-        return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.describe(),))
-    profiler = Profiler(settings.budget_ms)
-    with ExitStack() as stack:
-        others = samples_of_other_frames(settings)
-        run_input = stack.enter_context(open_run(settings, profiler, others))
-        session = run_input.session
-        found = observers(settings, run_input.info, session, None)
-        sidecars = stack.enter_context(SidecarOutputs(found))
-        find_lens = session.graph.find_lens
-        seen = 0
-        for state in run_input.items([sidecars]):
-            if not isinstance(state, FrameState):
-                continue
-            seen += 1
-            signals.check()
-            session.executor.run(state, find_lens)
-            frame = state.frame
-            timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
-            sidecars.frame(state, timing)
-            if session.executor.fit is not None or seen >= search_frames:
-                break
-        fit = session.executor.fit
-        if not seen:
-            first, end = settings.source.frames
-            raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
-        if fit is None:
-            raise OutOfViewError(
-                f"{settings.scene.glb}: the object does not come into view within {seen} frames, "
-                "so there is nothing to fit; check the camera or --range"
-            )
-        save_fit(fit, settings.save_fit)
-        with note_on_complete_result(str(settings.save_fit)):
-            sidecars.finish(profiler.summary(), session.notes)
-    return FitOutcome(
-        fit=fit, path=settings.save_fit, notes=session.notes, missing=sidecars.missing
-    )
 
 
 def render(

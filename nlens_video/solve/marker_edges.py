@@ -8,6 +8,8 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Float32, Float64
 
+Luma = npt.NDArray[np.uint8] | Float32
+
 _ALONG, _ACROSS = 24, 17  # samples along an edge, and across it
 _ENDS = 0.12  # of an edge, left out at both ends
 _CELL = 1.0 / 8.0  # of a marker's side: its border is about so wide
@@ -16,11 +18,11 @@ _ROUNDS = 4
 _STRAYED = 0.5  # of the way to the next cell: then the corners that came in are better
 
 
-def refine(luma: npt.NDArray[np.uint8], corners: Float64) -> Float64:
+def refine(luma: Luma, corners: Float64) -> Float64:
     """Corners of a dark square on a light ground, to a small part of a pixel.
 
     Args:
-        luma: (H, W).
+        luma: (H, W), 0 to 255.
         corners: clockwise (4, 2), pixel centres at +0.5, about a pixel off [px].
     """
     start, quad = corners, corners
@@ -34,7 +36,7 @@ def refine(luma: npt.NDArray[np.uint8], corners: Float64) -> Float64:
     return quad if near else start
 
 
-def _round(luma: npt.NDArray[np.uint8], quad: Float64) -> Float64 | None:
+def _round(luma: Luma, quad: Float64) -> Float64 | None:
     """One round: the edges near those of a quadrangle, and where they meet; None where none are."""
     ends = np.roll(quad, -1, axis=0)
     along = ends - quad
@@ -74,7 +76,7 @@ def _line(points: Float64, weights: Float64) -> Float64:
     return np.array([*normal, -normal @ middle])
 
 
-def _sampled(luma: npt.NDArray[np.uint8], spots: Float64) -> Float32:
+def _sampled(luma: Luma, spots: Float64) -> Float32:
     """Light at positions (…, 2)."""
     columns, rows = (spots[..., axis].astype(np.float32).reshape(-1, 1) - 0.5 for axis in (0, 1))
     found = cv2.remap(luma, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -13,72 +13,22 @@ values is too flat, so the training prior is divided out of the samples first.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
-from nlens_video.core.layers import Bool, CocMap, Float64
+from nlens_video.core.layers import CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
-from nlens_video.stages.f_coc import remove_prior
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
-from nlens_video.stages.r_robust_v import VCandidate, VFit, with_what_is_open
+from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, with_what_is_open
+from nlens_video.stages.r_samples import LARGEST_AT_INFINITY, FitSamples, joined, sample_plane
 
-GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
-MIN_SAMPLES = 48
-FLOOR_PX = 0.3  # least expected error of an estimate
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
 UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
-_FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
-_LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
-_CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitSamples:
-    """Samples of the fit, for plots and checks; all arrays (N,).
-
-    Attributes:
-        disparity: of the ground plane [1 / scene unit].
-        coc_px: unsigned diameter, without the training prior [px].
-        sigma_px: its expected error [px].
-        anchor: whether the sample lies in the footprint.
-        weight: of the robust loss, 0 to 1 [1].
-        cluster: number of the patch of the frame that it belongs to.
-    """
-
-    disparity: Float64
-    coc_px: Float64
-    sigma_px: Float64
-    anchor: Bool
-    weight: Float64
-    cluster: npt.NDArray[np.int64]
-
-    @property
-    def middle(self) -> float:
-        """Median disparity of the footprint, of the plane where there is none."""
-        return float(
-            np.median(self.disparity[self.anchor] if self.anchor.any() else self.disparity)
-        )
-
-    def problem(self, anchor_weight: float, width: int, known: LensPrior = NO_PRIOR) -> VFit:
-        """The robust fit of these samples on a frame of some width [px], with what is known.
-
-        `anchor_weight` is that of the footprint as a whole against the rest of the plane [1].
-        Ground beyond the footprint counts less with the square of the distance: the farther, the
-        likelier it is no longer the plane on which the object stands.
-        """
-        share = np.minimum(self.disparity / self.middle, 1.0) ** 2
-        share /= share.sum()
-        if self.anchor.any():
-            share = share + anchor_weight * self.anchor / self.anchor.sum()
-        error = np.hypot(self.sigma_px, FLOOR_PX)
-        infinity_px = _LARGEST_AT_INFINITY * width
-        return VFit(self.disparity, self.coc_px, error, share / share.sum(), infinity_px, known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,26 +69,52 @@ class FitLens:
         """
         samples = self.samples(coc, ground)
         if others:
-            samples = _joined([samples, *others])
-        problem, lens = self._solved(samples, coc.coc_px.shape[1], known)
+            samples = joined([samples, *others])
+        where = (
+            self._where(samples)
+            + (f", mean of {coc.frames} frames" if coc.frames > 1 else "")
+            + (f", {1 + len(others)} frames of a moving camera" if others else "")
+        )
+        size = coc.coc_px.shape[1], coc.coc_px.shape[0]
+        return self.of_samples(samples, size, where, frame, known)
+
+    def of_samples(
+        self, samples: FitSamples, size: tuple[int, int], where: str, frame: int = 0,
+        known: LensPrior = NO_PRIOR, independent: float = INDEPENDENT,
+    ) -> Regression:  # fmt: skip
+        """Fit the lens on samples of a frame.
+
+        Args:
+            samples: of it.
+            size: its columns and rows [px].
+            where: what the samples are of, in words.
+            frame: its index, kept in the fit.
+            known: of the lens beforehand, combined with the samples by its errors.
+            independent: how many independent samples they are worth [1].
+
+        Raises:
+            LensFitError: they show no blur, or do not tell it.
+        """
+        width, height = size
+        problem, lens = self._solved(samples, width, known)
         if lens is None:
             raise LensFitError(
                 "the plate shows no blur on the ground under the object; give --fit FILE.json, "
                 "--effects none, or --fallback constant"
             )
-        covariance = problem.covariance(lens, samples.cluster)
+        covariance = problem.covariance(lens, samples.cluster, independent)
         sign, margin = _sign(problem, lens, float(np.sqrt(covariance[0, 0])))
         other = problem.of_other_sign(lens) if sign == "ambiguous" else None
         if other is not None and known.prefer is not None:
             sign = "assumed"
             if (lens.focus > other.focus) != (known.prefer == "near"):
                 lens, other = other, lens
-                covariance = problem.covariance(lens, samples.cluster)
+                covariance = problem.covariance(lens, samples.cluster, independent)
         readings = covariance
         if known.usual_slope is not None:
             chance = 0.5 * max(0.0, 1.0 - margin / RESOLVED_MARGIN) if sign == "ambiguous" else 0.0
             # a scene that is not in metres has lenses in use that no frame could show
-            most = _LARGEST_AT_INFINITY * coc.coc_px.shape[1] / max(samples.middle, 1e-300)
+            most = LARGEST_AT_INFINITY * width / max(samples.middle, 1e-300)
             usual = min(known.usual_slope, most), samples.middle
             covariance = with_what_is_open(readings, lens, other, chance, *usual)
             if sign == "resolved" and lens.slope < 2.0 * np.sqrt(covariance[0, 0]):
@@ -155,16 +131,14 @@ class FitLens:
             rmse_px=float(np.sqrt(np.average(error**2, weights=weight + 1e-12))),
             n=len(error),
             inlier_fraction=float(np.mean(weight > 0.25)),
-            width=coc.coc_px.shape[1],
-            height=coc.coc_px.shape[0],
+            width=width,
+            height=height,
             frame=frame,
             readings_share=_part(readings, covariance, samples.middle),
             sign=sign,
             sign_margin=margin,
             other=None if other is None else (other.slope, -other.slope * other.focus),
-            method=f"robust V-fit over {self._where(samples)}"
-            + (f", mean of {coc.frames} frames" if coc.frames > 1 else "")
-            + (f", {1 + len(others)} frames of a moving camera" if others else "")
+            method=f"robust V-fit over {where}"
             + (f", with {known.source}" if known.in_numbers else ""),
             ground_seen=ground_visibility(
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
@@ -179,7 +153,7 @@ class FitLens:
         Raises:
             LensFitError: the plane is not in view.
         """
-        return _sample(coc, ground, whole_plane=self.whole_plane)
+        return sample_plane(coc, ground, whole_plane=self.whole_plane)
 
     def _solved(
         self, samples: FitSamples, width: int, known: LensPrior
@@ -203,55 +177,10 @@ class FitLens:
         return "the whole ground plane, anchored by the footprint"
 
 
-def _joined(parts: Sequence[FitSamples]) -> FitSamples:
-    """Samples of several frames; patches of different frames err apart."""
-    patches = np.cumsum([0, *(int(part.cluster.max()) + 1 for part in parts)])
-    moved = [
-        replace(part, cluster=part.cluster + int(first))
-        for part, first in zip(parts, patches, strict=False)
-    ]
-    names = [field.name for field in fields(FitSamples)]
-    return FitSamples(**{n: np.concatenate([getattr(part, n) for part in moved]) for n in names})
-
-
 def _agreeing(problem: VFit, lens: VCandidate, samples: FitSamples) -> float:
     """Mean weight of the footprint's samples under the loss, 0 to 1; 1 where there are none."""
     anchor = samples.anchor
     return float(problem.inlier_weight(lens)[anchor].mean()) if anchor.any() else 1.0
-
-
-def _sample(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitSamples:
-    """Samples on a regular grid of the part of the frame that the plane covers."""
-    height, width = coc.coc_px.shape
-    step = max(1, round(width / GRID_COLUMNS))
-    if not whole_plane:  # a footprint can be a handful of pixels
-        step = max(1, min(step, int(np.sqrt(max(ground.mask.sum(), 1) / MIN_SAMPLES))))
-    rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
-    disparity, anchor = ground.disparity[rows, columns], ground.mask[rows, columns]
-    values, sigma = coc.coc_px[rows, columns], coc.sigma_px[rows, columns]
-    use = np.isfinite(values) & np.isfinite(sigma) & (disparity > 0)
-    if not whole_plane:
-        use &= anchor
-    elif anchor.any():
-        use &= disparity > _FARTHEST_SHARE * np.median(disparity[anchor])
-    if use.sum() < MIN_SAMPLES:
-        raise LensFitError(
-            f"only {int(use.sum())} samples of the ground plane y = {ground.ground_y:g} are in "
-            f"view, {MIN_SAMPLES} are needed; check --ground-y and the camera, or give "
-            "--fit FILE.json or --fallback constant"
-        )
-    patch = step * _CLUSTER_SAMPLES
-    debiased, error = values[use].astype(np.float64), sigma[use].astype(np.float64)
-    if coc.prior is not None:
-        debiased, error = remove_prior(debiased, error, coc.prior)
-    return FitSamples(
-        disparity=disparity[use].astype(np.float64),
-        coc_px=debiased,
-        sigma_px=error,
-        anchor=anchor[use],
-        weight=np.ones(int(use.sum())),
-        cluster=((rows // patch) * width + columns // patch)[use].astype(np.int64),
-    )
 
 
 def _sign(problem: VFit, lens: VCandidate, slope_stderr: float) -> tuple[Sign, float]:

@@ -10,6 +10,7 @@ from end_to_end.option_rows import (
     EVALUATE,
     INPUT,
     JOB,
+    LENGTHS,
     LENS,
     NO_FILE,
     NO_TARGET,
@@ -62,6 +63,7 @@ COMMANDS = {
         rows={
             **TALK, "input": INPUT, **OBJECT, **LENS, **PLATE, **RANGE, **SHOWN,
             **SCALE_ELSEWHERE,
+            "chart": option("--chart", "0.2m", nonsense=LENGTHS, code=5),  # no plate here has one
             "save_fit": Row(sense=("{tmp}/other.json",), nonsense=NO_TARGET, codes=(2, 6)),
         },
     ),

@@ -19,7 +19,7 @@ from nlens_video.video.info import SourceFrame
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
-    from nlens_video.stages.r_regression import FitSamples
+    from nlens_video.stages.r_samples import FitSamples
 
 CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 """F: the CoC map of a picture, from it and the ones that follow."""

@@ -1,0 +1,107 @@
+"""The lens of a plate that shows a chart of markers: `fit --chart`."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from nlens_video.core.box import Box
+from nlens_video.core.errors import LensFitError, UsageError
+from nlens_video.core.layers import Float64, Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import Settings
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.executor import FrameState
+from nlens_video.run.open_run import open_run
+from nlens_video.scene.camera import Camera
+from nlens_video.solve.edge_blur import PARTS, edge_blurs
+from nlens_video.solve.marker_edges import refine
+from nlens_video.solve.markers import MarkerFinder
+from nlens_video.stages.r_regression import FitLens
+from nlens_video.stages.r_samples import FitSamples
+
+_FRAMES = 8  # of a clip that are measured: more of them add little
+_FEWEST = 8  # parts of edges
+_LUMA = np.array([0.2126, 0.7152, 0.0722])
+_SQUARE = np.array([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])  # as OpenCV orders it
+
+
+def chart_fit(settings: Settings, side_m: float) -> LensFit:
+    """Fit the lens on the edges of markers of known size, which may stand anywhere.
+
+    Args:
+        settings: the run; its camera tells the focal length in pixels.
+        side_m: side of the markers [m].
+
+    Raises:
+        UsageError: the camera's scale is not known, so that a distance in metres tells nothing.
+        LensFitError: no marker, or too few edges that are not blurred over.
+    """
+    with open_run(settings, Profiler(settings.budget_ms)) as run_input:
+        view, objects = run_input.session.view, run_input.session.context.objects
+        if view.unit_m is None:
+            raise UsageError(
+                "--chart: the camera's scale is not known; give a GLB with its camera, or "
+                "--camera-from with one in metres"
+            )
+        finder, first = MarkerFinder(), 0
+        parts: list[Float64] = []
+        for state in run_input.items([]):
+            if not isinstance(state, FrameState):
+                continue
+            if not parts:
+                first = state.frame.index
+            camera = objects.camera(state.frame.time_s)
+            parts += _measured(finder, state.picture, camera, side_m / view.unit_m)
+            if len(finder.sightings()[0]) >= _FRAMES:
+                break
+    rows = np.concatenate(parts) if parts else np.zeros((0, 3))
+    if len(rows) < _FEWEST:
+        raise LensFitError(
+            f"--chart: {len(rows)} parts of markers' edges can be measured, {_FEWEST} are needed; "
+            "expected markers of OpenCV's dictionaries with white borders, large in the frame, "
+            "their black borders wider than the blur"
+        )
+    number = np.arange(len(rows))
+    samples = FitSamples(
+        disparity=rows[:, 0], coc_px=rows[:, 1], sigma_px=rows[:, 2],
+        anchor=np.zeros(len(rows), bool), weight=np.ones(len(rows)), cluster=number,
+    )  # fmt: skip
+    known = settings.known_lens.prior(camera.fx, camera.width, view.unit_m)
+    size = camera.width, camera.height
+    where = f"{len(rows)} parts of markers' edges"
+    edges = len(rows) / PARTS
+    return FitLens().of_samples(samples, size, where, first, known, independent=edges).fit
+
+
+def _measured(finder: MarkerFinder, picture: Picture, camera: Camera, side: float) -> list[Float64]:
+    """Disparity, CoC and error (N, 3) of the edges of each marker of a picture."""
+    light: Float64 = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
+    coded = np.clip(light, 0.0, 1.0) ** (1.0 / 2.2)
+    before = len(finder.sightings()[0])
+    finder.add(np.asarray(255.0 * coded, np.uint8))
+    bright = np.asarray(255.0 * light, np.float32)  # coded, an edge's middle would lie off it
+    return [
+        row
+        for sighting in finder.sightings()[0][before:]
+        for corners in sighting.corners
+        if (row := _of_marker(light, refine(bright, corners), camera, side)) is not None
+    ]
+
+
+def _of_marker(light: Float64, corners: Float64, camera: Camera, side: float) -> Float64 | None:
+    """Disparity [1 / scene unit], CoC and error [px] (N, 3) of a marker; None without a pose."""
+    matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    points = np.column_stack([side * _SQUARE, np.zeros(4)])
+    solved, turn, shift = cv2.solvePnP(
+        points, corners, matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
+    if not solved:
+        return None
+    blurs = edge_blurs(np.ascontiguousarray(light, np.float32), corners)
+    across, down = blurs.share[:, 0] - 0.5, 0.5 - blurs.share[:, 1]
+    axes = cv2.Rodrigues(turn)[0]
+    depth = shift[2, 0] + side * (across * axes[2, 0] + down * axes[2, 1])
+    if not (depth > 0.0).all():
+        return None
+    return np.column_stack([1.0 / depth, blurs.coc_px, blurs.error_px])

@@ -1,0 +1,111 @@
+"""Samples of the lens fit: where the plate's CoC and the ground's disparity are both known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.known_lens import NO_PRIOR, LensPrior
+from nlens_video.core.layers import Bool, CocMap, Float64
+from nlens_video.stages.f_coc import remove_prior
+from nlens_video.stages.p_projection import GroundProjection
+from nlens_video.stages.r_robust_v import VFit
+
+GRID_COLUMNS = 240  # samples across the frame: the estimate has no finer detail than that
+MIN_SAMPLES = 48
+FLOOR_PX = 0.3  # least expected error of an estimate
+LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
+_FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
+_CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitSamples:
+    """Samples of the fit, for plots and checks; all arrays (N,).
+
+    Attributes:
+        disparity: of the ground plane [1 / scene unit].
+        coc_px: unsigned diameter, without the training prior [px].
+        sigma_px: its expected error [px].
+        anchor: whether the sample lies in the footprint.
+        weight: of the robust loss, 0 to 1 [1].
+        cluster: number of the patch of the frame that it belongs to.
+    """
+
+    disparity: Float64
+    coc_px: Float64
+    sigma_px: Float64
+    anchor: Bool
+    weight: Float64
+    cluster: npt.NDArray[np.int64]
+
+    @property
+    def middle(self) -> float:
+        """Median disparity of the footprint, of the plane where there is none."""
+        return float(
+            np.median(self.disparity[self.anchor] if self.anchor.any() else self.disparity)
+        )
+
+    def problem(self, anchor_weight: float, width: int, known: LensPrior = NO_PRIOR) -> VFit:
+        """The robust fit of these samples on a frame of some width [px], with what is known.
+
+        `anchor_weight` is that of the footprint as a whole against the rest of the plane [1].
+        Ground beyond the footprint counts less with the square of the distance: the farther, the
+        likelier it is no longer the plane on which the object stands.
+        """
+        share = np.minimum(self.disparity / self.middle, 1.0) ** 2
+        share /= share.sum()
+        if self.anchor.any():
+            share = share + anchor_weight * self.anchor / self.anchor.sum()
+        error = np.hypot(self.sigma_px, FLOOR_PX)
+        infinity_px = LARGEST_AT_INFINITY * width
+        return VFit(self.disparity, self.coc_px, error, share / share.sum(), infinity_px, known)
+
+
+def joined(parts: Sequence[FitSamples]) -> FitSamples:
+    """Samples of several frames; patches of different frames err apart."""
+    patches = np.cumsum([0, *(int(part.cluster.max()) + 1 for part in parts)])
+    moved = [
+        replace(part, cluster=part.cluster + int(first))
+        for part, first in zip(parts, patches, strict=False)
+    ]
+    names = [field.name for field in fields(FitSamples)]
+    return FitSamples(**{n: np.concatenate([getattr(part, n) for part in moved]) for n in names})
+
+
+def sample_plane(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitSamples:
+    """Samples on a regular grid of the part of the frame that the plane covers."""
+    height, width = coc.coc_px.shape
+    step = max(1, round(width / GRID_COLUMNS))
+    if not whole_plane:  # a footprint can be a handful of pixels
+        step = max(1, min(step, int(np.sqrt(max(ground.mask.sum(), 1) / MIN_SAMPLES))))
+    rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
+    disparity, anchor = ground.disparity[rows, columns], ground.mask[rows, columns]
+    values, sigma = coc.coc_px[rows, columns], coc.sigma_px[rows, columns]
+    use = np.isfinite(values) & np.isfinite(sigma) & (disparity > 0)
+    if not whole_plane:
+        use &= anchor
+    elif anchor.any():
+        use &= disparity > _FARTHEST_SHARE * np.median(disparity[anchor])
+    if use.sum() < MIN_SAMPLES:
+        raise LensFitError(
+            f"only {int(use.sum())} samples of the ground plane y = {ground.ground_y:g} are in "
+            f"view, {MIN_SAMPLES} are needed; check --ground-y and the camera, or give "
+            "--fit FILE.json or --fallback constant"
+        )
+    patch = step * _CLUSTER_SAMPLES
+    debiased, error = values[use].astype(np.float64), sigma[use].astype(np.float64)
+    if coc.prior is not None:
+        debiased, error = remove_prior(debiased, error, coc.prior)
+    return FitSamples(
+        disparity=disparity[use].astype(np.float64),
+        coc_px=debiased,
+        sigma_px=error,
+        anchor=anchor[use],
+        weight=np.ones(int(use.sum())),
+        cluster=((rows // patch) * width + columns // patch)[use].astype(np.int64),
+    )
