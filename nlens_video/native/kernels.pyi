@@ -11,6 +11,9 @@ _Int32 = npt.NDArray[np.int32]
 _Int64 = npt.NDArray[np.int64]
 _Bits = npt.NDArray[np.uint8]
 
+_Atlas = tuple[npt.NDArray[np.uint16], npt.NDArray[np.int64], npt.NDArray[np.int64]]
+_Lights = tuple[Float32, int, Float32, Float32]
+
 # area by area, one of `source/*.cpp` each
 
 def best_module() -> str: ...
@@ -77,6 +80,19 @@ def white_noise(
     out: Float32, corner: tuple[int, int], moment: int, seed: int, scale: float, /
 ) -> None: ...
 
+# light.cpp; rows of a block of 64 points
+SURROUND_LEVELS: int
+SURROUND_ROUGHEST: float
+SURROUND_SOFT: float
+
+def light_points(rows: Float32, lights: _Lights, /) -> None: ...
+
+# materials.cpp
+UNLIT: int
+OPAQUE: int
+LAYERED: int
+CUT: int
+
 # projection.cpp; positions of any strides for `screen_bounds`
 def project(positions: Float32, lens: Float64, points: Float64, /) -> None: ...
 def screen_bounds(
@@ -136,6 +152,9 @@ def absorb(
     at: tuple[float, float],
     /,
 ) -> None: ...
+
+# textures.cpp; coordinates, their change by a column and by a row (6, n), and linear RGBA (4, n)
+def sample_texture(uv: Float32, atlas: _Atlas, texture: int, out: Float32, /) -> None: ...
 
 # triangles.cpp
 def set_up_triangles(

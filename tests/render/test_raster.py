@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.rasteriser import SIZE, drawn, random_block, resolved, surface, truth
+from support.rasteriser import NOTHING_AROUND, SIZE, drawn, random_block, resolved, surface, truth
 
+from nlens_video.native import kernels
 from nlens_video.render.software import raster, reference_kernels
 from nlens_video.render.software import shading_block as at
 from nlens_video.render.software.deferred import resolve_depth
-from nlens_video.render.software.light import light
-from nlens_video.render.software.textures import Atlas, sample_texture
+from nlens_video.render.software.textures import Atlas
 from nlens_video.scene.gltf.textures import Image
 
 
@@ -80,13 +80,13 @@ def test_computed_span_of_a_triangle_equals_the_filled_pixels():
 
 def test_shading_kernel_agrees_with_the_gltf_specification():
     rng = np.random.default_rng(3)
-    block, fields = random_block(rng)
+    _, fields = random_block(rng)
     lamps = np.zeros((3, 16), np.float32)
     toward = rng.normal(size=(3, 3))
     lamps[:, 8:11] = toward / np.linalg.norm(toward, axis=1, keepdims=True)
     lamps[:, :3] = rng.random((3, 3))
     emitted = fields[at.RED // at.WIDTH : at.RED // at.WIDTH + 3].copy()
-    light(block, lamps, 3, np.zeros((0, 4), np.float32))
+    kernels.light_points(fields, (lamps, 3, *NOTHING_AROUND))
     added = fields[at.RED // at.WIDTH : at.RED // at.WIDTH + 3] - emitted
     suns = [(row[8:11].astype(float), row[:3].astype(float)) for row in lamps]
     expected = np.array(
@@ -97,11 +97,11 @@ def test_shading_kernel_agrees_with_the_gltf_specification():
 
 def test_lamp_shades_as_a_sun_of_equal_irradiance():
     rng = np.random.default_rng(4)
-    block, fields = random_block(rng)
+    _, fields = random_block(rng)
     lamp = np.zeros((1, 16), np.float32)
     lamp[0, :3], lamp[0, 4:7], lamp[0, 13] = (5.0, 3.0, 1.0), (0.4, 1.2, -0.3), 1.0
     emitted = fields[at.RED // at.WIDTH : at.RED // at.WIDTH + 3].copy()
-    light(block, lamp, 0, np.zeros((0, 4), np.float32))
+    kernels.light_points(fields, (lamp, 0, *NOTHING_AROUND))
     added = fields[at.RED // at.WIDTH : at.RED // at.WIDTH + 3] - emitted
     for i in range(at.WIDTH):
         here = surface(fields, i)
@@ -125,19 +125,14 @@ def test_texture_filtering_and_wrapping_agree_with_the_reference(wrap, least):
         atlas = Atlas.of(
             [Image(pixels=pixels, srgb=True, mag_filter=mag, min_filter=least, wrap=(wrap, wrap))]
         )
-        block, whole = at.new_block()
-        fields, points = block.reshape(-1, at.WIDTH), slice(2, 62)  # part of a block
-        fields[at.U // at.WIDTH : at.U // at.WIDTH + 2, points] = rng.uniform(-2.5, 3.5, (2, 60))
-        changes = rng.normal(size=(4, 60)) * 10.0 ** rng.uniform(-3, 0, 60)
-        fields[at.U_ACROSS // at.WIDTH : at.U_ACROSS // at.WIDTH + 4, points] = changes
-        sample_texture(block, whole, (2, 62), (atlas.texels, atlas.levels, atlas.table), 0)
-        for i in range(2, 62):
-            u, v, ux, vx, uy, vy = fields[at.U // at.WIDTH : at.U // at.WIDTH + 6, i].astype(float)
-            along = np.array([ux, vx]), np.array([uy, vy])
-            expected = reference_kernels.sample_texture(atlas, 0, (u, v), along)
-            got = fields[at.TEXEL_R // at.WIDTH : at.TEXEL_R // at.WIDTH + 4, i]
-            assert got == pytest.approx(expected, abs=2e-4)
-            assert not fields[at.TEXEL_R // at.WIDTH :, [0, 1, 62, 63]].any()
+        uv, got = np.empty((6, 150), np.float32), np.empty((4, 150), np.float32)
+        uv[:2] = rng.uniform(-2.5, 3.5, (2, 150))
+        uv[2:] = rng.normal(size=(4, 150)) * 10.0 ** rng.uniform(-3, 0, 150)
+        kernels.sample_texture(uv, (atlas.texels, atlas.levels, atlas.table), 0, got)
+        for (u, v, *along), color in zip(uv.T.astype(float), got.T, strict=True):
+            changes = np.array(along[:2]), np.array(along[2:])
+            expected = reference_kernels.sample_texture(atlas, 0, (u, v), changes)
+            assert color == pytest.approx(expected, abs=2e-4)
 
 
 def test_mip_levels_are_averaged_in_linear_light():

@@ -10,6 +10,8 @@ from nlens_video.render.software import shading_block as at
 from nlens_video.scene import Camera, screen_projection
 
 SIZE = (24, 32)
+NOTHING_AROUND = np.zeros((0, 4), np.float32), np.zeros((0, 0, 0, 4), np.float32)
+"""Ambient light and what is mirrored, of `deferred.Lights`."""
 
 
 def drawn(positions, faces, *, near=0.5, sides=1, rows=None):

@@ -28,9 +28,12 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_blend(module);
     nlens::bind_exposure(module);
     nlens::bind_grain(module);
+    nlens::bind_light(module);
+    nlens::bind_materials(module);
     nlens::bind_projection(module);
     nlens::bind_raster(module);
     nlens::bind_shadow_coverage(module);
     nlens::bind_shadow_transparency(module);
+    nlens::bind_textures(module);
     nlens::bind_triangles(module);
 }

@@ -14,10 +14,13 @@ void bind_animation(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
 void bind_exposure(nanobind::module_& module);
 void bind_grain(nanobind::module_& module);
+void bind_light(nanobind::module_& module);
+void bind_materials(nanobind::module_& module);
 void bind_projection(nanobind::module_& module);
 void bind_raster(nanobind::module_& module);
 void bind_shadow_coverage(nanobind::module_& module);
 void bind_shadow_transparency(nanobind::module_& module);
+void bind_textures(nanobind::module_& module);
 void bind_triangles(nanobind::module_& module);
 
 }  // namespace nlens

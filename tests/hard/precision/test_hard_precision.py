@@ -18,6 +18,7 @@ from support.definitions import (
 )
 from support.glb_builder import GlbBuilder
 from support.rasteriser import (
+    NOTHING_AROUND,
     drawn,
     layered_block,
     layered_surface,
@@ -47,14 +48,14 @@ from nlens_video.kernels.scatter.paper_scatter import paper_scatter
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref, scatter_ref
 from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
+from nlens_video.native import kernels
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
 from nlens_video.render.software import raster, reference_kernels, shading_block
 from nlens_video.render.software.deferred import resolve_depth
 from nlens_video.render.software.layers import light_layers
-from nlens_video.render.software.light import light
 from nlens_video.render.software.material_eval import LAYERED
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
-from nlens_video.render.software.textures import Atlas, sample_texture
+from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import Camera, Scene, screen_projection
 from nlens_video.scene.gltf import animation_kernels
 from nlens_video.scene.gltf.textures import Image
@@ -225,7 +226,7 @@ def _geometry() -> dict[str, tuple[float, float]]:
 def _shading() -> dict[str, tuple[float, float]]:
     rng = np.random.default_rng(3)
     made = {}
-    block, fields = random_block(rng)
+    _, fields = random_block(rng)
     lamps = np.zeros((3, 16), np.float32)
     toward = rng.normal(size=(3, 3))
     lamps[:, 8:11] = toward / np.linalg.norm(toward, axis=1, keepdims=True)
@@ -233,7 +234,7 @@ def _shading() -> dict[str, tuple[float, float]]:
     width = shading_block.WIDTH
     red = slice(shading_block.RED // width, shading_block.RED // width + 3)
     emitted = fields[red].copy()
-    light(block, lamps, 3, np.zeros((0, 4), np.float32))
+    kernels.light_points(fields, (lamps, 3, *NOTHING_AROUND))
     suns = [(row[8:11].astype(float), row[:3].astype(float)) for row in lamps]
     exact = np.array(
         [reference_kernels.lit_by_directional(surface(fields, i), suns) for i in range(width)]
@@ -256,19 +257,15 @@ def _shading() -> dict[str, tuple[float, float]]:
     atlas = Atlas.of(
         [Image(pixels=pixels, srgb=True, mag_filter=9729, min_filter=9987, wrap=(10497, 10497))]
     )
-    block, whole = shading_block.new_block()
-    fields, points = block.reshape(-1, width), slice(2, 62)
-    place = shading_block.U // width
-    fields[place : place + 2, points] = rng.uniform(-2.5, 3.5, (2, 60))
-    fields[place + 2 : place + 6, points] = rng.normal(size=(4, 60)) * 0.05
-    sample_texture(block, whole, (2, 62), (atlas.texels, atlas.levels, atlas.table), 0)
-    worst, texel = 0.0, shading_block.TEXEL_R // width
-    for i in range(2, 62):
-        u, v, ux, vx, uy, vy = fields[place : place + 6, i].astype(float)
+    uv, texels = np.empty((6, 60), np.float32), np.empty((4, 60), np.float32)
+    uv[:2], uv[2:] = rng.uniform(-2.5, 3.5, (2, 60)), rng.normal(size=(4, 60)) * 0.05
+    kernels.sample_texture(uv, (atlas.texels, atlas.levels, atlas.table), 0, texels)
+    worst = 0.0
+    for (u, v, *along), texel in zip(uv.T.astype(float), texels.T, strict=True):
         exact = reference_kernels.sample_texture(
-            atlas, 0, (u, v), (np.array([ux, vx]), np.array([uy, vy]))
+            atlas, 0, (u, v), (np.array(along[:2]), np.array(along[2:]))
         )
-        worst = max(worst, np.abs(fields[texel : texel + 4, i] - exact).max())
+        worst = max(worst, np.abs(texel - exact).max())
     made["filtered textures"] = (worst, 3e-6)
     made["a whole picture: colour"] = (_picture(pane=True)[0], 2e-6)
     made["a whole picture: depth"] = (_picture(pane=False)[1], 2e-6)

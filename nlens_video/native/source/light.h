@@ -1,0 +1,99 @@
+// glTF 2.0 metallic-roughness shading (appendix B) under punctual and ambient light:
+// `render/software/light.py`.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "arrays.h"
+#include "shading_block.h"
+
+namespace nlens {
+
+// The light of a scene, see `deferred.Lights`.
+struct Lights {
+    Array<const float, 2> lamps;    // (L, 16), see `Lighting.lamp_rows`
+    int suns;                       // how many of them, the first ones, have no place
+    Array<const float, 2> ambient;  // (9, 4), or (0, 4) for none
+    Array<const float, 4> levels;   // `Surround.levels`, (0, 0, 0, 4) where nothing mirrors them
+    static constexpr auto fields =
+        std::tuple{&Lights::lamps, &Lights::suns, &Lights::ambient, &Lights::levels};
+
+    bool has_ambient() const { return ambient.shape[0] > 0; }
+    bool has_surround() const { return levels.shape[0] > 0; }
+};
+
+// Unlike std::max and std::min, `b` if either is none, as processors have it.
+inline float larger(float a, float b) { return a > b ? a : b; }
+inline float smaller(float a, float b) { return a < b ? a : b; }
+
+// Light that reaches a point: the unit direction it comes from, and how much.
+struct Ray {
+    Vector toward, light;
+};
+
+// From a lamp with a place; `lamp` is its row of numbers, `view` and `distance` those of the point.
+inline Ray from_lamp(const float* lamp, Vector view, float distance) {
+    const Vector way = Vector{lamp[4], lamp[5], lamp[6]} + view * distance;
+    const float squared = larger(dot(way, way), 1e-30f);
+    const float near = 1.0f / std::sqrt(squared);
+    const float beyond = squared * lamp[7];
+    const float window = smaller(larger(1.0f - beyond * beyond, 0.0f), 1.0f);
+    const float facing = dot({lamp[8], lamp[9], lamp[10]}, way) * near * lamp[12] + lamp[13];
+    const float spot = smaller(larger(facing, 0.0f), 1.0f);
+    const float part = window * spot * spot / squared;
+    // number by number: vectors copied whole would keep loops from being vectorised
+    return {{way.x * near, way.y * near, way.z * near}, {part * lamp[0], part * lamp[1], part * lamp[2]}};
+}
+
+inline Ray from_sun(const float* lamp) {
+    return {{lamp[8], lamp[9], lamp[10]}, {lamp[0], lamp[1], lamp[2]}};
+}
+
+// From any of the lamps.
+inline Ray lamp_at(const Block& block, int i, const Lights& lights, int number) {
+    const float* lamp = lights.lamps.at(number);
+    if (number < lights.suns) return from_sun(lamp);
+    return from_lamp(lamp, get(block.view, i), block.distance[i]);
+}
+
+// `Illumination.ambient` on a unit normal; `ambient` are its rows (9, 4).
+inline Vector around_on(const float* ambient, Vector n) {
+    const float xy = n.x * n.y, yz = n.y * n.z, zz = 3.0f * n.z * n.z - 1.0f, xz = n.x * n.z;
+    const float xx_yy = n.x * n.x - n.y * n.y;
+    const auto channel = [&](const float* a) {
+        return larger(a[0] + a[4] * n.y + a[8] * n.z + a[12] * n.x + a[16] * xy + a[20] * yz + a[24] * zz +
+                          a[28] * xz + a[32] * xx_yy,
+                      0.0f);
+    };
+    return {channel(ambient), channel(ambient + 1), channel(ambient + 2)};
+}
+
+// What a rough mirror reflects of even light.
+struct RoughMirror {
+    float scale, bias, repeated;
+
+    // The share, by its colour and what it reflects at grazing angles.
+    float share(float color, float edge) const {
+        return (color * scale + edge * bias) * (1.0f + color * repeated);
+    }
+};
+
+// By Karis's fit ("Physically Based Shading on Mobile", 2014).
+inline RoughMirror rough_mirror(float nv, float roughness) {
+    const float gloss = 1.0f - roughness;
+    const float cosine = 1.0f - smaller(larger(nv, 0.0f), 1.0f), away = cosine * cosine;
+    const float bend = smaller(gloss * gloss, away * away * away) * gloss + 0.0425f - 0.0275f * roughness;
+    const float scale = 1.04f - 0.572f * roughness - 1.04f * bend;
+    const float bias = 1.04f * bend - 0.04f + 0.022f * roughness;
+    return {scale, bias, 1.0f / (scale + bias) - 1.0f};
+}
+
+// Light from around that a surface mirrors from a direction, by harmonics where it is rough.
+Vector mirrored_around(const Lights& lights, Vector toward, Vector normal, float roughness);
+
+// Adds the light that the first `count` points of a block reflect towards the eye to theirs.
+void light_points(Block& block, int count, const Lights& lights);
+
+}  // namespace nlens
