@@ -24,6 +24,7 @@ from nlens_video import effects
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.core.optics import Distortion, LensOverrides, Vignetting
+from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.stages.f_coc import LUMA
 
 
@@ -89,14 +90,16 @@ class Measurement:
 
 
 def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[str, Measurement]:
-    """Measure some of `PLATE_EFFECTS`, in their order, on a shot's first pictures, if any."""
-    found = {}
-    for effect in PLATE_EFFECTS:
-        if effect in effects and pictures:
-            module = import_module(PLATE_EFFECTS[effect])
-            measure = cast("Callable[[Sequence[Picture]], Measurement]", module.measure)
-            found[effect] = measure(pictures)
-    return found
+    """Measure some of `PLATE_EFFECTS` on a shot's first pictures, if any; several at once."""
+    chosen = [effect for effect in PLATE_EFFECTS if effect in effects and pictures]
+    found: dict[str, Measurement] = {}
+
+    def measure(effect: str) -> None:
+        module = import_module(PLATE_EFFECTS[effect])
+        found[effect] = cast("Callable[[Sequence[Picture]], Measurement]", module.measure)(pictures)
+
+    parallel_for(measure, chosen)
+    return {effect: found[effect] for effect in chosen}
 
 
 def overridden(optics: LensOverrides) -> dict[str, Measurement]:

@@ -128,6 +128,13 @@ def fit_radial(windows: Windows, corner: tuple[float, float] = (1.0, 1.0)) -> Ra
     )
 
 
+def _inverse(matrices: Float64) -> Float64:
+    """Inverses of symmetric matrices (N, 2, 2)."""
+    a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
+    adjugate = np.stack([d, -b, -b, a], axis=1).reshape(-1, 2, 2)
+    return np.asarray(adjugate / (a * d - b * b)[:, None, None])
+
+
 def _picked(*weights: float, zeros: int) -> Float64:
     return np.array([*weights, *([0.0] * zeros)])
 
@@ -163,26 +170,25 @@ class _Lines:
         if windows.others is not None:
             columns.append(windows.others)
         design = np.concatenate(columns, axis=2)
+        flat = design.reshape(-1, design.shape[2])  # (2 N, K): sums over windows are products
         answer = np.zeros(design.shape[2])
         extra = _FIRST_EXTRA_PX**2
         for _ in range(_ROUNDS):
-            information = np.linalg.inv(windows.covariance + extra * np.eye(2))
+            information = _inverse(windows.covariance + extra * np.eye(2))
             off = moved - design @ answer
-            distance = np.einsum("ni,nij,nj->n", off, information, off)
+            distance = (off * (information @ off[..., None])[..., 0]).sum(axis=1)
             loss = np.clip(1.0 - distance / (4.0 * _OUTLIER**2), 0.0, 1.0) ** 2
             weights = (loss * windows.trust)[:, None, None] * information
-            inverse = np.linalg.inv(
-                np.einsum("nik,nij,njl->kl", design, weights, design)
-                + 1e-9 * np.eye(design.shape[2])
-            )
-            answer = inverse @ np.einsum("nik,nij,nj->k", design, weights, moved)
+            weighted = (weights @ design).reshape(flat.shape)
+            inverse = np.linalg.inv(flat.T @ weighted + 1e-9 * np.eye(design.shape[2]))
+            answer = inverse @ (weighted.T @ moved.reshape(-1))
             # windows differ by more than their noise: coloured edges add to it
             extra = max(1e-6, extra * float(np.median(distance)) / _MEDIAN_OF_CHI_SQUARED)
         off = moved - design @ answer
         turn = np.floor((np.arctan2(place[:, 1], place[:, 0]) / np.pi + 1.0) * 8.0)
         ring = np.floor(np.minimum(np.sqrt(square), 0.99) * 4.0)
         return cls(
-            answer, inverse, np.einsum("nik,nij,nj->nk", design, weights, off), weights,
+            answer, inverse, ((weights @ design) * off[..., None]).sum(axis=1), weights,
             off + design[:, :, 2 : 3 + cubic] @ answer[2 : 3 + cubic], turn * 4 + ring,
         )  # fmt: skip
 
