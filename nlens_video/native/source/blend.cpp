@@ -68,6 +68,51 @@ struct Axis {
     int of(int luma) const { return (luma + phase) / step; }  // not negative
 };
 
+// Replaces the values of a row by what a table gives, as `look_up`; without branches, so that several
+// are looked up at once.
+void look_up_row(Array<const float, 1> table, float* __restrict row, int count) {
+    const float* __restrict entries = table.data;
+    const int last = table.shape[0] - 2;
+    const float first = entries[0], slope = entries[1] - entries[0];
+    for (int x = 0; x < count; ++x) {
+        const float value = row[x], size = std::fabs(value);
+        const auto bits = std::bit_cast<std::int32_t>(size);
+        const int piece = std::min(std::max((bits >> kShift) - kFirstPiece + 1, 0), last);
+        const float low = entries[piece], next = entries[piece + 1];
+        const float between = low + (next - low) * (static_cast<float>(bits & kMask) * kFraction);
+        const float found = size < kSmallest ? first + slope * (size / kSmallest) : between;
+        row[x] = value >= 0.0f ? found : -found;
+    }
+}
+
+// Three rows of numbers, replaced by a matrix's products with them, and its offsets if it has any.
+void apply_rows(Matrix matrix, float* const* rows, int count) {
+    float *__restrict a = rows[0], *__restrict b = rows[1], *__restrict c = rows[2];
+    const bool affine = matrix.shape[1] == 4;
+    float m[3][4];
+    for (int k = 0; k < 3; ++k) {
+        for (int j = 0; j < 4; ++j) m[k][j] = j < 3 || affine ? matrix(k, j) : 0.0f;
+    }
+    for (int x = 0; x < count; ++x) {
+        const float u = a[x], v = b[x], w = c[x];
+        const float r = m[0][0] * u + m[0][1] * v + m[0][2] * w;
+        const float g = m[1][0] * u + m[1][1] * v + m[1][2] * w;
+        const float l = m[2][0] * u + m[2][1] * v + m[2][2] * w;
+        a[x] = affine ? r + m[0][3] : r;
+        b[x] = affine ? g + m[1][3] : g;
+        c[x] = affine ? l + m[2][3] : l;
+    }
+}
+
+bool is_identity(Matrix matrix) {
+    for (int k = 0; k < 3; ++k) {
+        for (int j = 0; j < 3; ++j) {
+            if (matrix(k, j) != (k == j ? 1.0f : 0.0f)) return false;
+        }
+    }
+    return true;
+}
+
 // `display` is a table from light to codes, or empty.
 template <class Sample>
 void linear(Planes<const Sample> planes, std::tuple<Axis, Axis> axes, Pair corner, Matrix rgb_from_codes,
@@ -75,18 +120,29 @@ void linear(Planes<const Sample> planes, std::tuple<Axis, Axis> axes, Pair corne
             Array<float, 3> out) {
     const auto& [first, second, third] = planes;
     const auto& [across, down] = axes;
-    const bool coded = display.shape[0] > 0;
-    const auto to_display = [&](float light) { return look_up(display, std::min(std::max(light, 0.0f), 1.0f)); };
+    const int width = out.shape[1];
+    const bool coded = display.shape[0] > 0, same_primaries = is_identity(to_bt709);
+    std::vector<int> columns(width);
+    for (int j = 0; j < width; ++j) columns[j] = across.of(std::get<1>(corner) + j);
+    std::vector<float> scratch(3 * static_cast<std::size_t>(width));
+    float* const rows[3] = {scratch.data(), scratch.data() + width, scratch.data() + 2 * width};
     for (int i = 0; i < out.shape[0]; ++i) {
         const int y = std::get<0>(corner) + i, row = down.of(y);
+        for (int j = 0; j < width; ++j) {
+            rows[0][j] = static_cast<float>(first(y, std::get<1>(corner) + j));
+            rows[1][j] = static_cast<float>(second(row, columns[j]));
+            rows[2][j] = static_cast<float>(third(row, columns[j]));
+        }
+        apply_rows(rgb_from_codes, rows, width);
+        for (float* values : rows) look_up_row(to_linear, values, width);
+        if (!same_primaries) apply_rows(to_bt709, rows, width);
         float* to = out.at(i);
-        for (int j = 0; j < out.shape[1]; ++j, to += 3) {
-            const int x = std::get<1>(corner) + j, column = across.of(x);
-            const Rgb codes{static_cast<float>(first(y, x)), static_cast<float>(second(row, column)),
-                            static_cast<float>(third(row, column))};
-            Rgb light = apply(to_bt709, look_up(to_linear, apply_affine(rgb_from_codes, codes)));
-            if (coded) light = {to_display(light.r), to_display(light.g), to_display(light.b)};
-            to[0] = light.r, to[1] = light.g, to[2] = light.b;
+        for (int k = 0; k < 3; ++k) {
+            if (coded) {
+                for (int j = 0; j < width; ++j) rows[k][j] = std::min(std::max(rows[k][j], 0.0f), 1.0f);
+                look_up_row(display, rows[k], width);
+            }
+            for (int j = 0; j < width; ++j) to[3 * j + k] = rows[k][j];
         }
     }
 }
