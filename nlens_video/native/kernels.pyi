@@ -12,11 +12,40 @@ _Int64 = npt.NDArray[np.int64]
 _Bits = npt.NDArray[np.uint8]
 
 _Atlas = tuple[npt.NDArray[np.uint16], npt.NDArray[np.int64], npt.NDArray[np.int64]]
+_Mesh = tuple[Float32, Float32, Float32, Float32, _Int32, _Int32, Float32]
+_Paint = tuple[Float32, _Int32, _Int32, _Atlas]
 _Lights = tuple[Float32, int, Float32, Float32]
+_Scene = tuple[_Mesh, _Paint, Float32, _Lights]
+_Shape = tuple[Float64, Float32, _Int32, Float64]
+_Triangles = tuple[_Shape, _Int32]
 
 # area by area, one of `source/*.cpp` each
 
 def best_module() -> str: ...
+
+# alpha.cpp
+def cut_out_triangles(
+    drawn: _Int32,
+    rows: tuple[int, int],
+    width: int,
+    triangles: _Triangles,
+    mesh: _Mesh,
+    paint: _Paint,
+    most: Float32,
+    disparity: Float32,
+    ids: _Int32,
+    /,
+) -> None: ...
+def blend_triangles(
+    drawn: _Int32,
+    rows: tuple[int, int],
+    width: int,
+    triangles: _Triangles,
+    scene: _Scene,
+    disparity: Float32,
+    changed: tuple[Float32, Float32, Float32],
+    /,
+) -> None: ...
 
 # animation.cpp
 def sample_tracks(
@@ -60,6 +89,21 @@ def composite_over(
     /,
 ) -> None: ...
 
+# deferred.cpp
+def shade_rows(
+    first: int,
+    last: int,
+    width: int,
+    ids: _Int32,
+    passed: Float32,
+    scene: _Scene,
+    rgba: Float32,
+    /,
+) -> None: ...
+def resolve_depth(
+    disparity: Float32, first: int, last: int, least: float, depth: Float32, /
+) -> None: ...
+
 # exposure.cpp
 def take_stops(light: Float32, known: tuple[float, float], stops: Float32, /) -> None: ...
 def take_change(
@@ -79,6 +123,9 @@ def regrain(
 def white_noise(
     out: Float32, corner: tuple[int, int], moment: int, seed: int, scale: float, /
 ) -> None: ...
+
+# layers.cpp
+def light_layers(rows: Float32, paint: _Paint, lights: _Lights, /) -> None: ...
 
 # light.cpp; rows of a block of 64 points
 SURROUND_LEVELS: int
@@ -102,7 +149,6 @@ def travel_bound(points: Float64, lenses: Float64, /) -> float: ...
 
 # raster.cpp
 PADDING: int
-_Shape = tuple[Float64, Float32, _Int32, Float64]
 
 def fill_triangles(
     drawn: _Int32,

@@ -14,7 +14,6 @@ from functools import lru_cache
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
-from nlens_video.kernels.numba_config import inlined
 from nlens_video.native import kernels
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.posed import PosedScene
@@ -40,19 +39,6 @@ def pinhole_params(camera: Camera, box: Box, near: float) -> Float64:
 def _frame_params(camera: Camera) -> Float64:
     """Parameters (17,) of a camera that looks at its whole frame."""
     return pinhole_params(camera, Box(0, 0, camera.width, camera.height), 0.0)
-
-
-@inlined
-def in_camera(position: Float32, lens: Float64) -> tuple[float, float, float]:
-    """Right, up and depth of a world position."""
-    x = np.float64(position[0]) - lens[9]
-    y = np.float64(position[1]) - lens[10]
-    z = np.float64(position[2]) - lens[11]
-    return (
-        x * lens[0] + y * lens[1] + z * lens[2],
-        x * lens[3] + y * lens[4] + z * lens[5],
-        -(x * lens[6] + y * lens[7] + z * lens[8]),
-    )
 
 
 def project(positions: Float32, lens: Float64, points: Float64) -> None:

@@ -41,7 +41,7 @@ def test_filtered_textures_are_the_same_at_every_level(least, wrap):
 @pytest.mark.parametrize("rows, levels", [(0, 0), (9, 0), (9, surround.LEVELS)])
 def test_light_on_points_is_the_same_at_every_level(suns, rows, levels):
     rng = np.random.default_rng(suns)
-    _, fields = random_block(rng)
+    fields = random_block(rng)
     lamps, ambient = rng.random((4, 16), np.float32), rng.random((rows, 4), np.float32)
     around = rng.random((levels, 18, 18, 4), np.float32)
 

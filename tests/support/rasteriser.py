@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from support import shading_block as at
 
 from nlens_video.core.layers import Box
 from nlens_video.render.software import raster, reference_kernels, triangles
-from nlens_video.render.software import shading_block as at
 from nlens_video.scene import Camera, screen_projection
 
 SIZE = (24, 32)
@@ -50,22 +50,18 @@ def truth(positions, faces, near=0.5):
 
 
 def random_block(rng):
-    block, _ = at.new_block()
-    fields = block.reshape(-1, at.WIDTH)
-    fields[:] = rng.random(fields.shape)
+    fields = rng.random((at.ROWS, at.WIDTH), dtype=np.float32)
     for first in (at.NORMAL_X, at.VIEW_X):
         vectors = rng.normal(size=(3, at.WIDTH))
-        fields[first // at.WIDTH : first // at.WIDTH + 3] = vectors / np.linalg.norm(
-            vectors, axis=0
-        )
-    return block, fields
+        fields[first : first + 3] = vectors / np.linalg.norm(vectors, axis=0)
+    return fields
 
 
 def surface(fields, i):
     rows = fields.astype(np.float64)
-    three = [rows[first // at.WIDTH : first // at.WIDTH + 3, i] for first in
+    three = [rows[first : first + 3, i] for first in
              (at.NORMAL_X, at.VIEW_X, at.BASE_R, at.F0_R)]  # fmt: skip
-    one = [float(rows[field // at.WIDTH, i]) for field in (at.METALLIC, at.ROUGHNESS, at.SPECULAR)]
+    one = [float(rows[field, i]) for field in (at.METALLIC, at.ROUGHNESS, at.SPECULAR)]
     return reference_kernels.SurfacePoint(
         normal=three[0], view=three[1], base=three[2], f0=three[3],
         metallic=one[0], roughness=one[1], specular=one[2],
@@ -74,23 +70,22 @@ def surface(fields, i):
 
 def layered_block(rng):
     """A block of points whose materials have all layers; nothing glows or lets light through."""
-    block, fields = random_block(rng)
-    normals = fields[at.NORMAL_X // at.WIDTH : at.NORMAL_X // at.WIDTH + 3].T
+    fields = random_block(rng)
+    normals = fields[at.NORMAL_X : at.NORMAL_X + 3].T
     along = np.cross(normals, rng.normal(size=(at.WIDTH, 3)))
     coat = rng.normal(size=(at.WIDTH, 3))
     for first, vectors in (
         (at.ALONG, along), (at.BESIDE, np.cross(normals, along)), (at.COAT_NORMAL, coat),
         (at.GLOW, np.zeros((at.WIDTH, 3))), (at.THROUGH, np.zeros((at.WIDTH, 1))),
     ):  # fmt: skip
-        fields[first // at.WIDTH : first // at.WIDTH + vectors.shape[1]] = vectors.T
-    return block, fields
+        fields[first : first + vectors.shape[1]] = vectors.T
+    return fields
 
 
 def layered_surface(fields, i):
     rows = fields.astype(np.float64)
     along, coat, sheen = (
-        rows[first // at.WIDTH : first // at.WIDTH + 3, i]
-        for first in (at.ALONG, at.COAT_NORMAL, at.SHEEN)
+        rows[first : first + 3, i] for first in (at.ALONG, at.COAT_NORMAL, at.SHEEN)
     )
     names = {
         "anisotropy": at.ANISOTROPY, "coat": at.COAT, "coat_roughness": at.COAT_ROUGHNESS,
@@ -99,7 +94,7 @@ def layered_surface(fields, i):
     return replace(
         surface(fields, i), along=along / np.linalg.norm(along), sheen=sheen,
         coat_normal=coat / np.linalg.norm(coat),
-        **{name: float(rows[field // at.WIDTH, i]) for name, field in names.items()},
+        **{name: float(rows[field, i]) for name, field in names.items()},
     )  # fmt: skip
 
 

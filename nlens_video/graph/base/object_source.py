@@ -56,9 +56,6 @@ class ObjectSource(ABC):
         """What the render lane's thread holds open."""
         return nullcontext()
 
-    def warm_up(self) -> None:  # noqa: B027  most sources compile nothing
-        """Compile what rendering needs."""
-
     @abstractmethod
     def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Bounds on a frame; None where they miss it and all that can blur into it."""
@@ -103,10 +100,6 @@ class RenderedObject(ObjectSource):
     def opened(self) -> AbstractContextManager[object]:
         """The renderer, which owns an OpenGL context."""
         return self.renderer
-
-    def warm_up(self) -> None:
-        """Compile the renderer's kernels."""
-        self.renderer.warm_up()
 
     def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Bounds on a frame; None where they miss it and all that can blur into it."""

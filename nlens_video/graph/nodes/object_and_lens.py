@@ -234,7 +234,3 @@ class Render(Node):
 
     def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
         return self._objects.render(bounds, fit)
-
-    def warm_up(self) -> None:
-        """Compile the renderer's kernels, if it has any."""
-        self._objects.warm_up()

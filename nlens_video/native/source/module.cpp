@@ -24,10 +24,13 @@ const char* best_module() {
 
 NB_MODULE(NLENS_MODULE, module) {
     module.def("best_module", &best_module, "Name of the module for this processor.");
+    nlens::bind_alpha(module);
     nlens::bind_animation(module);
     nlens::bind_blend(module);
+    nlens::bind_deferred(module);
     nlens::bind_exposure(module);
     nlens::bind_grain(module);
+    nlens::bind_layers(module);
     nlens::bind_light(module);
     nlens::bind_materials(module);
     nlens::bind_projection(module);

@@ -10,10 +10,13 @@ namespace nlens {
 // Kernels touch no Python object, so other threads may run Python meanwhile.
 using Unlocked = nanobind::call_guard<nanobind::gil_scoped_release>;
 
+void bind_alpha(nanobind::module_& module);
 void bind_animation(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
+void bind_deferred(nanobind::module_& module);
 void bind_exposure(nanobind::module_& module);
 void bind_grain(nanobind::module_& module);
+void bind_layers(nanobind::module_& module);
 void bind_light(nanobind::module_& module);
 void bind_materials(nanobind::module_& module);
 void bind_projection(nanobind::module_& module);

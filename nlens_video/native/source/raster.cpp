@@ -2,9 +2,7 @@
 #include "raster.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <utility>
 
 #include "module.h"
 #include "vectors.h"
@@ -16,79 +14,6 @@ namespace {
 constexpr int kLanes = 4;
 using Int4 = std::int32_t __attribute__((vector_size(16)));
 constexpr Int4 kLaneNumbers = {0, 1, 2, 3};
-constexpr double kSnap = 1.5 * 1048576.0;  // adding and taking it away rounds to 2^-32
-
-// A line across rows: at `row` it lies at `column`, and `slope` columns further at the next row.
-struct Edge {
-    double column, slope, row;
-
-    // Exact to 2^-32: columns of samples are met exactly or not at all.
-    double at(double y) const { return (column + slope * (y - row) + kSnap) - kSnap; }
-};
-
-inline Edge edge_of(Corner p, Corner q) { return {p.x, (q.x - p.x) / (q.y - p.y), p.y}; }
-
-// The long edge of a triangle before the camera, and those above and below its middle row.
-struct Sides {
-    Edge whole, upper, lower;
-    double middle;
-};
-
-inline Sides sides_of(const Corners& corners) {
-    auto [a, b, c] = corners;
-    if (b.y < a.y) std::swap(a, b);
-    if (c.y < a.y) std::swap(a, c);
-    if (c.y < b.y) std::swap(b, c);
-    const Edge whole = edge_of(a, c);
-    return {whole, b.y > a.y ? edge_of(a, b) : whole, c.y > b.y ? edge_of(b, c) : whole, b.y};
-}
-
-inline Columns covered_before(const Sides& sides, int line, int width) {
-    const double y = row_of(line);
-    const double one = sides.whole.at(y), other = (y < sides.middle ? sides.upper : sides.lower).at(y);
-    const double shift = kSampleX[line & 3], end = width;
-    const double left = std::min(std::max(std::min(one, other) - shift, 0.0), end);
-    const double right = std::min(std::max(one, other) - shift, end);
-    return {static_cast<int>(std::ceil(left)), static_cast<int>(std::ceil(right))};
-}
-
-// Columns, as positions [px].
-struct Interval {
-    double first, last;
-};
-
-// The part where slope * x + level >= 0.
-Interval cut(Interval run, double slope, double level) {
-    if (slope > 0.0) return {std::max(run.first, -level / slope), run.last};
-    if (slope < 0.0) return {run.first, std::min(run.last, -level / slope)};
-    return level >= 0.0 ? run : Interval{1.0, 0.0};
-}
-
-// A triangle through the near plane, as far as it is drawn.
-struct Crossed {
-    ScreenPlane p, q, r;
-    double slope, down, start;  // of its disparity
-    double highest;             // disparity that is drawn
-
-    Crossed(const Shape& shape, int t) : highest(1.0 / shape.lens(16)) {
-        const Crossing found = crossing(shape, t);
-        p = found.planes[0], q = found.planes[1], r = found.planes[2];
-        slope = p.a + q.a + r.a, down = p.b + q.b + r.b, start = p.c + q.c + r.c;
-    }
-
-    Columns covered(int line, int width) const {
-        const double y = row_of(line), level = down * y + start;
-        Interval run{0.0, static_cast<double>(width)};
-        for (const ScreenPlane& plane : {p, q, r}) run = cut(run, plane.a, plane.b * y + plane.c);
-        run = cut(run, -slope, highest - level);
-        if (!(run.first <= run.last)) return {0, 0};
-        const double shift = kSampleX[line & 3];
-        return {static_cast<int>(std::ceil(std::max(run.first - shift, 0.0))),
-                static_cast<int>(std::ceil(run.last - shift))};
-    }
-};
-
-bool is_before(const Corners& corners) { return std::min({corners.a.w, corners.b.w, corners.c.w}) > 0.0; }
 
 struct Samples {
     Array<float, 2> disparity;  // (4 h, width + kLanes), the last columns of any content
@@ -123,19 +48,19 @@ inline void fill_before(const Corners& corners, int t, int first, int last, int 
     const double slope = ((b.w - a.w) * (c.y - a.y) - (c.w - a.w) * (b.y - a.y)) / area;
     const double down = ((c.w - a.w) * (b.x - a.x) - (b.w - a.w) * (c.x - a.x)) / area;
     for (int line = first; line <= last; ++line) {
-        const Columns run = covered_before(sides, line, width);
+        const Columns run = sides.columns(line, width);
         const double x = run.first + kSampleX[line & 3] - a.x, y = row_of(line) - a.y;
         draw_run(samples, t, line, run, slope, a.w + down * y + slope * x);
     }
 }
 
 void fill_crossed(const Crossed& crossed, int t, int first, int last, int width, Samples samples) {
+    const auto [slope, down, start] = crossed.disparity;
     for (int line = first; line <= last; ++line) {
-        const Columns run = crossed.covered(line, width);
+        const Columns run = crossed.columns(line, width);
         if (run.first >= run.last) continue;
         const double x = run.first + kSampleX[line & 3];
-        const double start = crossed.slope * x + crossed.down * row_of(line) + crossed.start;
-        draw_run(samples, t, line, run, crossed.slope, start);
+        draw_run(samples, t, line, run, slope, slope * x + down * row_of(line) + start);
     }
 }
 
@@ -151,7 +76,7 @@ void fill_triangles(Array<const std::int32_t, 1> drawn, int first, int last, con
         if (is_before(corners)) {
             fill_before(corners, t, top, bottom, width, samples);
         } else {
-            fill_crossed(Crossed(shape, t), t, top, bottom, width, samples);
+            fill_crossed(crossed(shape, t), t, top, bottom, width, samples);
         }
     }
 }
@@ -164,12 +89,10 @@ void fill_triangles_behind(Array<const std::int32_t, 1> drawn, int first, int la
         const int t = drawn(n);
         const int top = std::max(first, spans(t, 0)), bottom = std::min(last, spans(t, 1));
         if (top > bottom) continue;
-        const Corners corners = shape.on_screen(t);
-        const bool before = is_before(corners);
-        const Sides sides = sides_of(corners);
+        const Coverage coverage(shape, t);
         const DisparityPlane plane = disparity_plane(planes, t);
         for (int line = top; line <= bottom; ++line) {
-            const Columns run = before ? covered_before(sides, line, width) : covered(shape, t, line, width);
+            const Columns run = coverage.columns(line, width);
             for (int x = run.first; x < run.last; ++x) {
                 const float d = plane.at(x + kSampleX[line & 3], row_of(line));
                 float& nearest = disparity(line, x);
@@ -180,15 +103,6 @@ void fill_triangles_behind(Array<const std::int32_t, 1> drawn, int first, int la
 }
 
 }  // namespace
-
-Columns covered(const Shape& shape, int t, int line, int width) {
-    const Corners corners = shape.on_screen(t);
-    if (!is_before(corners)) return Crossed(shape, t).covered(line, width);
-    const auto& [a, b, c] = corners;
-    const double y = row_of(line);
-    const bool inside = std::min({a.y, b.y, c.y}) <= y && y < std::max({a.y, b.y, c.y});
-    return inside ? covered_before(sides_of(corners), line, width) : Columns{0, 0};
-}
 
 void bind_raster(nanobind::module_& module) {
     module.attr("PADDING") = kLanes;  // columns that are written to beyond the last

@@ -185,9 +185,6 @@ class BoxRenderer(ABC):
         hidden = ObjectLayer(box=region, rgba=seen.rgba, depth=seen.depth)
         return BehindLayer(hidden=hidden, front_rgba=seen.front_rgba)
 
-    def warm_up(self) -> None:  # noqa: B027  most renderers compile nothing
-        """Compile what drawing needs; by default nothing."""
-
     @abstractmethod
     def _draw(self, view: ViewSetup) -> tuple[Float32, Float32]:
         """Premultiplied linear RGBA (h, w, 4) and depth (h, w), +inf where nothing is."""

@@ -11,7 +11,7 @@ from nlens_video.kernels.thread_pool import scratch
 from nlens_video.render.base.drawer import ViewSetup
 from nlens_video.render.software import alpha, deferred, raster, triangles
 from nlens_video.render.software.scene_buffers import SceneBuffers
-from nlens_video.render.software.shading_block import Int32, new_block
+from nlens_video.render.software.shading_inputs import Int32, ShadingInputs, lights
 from nlens_video.scene import screen_projection
 from nlens_video.scene.screen_projection import pinhole_params
 
@@ -49,12 +49,9 @@ class Framebuffer:
         found = triangles.set_up(self._shape, sides, width, lines, self._spans, planes, kept)
         self._opaque, self._masked, blended = shown.by_alpha(kept[:found], lens)
         self.blended = blended[: 0 if behind else None]
-        lighting = view.lighting
-        ambient = lighting.ambient_rows()[: 0 if lighting.ambient is None else 9]
-        lamps = lighting.lamp_rows(lens[9:12]), lighting.suns, ambient, lighting.surround
         pinhole = np.delete(lens[:16], slice(9, 12)).astype(np.float32)
-        self._scene: deferred.ShadingInputs = (
-            shown.mesh(planes), shown.paint, pinhole, lamps, shown.layered
+        self._scene: ShadingInputs = (
+            shown.mesh(planes), shown.paint, pinhole, lights(view.lighting, lens[9:12])
         )  # fmt: skip
         stored = (lines, width + raster.PADDING)
         through = stored if len(self.blended) else (0, 0)
@@ -101,7 +98,7 @@ class Framebuffer:
         if len(self._masked):
             alpha.cut_out(
                 self._masked, rows, self.rgba.shape[1], (self._shape, self._spans),
-                *self._scene[:2], most, self._disparity, self._ids, new_block(),
+                *self._scene[:2], most, self._disparity, self._ids,
             )  # fmt: skip
 
     @property
@@ -125,14 +122,14 @@ class Framebuffer:
         self._front[here] = self._disparity[here]
         alpha.blend(
             self.blended, rows, self.rgba.shape[1], (self._shape, self._spans), self._scene,
-            self._disparity, self._passed, self._front, self.rgba.reshape(-1, 4), new_block(),
+            self._disparity, self._passed, self._front, self.rgba.reshape(-1, 4),
         )  # fmt: skip
 
     def light(self, rows: Rows) -> None:
         """Light of opaque surfaces on rows [first, last)."""
         deferred.shade_rows(
             *rows, self.rgba.shape[1], self._ids, self._passed, self._scene,
-            self.rgba.reshape(-1, 4), new_block(),
+            self.rgba.reshape(-1, 4),
         )  # fmt: skip
 
     def measure(self, rows: Rows) -> None:

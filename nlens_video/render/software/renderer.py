@@ -11,18 +11,15 @@ from functools import partial
 
 import numpy as np
 
-from nlens_video.core.layers import Box, Float32, ObjectLayer
+from nlens_video.core.layers import Float32, ObjectLayer
 from nlens_video.kernels.thread_pool import parallel_for, processors
 from nlens_video.render.base.box_renderer import BoxRenderer
 from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
-from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.software.framebuffer import Framebuffer, Rows
 from nlens_video.render.software.scene_buffers import SceneBuffers
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.gltf.materials import Material
-from nlens_video.scene.gltf.meshes import Geometry
 from nlens_video.scene.illumination import Illumination
-from nlens_video.scene.posed import PosedMesh, PosedScene
+from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
 
@@ -136,29 +133,7 @@ class SoftwareObjectRenderer(BoxRenderer):
     def _draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         return self._drawer.draw_behind(view, front)
 
-    def warm_up(self) -> None:
-        """Compile the kernels that any object needs, or load them from numba's cache."""
-        posed = PosedScene(0.0, (_triangle(),), ())
-        box = Box(0, 0, 8, 8)
-        camera = Camera(world_from_camera=np.eye(4), fx=8, fy=8, cx=0, cy=8, width=8, height=8)
-        view = ViewSetup(
-            posed=posed, lighting=Lighting((), None), camera=camera, box=box, near=0.5, far=2.0,
-            nearest=False,
-        )  # fmt: skip
-        Rasteriser(threads=1).draw(view)
-
     def close(self) -> None:
         """Free what it holds; may be called again."""
         super().close()
         self._drawer.close()
-
-
-def _triangle() -> PosedMesh:
-    """A triangle before the camera."""
-    corners = np.array([[0, 0, -1], [1, 0, -1], [0, 1, -1]], np.float32)
-    geometry = Geometry(
-        name="", positions=corners, normals=corners, faces=np.array([[0, 1, 2]], np.int32),
-        uv=np.zeros((3, 4), np.float32), colors=None, material=Material(double_sided=True),
-        flat=False, joints=None, weights=None, targets=None, target_normals=None,
-    )  # fmt: skip
-    return PosedMesh(geometry, corners, corners, mirrored=False)

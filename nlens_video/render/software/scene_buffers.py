@@ -8,9 +8,15 @@ import numpy.typing as npt
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.render.base.drawer import closed_bodies
 from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
-from nlens_video.render.software.interpolation import MeshBuffers
-from nlens_video.render.software.material_eval import CUT, LAYERED, OPAQUE, UNLIT, MaterialBuffers
-from nlens_video.render.software.shading_block import Int32
+from nlens_video.render.software.shading_inputs import (
+    CUT,
+    LAYERED,
+    OPAQUE,
+    UNLIT,
+    Int32,
+    MaterialBuffers,
+    MeshBuffers,
+)
 from nlens_video.render.software.textures import Atlas
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.textures import Image
@@ -30,7 +36,6 @@ class SceneBuffers:
         sides: bit 0 whether a triangle's back is drawn, bit 1 whether it is mirrored (F,).
         starts: where in `faces` masked and blended triangles start, and where they end.
         paint: materials and textures.
-        layered: 1 where any material has layers, else None.
     """
 
     positions: Float32
@@ -39,7 +44,6 @@ class SceneBuffers:
     sides: npt.NDArray[np.uint8]
     starts: tuple[int, int, int]
     paint: MaterialBuffers
-    layered: int | None
 
     def __init__(self, posed: PosedScene) -> None:
         self._meshes: tuple[PosedMesh | None, ...] = (None,) * len(posed.meshes)
@@ -53,7 +57,6 @@ class SceneBuffers:
         self._colors = _colors(posed)
         materials = list(dict.fromkeys(mesh.geometry.material for mesh in posed.meshes))
         self.paint = _paint(materials)
-        self.layered = 1 if (self.paint[2] & LAYERED).any() else None
         self._sort(posed, materials)
 
     def _sort(self, posed: PosedScene, materials: list[Material]) -> None:

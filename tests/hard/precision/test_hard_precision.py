@@ -10,6 +10,7 @@ import numpy as np
 from hard.catalogue import Outcome, at_most, case, exactly
 from hard.drawing import OURS, bars, plot
 from hard.objects import folder
+from support import shading_block as at
 from support.definitions import (
     covariance_by_points,
     edge_parallax_by_pixels,
@@ -50,11 +51,10 @@ from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref, scat
 from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
 from nlens_video.native import kernels
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
-from nlens_video.render.software import raster, reference_kernels, shading_block
+from nlens_video.render.software import raster, reference_kernels
 from nlens_video.render.software.deferred import resolve_depth
-from nlens_video.render.software.layers import light_layers
-from nlens_video.render.software.material_eval import LAYERED
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
+from nlens_video.render.software.shading_inputs import LAYERED
 from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import Camera, Scene, screen_projection
 from nlens_video.scene.gltf import animation_kernels
@@ -77,14 +77,12 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "pull-push": "kernels/depth_layers",
     "nodes of a scene": "scene/gltf/animation_kernels",
     "projection of vertices": "scene/screen_projection",
-    "disparity of samples": "render/software/raster render/software/triangles"
-        " render/software/interpolation",
+    "disparity of samples": "render/software/raster render/software/triangles",
     "depth of pixels": "render/software/deferred",
-    "light on a surface": "render/software/light",
-    "layers of a surface": "render/software/layers",
-    "filtered textures": "render/software/textures",
-    "a whole picture: colour": "render/software/material_eval render/software/deferred"
-        " render/software/alpha",
+    "light on a surface": "render/software/deferred",
+    "layers of a surface": "render/software/deferred",
+    "filtered textures": "render/software/deferred",
+    "a whole picture: colour": "render/software/deferred render/software/alpha",
     "a whole picture: depth": "render/software/deferred",
     "cast triangles": "effects/shadow/coverage",
     "cast veils": "effects/shadow/transparency",
@@ -226,31 +224,29 @@ def _geometry() -> dict[str, tuple[float, float]]:
 def _shading() -> dict[str, tuple[float, float]]:
     rng = np.random.default_rng(3)
     made = {}
-    _, fields = random_block(rng)
+    fields = random_block(rng)
     lamps = np.zeros((3, 16), np.float32)
     toward = rng.normal(size=(3, 3))
     lamps[:, 8:11] = toward / np.linalg.norm(toward, axis=1, keepdims=True)
     lamps[:, :3] = rng.random((3, 3))
-    width = shading_block.WIDTH
-    red = slice(shading_block.RED // width, shading_block.RED // width + 3)
+    red = slice(at.RED, at.RED + 3)
     emitted = fields[red].copy()
     kernels.light_points(fields, (lamps, 3, *NOTHING_AROUND))
     suns = [(row[8:11].astype(float), row[:3].astype(float)) for row in lamps]
     exact = np.array(
-        [reference_kernels.lit_by_directional(surface(fields, i), suns) for i in range(width)]
+        [reference_kernels.lit_by_directional(surface(fields, i), suns) for i in range(at.WIDTH)]
     ).T
     away = np.abs(fields[red] - emitted - exact) / (1e-3 + exact)
     made["light on a surface"] = (away.max(), 2e-4)
-    block, fields = layered_block(rng)
+    fields = layered_block(rng)
     paint = (
         np.zeros((1, MATERIAL_FLOATS), np.float32), np.full((1, len(SLOTS)), -1, np.int32),
         np.full(1, LAYERED, np.int32), (np.zeros(4, np.uint16), *np.zeros((2, 0, 6), np.int64)),
     )  # fmt: skip
-    lit = lamps, 3, lamps[:0, :4]
-    light_layers(block, shading_block.new_block()[1], width, paint, lit, None, 1)
+    kernels.light_layers(fields, paint, (lamps, 3, *NOTHING_AROUND))
     exact = np.array([
         sum(reference_kernels.layered(layered_surface(fields, i), way) * part for way, part in suns)
-        for i in range(width)
+        for i in range(at.WIDTH)
     ]).T  # fmt: skip
     made["layers of a surface"] = (np.abs((fields[red] - exact) / (1e-3 + exact)).max(), 2e-5)
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
