@@ -55,7 +55,8 @@ class Surround:
             small = self._filtered(side, columns, ROUGHEST * level / (LEVELS - 1))
             x, y = (_unfolded(directions, side) - 0.5).transpose(2, 0, 1).astype(np.float32)
             out[level, ..., :3] = cv2.remap(small, x, y, cv2.INTER_LINEAR)
-        return self.gain * out
+        out *= self.gain  # in place: stays float32 by a gain of NumPy, as kernels take it
+        return out
 
     def _reduced(self, columns: int) -> Float32:
         """The map with at most so many columns."""

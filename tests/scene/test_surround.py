@@ -67,6 +67,12 @@ def test_even_light_is_mirrored_as_it_is():
     np.testing.assert_allclose(levels[..., :3], 0.7, rtol=1e-5)
 
 
+def test_maps_are_float32_whatever_kind_of_number_their_gain_is():
+    levels = Surround(np.ones((64, 128, 3), np.float32), gain=np.float64(3.0)).levels
+    assert levels.dtype == np.float32
+    np.testing.assert_allclose(levels[..., :3], 3.0, rtol=1e-5)
+
+
 def test_turn_and_gain_are_those_of_the_map():
     radiance = smooth_light(sphere(COLUMNS)[0]).astype(np.float32)
     found = reduce_environment(radiance, rotation_deg=90.0).scaled(2.0).surround

@@ -2,6 +2,8 @@
 #include "deferred.h"
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstdint>
 #include <limits>
 
@@ -17,10 +19,34 @@ constexpr float kSteeper = 1.5f;
 
 // Whether two triangles share a corner and show the same side.
 bool same_surface(const Mesh& mesh, int one, int other) {
-    if (mesh.planes(one, kFacing) != mesh.planes(other, kFacing)) return false;
     const std::int32_t *a = mesh.faces.at(one), *b = mesh.faces.at(other);
-    return std::any_of(a, a + 3, [&](int corner) { return std::find(b, b + 3, corner) != b + 3; });
+    bool shared = false;  // without branches, which nothing predicts
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) shared |= a[i] == b[j];
+    }
+    return shared && mesh.planes(one, kFacing) == mesh.planes(other, kFacing);
 }
+
+constexpr int kEvery = (1 << kSamples) - 1;
+
+// Where in a pixel the centre of some of its samples lies [px].
+struct Centre {
+    double x, y;
+};
+
+// Of each set of samples, a bit each.
+constexpr auto kCentres = [] {
+    std::array<Centre, kEvery + 1> centres{};
+    for (int mask = 1; mask <= kEvery; ++mask) {
+        Centre sum{};
+        for (int s = 0; s < kSamples; ++s) {
+            if (mask >> s & 1) sum.x += kSampleX[s], sum.y += kSampleY[s];
+        }
+        const int count = std::popcount(static_cast<unsigned>(mask));
+        centres[mask] = {sum.x / count, sum.y / count};
+    }
+    return centres;
+}();
 
 // Points of the picture, shaded whenever a block is full.
 class Points {
@@ -57,57 +83,54 @@ private:
     int count_ = 0;
 };
 
-// Samples of the picture, a line of them for each of a pixel's four: the triangle, and the share of light
-// that reaches it, (0, 0) for all of it.
-struct Samples {
-    Array<const std::int32_t, 2> ids;
-    Array<const float, 2> passed;
-
-    double share(int line, int x) const { return passed.shape[0] > 0 ? passed(line, x) : 1.0; }
-};
+// The part of the light that reaches the samples of a pixel, of as many as are set in `mask`; `passed` is
+// (0, 0) where all reaches all.
+double share_of(Array<const float, 2> passed, int y, int x, int mask) {
+    if (passed.shape[0] == 0) return std::popcount(static_cast<unsigned>(mask));
+    double share = 0.0;
+    for (int s = 0; s < kSamples; ++s) {
+        if (mask >> s & 1) share += passed(kSamples * y + s, x);
+    }
+    return share;
+}
 
 // Points of a pixel that shows several triangles, or less than a whole one.
-void put_edge_pixel(Points& points, const Mesh& mesh, const Samples& samples, int x, int y, int pixel) {
-    int left = (1 << kSamples) - 1;
-    for (int s = 0; s < kSamples; ++s) {
-        const int t = samples.ids(kSamples * y + s, x);
-        if (!(left >> s & 1) || t == kNothing) continue;
-        double weight = 0.0, px = 0.0, py = 0.0;
+void put_edge_pixel(Points& points, const Mesh& mesh, Array<const float, 2> passed, int y, int x, int pixel,
+                    const int (&ids)[kSamples]) {
+    int left = 0;
+    for (int s = 0; s < kSamples; ++s) left |= (ids[s] != kNothing) << s;
+    while (left) {
+        const int t = ids[std::countr_zero(static_cast<unsigned>(left))];
         int own = 0;
-        for (int other = s; other < kSamples; ++other) {
-            const int line = kSamples * y + other, u = samples.ids(line, x);
-            if (!(left >> other & 1) || u == kNothing) continue;
-            if (u == t) {
-                own += 1;
-                px += kSampleX[other];
-                py += kSampleY[other];
-            } else if (!same_surface(mesh, t, u)) {
-                continue;
-            }
-            weight += samples.share(line, x);
-            left &= ~(1 << other);
+        for (int s = 0; s < kSamples; ++s) own |= (ids[s] == t) << s;
+        own &= left;
+        int joined = own;
+        for (int s = 0; s < kSamples; ++s) {
+            if ((left & ~own) >> s & 1 && same_surface(mesh, t, ids[s])) joined |= 1 << s;
         }
-        points.put(t, pixel, x + px / own, y + py / own, weight / kSamples);
+        const Centre centre = kCentres[own];
+        points.put(t, pixel, x + centre.x, y + centre.y, share_of(passed, y, x, joined) / kSamples);
+        left &= ~joined;
     }
 }
 
 // Adds the light of the opaque surfaces to rows [first, last) of the picture, `rgba` (h * width, 4).
 void shade_rows(int first, int last, int width, Array<const std::int32_t, 2> ids,
                 Array<const float, 2> passed, const ShadingInputs& scene, Array<float, 2> rgba) {
-    const Samples samples{ids, passed};
     const bool all_passes = passed.shape[0] == 0;
     Points points(scene, rgba);
     for (int y = first; y < last; ++y) {
         const std::int32_t* line[kSamples];
         for (int s = 0; s < kSamples; ++s) line[s] = ids.at(kSamples * y + s);
         for (int x = 0; x < width; ++x) {
-            const int t = line[0][x], pixel = y * width + x;
-            const bool every = t == line[1][x] && t == line[2][x] && t == line[3][x];
+            const int here[kSamples] = {line[0][x], line[1][x], line[2][x], line[3][x]};
+            const int t = here[0], pixel = y * width + x;
+            const bool every = t == here[1] && t == here[2] && t == here[3];
             if (every && t == kNothing) continue;
             if (every && all_passes) {
                 points.put(t, pixel, x + 0.5, y + 0.5, 1.0);
             } else {
-                put_edge_pixel(points, scene.mesh, samples, x, y, pixel);
+                put_edge_pixel(points, scene.mesh, passed, y, x, pixel, here);
             }
         }
     }

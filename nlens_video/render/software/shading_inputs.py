@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float32
+from nlens_video.native import kernels
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.render.software.textures import Table, Texels
 
@@ -22,7 +23,7 @@ Lights = tuple[Float32, int, Float32, Float32]
 ShadingInputs = tuple[MeshBuffers, MaterialBuffers, Float32, Lights]
 """The third is the camera: its axes (right, up, back), fx, fy, cx, cy (13,)."""
 
-UNLIT, OPAQUE, LAYERED, CUT = 1, 2, 4, 8
+UNLIT, OPAQUE, LAYERED, CUT = kernels.UNLIT, kernels.OPAQUE, kernels.LAYERED, kernels.CUT
 """Flags of a material."""
 
 
