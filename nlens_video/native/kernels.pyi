@@ -55,6 +55,29 @@ def multiply_nodes(
     local: Float64, order: _Int64, matrices: Float64, has_matrix: Bool, world: Float64, /
 ) -> None: ...
 
+# aperture_covariance.cpp
+def aperture_covariance(
+    near: tuple[Float32, ...],
+    back: tuple[Float32, ...],
+    points: Float32,
+    aspect: float,
+    wanted: Bool,
+    out: Float32,
+    band: tuple[int, int],
+    /,
+) -> None: ...
+def edge_parallax(
+    rgba: Float32,
+    plate: Float32,
+    cocs: tuple[Float32, ...],
+    trust: Float32,
+    table: Float32,
+    numbers: tuple[int, float, float],
+    out: Float32,
+    band: tuple[int, int],
+    /,
+) -> None: ...
+
 # blend.cpp; planes may have any strides
 STEPS_BITS: int
 FIRST_OCTAVE: int
@@ -89,6 +112,23 @@ def composite_over(
     /,
 ) -> None: ...
 
+# coc_discontinuities.cpp
+_Step = tuple[float, float, float, float]
+
+def find_steps(
+    coc: Float32, alpha: Float32, away: Float32, step: _Step, marks: tuple[Float32, Float32], /
+) -> bool: ...
+def find_rims(
+    coc: Float32,
+    alpha: Float32,
+    nearest: tuple[Float32, Float32],
+    step: _Step,
+    marks: tuple[Float32, Float32],
+    /,
+) -> bool: ...
+def chamfer(reach: Float32, /) -> None: ...
+def carry_labels(values: Float32, known: Bool, labels: _Int32, out: Float32, /) -> None: ...
+
 # deferred.cpp
 def shade_rows(
     first: int,
@@ -102,6 +142,24 @@ def shade_rows(
 ) -> None: ...
 def resolve_depth(
     disparity: Float32, first: int, last: int, least: float, depth: Float32, /
+) -> None: ...
+
+# depth_layers.cpp
+def take_back_out(near_rgba: Float32, near: Bool, back: Bool, filled: Float32, /) -> None: ...
+def part_layers(
+    near: Bool,
+    whole: Float32,
+    alone: Float32,
+    hidden: Float32,
+    near_rgba: Float32,
+    back_rgba: Float32,
+    /,
+) -> None: ...
+def halve(
+    values: Float32, weight: Float32, offset: tuple[int, int], out: Float32, kept: Float32, /
+) -> None: ...
+def raise_level(
+    fine: Float32, weight: Float32, coarse: Float32, offset: tuple[int, int], out: Float32, /
 ) -> None: ...
 
 # exposure.cpp
@@ -196,6 +254,31 @@ def absorb(
     texture: tuple[Float32, tuple[int, int], float],
     call: int,
     at: tuple[float, float],
+    /,
+) -> None: ...
+
+# subaperture_gather.cpp
+GATHERED_COLUMNS: int
+GATHERED_PLANES: int
+
+def lay_out(
+    light: Float32,
+    covered: Bool,
+    coc_px: Float32,
+    table: Float32,
+    steps: float,
+    start: tuple[int, int, int],
+    planes: Float32,
+    widest: Float32,
+    /,
+) -> None: ...
+def gather(
+    planes: Float32,
+    widest: Float32,
+    reach: int,
+    places: _Int32,
+    distances: Float32,
+    out: Float32,
     /,
 ) -> None: ...
 

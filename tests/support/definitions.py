@@ -74,6 +74,22 @@ def edge_parallax_by_pixels(rgba, plate, cocs, trust, margin, aspect):
     return out
 
 
+def pull_push(values, weight, corner):
+    """`inpaint`: unknown pixels from the means of 2 x 2 pixels, those from theirs, and so on."""
+    if max(weight.shape) <= 2 or weight.all():
+        return values
+    places = [(np.arange(n) + at % 2) / 2 for n, at in zip(weight.shape, corner, strict=True)]
+    cells = tuple(np.meshgrid(*(at.astype(int) for at in places), indexing="ij"))
+    sums = np.zeros((*(int(at[-1]) + 1 for at in places), values.shape[2] + 1))
+    parts = np.concatenate([values, np.ones((*weight.shape, 1))], axis=2) * weight[..., None]
+    np.add.at(sums, cells, parts)
+    total = sums[..., -1]
+    means = sums[..., :-1] / np.where(total > 0.0, total, 1.0)[..., None]
+    coarse = pull_push(means, np.minimum(total, 1.0), [at // 2 for at in corner])
+    between = [[bilinear(coarse, x - 0.25, y - 0.25) for x in places[1]] for y in places[0]]
+    return weight[..., None] * values + (1.0 - weight[..., None]) * np.array(between)
+
+
 def marked(size, points, faces, at):
     bits = np.zeros(size, np.uint8)
     mark_covered(bits, (points, faces, edges_of(faces)), [(5, np.eye(3, 4), at)])

@@ -26,8 +26,11 @@ NB_MODULE(NLENS_MODULE, module) {
     module.def("best_module", &best_module, "Name of the module for this processor.");
     nlens::bind_alpha(module);
     nlens::bind_animation(module);
+    nlens::bind_aperture_covariance(module);
     nlens::bind_blend(module);
+    nlens::bind_coc_discontinuities(module);
     nlens::bind_deferred(module);
+    nlens::bind_depth_layers(module);
     nlens::bind_exposure(module);
     nlens::bind_grain(module);
     nlens::bind_layers(module);
@@ -37,6 +40,7 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_raster(module);
     nlens::bind_shadow_coverage(module);
     nlens::bind_shadow_transparency(module);
+    nlens::bind_subaperture_gather(module);
     nlens::bind_textures(module);
     nlens::bind_triangles(module);
 }

@@ -12,8 +12,11 @@ using Unlocked = nanobind::call_guard<nanobind::gil_scoped_release>;
 
 void bind_alpha(nanobind::module_& module);
 void bind_animation(nanobind::module_& module);
+void bind_aperture_covariance(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
+void bind_coc_discontinuities(nanobind::module_& module);
 void bind_deferred(nanobind::module_& module);
+void bind_depth_layers(nanobind::module_& module);
 void bind_exposure(nanobind::module_& module);
 void bind_grain(nanobind::module_& module);
 void bind_layers(nanobind::module_& module);
@@ -23,6 +26,7 @@ void bind_projection(nanobind::module_& module);
 void bind_raster(nanobind::module_& module);
 void bind_shadow_coverage(nanobind::module_& module);
 void bind_shadow_transparency(nanobind::module_& module);
+void bind_subaperture_gather(nanobind::module_& module);
 void bind_textures(nanobind::module_& module);
 void bind_triangles(nanobind::module_& module);
 
