@@ -257,6 +257,18 @@ def absorb(
     /,
 ) -> None: ...
 
+# skinning.cpp
+def skin(
+    positions: Float32,
+    directions: Float32,
+    joints: _Int32,
+    weights: Float32,
+    matrices: Float32,
+    placed: Float32,
+    turned: Float32,
+    /,
+) -> None: ...
+
 # subaperture_gather.cpp
 GATHERED_COLUMNS: int
 GATHERED_PLANES: int

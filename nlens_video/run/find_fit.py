@@ -13,7 +13,6 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
-from nlens_video.run.chart_fit import chart_fit
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import open_run
@@ -56,6 +55,8 @@ def find_fit(
     check_folder(settings.save_fit)
     remove_stale(settings.save_fit)
     if settings.chart_m is not None:
+        from nlens_video.run.chart_fit import chart_fit  # here: scipy takes long to load
+
         charted = chart_fit(settings, settings.chart_m)
         save_fit(charted, settings.save_fit)
         return FitOutcome(fit=charted, path=settings.save_fit, notes=())

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.native import kernels
 from nlens_video.scene.gltf.fields import check_range
 from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals, unit
 from nlens_video.scene.gltf.nodes import Skin
 from nlens_video.scene.illumination import PosedLight
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 _CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower end of an axis
 
@@ -90,7 +87,7 @@ class Instance:
     node: int
     skin: Skin | None
     weights: Float64
-    _influence: csr_matrix | None = field(init=False, default=None)
+    _influence: tuple[Int32, Float32] | None = field(init=False, default=None)
     _last: tuple[bytes, PosedMesh] | None = field(init=False, default=None)
     _boxes: Float64 | None = field(init=False, default=None)
 
@@ -99,18 +96,15 @@ class Instance:
         if self.skin is None or joints is None or weights is None:
             self.skin = None
             return
-        from scipy.sparse import csr_matrix  # here: it takes long to load, and few files need it
-
         count = len(self.skin.joints)
         if int(joints[weights > 0.0].max(initial=0)) >= count or int(joints.min()) < 0:
             raise SceneError(
                 f"mesh '{self.geometry.name}' points beyond its skin's {count} joints; "
                 "export the file again"
             )
-        rows = np.repeat(np.arange(len(joints)), joints.shape[1])
-        # Joints of no weight may point anywhere.
-        columns = np.where(weights > 0.0, joints, 0).ravel()
-        self._influence = csr_matrix((weights.ravel(), (rows, columns)), (len(joints), count))
+        # joints of no weight may point anywhere
+        kept = np.where(weights > 0.0, weights, 0.0).astype(np.float32)
+        self._influence = np.ascontiguousarray(joints, np.int32), kept
 
     def place(self, world: Float64, weights: Float64 | None) -> PosedMesh:
         """The geometry in the world; the very same object while nothing moves.
@@ -152,11 +146,13 @@ class Instance:
         positions = self.geometry.positions.astype(np.float64)
         if self._influence is None:
             return np.stack([positions.min(axis=0), positions.max(axis=0)])[None]
-        boxes = np.full((self._influence.shape[1], 2, 3), np.inf)
+        joints, weights = self._influence
+        boxes = np.full((0 if self.skin is None else len(self.skin.joints), 2, 3), np.inf)
         boxes[:, 1] = -np.inf
-        vertices, joints = self._influence.nonzero()
-        np.minimum.at(boxes[:, 0], joints, positions[vertices])
-        np.maximum.at(boxes[:, 1], joints, positions[vertices])
+        vertices, places = np.nonzero(weights)
+        held = joints[vertices, places]
+        np.minimum.at(boxes[:, 0], held, positions[vertices])
+        np.maximum.at(boxes[:, 1], held, positions[vertices])
         return boxes
 
     def _morph_reach(self, amounts: Float64) -> Float64:
@@ -180,9 +176,11 @@ class Instance:
             mirrored = bool(np.linalg.det(linear) < 0.0)
         else:
             matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
-            blended = np.ascontiguousarray((self._influence @ matrices).T).reshape(3, 4, -1)
-            placed = _multiply(blended, positions) + blended[:, 3].T
-            turned = _multiply(blended, normals)
+            placed, turned = np.empty_like(positions), np.empty_like(normals)
+            kernels.skin(
+                np.ascontiguousarray(positions), np.ascontiguousarray(normals), *self._influence,
+                matrices, placed, turned,
+            )  # fmt: skip
         if self.geometry.flat and (self._influence is not None or len(amounts)):
             turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
             turned = -turned if mirrored else turned
@@ -201,15 +199,6 @@ class Instance:
 
         own = self.geometry
         return morphed(own.positions, own.targets), morphed(own.normals, own.target_normals)
-
-
-def _multiply(blended: Float32, vectors: Float32) -> Float32:
-    """Each vertex's own matrix, columns 0 to 2 of (3, 4, V), on its vector (V, 3)."""
-    x, y, z = vectors.T
-    result = np.empty((len(vectors), 3), np.float32)
-    for row, matrix in enumerate(blended):
-        result[:, row] = matrix[0] * x + matrix[1] * y + matrix[2] * z
-    return result
 
 
 def _cofactor(linear: Float64) -> Float64:

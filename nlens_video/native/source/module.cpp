@@ -40,6 +40,7 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_raster(module);
     nlens::bind_shadow_coverage(module);
     nlens::bind_shadow_transparency(module);
+    nlens::bind_skinning(module);
     nlens::bind_subaperture_gather(module);
     nlens::bind_textures(module);
     nlens::bind_triangles(module);

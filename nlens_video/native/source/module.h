@@ -26,6 +26,7 @@ void bind_projection(nanobind::module_& module);
 void bind_raster(nanobind::module_& module);
 void bind_shadow_coverage(nanobind::module_& module);
 void bind_shadow_transparency(nanobind::module_& module);
+void bind_skinning(nanobind::module_& module);
 void bind_subaperture_gather(nanobind::module_& module);
 void bind_textures(nanobind::module_& module);
 void bind_triangles(nanobind::module_& module);
