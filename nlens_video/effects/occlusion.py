@@ -127,11 +127,13 @@ def moving_mattes(picture: Picture, moving: MovingMatte) -> Foreground:
     own = np.clip(light - hidden, 0.0, np.maximum(light, 0.0))
     own[moving.coverage <= 0.0] = 0.0
     before = moving.before[..., None]
+    over_ground = ForegroundMatte(box=moving.box, coverage=moving.coverage, light=own)
     return Foreground(
         before_object=ForegroundMatte(
             box=moving.box, coverage=moving.coverage * moving.before, light=own * before
         ),
-        before_ground=ForegroundMatte(box=moving.box, coverage=moving.coverage, light=own),
+        before_ground=over_ground,
+        before_shadow=over_ground,
     )
 
 

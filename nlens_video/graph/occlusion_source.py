@@ -34,11 +34,14 @@ def open_occlusion_source(
     """
     real = objects.real
     if real.holdout is not None:
-        from nlens_video.video.input.holdout import open_holdout
+        from nlens_video.video.input.holdout import ExrHoldout, open_holdout
 
         reader = open_holdout(real.holdout, (view.width, view.height))
         source = OcclusionSource(
-            reader.description, lambda index, picture, plate_coc: reader.read(index), reader.close
+            reader.description,
+            lambda index, picture, plate_coc: reader.read(index),
+            reader.close,
+            reader.depth if isinstance(reader, ExrHoldout) and reader.holds_depth else None,
         )
         return source, Finding(f"--holdout {reader.description}", wanted=True)
     finding = None

@@ -226,16 +226,23 @@ def reaches(lamp: Lamp, ground_y: float) -> bool:
     return bool(lamp.posed.position[1] > ground_y)
 
 
-def from_lamp(lamp: Lamp, ground: Float64) -> Float64:
-    """Irradiance (..., 3) of ground points (..., 3) by a lamp, as if nothing hid it."""
+def from_lamp(lamp: Lamp, ground: Float64, normal: Float64 = _UP) -> Float64:
+    """Irradiance (..., 3) of points (..., 3) by a lamp, as if nothing hid it.
+
+    Args:
+        lamp: the lamp.
+        ground: the points [scene unit].
+        normal: unit normals of their surface (3,) or (..., 3); by default that of the ground.
+    """
     light, direction = lamp.posed.light, lamp.posed.direction
     color = np.array(light.color) * light.intensity
     if light.kind == "directional":
-        return np.broadcast_to(color * max(0.0, -float(direction[1])), ground.shape)
+        facing = np.maximum(0.0, -(normal @ direction))[..., None]
+        return np.broadcast_to(color * facing, ground.shape)
     toward = lamp.posed.position - ground
     distance2 = np.maximum((toward**2).sum(axis=-1), np.finfo(np.float64).tiny)
     unit = toward / np.sqrt(distance2)[..., None]
-    strength = np.maximum(unit[..., 1], 0.0) / distance2
+    strength = np.maximum((unit * normal).sum(axis=-1), 0.0) / distance2
     if light.range is not None:
         strength = strength * np.clip(1.0 - (distance2 / light.range**2) ** 2, 0.0, 1.0)
     if light.kind == "spot":  # "Inner and Outer Cone Angles"

@@ -45,10 +45,12 @@ class Foreground:
     Attributes:
         before_object: of things nearer than the object.
         before_ground: of things nearer than the ground that the plate would show.
+        before_shadow: of what hides the object's shadow; not of things on which it falls.
     """
 
     before_object: ForegroundMatte | None
     before_ground: ForegroundMatte | None
+    before_shadow: ForegroundMatte | None
 
 
 def composite(

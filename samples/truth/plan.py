@@ -30,9 +30,16 @@ FOCALS_MM = {
     "wild": (24.0, 85.0),
     "built": (24.0, 85.0),
     "hard": (24.0, 85.0),
+    "backed": (28.0, 100.0),
 }
-PITCHES_DEG = {"usual": (8.0, 40.0), "wild": (3.0, 50.0), "built": (3.0, 35.0), "hard": (3.0, 45.0)}
-ROLL_DEG = {"usual": 0.0, "wild": 4.0, "built": 2.0, "hard": 3.0}
+PITCHES_DEG = {
+    "usual": (8.0, 40.0),
+    "wild": (3.0, 50.0),
+    "built": (3.0, 35.0),
+    "hard": (3.0, 45.0),
+    "backed": (8.0, 30.0),
+}
+ROLL_DEG = {"usual": 0.0, "wild": 4.0, "built": 2.0, "hard": 3.0, "backed": 0.0}
 BARE_EVERY = 3
 """Of the scenes with wild cameras: every third has little to hold on to."""
 HARD_GROUNDS = {
@@ -50,6 +57,8 @@ HARD_GROUNDS = {
     "brushed": ("table",),
 }
 """Grounds whose blur is hard to read, in the order of the seeds, and where they are found."""
+BACKS = ("wall", "step", "box")
+"""What stands close behind the object of a backed scene, in the order of the seeds."""
 HARD_COC_PX = (6.0, 39.0)
 """Largest CoC of scenes on hard ground, from deep focus to a portrait [px]."""
 HARD_F_NUMBERS = (1.2, 22.0)
@@ -73,6 +82,7 @@ class View:
         bare: few things about, on a ground without lines.
         built: a street, a room or a table that people have made.
         ground: kind of hard ground, empty for any other.
+        back: what stands close behind the object and catches its shadow, empty for nothing.
     """
 
     seed: int
@@ -86,6 +96,7 @@ class View:
     bare: bool = False
     built: bool = False
     ground: str = ""
+    back: str = ""
 
     @property
     def focal_px(self) -> float:
@@ -186,8 +197,9 @@ def draw_view(seed: int, camera: str = "usual") -> View:
 
     Args:
         seed: names the scene.
-        camera: `usual`; `wild`: more pitches, wider lenses, roll, and bare scenes; `built`; or
-            `hard`: a ground whose blur is hard to read.
+        camera: `usual`; `wild`: more pitches, wider lenses, roll, and bare scenes; `built`;
+            `hard`: a ground whose blur is hard to read; or `backed`: the object's shadow falls on
+            what stands behind it.
     """
     rng = np.random.default_rng([seed, 0])
     setting = str(rng.choice(list(DISTANCES)))
@@ -220,6 +232,7 @@ def draw_view(seed: int, camera: str = "usual") -> View:
         bare=camera == "wild" and seed % BARE_EVERY == 0,
         built=camera == "built",
         ground=ground,
+        back=BACKS[seed % len(BACKS)] if camera == "backed" else "",
     )
 
 

@@ -34,12 +34,26 @@ class Ground:
             self.step_y = math.inf
             self.edge_y = behind * rng.uniform(1.2, 2.5)
         self.drop_z = -0.75
+        if view.back:
+            self.step_y = back_y(view) if view.back == "step" else math.inf
+            self.step_z = view.size_m * _drawn_back(view, 1).uniform(0.2, 0.5)
+            self.edge_y = math.inf
 
     def level(self, y: float) -> float:
         """Height of the ground at a distance from the camera [m]."""
         if y > self.edge_y:
             return self.drop_z
         return self.step_z if y > self.step_y else 0.0
+
+
+def _drawn_back(view: View, number: int) -> Rng:
+    return np.random.default_rng([view.seed, 30, number])
+
+
+def back_y(view: View) -> float:
+    """Distance at which that begins which stands close behind a backed scene's object [m]."""
+    farthest = float(subject.mesh(view).positions[:, 1].max())
+    return farthest + view.size_m * _drawn_back(view, 0).uniform(0.2, 0.6)
 
 
 def build(view: View, rng: Rng) -> bpy.types.Object:
@@ -56,7 +70,11 @@ def build(view: View, rng: Rng) -> bpy.types.Object:
         wall_y = max(view.place[1] * rng.uniform(1.6, 5.0), 1.2 * far if far < 20.0 else 0.0)
     if view.ground in grounds.MIRRORS:  # has something to mirror
         wall_y = min(wall_y, view.place[1] * rng.uniform(1.6, 5.0))
+    if view.back:
+        wall_y = back_y(view) if view.back == "wall" else math.inf
     _lay_ground(view, ground, rng)
+    if view.back == "box":
+        _stand_box(view, _drawn_back(view, 1))
     if math.isfinite(wall_y):
         _raise_wall(view, wall_y, rng)
         if view.ground in grounds.MIRRORS:
@@ -103,7 +121,20 @@ def _raise_wall(view: View, y: float, rng: Rng) -> None:
     material = surfaces.surface(rng, kind, _grain(view, y) * rng.uniform(0.8, 1.5), flat=True)
     wall = kit.box("wall", (0, 0, 0), (20 * y, 8 * y, 0.2), material)
     turn = Matrix.Rotation(rng.normal(0, 0.15), 4, "Z") @ Matrix.Rotation(math.pi / 2, 4, "X")
-    wall.matrix_world = Matrix.Translation((0, y + 0.1, 2 * y)) @ turn
+    aside = view.place[0] if view.back else 0.0
+    wall.matrix_world = Matrix.Translation((aside, y + 0.1, 2 * y)) @ turn
+
+
+def _stand_box(view: View, rng: Rng) -> None:
+    """A box behind the object, turned, wide enough to catch its shadow."""
+    size = view.size_m * rng.uniform((0.8, 0.6, 0.4), (1.8, 1.2, 1.2))
+    turn = rng.uniform(-0.6, 0.6)
+    half = 0.5 * (size[0] * abs(math.sin(turn)) + size[1] * math.cos(turn))
+    aside = view.size_m * rng.uniform(-0.4, 0.4)
+    material = surfaces.any_surface(rng, _grain(view, back_y(view)))
+    box = kit.box("back", (0.0, 0.0, 0.0), (size[0], size[1], size[2]), material)
+    place = (view.place[0] + aside, back_y(view) + half, 0.5 * size[2])
+    box.matrix_world = Matrix.Translation(place) @ Matrix.Rotation(turn, 4, "Z")
 
 
 def _add_subject(view: View) -> bpy.types.Object:
@@ -206,7 +237,7 @@ def _stand(
 
 def _light(view: View, wall_y: float, rng: Rng) -> None:
     """A sky with sun, or lamps under a dim sky; the sun, if any, is called `sun`."""
-    indoor = view.setting != "yard" and rng.random() < 0.6
+    indoor = view.setting != "yard" and not view.back and rng.random() < 0.6
     world = bpy.data.worlds.new("sky")
     bpy.context.scene.world, world.use_nodes = world, True
     nodes, links = world.node_tree.nodes, world.node_tree.links
@@ -218,7 +249,7 @@ def _light(view: View, wall_y: float, rng: Rng) -> None:
     links.new(nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
     links.new(split.outputs["Z"], ramp.inputs["Fac"])
     links.new(ramp.outputs["Color"], nodes["Background"].inputs["Color"])
-    sunny = not indoor and (rng.random() < 0.85 or bool(view.ground))
+    sunny = not indoor and (rng.random() < 0.85 or bool(view.ground or view.back))
     strength = rng.uniform(0.2, 0.5) if indoor else rng.uniform(0.5, 1.0) + 0.7 * (not sunny)
     nodes["Background"].inputs["Strength"].default_value = strength
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 128
@@ -226,6 +257,10 @@ def _light(view: View, wall_y: float, rng: Rng) -> None:
         sun = kit.lamp("sun", "SUN", (0, 0, 5), rng.uniform(1.5, 4.0), (1.0, 0.95 - warm / 3, 0.8))
         sun.data.angle = math.radians(rng.uniform(0.5, 6.0))
         around, up = rng.uniform(0, 2 * math.pi), math.radians(rng.uniform(18, 65))
+        if view.back:  # low and from before the object: its shadow falls on what is behind it
+            drawn = _drawn_back(view, 2)
+            aside = drawn.choice((-1.0, 1.0)) * drawn.uniform(0.3, 1.0)
+            around, up = -0.5 * math.pi + aside, math.radians(drawn.uniform(10, 25))
         towards = Vector((math.cos(around), math.sin(around), 1.4 * math.tan(up)))
         sun.rotation_euler = towards.to_track_quat("Z", "Y").to_euler()
     if indoor:

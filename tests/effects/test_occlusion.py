@@ -85,7 +85,9 @@ def test_soft_foreground_edge_keeps_no_halo_of_the_old_background():
     cover = foreground_matte(picture, FRAME, m)
     layer = np.ones((HEIGHT, WIDTH, 4), np.float32) * np.float32([*paint, 1.0])
     blurred = BlurredLayer(box=FRAME, rgba=layer)
-    composite(picture, blurred, Foreground(before_object=cover, before_ground=None))
+    composite(
+        picture, blurred, Foreground(before_object=cover, before_ground=None, before_shadow=None)
+    )
     assert picture.array == pytest.approx(np.full((HEIGHT, WIDTH, 3), 0.1), abs=1e-3)
     # what hiding by the matte alone leaves: a quarter of the background at the middle of the edge
     naive = mixed(m, mixed(m, front, back), paint)

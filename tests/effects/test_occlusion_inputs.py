@@ -86,6 +86,28 @@ def test_nearer_plate_depth_occludes_with_an_edge_as_soft_as_its_coc(files, plai
     assert any("Z is nearer" in d["reason"] for d in summary["decisions"])
 
 
+def test_shadow_falls_on_what_a_depth_map_shows_off_the_ground(files, plain, tmp_path):
+    camera = Scene.load(files / "anim.glb").camera(0.0, *SIZE[::-1])
+
+    def depth_of(heights):
+        planes = [camera.plane_disparity(height) for height in heights]
+        return [np.where(one > 0.0, 1.0 / np.maximum(one, 1e-6), 1e9) for one in planes]
+
+    level, low = depth_of((0.0, -0.3))
+    write_layers(tmp_path / "level.exr", {"Z": level.astype(np.float32)})
+    same, _ = still(files, tmp_path / "level.png", "--holdout", tmp_path / "level.exr")
+    assert np.array_equal(same, plain)
+    # Left of the object the ground is 30 cm lower, and its shadow reaches farther to the left.
+    edge = 190
+    level[:, :edge] = low[:, :edge]
+    write_layers(tmp_path / "step.exr", {"Z": level.astype(np.float32)})
+    got, _ = still(files, tmp_path / "step.png", "--holdout", tmp_path / "step.exr")
+    plate = cv2.imread(str(files / "plate.png")).astype(int)
+    lost, lost_on_plane = ((plate - one)[:, 120:170].sum() for one in (got, plain))
+    assert lost > 2 * lost_on_plane
+    assert np.array_equal(got[:, edge + 20 :], plain[:, edge + 20 :])
+
+
 def test_holdout_matte_applies_to_prerendered_layers(files, tmp_path):
     rgba = np.zeros((*SIZE, 4), np.float32)
     rgba[100:180, 200:280] = (0.2, 0.4, 0.1, 1.0)
@@ -143,6 +165,7 @@ def test_invalid_holdout_mattes_are_refused_in_one_line(files, tmp_path):
     [
         ((), "effect occlusion: no, nothing tells what stands in front"),
         (("--occlusion", "auto"), "effect occlusion: yes, --occlusion auto: where the plate's CoC"),
+        (("--effects", "shadow"), "node shadow"),
         (("--reflect",), "effect reflection: yes, --reflect: the ground mirrors 0.04"),
         (("--reflect", "0.3"), "effect reflection: yes, --reflect: the ground mirrors 0.3"),
         (("--effects", "defocus"), "effect reflection: no, left out by --effects"),

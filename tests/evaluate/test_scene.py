@@ -8,9 +8,10 @@ import pytest
 from support.truth_folder import camera, cube_depth, write_rendered
 
 from nlens_video.cli.main import main
-from nlens_video.core.layers import Box
+from nlens_video.core.layers import Box, DepthMap
 from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
+from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.plates import load_plate
@@ -59,7 +60,32 @@ def test_shadow_is_evaluated_where_the_ground_truth_has_one(plate, capsys):
     assert lights["left"] < 1.5
     assert "with its map" not in rows
     names = {path.name for path in (plate.parent / "tables").iterdir()}
-    assert names == {"scene.md", "drawn.csv", "light.csv", "shadow.csv"}
+    assert names == {"scene.md", "drawn.csv", "light.csv", "shadow.csv", "things.csv"}
+
+
+def test_shadow_on_a_step_is_evaluated_with_the_plates_depth(plate, capsys):
+    # Left of the cube, where its shadow falls, the ground is 20 cm lower.
+    _, columns = np.nonzero(cube_depth(camera()) < 1e9)
+    lower = camera().plane_disparity(-0.2)[:, : columns.min() - 10]
+    real = read_exr(plate / "bg_depth.exr").channels["Z"].copy()
+    real[:, : lower.shape[1]] = np.where(lower > 0.0, 1.0 / np.maximum(lower, 1e-6), 1e4)
+    write_layers(plate / "bg_depth.exr", {"Z": real})
+    known, posed = load_plate(plate), Scene.load(plate / "object.glb").pose(0.0)
+    light, fit = SceneLight(1).on_ground(posed.lights), plate_case(known).fit
+    moments = [Moment(Casters.of(posed, {}), known.camera)]
+    shadow = CastOnThings()(
+        CastShadow()(moments, light, 0.0, fit), moments, light, 0.0, fit, DepthMap(real)
+    )
+    codes = cv2.imread(str(plate / "gt_noshadow.png"))
+    frame = Box(0, 0, codes.shape[1], codes.shape[0])
+    ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)
+    assert cv2.imwrite(str(plate / "gt.png"), codes)
+    told = measured(capsys, plate)
+    gains = {row["name"]: row["gain_db"] for row in told["things"]["summary"]}
+    by_depth, on_plane = (
+        gains[f"with its lights, {how}"] for how in ("by the depth", "on the plane")
+    )
+    assert gains["no shadow"] == 0.0 and by_depth > 3.0 and by_depth > on_plane + 2.0
 
 
 def test_map_of_the_surroundings_is_a_case_where_it_is_there(plate, capsys):

@@ -70,7 +70,7 @@ def test_random_lenses_keep_the_grounds_coc_within_the_limit(seed):
         assert np.abs(lens.coc_px([view.nearest_m, view.farthest_m])).max() <= MAX_COC_PX
 
 
-CAMERAS = pytest.mark.parametrize("camera", ["usual", "wild", "built", "hard"])
+CAMERAS = pytest.mark.parametrize("camera", ["usual", "wild", "built", "hard", "backed"])
 
 
 @CAMERAS

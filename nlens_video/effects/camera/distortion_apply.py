@@ -8,13 +8,21 @@ that of the pinhole camera.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from nlens_video.core.box import half_diagonal, undistorted_radius
-from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Float64, ObjectLayer
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Box,
+    DefocusedLayer,
+    DepthMap,
+    Float32,
+    Float64,
+    ObjectLayer,
+)
 from nlens_video.core.optics import Distortion
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.scene.camera import Camera
@@ -125,11 +133,24 @@ def distort_shadow(shadow: Shadow, warp: DistortionMap) -> Shadow:
     shadow = shadow.fine
     box = warp.reached(shadow.box, _reach(shadow.coc_px))
     places = warp.remap(box, shadow.box)
-    return Shadow(
+    return replace(
+        shadow,
         box=box,
         loss=np.clip(_warped(shadow.loss, places, cv2.INTER_LINEAR), 0.0, 1.0),
         coc_px=_warped(shadow.coc_px, places, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE),
     )
+
+
+def undistorted_depth(real: DepthMap, warp: DistortionMap) -> DepthMap:
+    """Depth of a distorted frame as the pinhole sees it; unknown beyond the frame."""
+    frame = warp.frame
+    x, y = np.meshgrid(np.arange(frame.width) + 0.5, np.arange(frame.height) + 0.5)
+    across, down = (part.astype(np.float32) - np.float32(0.5) for part in warp.distorted(x, y))
+    depth = cv2.remap(
+        real.depth, across, down, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
+        borderValue=np.inf,
+    )  # fmt: skip
+    return DepthMap(np.asarray(depth, dtype=np.float32))
 
 
 def distort_defocused(defocused: DefocusedLayer, warp: DistortionMap) -> DefocusedLayer:

@@ -20,6 +20,7 @@ _POINTS = 128  # of the casters' surface, to which the distance of the ground is
 _EVERY = 4  # the distance is measured on every so many pixels each way
 _FINEST_PX = 0.7  # standard deviation below which nothing is smoothed
 _LEVELS = 7
+_FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
 _DARKEST = 0.1  # of the mean: radiance of second order rings below zero beside a bright part
 # Of a Lambert surface's response to each term of `Illumination.ambient` (Ramamoorthi and
 # Hanrahan 2001): dividing by them turns irradiance / pi into radiance.
@@ -54,11 +55,9 @@ def _warped(squared_sine: Float64, turn: Float64, ambient: Float64) -> tuple[Flo
     sector = 2.0 * math.pi * (np.arange(_SECTORS) + 0.5) / _SECTORS
     sine, up = np.sqrt(ring)[:, None], np.sqrt(1.0 - ring)[:, None]
     axes = np.stack(np.broadcast_arrays(sine * np.cos(sector), up, sine * np.sin(sector)), axis=-1)
-    bright = polynomial(axes) @ (ambient / _RESPONSE)
-    mean = float(bright.mean())
-    if mean <= 0.0:
+    bright = radiance(axes, ambient)
+    if not bright.any():
         return squared_sine, turn
-    bright = np.maximum(bright, _DARKEST * mean)
     rings = np.append(0.0, np.cumsum(bright.sum(axis=1)))
     rings /= rings[-1]
     edges = np.linspace(0.0, 1.0, _RINGS + 1)
@@ -71,24 +70,46 @@ def _warped(squared_sine: Float64, turn: Float64, ambient: Float64) -> tuple[Flo
     return moved, np.array(turned)
 
 
-def surface_points(vertices: Float64, faces: Int32) -> Float64:
-    """Points (P, 3) of a surface, evenly by its area, and its lowest vertices."""
+def radiance(axes: Float64, ambient: Float64) -> Float64:
+    """Radiance (...) of a sky (9,) in directions (..., 3), nowhere black; all 0 without light."""
+    bright = np.asarray(polynomial(axes) @ (ambient / _RESPONSE))
+    mean = max(float(bright.mean()), 0.0)
+    return np.maximum(bright, _DARKEST * mean) if mean > 0.0 else np.zeros_like(bright)
+
+
+def whole_sphere(directions: int) -> Float64:
+    """So many directions (N, 4) to light from all around, of the same solid angle each."""
+    number = np.arange(directions)
+    up = 1.0 - 2.0 * (number + 0.5) / directions
+    sine, angle = np.sqrt(1.0 - up * up), 2.0 * math.pi * number * _GOLDEN
+    return np.stack([sine * np.cos(angle), up, sine * np.sin(angle), 0.0 * up], axis=1)
+
+
+def visible_contact(hidden: Float32, directions: int) -> Float32:
+    """Contact darkening (h, w) of ambient light, faded out where it is too faint to be visible."""
+    faint = np.float32(max(_FAINT, min(1.0 / directions, 0.5)))
+    part = np.clip((hidden - faint) / min(2.0 * faint, 1.0 - faint), 0.0, 1.0)
+    return np.asarray(hidden * (part * part * (3.0 - 2.0 * part)), dtype=np.float32)
+
+
+def surface_points(vertices: Float64, faces: Int32, count: int = _POINTS) -> Float64:
+    """So many points (P, 3) of a surface, evenly by its area, and its lowest vertices."""
     places = vertices[:, :3].astype(np.float32)
     one, two = places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]]
     # the area squared by Lagrange's identity, which is quicker than a cross product
     square = (one * one).sum(1) * (two * two).sum(1) - ((one * two).sum(1)) ** 2
     area = np.sqrt(np.maximum(square, 0.0), dtype=np.float64)
     sums = np.cumsum(area)
-    number = np.arange(_POINTS)
-    at = np.searchsorted(sums, (number + 0.5) / _POINTS * sums[-1]).clip(0, len(faces) - 1)
+    number = np.arange(count)
+    at = np.searchsorted(sums, (number + 0.5) / count * sums[-1]).clip(0, len(faces) - 1)
     along, aside = (number * 0.7548776662466927) % 1.0, (number * 0.5698402909980532) % 1.0
     over = along + aside > 1.0
     along, aside = np.where(over, 1.0 - along, along), np.where(over, 1.0 - aside, aside)
     chosen = vertices[faces[at], :3]
     spread = chosen[:, 0] + along[:, None] * (chosen[:, 1] - chosen[:, 0])
     spread += aside[:, None] * (chosen[:, 2] - chosen[:, 0])
-    count = min(_POINTS // 4, len(vertices))
-    lowest = np.argpartition(places[:, 1], count - 1)[:count]
+    few = min(count // 4, len(vertices))
+    lowest = np.argpartition(places[:, 1], few - 1)[:few]
     return np.concatenate([spread, vertices[lowest, :3]])
 
 
@@ -113,23 +134,45 @@ def smoothed(
         view, fx=view.fx / step, fy=view.fy / step, cx=view.cx / step, cy=view.cy / step,
         width=-(-width // step), height=-(-height // step),
     )  # fmt: skip
-    ground = far.plane_points(ground_y).reshape(-1, 3).astype(np.float32)
-    there = points.astype(np.float32)
+    ground = far.plane_points(ground_y).astype(np.float32)
+    disparity = np.maximum(far.plane_disparity(ground_y), 0.0)
+    level = pattern_level(ground, disparity, points, view.fx, directions)
+    size = far.width * step, far.height * step
+    wide: Float32 = np.asarray(
+        cv2.resize(level, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32
+    )
+    slant = (view.world_from_camera[1, 3] - ground_y) * float(np.median(disparity)) * view.fy
+    return blurred(hidden, wide[:height, :width], slant / view.fx)
+
+
+def pattern_level(
+    surface: Float32, disparity: Float64, points: Float64, focal_px: float, directions: int
+) -> Float32:
+    """How far each pixel is blurred against the pattern of few directions (h, w), for `blurred`.
+
+    Args:
+        surface: what the light falls on (h, w, 3) [scene unit].
+        disparity: of it (h, w) [1 / scene unit].
+        points: of the casters (P, 3) [scene unit].
+        focal_px: focal length [px].
+        directions: number of directions of the light from around.
+    """
+    ground, there = surface.reshape(-1, 3), points.astype(np.float32)
     squared = (there * there).sum(axis=1) - 2.0 * (ground @ there.T)
     nearest = squared.min(axis=1) + (ground * ground).sum(axis=1)
-    disparity = np.maximum(far.plane_disparity(ground_y), 0.0)
     sigma = np.sqrt(np.maximum(nearest, 0.0)).reshape(disparity.shape) * disparity
-    sigma *= 0.5 * math.sqrt(2.0 * math.pi / directions) * view.fx / _FINEST_PX
+    sigma *= 0.5 * math.sqrt(2.0 * math.pi / directions) * focal_px / _FINEST_PX
     level = np.log2(np.maximum(sigma, 0.5)).clip(-1.0, _LEVELS - 1.001) + 1.0
-    size = far.width * step, far.height * step
-    wide = cv2.resize(level.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    wide = wide[:height, :width]
-    slant = (view.world_from_camera[1, 3] - ground_y) * float(np.median(disparity)) * view.fy
+    return np.asarray(level, dtype=np.float32)
+
+
+def blurred(hidden: Float32, level: Float32, slant: float) -> Float32:
+    """A share (h, w) blurred by another width at each pixel, between the two nearest octaves."""
     out = np.zeros_like(hidden)
     for number in range(int(level.min()), int(level.max()) + 2):
         finest = _FINEST_PX * 2.0 ** (number - 1)
-        soft = hidden if number == 0 else _soft(hidden, finest, slant / view.fx)
-        out += np.maximum(np.float32(1.0) - np.abs(wide - np.float32(number)), 0.0) * soft
+        soft = hidden if number == 0 else _soft(hidden, finest, slant)
+        out += np.maximum(np.float32(1.0) - np.abs(level - np.float32(number)), 0.0) * soft
     return out
 
 

@@ -74,12 +74,15 @@ class Shadow:
         coc_px: signed CoC diameter of the ground (h, w), 0 where the lens is not known [px of the
             frame].
         step: pixels of the frame that each pixel of the arrays stands for, each way [px].
+        on_things: whether it falls on filmed things by their depth, not on the plane alone; the
+            CoC is theirs, then.
     """
 
     box: Box
     loss: Float32
     coc_px: Float32
     step: int = 1
+    on_things: bool = False
 
     def __post_init__(self) -> None:
         size = self.box.height // self.step, self.box.width // self.step
@@ -93,7 +96,8 @@ class Shadow:
             return self
         size = self.box.width, self.box.height
         coc: Float32 = np.asarray(cv2.resize(self.coc_px, size), dtype=np.float32)
-        return Shadow(box=self.box, loss=enlarged(self.loss, self.step), coc_px=coc)
+        loss = enlarged(self.loss, self.step)
+        return replace(self, loss=loss, coc_px=coc, step=1)
 
 
 def pixels_of(box: Box, step: int) -> Box:

@@ -17,7 +17,12 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import hemisphere, smoothed, surface_points
+from nlens_video.effects.shadow.ambient import (
+    hemisphere,
+    smoothed,
+    surface_points,
+    visible_contact,
+)
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
@@ -27,11 +32,11 @@ from nlens_video.scene.illumination import Illumination, Lamp, from_around, from
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening is smooth: step of its grid [px]
 _FINER, _FEW = 2, 16384  # for thin legs: step where that takes no more samples than so many
-_FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
 _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
-_BLACKEST = 0.999  # largest loss: some light always comes back from the body
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _FOLLOWED = 400  # vertices that measure the motion of the shadow
+BLACKEST = 0.999
+"""Largest loss: some light always comes back from the body [1]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +143,7 @@ class CastShadow:
             part = (self.strength * part).astype(np.float32)
             for channel in range(3):
                 loss[..., channel] += part[..., channel] * share
-        return np.minimum(loss, np.float32(_BLACKEST), out=loss)
+        return np.minimum(loss, np.float32(BLACKEST), out=loss)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,9 +155,7 @@ class _Share:
 
     def contact(self, directions: int) -> _Share:
         """Contact darkening of ambient light, faded out where it is too faint to be visible."""
-        faint = np.float32(max(_FAINT, min(1.0 / directions, 0.5)))
-        part = np.clip((self.hidden - faint) / min(2.0 * faint, 1.0 - faint), 0.0, 1.0)
-        return _Share(self.hidden * (part * part * (3.0 - 2.0 * part)), self.grid)
+        return _Share(visible_contact(self.hidden, directions), self.grid)
 
     @property
     def bounds(self) -> Box:

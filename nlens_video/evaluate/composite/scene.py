@@ -2,7 +2,8 @@
 
 The object: mask and depth of the software rasteriser against the plate's layer. The light: how
 bright the object is drawn, by the light of a run without hints, with the GLB's lights, and with the
-map of the surroundings. The shadow: how much nearer to the truth it brings the ground.
+map of the surroundings. The shadow: how much nearer to the truth it brings the ground, and with the
+plate's depth what stands on it.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import cv2
 import numpy as np
 
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import Bool, Box, UInt8
-from nlens_video.effects.shadow.apply import ApplyShadow
+from nlens_video.core.layers import Bool, Box, DepthMap, UInt8
+from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
+from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.metrics import psnr
@@ -27,7 +29,7 @@ from nlens_video.scene.illumination import LUMINANCE, Illumination
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
-from nlens_video.video.exr import read_exr
+from nlens_video.video.exr import FAR, read_exr
 from nlens_video.video.pixels.picture import ArrayPicture
 
 TRUTH, DEPTH, MAP, LAYER = "gt.png", "bg_depth.exr", "env.hdr", "object.exr"
@@ -36,9 +38,21 @@ CASES = GUESSED, LIGHTS, AROUND = "GLB without lights", "with its lights", "with
 _HALF = 0.5  # coverage from which a pixel belongs to a mask [1]
 _ON_GROUND = 0.02  # share of its distance by which a point of the ground may miss the plane
 _SHADED = 0.9  # what is darker in the truth lies in the shadow [1]
+_FEWEST = 100  # pixels of a shadow on things from which on it counts
 _MEAN_PX = 5  # grain of the truth is averaged over so many pixels each way
 _CLEAR_PX = 3  # from the outermost pixel that the object's blur reaches
 _DARK = 1e-4  # light below which none is compared [1]
+
+
+_GAINS = (
+    Column("gain_db", "gain over none [dB]"),
+    Column("gain_db", "least gain [dB]", 2, "least"),
+    Column("psnr_db", "PSNR [dB]"),
+    Column("left", "light left, of the truth's", 2, "median"),
+    Column("gain_db", "plates", 0, "count"),
+)
+_Rows = dict[str, dict[str, float]]
+"""Figures of each row of a table."""
 
 
 def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
@@ -55,19 +69,23 @@ def evaluate_scene(folder: Path, out: Path | None, *, as_json: bool, quiet: bool
     """
     found, _ = find_plates(folder)
     prepare_folder(out, plots=False)
-    objects, lit, shadows = _objects_table(), _light_table(), _shadows_table()
+    objects, lit = _objects_table(), _light_table()
+    shadows, things = _shadows_table(), _things_table()
     for path in track(found, "drawing objects and shadows", quiet=quiet):
         plate = load_plate(path)
         objects.add("software rasteriser", plate.name, _object_figures(plate))
         for row, figures in _light_figures(plate).items():
             lit.add(row, plate.name, figures)
-        for row, figures in _shadow_figures(plate).items():
+        on_ground, on_things = _shadow_figures(plate)
+        for row, figures in on_ground.items():
             shadows.add(row, plate.name, figures)
+        for row, figures in on_things.items():
+            things.add(row, plate.name, figures)
     names = objects.plates()
     Report(
         name="scene",
         sections=[f"# Objects and shadows of {len(names)} plates\n\n{', '.join(names)}\n"],
-        tables=[objects, lit, shadows],
+        tables=[objects, lit, shadows, things],
     ).publish(out, as_json=as_json, quiet=quiet)
 
 
@@ -95,8 +113,8 @@ def _object_figures(plate: Plate) -> dict[str, float]:
     }
 
 
-def _shadow_figures(plate: Plate) -> dict[str, dict[str, float]]:
-    """Figures of each row; none where the truth has no shadow, or shows it nowhere.
+def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
+    """Figures of each row on the ground and on things; none where the truth has no shadow there.
 
     Raises:
         InputError: a file that is there cannot be read or does not fit the others.
@@ -105,33 +123,37 @@ def _shadow_figures(plate: Plate) -> dict[str, dict[str, float]]:
 
     folder = plate.folder
     if not ((folder / TRUTH).is_file() and (folder / DEPTH).is_file()):
-        return {}
+        return {}, {}
     case = plate_case(plate)
     without, frame = case.truth, case.frame
     truth = np.ascontiguousarray(read_codes(folder / TRUTH, plate.alpha.shape)[..., :3])
     real = read_exr(folder / DEPTH).channels["Z"]
     ground = np.abs(real * plate.camera.plane_disparity(plate.ground_y) - 1.0) < _ON_GROUND
-    region = ground & ~_reached(plate) & _darker(truth, without)
-    if not region.any():
-        return {}
-
-    moment = Moment(Casters.of(plate.scene.pose(0.0), {}), plate.camera)
+    dark = ~_reached(plate) & _darker(truth, without)
+    moments = [Moment(Casters.of(plate.scene.pose(0.0), {}), plate.camera)]
     darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
-    base = psnr(without[region], truth[region])
 
-    def figures(light: Illumination) -> dict[str, float]:
+    def figures(shadow: Shadow | None, region: Bool) -> dict[str, float]:
         picture = without.copy()
-        shadow = CastShadow()([moment], light, plate.ground_y, case.fit)
         if shadow is not None:
             darken(ArrayPicture(picture, "rgb"), shadow, frame)
-        psnr_db = psnr(picture[region], truth[region])
+        psnr_db, base = (psnr(one[region], truth[region]) for one in (picture, without))
         left = _light(picture, region) / _light(truth, region)
         return {"gain_db": psnr_db - base, "psnr_db": psnr_db, "left": left}
 
-    found = {NONE: {"gain_db": 0.0, "psnr_db": base}}
-    for row, light in _lights(plate).items():
-        found[row] = figures(light)
-    return found
+    depth = DepthMap(np.where((real > 0.0) & (real < FAR), real, np.float32(np.inf)))
+    found, there = _Rows(), _Rows()
+    for row, light in {NONE: None, **_lights(plate)}.items():
+        plane = None if light is None else CastShadow()(moments, light, plate.ground_y, case.fit)
+        if (dark & ground).any():
+            found[row] = figures(plane, dark & ground)
+        if not (dark & ~ground).sum() >= _FEWEST:
+            continue
+        there[row if light is None else f"{row}, on the plane"] = figures(plane, dark & ~ground)
+        if light is not None:
+            seen = CastOnThings()(plane, moments, light, plate.ground_y, case.fit, depth)
+            there[f"{row}, by the depth"] = figures(seen, dark & ~ground)
+    return found, there
 
 
 def _lights(plate: Plate) -> dict[str, Illumination]:
@@ -251,13 +273,7 @@ def _shadows_table() -> Table:
     return Table(
         name="shadow",
         title="The shadow on the ground, against a path tracer's",
-        columns=(
-            Column("gain_db", "gain over none [dB]"),
-            Column("gain_db", "least gain [dB]", 2, "least"),
-            Column("psnr_db", "PSNR [dB]"),
-            Column("left", "light left, of the truth's", 2, "median"),
-            Column("gain_db", "plates", 0, "count"),
-        ),
+        columns=_GAINS,
         detail="gain_db",
         notes=(
             "Over the pixels that show the ground (by the plate's true depth), which the blurred "
@@ -267,4 +283,18 @@ def _shadows_table() -> Table:
             "The lens is the true one.",
         ),
         empty=f"No plate holds {TRUTH} and {DEPTH}: nothing is said of shadows.\n",
+    )
+
+
+def _things_table() -> Table:
+    return Table(
+        name="things",
+        title="The shadow on what stands on the ground, against a path tracer's",
+        columns=_GAINS,
+        detail="gain_db",
+        notes=(
+            "As above, over the pixels that show no ground. On the plane: the shadow as it falls "
+            "on the ground behind. By the depth: the plate's, as `--holdout` gives it.",
+        ),
+        empty="No plate shows a shadow on things: nothing is said of that.\n",
     )

@@ -8,7 +8,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
-from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, OcclusionCue, Picture
+from nlens_video.core.layers import (
+    BlurredLayer,
+    CocMap,
+    DefocusedLayer,
+    DepthMap,
+    OcclusionCue,
+    Picture,
+)
 from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.effects.measurement import Measurement
 from nlens_video.graph.base.object_source import ObjectSource
@@ -64,11 +71,13 @@ class OcclusionSource:
         read: the occlusion cue of a frame, from its index, the plate before the composite, and the
             frame's CoC map if that was estimated already.
         close: closes its file.
+        depth: depth of a frame, from its index; None where the source is not one of depth.
     """
 
     description: str
     read: Callable[[int, Picture, CocMap | None], OcclusionCue]
     close: Callable[[], None] = lambda: None
+    depth: Callable[[int], DepthMap] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         Box,
         CocMap,
         DefocusedLayer,
+        DepthMap,
         ObjectLayer,
         OcclusionCue,
         Picture,
@@ -57,6 +58,7 @@ class FrameValues:
         plate_light: lighting of the object, estimated from the plate.
         bounds: time, camera, screen bounds and depth range of the object.
         plate_coc: unsigned CoC diameter of the plate and its expected error (H, W) [px] (F).
+        plate_depth: depth of what the plate shows, as the pinhole camera sees it.
         ground: footprint mask and disparity of the ground plane (H, W) (P).
         found_lens: lens fit of this frame with its samples (R).
         exposure: gain of the plate per channel relative to the first frame.
@@ -80,6 +82,7 @@ class FrameValues:
     plate_light: Illumination | None = None
     bounds: ScreenBounds | None = None
     plate_coc: CocMap | None = None
+    plate_depth: DepthMap | None = None
     ground: GroundProjection | None = None
     found_lens: FoundLens | None = None
     exposure: Exposure | None = None

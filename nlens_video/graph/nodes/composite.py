@@ -18,6 +18,7 @@ from nlens_video.effects.occlusion import (
     object_disparity,
 )
 from nlens_video.effects.planner import OCCLUSION
+from nlens_video.effects.shadow.things import before_shadow
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.kernels.scatter.scatter import scatter
@@ -114,12 +115,14 @@ class ForegroundNode(Node):
         if isinstance(occlusion_cue, Matte):
             region = object_region.union(ground_region)
             cover = foreground_matte(picture, region, occlusion_cue.coverage)
-            return None if cover is None else Foreground(before_object=cover, before_ground=cover)
+            if cover is None:
+                return None
+            return Foreground(before_object=cover, before_ground=cover, before_shadow=cover)
         if isinstance(occlusion_cue, MovingThings):
             region = object_region.union(ground_region)
             moving = occlusion_cue.matte(picture, region, fit)
             return None if moving is None else moving_mattes(picture, moving)
-        over_object = over_ground = None
+        over_object = over_ground = over_shadow = None
         if layer is not None and not object_region.empty:
             surface = object_disparity(layer, frame_box)
             share = self._coverage(occlusion_cue, surface, object_region, fit, picture)
@@ -128,8 +131,14 @@ class ForegroundNode(Node):
             height = self._context.ground_height
             surface = bounds.camera.plane_disparity(height).astype(np.float32)
             share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
-            over_ground = foreground_matte(picture, ground_region, share)
-        return Foreground(before_object=over_object, before_ground=over_ground)
+            over_ground = over_shadow = foreground_matte(picture, ground_region, share)
+            if isinstance(occlusion_cue, DepthMap) and shadow is not None and shadow.on_things:
+                before = before_shadow(occlusion_cue, surface, bounds.nearest, shadow)
+                share = self._by_depth(before, surface, ground_region, fit)
+                over_shadow = foreground_matte(picture, ground_region, share)
+        return Foreground(
+            before_object=over_object, before_ground=over_ground, before_shadow=over_shadow
+        )
 
     def _coverage(
         self, cue: DepthMap | CocMap, disparity: Float32, region: Box, fit: LensFit | None,

@@ -10,11 +10,14 @@ import numpy as np
 
 from nlens_video.core.box import Box
 from nlens_video.core.layers import DefocusedLayer
+from nlens_video.core.optics import Distortion
+from nlens_video.effects.camera.distortion_apply import DistortionMap, undistorted_depth
 from nlens_video.effects.motion_blur import mean_layer, sampled_count
 from nlens_video.effects.planner import REFLECTION, SHADOW
 from nlens_video.effects.reflection import OverlayReflection, RenderReflection
 from nlens_video.effects.shadow.apply import ApplyShadow, ground_blur
 from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
+from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterGeometry, Casters
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes import warm_up
@@ -22,7 +25,7 @@ from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.l_reblur import object_coc
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import BlurredLayer, Box, Float64, ObjectLayer, Picture
+    from nlens_video.core.layers import BlurredLayer, Box, DepthMap, Float64, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.shadow.apply import Shadow
@@ -31,6 +34,30 @@ if TYPE_CHECKING:
     from nlens_video.scene.gltf.meshes import Geometry
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
+    from nlens_video.video.info import SourceFrame
+
+
+class PlateDepth(Node):
+    """Depth of what the plate shows, on which the shadow falls beside the ground."""
+
+    name, writes = "plate-depth", "plate_depth"
+    effect = SHADOW
+
+    def __init__(self, context: NodeContext) -> None:
+        source = context.occlusion
+        if source is None or source.depth is None:
+            raise Unavailable("no depth of the plate is given")
+        self._depth = source.depth
+        distortion = context.measured.get("distortion")
+        model = None if distortion is None else distortion.model
+        self._model = model if isinstance(model, Distortion) else None
+        self.description = source.description
+
+    def __call__(self, frame: SourceFrame, bounds: ScreenBounds) -> DepthMap:
+        depth = self._depth(frame.index)
+        if self._model is None:
+            return depth
+        return undistorted_depth(depth, DistortionMap.of(self._model, bounds.camera))
 
 
 class ShadowNode(Node):
@@ -56,6 +83,11 @@ class ShadowNode(Node):
             lamp_points=lamp_points,
             ambient_directions=ambient_directions,
         )
+        self._cast_on_things = CastOnThings(
+            strength=self._scene.strength,
+            lamp_points=lamp_points,
+            ambient_directions=ambient_directions,
+        )
         self._surfaces: dict[Geometry, CasterGeometry] = {}
         self._last: tuple[tuple[object, ...], Shadow | None] | None = None
         self.description = (
@@ -65,14 +97,22 @@ class ShadowNode(Node):
         )
 
     def __call__(
-        self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None
+        self,
+        bounds: ScreenBounds,
+        fit: LensFit | None,
+        motion: Motion | None,
+        plate_depth: DepthMap | None,
     ) -> Shadow | None:
         pose = self._scene.pose(bounds.time_s)
         light = self._scene.light.on_ground(pose.lights, bounds.plate_light)
         moments = self._moments(bounds, fit, motion, light)
-        given = (moments, light, fit)
+        given = (moments, light, fit, plate_depth)
         if self._last is None or not equal_values(self._last[0], given):
-            self._last = given, self._cast(moments, light, self._context.ground_height, fit)
+            height = self._context.ground_height
+            shadow = self._cast(moments, light, height, fit)
+            if plate_depth is not None:
+                shadow = self._cast_on_things(shadow, moments, light, height, fit, plate_depth)
+            self._last = given, shadow
         return self._last[1]
 
     def _moments(
@@ -126,7 +166,7 @@ class CompositeShadow(Node):
     ) -> Picture:
         if self._last is None or self._last[0] is not shadow:
             self._last = shadow, self._apply.blurred(shadow, frame_box)
-        cover = None if foreground is None else foreground.before_ground
+        cover = None if foreground is None else foreground.before_shadow
         return self._apply.darken(picture, self._last[1], cover)
 
     def warm_up(self) -> None:

@@ -97,6 +97,9 @@ class ExrHoldout:
     Args:
         spec: a file, or a pattern whose smallest number on disk is frame 0.
         size: width and height of the plate [px].
+
+    Attributes:
+        holds_depth: whether it is depth, not a matte.
     """
 
     def __init__(self, spec: str, size: tuple[int, int]) -> None:
@@ -106,7 +109,7 @@ class ExrHoldout:
         self._start = self._files.first() if self._files else 0
         first = self._image(0)
         channels = first.channels
-        self._depth = "Z" in channels
+        self.holds_depth = "Z" in channels
         self._by_alpha = "A" in channels and (
             bool((channels["A"] < 1.0).any()) or not {"R", "G", "B"} <= set(channels)
         )
@@ -115,7 +118,7 @@ class ExrHoldout:
     @property
     def description(self) -> str:
         """File and channel."""
-        if self._depth:
+        if self.holds_depth:
             return f"{self._spec}, where its depth Z is nearer"
         return f"{self._spec}, by its {'alpha' if self._by_alpha else 'luminance'}"
 
@@ -128,6 +131,16 @@ class ExrHoldout:
         if self._files is not None and self._cached[0] != index:
             self._cached = (index, self._read(self._image(index)))
         return self._cached[1]
+
+    def depth(self, index: int) -> DepthMap:
+        """The depth of a frame, of a file that holds depth.
+
+        Raises:
+            InputError: as `read`.
+        """
+        found = self.read(index)
+        assert isinstance(found, DepthMap)
+        return found
 
     def close(self) -> None:
         """Nothing: no file stays open between frames."""
@@ -143,7 +156,7 @@ class ExrHoldout:
         return image
 
     def _read(self, image: ExrImage) -> Matte | DepthMap:
-        if self._depth:
+        if self.holds_depth:
             depth = image.on_display_window(self._channel(image, "Z"), np.inf)
             with np.errstate(invalid="ignore"):
                 there = (depth > 0.0) & (depth < FAR)
