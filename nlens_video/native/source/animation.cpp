@@ -106,7 +106,8 @@ void compose(const double* local, double* matrix) {
 }
 
 void multiply_nodes(Array<const double, 2> local, Array<const std::int64_t, 2> order,
-                    Array<const double, 3> matrices, Array<const bool, 1> has_matrix, Array<double, 3> world) {
+                    Array<const double, 3> matrices, Array<const bool, 1> has_matrix,
+                    Array<double, 3> world) {
     for (int n = 0; n < order.shape[0]; ++n) {
         const std::int64_t node = order(n, 0), parent = order(n, 1);
         double* own = world.at(node);

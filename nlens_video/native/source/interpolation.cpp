@@ -137,7 +137,8 @@ void view_vectors(Block& block, Array<const float, 1> lens) {
         const float squared = dot(n, n);
         set(block.normal, i, n * (1.0f / std::sqrt(squared > kLeast ? squared : kLeast)));
     }
-    const Vector right{lens(0), lens(1), lens(2)}, up{lens(3), lens(4), lens(5)}, back{lens(6), lens(7), lens(8)};
+    const Vector right{lens(0), lens(1), lens(2)}, up{lens(3), lens(4), lens(5)};
+    const Vector back{lens(6), lens(7), lens(8)};
     const float per_column = 1.0f / lens(9), per_row = 1.0f / lens(10), cx = lens(11), cy = lens(12);
     for (int i = 0; i < kPoints; ++i) {
         const Vector v = back - right * ((block.x[i] - cx) * per_column) - up * ((cy - block.y[i]) * per_row);

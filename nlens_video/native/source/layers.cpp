@@ -100,13 +100,13 @@ struct Surface {
     Vector volume, glow;
 
     Surface(const Block& block, int i)
-        : normal(get(block.normal, i)), view(get(block.view, i)), base(get(block.base, i)), f0(get(block.f0, i)),
-          metallic(block.metallic[i]), roughness(block.roughness[i]), specular(block.specular[i]),
-          occlusion(block.occlusion[i]), anisotropy(block.anisotropy[i]), along(get(block.along, i)),
-          beside(get(block.beside, i)), coat(block.coat[i]), coat_roughness(block.coat_roughness[i]),
-          coat_normal(unit(get(block.coat_normal, i))), sheen(get(block.sheen, i)),
-          sheen_roughness(block.sheen_roughness[i]), through(block.through[i]), volume(get(block.volume, i)),
-          glow(get(block.glow, i)) {}
+        : normal(get(block.normal, i)), view(get(block.view, i)), base(get(block.base, i)),
+          f0(get(block.f0, i)), metallic(block.metallic[i]), roughness(block.roughness[i]),
+          specular(block.specular[i]), occlusion(block.occlusion[i]), anisotropy(block.anisotropy[i]),
+          along(get(block.along, i)), beside(get(block.beside, i)), coat(block.coat[i]),
+          coat_roughness(block.coat_roughness[i]), coat_normal(unit(get(block.coat_normal, i))),
+          sheen(get(block.sheen, i)), sheen_roughness(block.sheen_roughness[i]),
+          through(block.through[i]), volume(get(block.volume, i)), glow(get(block.glow, i)) {}
 
     bool has_sheen() const { return largest(sheen) > 0.0f; }
     bool has_coat() const { return coat > 0.0f; }

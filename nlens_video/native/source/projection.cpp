@@ -15,7 +15,9 @@ constexpr double kGrid = 256.0;
 constexpr double kHuge = 1e9;  // positions beyond are far off the frame whatever they are [px]
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
-double snapped(double place) { return std::nearbyint(std::min(std::max(place, -kHuge), kHuge) * kGrid) / kGrid; }
+double snapped(double place) {
+    return std::nearbyint(std::min(std::max(place, -kHuge), kHuge) * kGrid) / kGrid;
+}
 
 void project(Array<const float, 2> positions, Lens lens, Array<double, 2> points) {
     for (int v = 0; v < positions.shape[0]; ++v) {
@@ -40,7 +42,8 @@ struct Range {
 };
 
 template <class Number>
-std::tuple<double, double, double, double, double, double> bounds(Strided<const Number, 2> positions, Lens lens) {
+std::tuple<double, double, double, double, double, double> bounds(Strided<const Number, 2> positions,
+                                                                  Lens lens) {
     Range x, y, z;
     for (int v = 0; v < positions.shape[0]; ++v) {
         const auto [right, up, depth] =
@@ -52,7 +55,9 @@ std::tuple<double, double, double, double, double, double> bounds(Strided<const 
     return {x.low, x.high, y.low, y.high, z.low, z.high};
 }
 
-InCamera seen(const double* point, const double* lens) { return in_camera(point[0], point[1], point[2], lens); }
+InCamera seen(const double* point, const double* lens) {
+    return in_camera(point[0], point[1], point[2], lens);
+}
 
 double travel(Array<const double, 3> points, Array<const double, 2> lenses) {
     double slope_x = 0.0, slope_y = 0.0, total = 0.0, nearest = kInfinite;

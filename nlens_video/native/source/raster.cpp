@@ -10,7 +10,8 @@
 namespace nlens {
 namespace {
 
-// More would wait longer for each other: runs of neighbouring triangles overlap, and most are short.
+// Samples that are tested at once. Most runs are shorter than 8, and of wider vectors those of neighbouring
+// triangles would overlap: reading what was just written in part waits for memory.
 constexpr int kLanes = 4;
 using Int4 = std::int32_t __attribute__((vector_size(16)));
 constexpr Int4 kLaneNumbers = {0, 1, 2, 3};
@@ -21,7 +22,8 @@ struct Samples {
 };
 
 // Depth test and write of `kLanes` samples of a run, from its sample `from` on.
-inline void draw_lanes(float* disparity, std::int32_t* ids, int from, int count, float start, float slope, int t) {
+inline void draw_lanes(float* disparity, std::int32_t* ids, int from, int count, float start, float slope,
+                       int t) {
     const Int4 lanes = kLaneNumbers + from;
     const Float4 mine = start + __builtin_convertvector(lanes, Float4) * slope;
     const auto before = load<Float4>(disparity + from);
@@ -83,7 +85,8 @@ void fill_triangles(Array<const std::int32_t, 1> drawn, int first, int last, con
 
 void fill_triangles_behind(Array<const std::int32_t, 1> drawn, int first, int last, const Shape& shape,
                            Array<const std::int32_t, 2> spans, Array<const float, 2> most,
-                           Array<const float, 2> planes, Array<float, 2> disparity, Array<std::int32_t, 2> ids) {
+                           Array<const float, 2> planes, Array<float, 2> disparity,
+                           Array<std::int32_t, 2> ids) {
     const int width = most.shape[1];
     for (int n = 0; n < drawn.shape[0]; ++n) {
         const int t = drawn(n);

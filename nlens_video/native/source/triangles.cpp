@@ -31,7 +31,9 @@ void set_planes(float* row, const Corners& corners, double area, double facing) 
 
 // Planes of a triangle through the near plane.
 void set_crossing(float* row, const ScreenPlane (&planes)[3], double facing) {
-    for (int k = 0; k < 3; ++k) row[kA + k] = planes[k].a, row[kB + k] = planes[k].b, row[kC + k] = planes[k].c;
+    for (int k = 0; k < 3; ++k) {
+        row[kA + k] = planes[k].a, row[kB + k] = planes[k].b, row[kC + k] = planes[k].c;
+    }
     row[kA + 3] = row[kB + 3] = row[kC + 3] = 0.0f;
     row[kX0] = row[kY0] = 0.0f, row[kFacing] = facing;
 }
