@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.ambient import (
     blurred,
     pattern_level,
@@ -38,6 +38,7 @@ _REACH = 3.0  # of contact darkening, in diagonals of the casters' bounds
 _AROUND = 2  # directions all around by those from above alone
 _FEW = 128  # points of the casters, to which the distance of surfaces is measured
 _AT_ONCE = 4  # points of a light whose shares are summed by one thread
+_CONTEXT_PX = 8  # around pixels, in which normals are fitted [px]
 _ROW = 512  # pixels in a row of a sheet of them
 
 
@@ -123,24 +124,30 @@ class SeenLights:
             view: camera whose pixels are those of the region.
             threads: limit.
         """
-        facing = normals(seen.disparity, view)
         points = seen.points[off]
-        places, normal = points.astype(np.float64), facing[off].astype(np.float64)
-        given = [from_lamp(lamp, places, normal) for lamp in self.lamps]
         sheet = _sheet(points)
         shares = [
             _blocked(views, sheet, threads)[: len(points)] / np.float32(self.samples[0])
             for views in self.views
         ]
+        if self.around:
+            shares.append(self._contact(seen, off, view, threads))
+        loss = np.zeros_like(points)
+        dark = np.any(np.array(shares) > 0.0, axis=0)
+        if not dark.any():
+            return loss
+        where = np.zeros_like(off)
+        where[off] = dark
+        normal = _normals_at(where, seen.disparity, view)
+        places = points[dark].astype(np.float64)
+        given = [from_lamp(lamp, places, normal) for lamp in self.lamps]
         around = self._from_around(normal)
         total = np.sum([*given, around], axis=0)
         if self.around:
             given.append(self.light.contact * around)
-            shares.append(self._contact(seen, facing, off, view.fx, threads))
-        loss = np.zeros_like(points)
         for one, share in zip(given, shares, strict=True):
             part = np.divide(one, total, out=np.zeros_like(total), where=total > 0.0)
-            loss += part.astype(np.float32) * share[:, None]
+            loss[dark] += part.astype(np.float32) * share[dark, None]
         return loss
 
     def _from_around(self, normal: Float64) -> Float64:
@@ -149,30 +156,39 @@ class SeenLights:
             return np.broadcast_to(self.ambient, normal.shape)
         return np.asarray(math.pi * np.maximum(polynomial(normal) @ self.light.ambient, 0.0))
 
-    def _contact(
-        self, seen: Things, facing: Float32, off: Bool, focal_px: float, threads: int | None
-    ) -> Float32:
+    def _contact(self, seen: Things, off: Bool, view: Camera, threads: int | None) -> Float32:
         """Contact darkening of the pixels off the ground (M,): share of the light around [1]."""
         half = COARSE // 2
         few = (slice(half, None, COARSE), slice(half, None, COARSE))
         some = off[few]
         if not some.any():
             return np.zeros(int(off.sum()), np.float32)
-        points, normal = seen.points[few], facing[few][some].astype(np.float64)
+        points, disparity = seen.points[few], seen.disparity[few]
+        normal = normals(disparity, view.resized(*some.shape[::-1]))[some].astype(np.float64)
         share = np.maximum(normal @ self.directions.T, 0.0) * self.weights
         lost = _blocked(self.around, _sheet(points[some]), threads, share)
         whole = np.zeros(some.shape, np.float32)
         dark = np.zeros_like(whole)
         whole[some], dark[some] = share.sum(axis=1), lost[: len(normal)]
+        sparse = (slice(None, None, COARSE), slice(None, None, COARSE))
         level = pattern_level(
-            points, seen.disparity[few].astype(np.float64), self.points, focal_px / COARSE,
+            points[sparse], disparity[sparse].astype(np.float64), self.points, view.fx / COARSE,
             self.samples[1],
         )  # fmt: skip
+        level = _enlarged(level, some)
         # of the sums, so that nothing of the ground beside a thing comes in
         dark, whole = blurred(dark, level, 1.0), blurred(whole, level, 1.0)
         dark, whole = (_enlarged(part, off)[off] for part in (dark, whole))
         hidden = np.divide(dark, whole, out=np.zeros_like(dark), where=whole > 0.0)
         return visible_contact(hidden, self.samples[1])
+
+
+def _normals_at(where: Bool, disparity: Float32, view: Camera) -> Float64:
+    """Normals (K, 3) of the surfaces at K pixels (h, w) of a view, one at least."""
+    near = Box.of(where).expanded(_CONTEXT_PX)
+    near = near.intersection(Box(0, 0, where.shape[1], where.shape[0]))
+    part = slice(near.y0, near.y1), slice(near.x0, near.x1)
+    return normals(disparity[part], view.cropped(near))[where[part]].astype(np.float64)
 
 
 def _enlarged(values: Float32, like: Bool) -> Float32:
