@@ -95,7 +95,7 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "CoC of a depth": "",
 }  # fmt: skip
 WITHOUT_ARITHMETIC = {  # masks, copies, CoC discontinuities by definition, what compiles the others
-    "kernels/numba_config", "kernels/coc_discontinuities",
+    "kernels/numba_config", "kernels/coc_discontinuities", "render/software/shading_inputs",
 }  # fmt: skip
 
 
