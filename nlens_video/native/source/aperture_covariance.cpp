@@ -31,7 +31,8 @@ struct Views {
     // The surface point p that appears at a place from each point u of the aperture: it solves
     // p + coc(p) / 2 * u = place by a few rounds of fixed-point search.
     [[gnu::noinline]] void look(Plane coc, int column, int row, int rounds) {
-        const float last_x = static_cast<float>(coc.shape[1] - 1), last_y = static_cast<float>(coc.shape[0] - 1);
+        const float last_x = static_cast<float>(coc.shape[1] - 1),
+                    last_y = static_cast<float>(coc.shape[0] - 1);
         const float place_x = static_cast<float>(column), place_y = static_cast<float>(row);
         const float* __restrict cocs = coc.data;
         const float *__restrict u = along.data(), *__restrict v = down.data();
@@ -160,7 +161,8 @@ void edge_parallax(Picture rgba, Picture plate, std::tuple<Plane, Plane> cocs, P
             if (!(alpha >= numbers.least && free >= numbers.least && trusted > 0.0)) continue;
             const double place = alpha * (table.shape[0] - 2);
             const int entry = static_cast<int>(place);
-            double scale = table(entry) + (place - entry) * static_cast<double>(table(entry + 1) - table(entry));
+            double scale =
+                table(entry) + (place - entry) * static_cast<double>(table(entry + 1) - table(entry));
             scale *= 0.5 * object_coc(y, x) / free;
             const Slope slope(rgba, y, x);
             double u = scale * slope.along, v = scale * slope.down * aspect;

@@ -104,7 +104,8 @@ void sweep_row(float* row, const float* before, int width, int step) {
         }
     }
     const int first = step > 0 ? 0 : width - 1;
-    for (int k = 1, x = first + step; k < width; ++k, x += step) row[x] = std::max(row[x], row[x - step] - kStraight);
+    for (int k = 1, x = first + step; k < width; ++k, x += step)
+        row[x] = std::max(row[x], row[x - step] - kStraight);
 }
 
 // Lets every reach fall off by 1 a pixel (two chamfer sweeps).
@@ -116,8 +117,8 @@ void chamfer(Array<float, 2> reach) {
 }
 
 // Gives every pixel the known value of its label.
-void carry_labels(Array<const float, 2> values, Array<const bool, 2> known, Array<const std::int32_t, 2> labels,
-                  Array<float, 2> out) {
+void carry_labels(Array<const float, 2> values, Array<const bool, 2> known,
+                  Array<const std::int32_t, 2> labels, Array<float, 2> out) {
     const std::size_t size = static_cast<std::size_t>(known.shape[0]) * known.shape[1];
     std::vector<float> of_label(size + 1);
     for (std::size_t i = 0; i < size; ++i) {

@@ -18,7 +18,8 @@ void take_stops(Array<const float, 3> light, std::tuple<float, float> known, Arr
         float* to = stops.data + 3 * i;
         bool usable = true;  // false for NaN, too
         for (int k = 0; k < 3; ++k) usable &= darkest <= from[k] && from[k] <= brightest;
-        for (int k = 0; k < 3; ++k) to[k] = usable ? std::log2(from[k]) : std::numeric_limits<float>::quiet_NaN();
+        for (int k = 0; k < 3; ++k)
+            to[k] = usable ? std::log2(from[k]) : std::numeric_limits<float>::quiet_NaN();
     }
 }
 
@@ -29,8 +30,8 @@ float median_of(std::vector<float>& values) {
     return *middle;
 }
 
-bool take_change(Array<const float, 3> before, Array<const float, 3> now, double least_share, double most_spread,
-                 Array<double, 1> change) {
+bool take_change(Array<const float, 3> before, Array<const float, 3> now, double least_share,
+                 double most_spread, Array<double, 1> change) {
     const int places = before.shape[0] * before.shape[1];
     std::vector<float> ratios[3];
     for (int i = 0; i < places; ++i) {

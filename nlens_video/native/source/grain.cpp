@@ -14,7 +14,8 @@ struct Parts {
     std::vector<int> places, channels;  // in a row of the layer
     std::vector<float> lights, missing, noises;
 
-    explicit Parts(std::size_t size) : places(size), channels(size), lights(size), missing(size), noises(size) {}
+    explicit Parts(std::size_t size)
+        : places(size), channels(size), lights(size), missing(size), noises(size) {}
 };
 
 int collect(const float* rgba, const float* plate, const float* noise, int width, Parts& parts) {
@@ -92,8 +93,8 @@ void white_noise(Array<float, 2> out, std::tuple<std::int64_t, std::int64_t> cor
         float* row = out.at(i);
         for (int j = 0; j < out.shape[1]; ++j) {
             const std::uint32_t bits = mixed(of_row + (left + static_cast<std::uint32_t>(j)) * 0x9E3779B1u);
-            const auto total = static_cast<std::int32_t>((bits & 255) + (bits >> 8 & 255) + (bits >> 16 & 255) +
-                                                         (bits >> 24));
+            const auto total = static_cast<std::int32_t>((bits & 255) + (bits >> 8 & 255) +
+                                                         (bits >> 16 & 255) + (bits >> 24));
             row[j] = (static_cast<float>(total) - 510.0f) * scale;
         }
     }

@@ -13,12 +13,12 @@
 namespace nlens {
 namespace {
 
-constexpr int kLanes = 8;                    // projections at a time
-constexpr int kPerPixel = 256;               // subpixel positions [1 / px]
-constexpr double kFarthest = 0x1p15;         // from the first pixel: beyond that products are not exact [px]
-constexpr double kNowhere = 0x1p16;          // column of a vertex that is behind the camera or farther [px]
+constexpr int kLanes = 8;             // projections at a time
+constexpr int kPerPixel = 256;        // subpixel positions [1 / px]
+constexpr double kFarthest = 0x1p15;  // from the first pixel: beyond that products are not exact [px]
+constexpr double kNowhere = 0x1p16;   // column of a vertex that is behind the camera or farther [px]
 constexpr std::int32_t kNowhereSubpixel = static_cast<std::int32_t>(kNowhere) * kPerPixel;
-constexpr int kBandNumbers = 1 << 16;        // of the buffer of layers, which stays in the cache
+constexpr int kBandNumbers = 1 << 16;  // of the buffer of layers, which stays in the cache
 
 using Int4 = std::int32_t __attribute__((vector_size(16)));
 using Int8 = std::int32_t __attribute__((vector_size(32)));
@@ -37,8 +37,7 @@ struct Projections {
     Array<const std::uint8_t, 1> marks;
     Array<const double, 3> matrices;
     Array<const double, 2> at;
-    static constexpr auto fields =
-        std::tuple{&Projections::marks, &Projections::matrices, &Projections::at};
+    static constexpr auto fields = std::tuple{&Projections::marks, &Projections::matrices, &Projections::at};
 
     SamplePlace place(int lane) const { return {at(lane, 0), at(lane, 1)}; }
 
@@ -65,7 +64,8 @@ struct Matrices {
     Matrices(const Projections& projections, int first) {
         for (int lane = 0; lane < 4; ++lane) {
             const int number = std::min(first + lane, projections.marks.shape[0] - 1);
-            for (int i = 0; i < 12; ++i) rows[i / 4][i % 4][lane] = projections.matrices(number, i / 4, i % 4);
+            for (int i = 0; i < 12; ++i)
+                rows[i / 4][i % 4][lane] = projections.matrices(number, i / 4, i % 4);
             column[lane] = projections.at(number, 0);
             row[lane] = projections.at(number, 1);
         }
@@ -85,7 +85,8 @@ inline Int4 to_subpixels(Double4 value) {
 }
 
 // Projects vertices; whether all of them lie before the camera and not too far away.
-[[gnu::noinline]] bool place(const Mesh& mesh, const Projections& projections, Array<std::int32_t, 3> places) {
+[[gnu::noinline]] bool place(const Mesh& mesh, const Projections& projections,
+                             Array<std::int32_t, 3> places) {
     const Matrices halves[] = {{projections, 0}, {projections, 4}};
     Long4 all = Long4{} - 1;
     for (int v = 0; v < mesh.vertices.shape[0]; ++v) {
@@ -96,7 +97,8 @@ inline Int4 to_subpixels(Double4 value) {
             const Double4 w = matrix.product(2, vertex), scale = 1.0 / w;
             const Double4 x = matrix.product(0, vertex) * scale - matrix.column;
             const Double4 y = matrix.product(1, vertex) * scale - matrix.row;
-            const Long4 seen = (w > 0.0) & (x < kFarthest) & (x > -kFarthest) & (y < kFarthest) & (y > -kFarthest);
+            const Long4 seen =
+                (w > 0.0) & (x < kFarthest) & (x > -kFarthest) & (y < kFarthest) & (y > -kFarthest);
             all &= seen;
             store(to + 4 * half, to_subpixels(seen ? x : Double4{} + kNowhere));
             store(to + kLanes + 4 * half, to_subpixels(seen ? y : Double4{}));
@@ -109,7 +111,8 @@ inline Int4 to_subpixels(Double4 value) {
 [[gnu::noinline]] void turn(const Mesh& mesh, const Room& room) {
     for (int t = 0; t < mesh.faces.shape[0]; ++t) {
         const std::int32_t* face = mesh.faces.at(t);
-        const std::int32_t *a = room.places.at(face[0]), *b = room.places.at(face[1]), *c = room.places.at(face[2]);
+        const std::int32_t *a = room.places.at(face[0]), *b = room.places.at(face[1]),
+                           *c = room.places.at(face[2]);
         for (int half = 0; half < 2; ++half, a += 4, b += 4, c += 4) {
             const Int4 x = load<Int4>(a), y = load<Int4>(a + kLanes);
             const auto from = [](Int4 start, const std::int32_t* end) {
@@ -162,8 +165,8 @@ struct Crossing {
                 std::swap(upper, lower);
                 sign = static_cast<std::int8_t>(-sign);
             }
-            found.push_back({upper[0], upper[kLanes], lower[0] - upper[0], lower[kLanes] - upper[kLanes], sign,
-                             static_cast<std::int8_t>(lane)});
+            found.push_back({upper[0], upper[kLanes], lower[0] - upper[0], lower[kLanes] - upper[kLanes],
+                             sign, static_cast<std::int8_t>(lane)});
         }
     }
     return found;
@@ -187,8 +190,10 @@ struct Layers {
     for (int row = first; row < last; ++row) {
         // the quotient of integers as small as these is never rounded up to an integer
         const std::int64_t below = static_cast<std::int64_t>(row) * kPerPixel - edge.y;
-        const double place = static_cast<double>(x * down + edge.across * below) / static_cast<double>(down * kPerPixel);
-        const int column = static_cast<int>(std::min(std::max(std::ceil(place), 0.0), static_cast<double>(layers.width)));
+        const double place =
+            static_cast<double>(x * down + edge.across * below) / static_cast<double>(down * kPerPixel);
+        const int column =
+            static_cast<int>(std::min(std::max(std::ceil(place), 0.0), static_cast<double>(layers.width)));
         layers.at(row, column)[edge.lane] -= edge.weight;
         auto& [left, right] = layers.reach[row - layers.first];
         left = std::min(left, column);
@@ -224,7 +229,8 @@ void fill_crossing(Array<std::uint8_t, 2> bits, std::uint8_t mark, const std::ar
     for (int y = inside.top; y <= inside.bottom; ++y) {
         for (int x = inside.left; x <= inside.right; ++x) {
             const double column = x + at.column, row = y + at.row;
-            if (edges.at(0, column, row) >= 0.0 && edges.at(1, column, row) >= 0.0 && edges.at(2, column, row) >= 0.0)
+            if (edges.at(0, column, row) >= 0.0 && edges.at(1, column, row) >= 0.0 &&
+                edges.at(2, column, row) >= 0.0)
                 bits(y, x) |= mark;
         }
     }
@@ -236,16 +242,20 @@ void fill_those_behind(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Proj
     for (int t = 0; t < mesh.faces.shape[0]; ++t) {
         const std::int32_t* face = mesh.faces.at(t);
         for (int lane = 0; lane < projections.marks.shape[0]; ++lane) {
-            const auto unseen = [&](int corner) { return room.places(face[corner], 0, lane) == kNowhereSubpixel; };
+            const auto unseen = [&](int corner) {
+                return room.places(face[corner], 0, lane) == kNowhereSubpixel;
+            };
             if (!unseen(0) && !unseen(1) && !unseen(2)) continue;
             room.signs(t, lane) = 0;
             const auto corner = [&](int k) { return projections.project(lane, mesh.vertices.at(face[k])); };
-            fill_crossing(bits, projections.marks(lane), {corner(0), corner(1), corner(2)}, projections.place(lane));
+            fill_crossing(bits, projections.marks(lane), {corner(0), corner(1), corner(2)},
+                          projections.place(lane));
         }
     }
 }
 
-void mark_covered(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Projections& projections, const Room& room) {
+void mark_covered(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Projections& projections,
+                  const Room& room) {
     const int height = bits.shape[0], width = bits.shape[1];
     const bool all = place(mesh, projections, room.places);
     turn(mesh, room);
@@ -257,7 +267,8 @@ void mark_covered(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Projectio
     const std::vector<Crossing> edges = crossings(mesh, room, height);
     if (edges.empty()) return;
     const int rows = std::clamp(kBandNumbers / (kLanes * (width + 1)), 1, height);
-    Layers layers{0, 0, width, std::vector<std::int32_t>(static_cast<std::size_t>(rows) * (width + 1) * kLanes),
+    Layers layers{0, 0, width,
+                  std::vector<std::int32_t>(static_cast<std::size_t>(rows) * (width + 1) * kLanes),
                   std::vector<std::array<int, 2>>(rows, {width + 1, -1})};
     for (int first = 0; first < height; first += rows) {
         layers.first = first, layers.last = std::min(first + rows, height);

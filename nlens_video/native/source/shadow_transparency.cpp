@@ -73,7 +73,8 @@ double sampled(const Texture& texture, double u, double v) {
 }
 
 // Share of the light that a point of a triangle absorbs. `corners` have u, v and a factor of alpha.
-double stopped(std::array<double, 3> weights, const std::array<const double*, 3>& corners, const Texture& texture) {
+double stopped(std::array<double, 3> weights, const std::array<const double*, 3>& corners,
+               const Texture& texture) {
     const double total = weights[0] + weights[1] + weights[2];
     const double p = weights[0] / total, q = weights[1] / total, r = weights[2] / total;
     const auto mean = [&](int k) { return p * corners[0][k] + q * corners[1][k] + r * corners[2][k]; };
@@ -82,8 +83,9 @@ double stopped(std::array<double, 3> weights, const std::array<const double*, 3>
     return share;
 }
 
-void absorb(const Sums& sums, const Opaque& opaque, Array<const double, 2> points, Array<const double, 2> surface,
-            Array<const std::int32_t, 2> faces, const Texture& texture, int call, std::tuple<double, double> at) {
+void absorb(const Sums& sums, const Opaque& opaque, Array<const double, 2> points,
+            Array<const double, 2> surface, Array<const std::int32_t, 2> faces, const Texture& texture,
+            int call, std::tuple<double, double> at) {
     const SamplePlace sample{std::get<0>(at), std::get<1>(at)};
     const int height = sums.taken.shape[0], width = sums.taken.shape[1];
     for (int t = 0; t < faces.shape[0]; ++t) {
@@ -96,13 +98,15 @@ void absorb(const Sums& sums, const Opaque& opaque, Array<const double, 2> point
         const Extent inside = extent(positions, height, width, sample);
         EdgeFunctions edges;
         if (inside.empty() || !edge_functions(positions, edges)) continue;
-        const std::array<const double*, 3> corners{surface.at(face[0]), surface.at(face[1]), surface.at(face[2])};
+        const std::array<const double*, 3> corners{surface.at(face[0]), surface.at(face[1]),
+                                                   surface.at(face[2])};
         for (int y = inside.top; y <= inside.bottom; ++y) {
             const double row = y + sample.row;
             for (int x = inside.left; x <= inside.right; ++x) {
                 if ((opaque.bits(y, x) >> opaque.number) & 1) continue;
                 const double column = x + sample.column;
-                const double p = edges.at(0, column, row), q = edges.at(1, column, row), r = edges.at(2, column, row);
+                const double p = edges.at(0, column, row), q = edges.at(1, column, row),
+                             r = edges.at(2, column, row);
                 if (p < 0.0 || q < 0.0 || r < 0.0 || !(p + q + r > 0.0)) continue;
                 float& left = sums.left(y, x);
                 if (sums.call(y, x) != call) {
@@ -119,8 +123,6 @@ void absorb(const Sums& sums, const Opaque& opaque, Array<const double, 2> point
 
 }  // namespace
 
-void bind_shadow_transparency(nanobind::module_& module) {
-    module.def("absorb", &absorb, Unlocked());
-}
+void bind_shadow_transparency(nanobind::module_& module) { module.def("absorb", &absorb, Unlocked()); }
 
 }  // namespace nlens

@@ -13,9 +13,9 @@ namespace {
 
 enum PlaneOf { kLight, kRadius = 4, kShare, kCoc, kPlanes };
 
-constexpr int kTile = 16;        // columns that share a bound, more than any disc reaches [px]
+constexpr int kTile = 16;  // columns that share a bound, more than any disc reaches [px]
 constexpr int kLanes = sizeof(Floats) / sizeof(float);  // columns that are gathered at a time
-constexpr float kNowhere = -1e9f;  // CoC of what is not there: behind everything
+constexpr float kNowhere = -1e9f;                       // CoC of what is not there: behind everything
 
 // Where the planes start in the view, and how far discs reach.
 struct Start {

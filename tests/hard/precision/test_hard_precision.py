@@ -77,6 +77,7 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "the paper's scatter": "kernels/scatter/paper_scatter",
     "pull-push": "kernels/depth_layers",
     "nodes of a scene": "scene/gltf/animation_kernels",
+    "skinned vertices": "scene/posed",
     "projection of vertices": "scene/screen_projection",
     "disparity of samples": "render/software/raster render/software/triangles",
     "depth of pixels": "render/software/deferred",
@@ -179,11 +180,24 @@ def _nodes(rng):
     return np.abs(world[-1] - animation_kernels.world_ref(count - 1, own, parents)).max()
 
 
+def _skin(rng):
+    """How far vertices that two of five joints carry come from their places."""
+    positions = rng.normal(size=(40, 3)).astype(np.float32)
+    joints, share = rng.integers(0, 5, (40, 2), np.int32), rng.random((40, 1), np.float32)
+    weights, matrices = np.hstack([share, 1 - share]), rng.normal(size=(5, 12)).astype(np.float32)
+    placed, turned = np.empty((2, 40, 3), np.float32)
+    kernels.skin(positions, positions, joints, weights, matrices, placed, turned)
+    exact = np.einsum("vk,vkij->vij", weights, matrices[joints].reshape(40, 2, 3, 4).astype(float))
+    exact = np.einsum("vij,vj->vi", exact, np.hstack([positions, np.ones((40, 1))]))
+    return np.abs(placed - exact).max()
+
+
 @cache
 def _geometry() -> dict[str, tuple[float, float]]:
     rng = np.random.default_rng(1)
     made = {}
     made["nodes of a scene"] = (_nodes(rng), 1e-12)
+    made["skinned vertices"] = (_skin(np.random.default_rng(2)), 2e-6)
     positions = (rng.normal(0, 2.0, (60, 3)) - [0, 0, 5]).astype(np.float32)
     view = Camera(
         world_from_camera=np.eye(4), fx=20.0, fy=20.0, cx=16.0, cy=12.0, width=32, height=24
