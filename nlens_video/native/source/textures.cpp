@@ -133,17 +133,19 @@ void choose_texels(Run run, Rule rule, int k, Chosen& chosen) {
 }
 
 using Codes = std::uint16_t __attribute__((vector_size(16)));
+using Int8 = std::int32_t __attribute__((vector_size(32)));
 
 // A texel and the one to its right.
 inline Float8 pair(const std::uint16_t* texels, std::int64_t texel) {
-    return __builtin_convertvector(load<Codes>(texels + 4 * texel), Float8);
+    const auto codes = load<Codes>(texels + 4 * texel);
+    return __builtin_convertvector(__builtin_convertvector(codes, Int8), Float8);
 }
 
 // RGBA between four texels, in codes.
-inline Float4 mixed(const Atlas& atlas, std::int64_t start, const Chosen& chosen, int k, int i) {
+inline Float4 mixed(const std::uint16_t* texels, std::int64_t start, const Chosen& chosen, int k, int i) {
     const std::int64_t here = start + chosen.texel[k][i];
-    const Float8 upper = pair(atlas.texels.data, here);
-    const Float8 lower = pair(atlas.texels.data, here + chosen.stride[k][i]);
+    const Float8 upper = pair(texels, here);
+    const Float8 lower = pair(texels, here + chosen.stride[k][i]);
     const Float8 both = upper + (lower - upper) * chosen.down[k][i];
     const Float4 left = __builtin_shufflevector(both, both, 0, 1, 2, 3);
     const Float4 right = __builtin_shufflevector(both, both, 4, 5, 6, 7);
@@ -151,15 +153,19 @@ inline Float4 mixed(const Atlas& atlas, std::int64_t start, const Chosen& chosen
 }
 
 void read(const Atlas& atlas, int first, int last, const Chosen& chosen, Run run, Block::Numbers (&texel)[4]) {
+    const std::uint16_t* texels = atlas.texels.data;
+    float found[kPoints][4];
     for (int i = run.first; i < run.last; ++i) {
         const int level = first + static_cast<int>(chosen.level[i]);
-        Float4 rgba = mixed(atlas, atlas.levels(level, 0), chosen, 0, i);
+        Float4 rgba = mixed(texels, atlas.levels(level, 0), chosen, 0, i);
         if (chosen.next[i] > 0.0f) {
-            const Float4 coarser = mixed(atlas, atlas.levels(std::min(level + 1, last), 0), chosen, 1, i);
+            const Float4 coarser = mixed(texels, atlas.levels(std::min(level + 1, last), 0), chosen, 1, i);
             rgba = rgba + (coarser - rgba) * chosen.next[i];
         }
-        rgba = rgba * (1.0f / 65535.0f);
-        for (int c = 0; c < 4; ++c) texel[c][i] = rgba[c];
+        store(found[i], rgba * (1.0f / 65535.0f));
+    }
+    for (int c = 0; c < 4; ++c) {
+        for (int i = run.first; i < run.last; ++i) texel[c][i] = found[i][c];
     }
 }
 
