@@ -20,6 +20,7 @@ from glb import Glb, smooth_normals  # noqa: E402
 from shapes import Part, ball, tube  # noqa: E402
 from shot_list import PARK, TERRACE  # noqa: E402
 from textures import herringbone_bricks  # noqa: E402
+from truth.subject import cuboid  # noqa: E402
 
 WALK_KEYS_S = np.array([0.0, 1.0, 2.0])
 WALK_EYES = np.array([[-0.35, 0.55, 0.0], [0.0, 0.6, -0.25], [0.4, 0.5, -0.4]])
@@ -172,6 +173,24 @@ def post(path: Path) -> None:
     made.save(path)
 
 
+def wall(path: Path) -> None:
+    """A plastered wall close behind the park's chick, and a step before it."""
+    made = Glb()
+    made.camera(PARK)
+    made.lights(lights("in2"))
+    made.gltf.animations = []
+    noise = np.random.default_rng(3).random((96, 96, 1))
+    grain = cv2.resize(cv2.GaussianBlur(noise, (0, 0), 1.0), (512, 512))[..., None] - 0.5
+    plaster = np.clip(np.array([0.5, 0.48, 0.44]) * (1.0 + 0.5 * grain), 0.0, 1.0)
+    paint = _flat_paint(made, plaster, 0.9)
+    for size, place in (
+        ((1.6, 0.6, 0.1), (-0.3, 0.3, -2.98)),
+        ((0.5, 0.07, 0.5), (-0.7, 0.035, -2.7)),
+    ):
+        _add_box(made, size, place, paint)
+    made.save(path)
+
+
 def screen(path: Path) -> None:
     """A perforated screen and a pane of coloured glass behind the terrace's focal plane."""
     made = Glb()
@@ -233,6 +252,17 @@ def _walk(made: Glb) -> None:
     )
     made.animate(node, "translation", WALK_KEYS_S, WALK_EYES)
     made.animate(node, "rotation", WALK_KEYS_S, turns)
+
+
+def _add_box(made: Glb, size: tuple[float, ...], place: tuple[float, ...], material: int) -> None:
+    """A box with sharp edges as a node of its own."""
+    body = cuboid((size[0], size[1], size[2]), (0.0, 0.0, 1.0, 1.0))
+    positions = body.positions[body.triangles].reshape(-1, 3) + np.array(place)
+    triangles = np.arange(len(positions)).reshape(-1, 3)
+    uv = body.uv[body.triangles].reshape(-1, 2)
+    part = made.primitive(positions, smooth_normals(positions, triangles), uv, triangles, material)
+    made.gltf.meshes.append(gl.Mesh(primitives=[part]))
+    made.node("box", mesh=len(made.gltf.meshes) - 1)
 
 
 def _flat_paint(made: Glb, picture: np.ndarray, roughness: float) -> int:

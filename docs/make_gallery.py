@@ -167,7 +167,7 @@ class _UnblurredShadow(Node):
 
     def __call__(self, bounds: ScreenBounds) -> Shadow | None:
         """Cast it."""
-        return self._shadow.run(bounds, None, None)
+        return self._shadow.run(bounds, None, None, None)
 
 
 def _sharp_shadow(glb: Path) -> Image.Image:
@@ -221,6 +221,33 @@ def holdout(folder: Path) -> list[Panel]:
         ("plate", frame_of(plate, 0).crop(crop)),
         ("without", composite(plate, scene, 0, fit=fit).crop(crop)),
         ("--holdout matte.exr", composite(plate, behind, 0, fit=fit).crop(crop)),
+    ]
+
+
+def wall(folder: Path) -> list[Panel]:
+    """A plate with a wall and a step, and their depth."""
+    fit = SAMPLES / "in2.json"
+    objects.wall(folder / "wall.glb")
+    plate = folder / "plate.mkv"
+    render(
+        Settings(
+            source=SourceSettings(spec=str(SAMPLES / "in2.mp4"), frames=(0, 1)),
+            scene=ObjectSettings(glb=folder / "wall.glb"),
+            output=OutputSettings(spec=str(plate), codec="ffv1"),
+            effects="defocus,shadow",
+            fit=fit,
+            aov=folder / "aov",
+        )
+    )
+    depth = folder / "depth.exr"
+    write_layers(depth, {"Z": read_exr(next((folder / "aov").iterdir())).channels["object.Z"]})
+    scene = ObjectSettings(glb=SAMPLES / "anim2.glb")
+    known = replace(scene, real=RealSettings(holdout=str(depth)))
+    crop = (10, 190, 490, 510)
+    return [
+        ("plate", frame_of(plate, 0).crop(crop)),
+        ("without", composite(plate, scene, 0, fit=fit).crop(crop)),
+        ("--holdout depth.exr", composite(plate, known, 0, fit=fit).crop(crop)),
     ]
 
 
@@ -339,6 +366,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "materials": materials,
     "shadow": shadow,
     "holdout": holdout,
+    "wall": wall,
     "walker": walker,
     "reflection": reflection,
     "moving_camera": moving_camera,
