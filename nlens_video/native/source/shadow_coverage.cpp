@@ -84,7 +84,9 @@ inline Int4 to_subpixels(Double4 value) {
     return whole + __builtin_convertvector(beyond, Int4);
 }
 
-// Projects vertices; whether all of them lie before the camera and not too far away.
+// Projects vertices for the first one or two halves of the lanes; whether all of them lie before the
+// camera and not too far away.
+template <int Halves>
 [[gnu::noinline]] bool place(const Mesh& mesh, const Projections& projections,
                              Array<std::int32_t, 3> places) {
     const Matrices halves[] = {{projections, 0}, {projections, 4}};
@@ -92,7 +94,7 @@ inline Int4 to_subpixels(Double4 value) {
     for (int v = 0; v < mesh.vertices.shape[0]; ++v) {
         const double* vertex = mesh.vertices.at(v);
         std::int32_t* to = places.at(v);
-        for (int half = 0; half < 2; ++half) {
+        for (int half = 0; half < Halves; ++half) {
             const Matrices& matrix = halves[half];
             const Double4 w = matrix.product(2, vertex), scale = 1.0 / w;
             const Double4 x = matrix.product(0, vertex) * scale - matrix.column;
@@ -107,13 +109,15 @@ inline Int4 to_subpixels(Double4 value) {
     return (all[0] & all[1] & all[2] & all[3]) != 0;
 }
 
-// How triangles are wound in each projection, 0 without area.
+// How triangles are wound in each projection, 0 without area and in lanes that are not used.
+template <int Halves>
 [[gnu::noinline]] void turn(const Mesh& mesh, const Room& room) {
     for (int t = 0; t < mesh.faces.shape[0]; ++t) {
         const std::int32_t* face = mesh.faces.at(t);
         const std::int32_t *a = room.places.at(face[0]), *b = room.places.at(face[1]),
                            *c = room.places.at(face[2]);
-        for (int half = 0; half < 2; ++half, a += 4, b += 4, c += 4) {
+        if (Halves == 1) store(room.signs.at(t, 4), Byte4{});
+        for (int half = 0; half < Halves; ++half, a += 4, b += 4, c += 4) {
             const Int4 x = load<Int4>(a), y = load<Int4>(a + kLanes);
             const auto from = [](Int4 start, const std::int32_t* end) {
                 return __builtin_convertvector(load<Int4>(end) - start, Double4);
@@ -137,8 +141,9 @@ struct Crossing {
 };
 
 // Collects edges that change the number of layers: those that are no edge between two triangles
-// wound alike, and that cross a row of samples.
-[[gnu::noinline]] std::vector<Crossing> crossings(const Mesh& mesh, const Room& room, int height) {
+// wound alike, and that cross a row of samples; only in lanes with a mark.
+[[gnu::noinline]] std::vector<Crossing> crossings(const Mesh& mesh, const Room& room, Byte8 marks,
+                                                   int height) {
     std::vector<Crossing> found;
     const int none = mesh.faces.shape[0];
     const Int8 last = Int8{} + height;
@@ -155,7 +160,7 @@ struct Crossing {
         const std::int32_t *start = room.places.at(edge[0]), *end = room.places.at(edge[1]);
         const Int8 crosses = rows_of(start) != rows_of(end);
         const Byte8 weight = load<Byte8>(one) - load<Byte8>(other);
-        const Byte8 drawn = __builtin_convertvector(crosses, Byte8) & (weight != 0);
+        const Byte8 drawn = __builtin_convertvector(crosses, Byte8) & (weight != 0) & (marks != 0);
         for (auto left = std::bit_cast<std::uint64_t>(drawn); left != 0;) {
             const int lane = std::countr_zero(left) / 8;
             left &= ~(std::uint64_t{0xFF} << (8 * lane));
@@ -257,14 +262,15 @@ void fill_those_behind(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Proj
 void mark_covered(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Projections& projections,
                   const Room& room) {
     const int height = bits.shape[0], width = bits.shape[1];
-    const bool all = place(mesh, projections, room.places);
-    turn(mesh, room);
+    const bool few = projections.marks.shape[0] <= kLanes / 2;
+    const bool all = (few ? place<1> : place<2>)(mesh, projections, room.places);
+    (few ? turn<1> : turn<2>)(mesh, room);
     std::fill_n(room.signs.at(mesh.faces.shape[0]), kLanes, std::int8_t{0});
     if (!all) fill_those_behind(bits, mesh, projections, room);
     Byte8 marks{};
     for (int lane = 0; lane < projections.marks.shape[0]; ++lane)
         marks[lane] = static_cast<std::int8_t>(projections.marks(lane));
-    const std::vector<Crossing> edges = crossings(mesh, room, height);
+    const std::vector<Crossing> edges = crossings(mesh, room, marks, height);
     if (edges.empty()) return;
     const int rows = std::clamp(kBandNumbers / (kLanes * (width + 1)), 1, height);
     Layers layers{0, 0, width,
