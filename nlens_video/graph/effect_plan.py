@@ -40,6 +40,7 @@ from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 
 _DISTORTION = "distortion"
+_SEEN_PX = 1.0  # distance off at the corners from which on it is said
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +175,23 @@ def plan_effects(
         for effect, option in _given_options(objects, lens.optics)
         if effect in dropped
     )
+    if solved is not None and _DISTORTION not in simulated:
+        notes += _not_distorted(solved, pipeline.name)
     return EffectPlan(decisions, measured, shutter, notes)
+
+
+def _not_distorted(solved: SolvedCamera, pipeline: str) -> tuple[str, ...]:
+    """A note where a pipeline leaves the object where a pinhole sees it, and the lens does not."""
+    camera = solved.at(solved.keys[0].pts_s)
+    corner_px = 0.5 * math.hypot(camera.width, camera.height)
+    off_px = abs(solved.distortion_k1) * (corner_px / camera.fx) ** 2 * corner_px
+    if off_px < _SEEN_PX:
+        return ()
+    return (
+        f"the plate's lens is distorted (k1 {solved.distortion_k1:+.3f}), the pipeline "
+        f"{pipeline!r} has no node for distortion: towards the corners the object is off by up to "
+        f"{off_px:.0f} px; use --preset standard",
+    )
 
 
 def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[tuple[str, str]]:

@@ -1,8 +1,10 @@
 """Notes on options whose effect the pipeline lacks."""
 
+import numpy as np
 import pytest
 from support import shots
 
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.core.optics import LensOverrides
 from nlens_video.core.settings import LightSettings, ObjectSettings, RealSettings
 from nlens_video.graph.base.profiler import Profiler
@@ -29,10 +31,10 @@ def bare(tmp_path_factory):
     return str(path)
 
 
-def notes(glb, preset, light=None, real=None, optics=None):
+def notes(glb, preset, light=None, real=None, optics=None, solved=None):
     objects = ObjectSettings(glb=glb, light=light or LightSettings(), real=real or RealSettings())
     lens = LensRequest(preset=preset, effects="auto", optics=optics or LensOverrides())
-    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    view = View(width=shots.WIDTH, height=shots.HEIGHT, solved=solved)
     session = open_session(objects, lens, view, Profiler(), PlatePreview(lambda: ()))
     return [note for note in session.notes if "has no node for" in note]
 
@@ -50,6 +52,17 @@ def notes(glb, preset, light=None, real=None, optics=None):
 def test_an_option_without_a_node_is_noted_in_one_line(cube, bare, given, option, effect):
     note = f"{option}: the pipeline 'bare' has no node for {effect}; use --preset standard"
     assert notes(cube, bare, **given) == [note]
+
+
+@pytest.mark.parametrize(("k1", "said"), [(-0.1, 1), (-1e-4, 0), (0.0, 0)])
+def test_a_solved_distortion_that_the_pipeline_does_not_follow_is_noted(cube, bare, k1, said):
+    key = CameraKey(index=0, pts_s=0.0, world_to_camera=np.eye(4), fov_x_deg=60.0)
+    solved = SolvedCamera(
+        width=shots.WIDTH, height=shots.HEIGHT, keys=(key,), distortion_k1=k1, path="moving"
+    )
+    found = notes(cube, bare, solved=solved)
+    # The corner lies 275 px from the middle, 0.66 focal lengths: 0.1 * 0.66^2 * 275 px.
+    assert len(found) == said and all("k1 -0.100" in one and "12 px" in one for one in found)
 
 
 def test_the_preset_draft_has_no_shadow(cube):
