@@ -74,9 +74,11 @@ struct Place {
 };
 
 inline Place place_of(Vector toward, float roughness, int side) {
-    const float scale = 1.0f / larger(std::fabs(toward.x) + std::fabs(toward.y) + std::fabs(toward.z), 1e-30f);
+    const float size = std::fabs(toward.x) + std::fabs(toward.y) + std::fabs(toward.z);
+    const float scale = 1.0f / larger(size, 1e-30f);
     const float x = toward.x * scale, z = toward.z * scale;
-    const float beyond_x = std::copysign(1.0f - std::fabs(z), x), beyond_z = std::copysign(1.0f - std::fabs(x), z);
+    const float beyond_x = std::copysign(1.0f - std::fabs(z), x);
+    const float beyond_z = std::copysign(1.0f - std::fabs(x), z);
     const float half = 0.5f * static_cast<float>(side - 2);
     const float column = ((toward.y < 0.0f ? beyond_x : x) + 1.0f) * half + 0.5f;
     const float row = ((toward.y < 0.0f ? beyond_z : z) + 1.0f) * half + 0.5f;

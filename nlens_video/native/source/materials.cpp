@@ -177,7 +177,8 @@ void find_cover(Block& block, Run run, const Material& material) {
     if (sampled(block, run, material, kCoatMap)) multiply(block.coat, block.texel[0], run);
     if (sampled(block, run, material, kCoatRoughnessMap)) multiply(block.coat_roughness, block.texel[1], run);
     if (sampled(block, run, material, kSheenColorMap)) multiply(block.sheen, block.texel, run);
-    if (sampled(block, run, material, kSheenRoughnessMap)) multiply(block.sheen_roughness, block.texel[3], run);
+    if (sampled(block, run, material, kSheenRoughnessMap))
+        multiply(block.sheen_roughness, block.texel[3], run);
 }
 
 // Transmission and volume of a run.

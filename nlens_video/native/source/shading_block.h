@@ -29,30 +29,24 @@ struct Block {
     Numbers depth;     // along the optical axis [scene unit]
     // The mesh's texture coordinates: two pairs, then their change by a column and by a row.
     Numbers coordinates[3][4];
-    // What samples a texture: coordinates in its picture and their change by a column and by a row,
+    // What samples a texture: coordinates in its picture and their change by a column and by a row; what
+    // was found.
     Numbers uv[3][2];
-    // level, share of the next level, whether texels are mixed; shares of the column and the row
-    // beside, on both levels; what was found.
-    Numbers level, next, smooth;
-    Numbers across[2], down[2];
     Numbers texel[4];
     // Layers of materials that have some: emission; weight, roughness and normal (of any length) of the
     // clear coat; colour and roughness of the sheen; anisotropy, its direction on the surface and the
-    // one across it (of any length); light of sheen and of the coat.
+    // one across it (of any length).
     Numbers glow[3];
     Numbers coat, coat_roughness, coat_normal[3];
     Numbers sheen[3], sheen_roughness;
     Numbers anisotropy, along[3], beside[3];
-    Numbers fuzz[3], shine[3];
     // Share of light that goes through, optical depth of the volume; what hides the things behind.
     Numbers through, volume[3], hidden;
 
-    // Triangle, pixel (row * columns + column), samples (a bit each), material; texel within its level
-    // and distance to the one below, on both levels.
+    // Triangle, pixel (row * columns + column), samples (a bit each), material.
     Integers triangle, pixel, mask, material;
-    Integers place[2], stride[2];
 };
-static_assert(sizeof(Block) == (84 + 8) * kPoints * 4);
+static_assert(sizeof(Block) == (71 + 4) * kPoints * 4);  // tests know the rows
 
 // Points of a block: the first, and one beyond the last.
 struct Run {

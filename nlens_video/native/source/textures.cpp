@@ -152,7 +152,9 @@ inline Float4 mixed(const std::uint16_t* texels, std::int64_t start, const Chose
     return left + (right - left) * chosen.across[k][i];
 }
 
-void read(const Atlas& atlas, int first, int last, const Chosen& chosen, Run run, Block::Numbers (&texel)[4]) {
+// `first` and `last` are the texture's levels.
+void read(const Atlas& atlas, int first, int last, const Chosen& chosen, Run run,
+          Block::Numbers (&texel)[4]) {
     const std::uint16_t* texels = atlas.texels.data;
     float found[kPoints][4];
     for (int i = run.first; i < run.last; ++i) {
@@ -205,8 +207,9 @@ void sample_texture(Block& block, Run run, const Atlas& atlas, int texture) {
     wrap(block.uv[0][0], run, row[kWrapS], chosen.u);
     wrap(block.uv[0][1], run, row[kWrapT], chosen.v);
     choose_texels(run, rule, 0, chosen);
-    const bool mixes = std::any_of(chosen.next + run.first, chosen.next + run.last, [](float v) { return v > 0.0f; });
-    if (mixes) choose_texels(run, rule, 1, chosen);
+    const auto mixes = [](float share) { return share > 0.0f; };
+    if (std::any_of(chosen.next + run.first, chosen.next + run.last, mixes))
+        choose_texels(run, rule, 1, chosen);
     const int first = static_cast<int>(row[kFirst]);
     read(atlas, first, first + static_cast<int>(row[kCount]) - 1, chosen, run, block.texel);
 }
