@@ -99,7 +99,7 @@ class CastShadow:
         ]
         lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))
         least, _ = ground_blur(camera, ground_y, lit, fit)
-        step = next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least)
+        step = coarsest_step(least)
         queries = [Query(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
         if ambient.any():
             finer = boxes[-1].width * boxes[-1].height <= _FEW * _FINER**2
@@ -182,6 +182,11 @@ def _surface(occluder: Occluder) -> Float64:
     return np.concatenate(
         [surface_points(one.vertices, one.faces) for one in meshes if len(one.faces)]
     )
+
+
+def coarsest_step(least_px: float) -> int:
+    """Step of a grid on which a blur of that diameter or more leaves nothing to see [px]."""
+    return next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least_px)
 
 
 def lamp_points(lamp: Lamp, middle: Float64, count: int) -> Float64:

@@ -11,12 +11,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import Grid, Shadow, pixels_of
-from nlens_video.effects.shadow.cast import BLACKEST, Moment
+from nlens_video.effects.shadow.cast import BLACKEST, Moment, coarsest_step
 from nlens_video.effects.shadow.casters import Occluder
 from nlens_video.effects.shadow.light_view import SampledCasters
 from nlens_video.effects.shadow.seen_lights import COARSE, SeenLights
@@ -159,4 +160,17 @@ def _merged(on_plane: Shadow | None, patch: _Patch, frame: Box) -> Shadow | None
         loss[at], coc[at] = fine.loss, fine.coc_px
     at = patch.box.slices_in(box)
     loss[at][patch.off], coc[at][patch.off] = patch.loss[patch.off], patch.coc_px[patch.off]
-    return Shadow(box=box, loss=loss, coc_px=coc, on_things=True)
+    dark = np.asarray(loss.any(axis=-1))
+    if not dark.any():
+        return None
+    step = coarsest_step(float(np.abs(coc[dark]).min()))
+    grid = Grid.on(Box.of(dark).moved(box.x0, box.y0), step)
+    whole = np.zeros((grid.box.height, grid.box.width, 4), np.float32)
+    common = grid.box.intersection(box)
+    here, there = common.slices_in(grid.box), common.slices_in(box)
+    whole[here] = np.concatenate([loss[there], coc[there][..., None]], axis=-1)
+    mean = cv2.resize(whole, grid.shape[::-1], interpolation=cv2.INTER_AREA)
+    return Shadow(
+        box=grid.box, loss=np.ascontiguousarray(mean[..., :3]),
+        coc_px=np.ascontiguousarray(mean[..., 3]), step=step, on_things=True,
+    )  # fmt: skip

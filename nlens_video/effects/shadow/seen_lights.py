@@ -34,7 +34,7 @@ from nlens_video.scene.illumination import (
 
 COARSE = 4
 """Step of the grid of contact darkening [px]."""
-_REACH = 3.0  # of contact darkening, in diagonals of the casters' bounds
+_REACH = 2.0  # of visible contact darkening, in diagonals of the casters' bounds
 _AROUND = 2  # directions all around by those from above alone
 _FEW = 128  # points of the casters, to which the distance of surfaces is measured
 _AT_ONCE = 4  # points of a light whose shares are summed by one thread

@@ -80,6 +80,7 @@ def before_shadow(real: DepthMap, surface: Float32, nearest: float, shadow: Shad
     """
     height, width = surface.shape
     near = (real.depth < nearest) & (real.depth * surface < 1.0 - LEVEL) & (surface > 0.0)
+    shadow = shadow.fine
     common = shadow.box.intersection(Box(0, 0, width, height))
     dark = shadow.loss[common.slices_in(shadow.box)].any(axis=-1)
     if (dark & near[common.y0 : common.y1, common.x0 : common.x1]).any():

@@ -130,9 +130,11 @@ class ForegroundNode(Node):
         if not ground_region.empty:
             height = self._context.ground_height
             surface = bounds.camera.plane_disparity(height).astype(np.float32)
-            share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
-            over_ground = over_shadow = foreground_matte(picture, ground_region, share)
-            if isinstance(occlusion_cue, DepthMap) and shadow is not None and shadow.on_things:
+            on_things = shadow is not None and shadow.on_things
+            if reflection is not None or not on_things:
+                share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
+                over_ground = over_shadow = foreground_matte(picture, ground_region, share)
+            if isinstance(occlusion_cue, DepthMap) and shadow is not None and on_things:
                 before = before_shadow(occlusion_cue, surface, bounds.nearest, shadow)
                 share = self._by_depth(before, surface, ground_region, fit)
                 over_shadow = foreground_matte(picture, ground_region, share)
