@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.camera_paths import SIZE, focal_of, project, rotation
 from support.seen_points import observed
 
 from nlens_video.solve.paths.moving import PartSolver
-from nlens_video.solve.paths.rotation import solve_rotation
+from nlens_video.solve.paths.rotation import _Data, solve_rotation
 from nlens_video.solve.points.observations import Observations
 
 FRAMES = list(range(12))
@@ -99,3 +100,26 @@ def test_frames_without_common_points_are_not_solved():
     seen.add(np.arange(10, 20), np.zeros((10, 2), np.float32))
     assert solve_rotation(seen.table([0, 1], fewest=1), 2, SIZE) is None
     assert solve_rotation(seen.table([0, 1]), 2, SIZE) is None
+
+
+def test_slopes_are_those_of_differences():
+    rng = np.random.default_rng(0)
+    frames, points, step = 5, 20, 1e-6
+    rotations = Rotation.from_rotvec(rng.normal(0.0, 0.1, (frames, 3))).as_matrix()
+    focals = rng.uniform(800.0, 1200.0, frames)
+    numbers, places = np.repeat(np.arange(points), frames), np.tile(np.arange(frames), points)
+    seen = rng.random(len(numbers)) < 0.8
+    data = _Data(numbers[seen], places[seen], rng.uniform(-300.0, 300.0, (int(seen.sum()), 2)))
+    found = data.slopes(focals, rotations)
+    here = data.residuals(focals, rotations)
+    for frame in range(frames):
+        longer = focals.copy()
+        longer[frame] *= np.exp(step)
+        expected = (data.residuals(longer, rotations) - here) / step
+        assert found[:, :, frame] == pytest.approx(expected, abs=5e-3)
+        for axis in range(3):
+            turned = rotations.copy()
+            turned[frame] = turned[frame] @ Rotation.from_rotvec(step * np.eye(3)[axis]).as_matrix()
+            expected = (data.residuals(focals, turned) - here) / step
+            column = frames + 3 * frame + axis
+            assert found[:, :, column] == pytest.approx(expected, abs=5e-3)

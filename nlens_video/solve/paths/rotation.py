@@ -17,7 +17,7 @@ _FOCALS = np.geomspace(0.5, 4.0, 9)  # tried first, by the frame's width [1]
 _LOSS_PX = 0.5
 _ROUNDS = 4
 _FEWEST = 8  # points that two frames share
-_STEPS, _STEP, _SETTLED = 30, 1e-6, 1e-4  # of the least squares
+_STEPS, _SETTLED = 30, 1e-4  # of the least squares
 _FAR_PX = 4.0  # of a start that is worth refining
 _MOST_POINTS = 200  # those that are seen the longest suffice
 
@@ -195,24 +195,58 @@ class _Data:
         expected = focal[:, None] * mean[:, :2] / np.maximum(-mean[:, 2:], 1e-9)
         return np.asarray(self.flat - expected)
 
+    def slopes(self, focals: Float64, rotations: Float64) -> Float64:
+        """Derivatives of the residuals (N, 2, F + 3 F) by each frame's focal length and turn.
+
+        By the logarithm of the focal length, and by a small rotation of the frame's own axes.
+        """
+        count, points = len(focals), int(self.numbers.max()) + 1
+        turns, focal = rotations[self.places], focals[self.places]
+        local = _rays(self.flat, focal)
+        longer = local * local[:, 2:]  # a ray leans to the axis as the focal length grows
+        longer[:, 2] -= 1.0
+        longer *= -local[:, 2:]
+        moves = np.concatenate([longer[:, :, None], -_crossing(local)], axis=2)
+        moves = turns @ moves
+        columns = np.column_stack([self.places, count + 3 * self.places[:, None] + range(3)])
+        sums = np.zeros((points * 4 * count, 3))
+        np.add.at(sums, self.numbers[:, None] * 4 * count + columns, moves.transpose(0, 2, 1))
+        rays = np.einsum("nij,nj->ni", turns, local)
+        whole = np.stack([np.bincount(self.numbers, rays[:, axis]) for axis in range(3)], axis=1)
+        mean = np.einsum("nji,nj->ni", turns, whole[self.numbers])
+        depth = np.maximum(-mean[:, 2:], 1e-9)
+        flat = mean[:, :2] / depth
+        shown = np.zeros((len(flat), 2, 3))
+        shown[:, 0, 0] = shown[:, 1, 1] = 1.0
+        shown[:, :, 2] = flat
+        shown *= (focal / depth[:, 0])[:, None, None]
+        moved = sums.reshape(points, 4 * count, 3).transpose(0, 2, 1)[self.numbers]
+        found = (shown @ turns.transpose(0, 2, 1)) @ moved
+        own = np.concatenate([(focal[:, None] * flat)[:, :, None], shown @ _crossing(mean)], axis=2)
+        every = np.arange(len(flat))[:, None]
+        found[every, :, columns] += own.transpose(0, 2, 1)
+        return np.asarray(-found)
+
     def refined(self, focals: Float64, start: Float64, *, known: bool, zooms: bool) -> RotationPath:
         """Robust least squares over all rotations, and the focal lengths that are not known."""
         count = len(start)
-        free = np.zeros(1 + (count - 1) + 3 * (count - 1), np.bool_)
-        free[0], free[1:count], free[count:] = not known, zooms, True
+        free = np.zeros(1 + 4 * count, np.bool_)  # one for all focal lengths, each, three turns
+        free[0], free[2 : 1 + count], free[4 + count :] = not known, zooms, True
 
-        def unpack(values: Float64) -> tuple[Float64, Float64]:
+        def moved(path: _Path, step: Float64) -> _Path:
             whole = np.zeros(len(free))
-            whole[free] = values
-            turns = Rotation.from_rotvec(whole[count:].reshape(-1, 3)).as_matrix()
-            later = np.einsum("nij,njk->nik", start[1:], turns)
-            changes = whole[0] + np.concatenate([[0.0], whole[1:count]])
-            return focals * np.exp(changes), np.concatenate([start[:1], later])
+            whole[free] = step
+            turns = Rotation.from_rotvec(whole[1 + count :].reshape(-1, 3)).as_matrix()
+            return path[0] * np.exp(whole[0] + whole[1 : 1 + count]), path[1] @ turns
 
-        found, information = _least(
-            lambda values: self.residuals(*unpack(values)).ravel(), np.zeros(int(free.sum()))
+        def slopes(path: _Path) -> Float64:
+            each = self.slopes(*path)
+            whole = np.concatenate([each[:, :, :count].sum(axis=2, keepdims=True), each], axis=2)
+            return np.asarray(whole.reshape(-1, len(free)).T[free], np.float64)
+
+        (solved, rotations), information = _least(
+            lambda path: self.residuals(*path).ravel(), slopes, moved, (focals, start)
         )
-        solved, rotations = unpack(found)
         median = self.score(solved, rotations)
         variance = float(np.linalg.inv(information)[0, 0]) * (1.4826 * median) ** 2
         return RotationPath(
@@ -223,22 +257,36 @@ class _Data:
         )
 
 
-def _least(residuals: Callable[[Float64], Float64], start: Float64) -> tuple[Float64, Float64]:
-    """Levenberg's method under Cauchy's loss; the values, and their information (P, P)."""
-    values, damping = start, 1e-3
-    here = residuals(values)
+_Path = tuple[Float64, Float64]
+"""Focal lengths (F,) [px] and rotations (F, 3, 3)."""
+
+
+def _crossing(vectors: Float64) -> Float64:
+    """Matrices (N, 3, 3) whose products with other vectors are cross products."""
+    found = np.zeros((len(vectors), 3, 3))
+    for one, two, three in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[:, one, two], found[:, two, one] = -vectors[:, three], vectors[:, three]
+    return found
+
+
+def _least(
+    residuals: Callable[[_Path], Float64], slopes: Callable[[_Path], Float64],
+    moved: Callable[[_Path, Float64], _Path], start: _Path,
+) -> tuple[_Path, Float64]:  # fmt: skip
+    """Levenberg's method under Cauchy's loss; the path, and its information (P, P)."""
+    path, damping = start, 1e-3
+    here = residuals(path)
     for _ in range(_STEPS):
-        slopes = np.stack([
-            (residuals(values + step) - here) / _STEP for step in _STEP * np.eye(len(values))
-        ])  # fmt: skip
+        across = slopes(path)
         weights = 1.0 / (1.0 + (here / _LOSS_PX) ** 2)
-        information = (slopes * weights) @ slopes.T
-        information += 1e-9 * np.trace(information) / len(values) * np.eye(len(values))
-        gradient = slopes @ (weights * here)
+        information = (across * weights) @ across.T
+        information += 1e-9 * np.trace(information) / len(across) * np.eye(len(across))
+        gradient = across @ (weights * here)
         before = np.log1p((here / _LOSS_PX) ** 2).sum()
         for _ in range(_ROUNDS):
             guard = damping * np.diag(np.diag(information))
-            tried = values - np.linalg.solve(information + guard, gradient)
+            step = np.asarray(np.linalg.solve(information + guard, gradient), np.float64)
+            tried = moved(path, -step)
             there = residuals(tried)
             gain = 1.0 - np.log1p((there / _LOSS_PX) ** 2).sum() / max(before, 1e-12)
             if gain > 0.0:
@@ -246,7 +294,7 @@ def _least(residuals: Callable[[Float64], Float64], start: Float64) -> tuple[Flo
             damping *= 10.0
         if gain <= 0.0:
             break
-        values, here, damping = tried, there, 0.1 * damping
+        path, here, damping = tried, there, 0.1 * damping
         if gain < _SETTLED:
             break
-    return values, information
+    return path, information
