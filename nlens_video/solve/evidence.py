@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ VERTICAL, CLUTTER = 0, -1
 """Groups of segments; horizontal directions count from 1."""
 _AT_REST = 1e-6  # movement of a camera, by its height, below which no depth can be found [1]
 _NEAR = np.radians(1.0)  # between a segment and its vanishing point
+_AMBIGUOUS = np.radians(3.0)  # an upright segment so near to a horizontal direction may be of it
+_STEP = 0.02  # between places along a segment, by the frame's height
 _FEWEST = 3  # segments that make a horizontal direction
 _MOST_DIRECTIONS = 4
 _BINS = 180
@@ -136,10 +139,39 @@ def line_groups(segments: Segments, camera: Camera) -> Ints:
     Returns:
         `VERTICAL`, the number of a horizontal direction from 1 on, or `CLUTTER`.
     """
+    return _grouped(segments, camera)[0]
+
+
+def standing_points(segments: Segments, camera: Camera) -> Float64:
+    """Places along the upright edges of a picture (M, 2) [px]: what shows them is no ground.
+
+    Edges that lie on the ground as well as others do, and point to the camera, are left out: they
+    look upright too.
+
+    Args:
+        segments: of the picture.
+        camera: at the picture's size.
+    """
+    groups, directions = _grouped(segments, camera)
+    upright = groups == VERTICAL
+    for direction in directions:
+        upright &= _angles(segments, camera, direction) > _AMBIGUOUS
+    step = _STEP * camera.height
+    found = [
+        one + share * (other - one)
+        for one, other in segments.ends[upright]
+        for share in np.linspace(0.0, 1.0, 1 + math.ceil(float(np.linalg.norm(other - one)) / step))
+    ]
+    return np.array(found).reshape(-1, 2)
+
+
+def _grouped(segments: Segments, camera: Camera) -> tuple[Ints, list[Float64]]:
+    """The groups of `line_groups`, and the horizontal directions in camera axes (3,)."""
     up = camera.world_from_camera[1, :3]
     groups = np.full(len(segments.ends), CLUTTER)
+    found: list[Float64] = []
     if not len(groups):
-        return groups
+        return groups, found
     groups[_angles(segments, camera, up) < _NEAR] = VERTICAL
     axes = camera.world_from_camera[:3, :3]
     lengths = segments.lengths
@@ -152,7 +184,8 @@ def line_groups(segments: Segments, camera: Camera) -> Ints:
         if near[best].sum() < _FEWEST:
             break
         groups[near[best]] = number
-    return groups
+        found.append(directions[best])
+    return groups, found
 
 
 def _angles(segments: Segments, camera: Camera, direction: Float64) -> Float64:

@@ -1,7 +1,8 @@
 """A place on the ground of the first frame that is in view and in no one's way.
 
 A point of the ground follows the ground's own movement from frame to frame; what moves by itself,
-and what stands above the ground where the camera moves, does not.
+and what stands above the ground where the camera moves, does not. Walls, boxes and furniture before
+a camera that stands still are told by their upright edges.
 """
 
 from __future__ import annotations
@@ -23,10 +24,15 @@ _HALF_WIDTH, _ABOVE, _BELOW = 0.13, 0.22, 0.07  # of the window that is kept fre
 _FEW = 2  # points in it that may be errors of the tracker
 _MARGIN = 0.05  # of a frame that shows the place [frame]
 _MOST_FRAMES, _MOST_TRACKS = 12, 4000
+NOTHING: Float64 = np.zeros((0, 2))
+"""Places of a picture without upright edges."""
 
 
 def free_place(
-    tracks: Sequence[Mapping[int, Float32 | Float64]], times_s: list[float], solved: SolvedCamera
+    tracks: Sequence[Mapping[int, Float32 | Float64]],
+    times_s: list[float],
+    solved: SolvedCamera,
+    standing: Float64 = NOTHING,
 ) -> tuple[float, float] | None:
     """The place nearest to the middle of the ground that is free, None where there is no ground.
 
@@ -36,6 +42,7 @@ def free_place(
         tracks: positions by frame, at the size of the solved camera [px].
         times_s: of the frames [s].
         solved: the cameras.
+        standing: places of the first frame that show upright edges (N, 2) [px].
 
     Returns:
         Column and row [frame width, frame height].
@@ -46,7 +53,7 @@ def free_place(
     except SceneError:
         return None
     size = np.array([first.width, first.height])
-    taken = _obstacles(tracks, times_s, solved) / size
+    taken = np.concatenate([_obstacles(tracks, times_s, solved), standing]) / size
     every = max(1, len(times_s) // _MOST_FRAMES)
     later = [solved.at(time_s) for time_s in times_s[::every]]
     best = None

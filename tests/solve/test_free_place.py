@@ -7,7 +7,9 @@ import pytest
 from support import marker_plates as plates
 
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
+from nlens_video.solve.evidence import standing_points
 from nlens_video.solve.free_place import free_place
+from nlens_video.solve.still.segments import Segments
 
 SIZE = np.array([960.0, 512.0])
 
@@ -93,3 +95,33 @@ def test_place_stays_in_view_where_the_camera_turns_away():
 def test_camera_that_looks_up_shows_no_place():
     solved, times = path(1, pitch_deg=35.0)
     assert free_place([], times, solved) is None
+
+
+def edges(camera, ends):
+    """Segments of a picture between points of the world (N, 2, 3)."""
+    return Segments(
+        np.array([camera.pixels(camera.to_camera(np.array(pair))) for pair in ends]),
+        np.full(len(ends), 0.3),
+    )
+
+
+def test_a_wall_before_a_still_camera_is_no_place():
+    solved, times = path(1)
+    camera = solved.at(0.0)
+    frames = [
+        [(x, low, -4.0), (x, low + 0.8, -4.0)]
+        for x in (-0.9, -0.5, 0.0, 0.4, 0.8) for low in (0.0, 1.0)
+    ]  # fmt: skip
+    standing = standing_points(edges(camera, frames), camera)
+    foot = camera.pixels(camera.to_camera(np.array([[0.0, 0.0, -4.0]])))[0] / SIZE
+    alone = free_place([], times, solved)
+    assert abs(alone[1] - foot[1]) < 0.1
+    x, y = free_place([], times, solved, standing)
+    assert y > foot[1] + 0.1 or abs(x - 0.5) > 0.15
+
+
+def test_lanes_that_run_away_from_the_camera_are_ground():
+    solved, _ = path(1)
+    camera = solved.at(0.0)
+    lanes = [[(x, 0.0, -2.5), (x, 0.0, -8.0)] for x in (-1.5, -0.7, 0.0, 0.8, 1.6)]
+    assert len(standing_points(edges(camera, lanes), camera)) == 0
