@@ -184,7 +184,7 @@ def _kernel() -> str:
 
     out = scatter(np.ones((9, 9, 4), np.float32), np.full((9, 9), 3.0, np.float32))
     if not np.allclose(out, 1.0):
-        raise RuntimeError("the compiled kernel gives wrong numbers; clear numba's cache")
+        raise RuntimeError("the compiled kernel gives wrong numbers; install nlens-video again")
     return "; ".join(["compiled", *numba_config.cache_notes()])
 
 

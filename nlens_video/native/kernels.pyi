@@ -198,6 +198,20 @@ OPAQUE: int
 LAYERED: int
 CUT: int
 
+# paper_scatter.cpp
+RIM_PX: float
+RIM_STEPS: int
+
+def paper_scatter_rows(
+    light: Float32,
+    radius_px: Float32,
+    rim: Float32,
+    out: Float32,
+    dilated: Float32,
+    band: tuple[int, int],
+    /,
+) -> None: ...
+
 # projection.cpp; positions of any strides for `screen_bounds`
 def project(positions: Float32, lens: Float64, points: Float64, /) -> None: ...
 def screen_bounds(
@@ -229,6 +243,128 @@ def fill_triangles_behind(
     planes: Float32,
     disparity: Float32,
     ids: _Int32,
+    /,
+) -> None: ...
+
+# scatter.cpp; rows of `sums` may lie apart
+_Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
+
+def scatter_rows(
+    light: tuple[Float32, Float32],
+    rows: _Int32,
+    discs: _Discs,
+    columns: tuple[Float64, Float64],
+    coarse: tuple[Float32, int, int],
+    largest: float,
+    rim: float,
+    sums: Float32,
+    origin: tuple[int, int],
+    band: tuple[int, int],
+    /,
+) -> None: ...
+
+# scatter_discs.cpp
+def vignette_discs(
+    numbers: Float32,
+    discs: _Discs,
+    corner: tuple[float, float, float],
+    barrel: tuple[float, float],
+    band: tuple[int, int],
+    /,
+) -> None: ...
+
+# scatter_extend.cpp
+_Made = tuple[Float32, Float32, Float32]
+
+def survey_layer(
+    rgba: Float32,
+    coc_px: Float32,
+    first: _Int32,
+    last: _Int32,
+    largest: Float32,
+    band: tuple[int, int],
+    /,
+) -> None: ...
+def cut_layer(
+    rgba: Float32,
+    coc_px: Float32,
+    corner: tuple[int, int],
+    coc: Float32,
+    away: _Bits,
+    band: tuple[int, int],
+    /,
+) -> None: ...
+def find_places(away: _Bits, labels: _Int32, places: _Int32, /) -> None: ...
+def lay_out_object(
+    rgba: Float32,
+    coc: Float32,
+    away: _Bits,
+    made: _Made,
+    corner: tuple[int, int],
+    limits: tuple[float, float, float],
+    band: tuple[int, int],
+    /,
+) -> None: ...
+def lay_out_background(
+    rgba: Float32,
+    nearest: tuple[_Int32, _Int32, Float32],
+    away: _Bits,
+    made: _Made,
+    corner: tuple[int, int],
+    limits: tuple[float, float, float],
+    band: tuple[int, int],
+    /,
+) -> None: ...
+
+# scatter_levels.cpp
+_Rule = tuple[float, float, float, float, float]
+
+def gather_levels(
+    layer: tuple[Float32, Float32, Float32],
+    sums: Float32,
+    places: _Int64,
+    corner: tuple[int, int],
+    starts: tuple[float, float],
+    band: tuple[int, int],
+    /,
+) -> None: ...
+def fill_fine_level(
+    radii: Float32,
+    skews: Float32,
+    numbers: Float32,
+    rows: _Int32,
+    rule: _Rule,
+    starts: tuple[float, float],
+    band: tuple[int, int],
+    /,
+) -> None: ...
+def fill_coarse_level(
+    sums: Float32,
+    rgba: Float32,
+    numbers: Float32,
+    rows: _Int32,
+    rule: _Rule,
+    size: int,
+    band: tuple[int, int],
+    /,
+) -> None: ...
+
+# scatter_normalize.cpp; rows of `out` may lie apart
+def reach_columns(
+    first: _Int32,
+    last: _Int32,
+    radius: Float32,
+    shape: tuple[float, float, int],
+    low: Float64,
+    high: Float64,
+    /,
+) -> None: ...
+def normalise_sums(
+    sums: Float32,
+    columns: tuple[Float64, Float64],
+    origin: tuple[int, int],
+    out: Float32,
+    band: tuple[int, int],
     /,
 ) -> None: ...
 

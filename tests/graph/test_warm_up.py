@@ -1,40 +1,13 @@
-"""Kernels compiled before the first frame needs them, on a thread that ends when told to."""
+"""What the first frame needs, made ready on a thread that ends when told to."""
 
-import subprocess
-import sys
 import threading
 
 import pytest
 
-from nlens_video.graph.nodes.warm_up import KernelWarmup
-
-PROBE = """
-from nlens_video.core.optics import ROUND
 from nlens_video.graph.base.context import NodeContext
 from nlens_video.graph.nodes.warm_up import KernelWarmup
 from nlens_video.graph.pipeline_file import NODES
-from nlens_video.kernels.scatter import scatter_rows
-from nlens_video.render.software import deferred, raster, triangles
-from nlens_video.render.software.renderer import SoftwareObjectRenderer
-from nlens_video.video.pixels import blend
-
-class Objects:
-    description = "software rasteriser"
-    def warm_up(self):
-        SoftwareObjectRenderer.warm_up(None)
-
-context = NodeContext(
-    objects=Objects(), estimate_coc=None, ground_y=None, fallback_constant=False, pixel_aspect=1.0
-)
-nodes = tuple(NODES[name](context) for name in ("render", "reblur", "composite"))
-warmup = KernelWarmup(nodes)
-with warmup:
-    warmup._thread.join()
-assert len(scatter_rows.scatter_rows.signatures) == 1, scatter_rows.scatter_rows.signatures
-assert blend._compiled.cache_info().currsize == 2, blend._compiled.cache_info()
-assert deferred.shade_rows.signatures and raster.fill.signatures and triangles.set_up.signatures
-print("ready")
-"""
+from nlens_video.kernels.scatter.disc import tables
 
 
 class Probe:
@@ -48,13 +21,14 @@ def probes(*steps):
     return [Probe(step) for step in steps]
 
 
-@pytest.mark.slow
-def test_warmup_compiles_the_kernels_of_the_graphs_nodes():
-    # in a process of its own: here other tests have compiled them long since
-    done = subprocess.run(
-        [sys.executable, "-c", PROBE], capture_output=True, text=True, check=False
+def test_warmup_fills_the_tables_that_the_blur_reads():
+    tables.cache_clear()
+    context = NodeContext(
+        objects=None, estimate_coc=None, ground_y=None, fallback_constant=False, pixel_aspect=1.0
     )
-    assert done.stdout.strip() == "ready", done.stderr
+    with KernelWarmup([NODES["reblur"](context)]) as warmup:
+        warmup._thread.join()
+    assert tables.cache_info().currsize == 1
 
 
 def test_warmup_stops_after_the_current_node_and_leaves_no_thread():

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,8 +9,6 @@ from hypothesis import strategies as st
 from support.lens_truth import Slab, lens, pinhole, psnr_over_plate
 
 from nlens_video.core.layers import Box
-from nlens_video.kernels.scatter import extend, levels, normalize, scatter_rows
-from nlens_video.kernels.scatter import scatter as scatter_module
 from nlens_video.kernels.scatter.scatter import (
     DRAFT,
     FINE,
@@ -119,35 +114,6 @@ def test_scatter_of_a_mirrored_ramp_is_the_mirrored_scatter():
     plain, mirrored = scatter(rgba, coc), scatter(rgba[:, ::-1], coc[:, ::-1])[:, ::-1]
     assert plain[..., 3].max() > 0.05
     np.testing.assert_allclose(mirrored, plain, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "module",
-    [scatter_module, extend, levels, normalize, scatter_rows],
-    ids=lambda module: module.__name__,
-)
-def test_kernels_use_no_constant_imported_from_another_module(module):
-    # Their cache on disk would keep the old one after it changed there.
-    names = {
-        name.id
-        for part in ast.walk(ast.parse(Path(module.__file__).read_text()))
-        if isinstance(part, ast.FunctionDef) and "njit" in map(_called, part.decorator_list)
-        for name in ast.walk(part)
-        if isinstance(name, ast.Name)
-    }
-    imported = {
-        alias.name
-        for part in ast.parse(Path(module.__file__).read_text()).body
-        if isinstance(part, ast.ImportFrom) and part.module.startswith("nlens_video")
-        for alias in part.names
-    }
-    kept = {name for name in names & imported if isinstance(getattr(module, name), int | float)}
-    assert "math" in names
-    assert not kept
-
-
-def _called(decorator):
-    return decorator.func.id if isinstance(decorator, ast.Call) else ""
 
 
 def test_scatter_does_not_depend_on_the_sign_of_the_coc():

@@ -21,7 +21,6 @@ from nlens_video.effects.motion_blur import (
 )
 from nlens_video.effects.planner import MOTION_BLUR
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.nodes import warm_up
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
 
@@ -117,10 +116,6 @@ class RenderMotion(Node):
             if defocused.largest_coc_px >= NEGLIGIBLE_COC_PX:
                 return self._reblur(defocused, frame_box)
         return crop_to_frame(mean, frame_box)
-
-    def warm_up(self) -> None:
-        """Compile the scatter."""
-        warm_up.scatter_kernels()
 
 
 class MotionBlur(Node):

@@ -152,8 +152,7 @@ class LensSampling(Node):
         return self._sample(defocused, _setup(bounds, fit, frame_box))
 
     def warm_up(self) -> None:
-        """Compile scatter and the blur of small discs."""
-        warm_up.scatter_kernels()
+        """Compile the blur of small discs."""
         warm_up.cell()
 
 
@@ -165,15 +164,14 @@ class Scatter(Node):
 
     def __init__(self, context: NodeContext, *, detail: str = "fine") -> None:
         self._reblur = make_reblur(context, detail)
-        backend = "numba" if context.spread is None else "torch on CUDA"
+        backend = "C++" if context.spread is None else "torch on CUDA"
         self.description = f"L: layered exact-coverage scatter, {detail}, {backend}"
 
     def __call__(self, defocused: DefocusedLayer, frame_box: Box) -> BlurredLayer:
         return self._reblur(defocused, frame_box)
 
     def warm_up(self) -> None:
-        """Compile the scatter, and fill the tables of this aperture."""
-        warm_up.scatter_kernels()
+        """Fill the tables of this aperture."""
         self._reblur(warm_up.sharp_layer(), warm_up.FRAME)
 
 

@@ -19,7 +19,6 @@ from nlens_video.core.box import Box
 from nlens_video.core.layers import BlurredLayer, DefocusedLayer, HiddenLayer, ObjectLayer
 from nlens_video.graph.base.node import Node
 from nlens_video.kernels import numba_config
-from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -92,12 +91,6 @@ def sharp_layer(*, hidden: bool = False) -> DefocusedLayer:
 def blurred_layer() -> BlurredLayer:
     """A blurred layer on the same frame."""
     return BlurredLayer(box=FRAME, rgba=sharp_layer().layer.rgba)
-
-
-def scatter_kernels() -> None:
-    """The scatter with a round aperture."""
-    sharp = sharp_layer()
-    scatter(sharp.layer.rgba, sharp.coc_px)
 
 
 def cell() -> None:

@@ -39,12 +39,11 @@ _FITTED = (
 )
 SURPLUS = 4.0 - 1.93**2
 """By how much the square of a larger disc's radius exceeds the fitted one's [px^2]."""
-# One aperture's tables, in a plain tuple: numba's cache on disk holds on to named classes, and
-# fails when a later version has none of that name. Stamps: weight of pixel (dy, dx) around
-# the middle, by nominal radius in columns, (rows, columns, K). Spans: middle and half length of row
-# dy, around the middle, as shares of the fitted half axis, likewise (rows, 2, K). Entries of both
-# per pixel of radius; where in both the discs before the focus start, 0 if they are the same. Width
-# of a pixel by its height; distance of the aperture's furthest point from its middle [radius].
+# One aperture's tables. Stamps: weight of pixel (dy, dx) around the middle, by nominal radius in
+# columns, (rows, columns, K). Spans: middle and half length of row dy, around the middle, as shares
+# of the fitted half axis, likewise (rows, 2, K). Entries of both per pixel of radius; where in both
+# the discs before the focus start, 0 if they are the same. Width of a pixel by its height; distance
+# of the aperture's furthest point from its middle [radius].
 Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
 
 

@@ -2,44 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
-from numba import njit
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import MAX_COC_PX
-from nlens_video.kernels.scatter.extend import Int32, Silhouette
+from nlens_video.kernels.scatter.extend import Silhouette
 from nlens_video.kernels.thread_pool import Band
+from nlens_video.native import kernels
 
 Shape = tuple[float, float, int]
 Columns = tuple[Float64, Float64]
 """First and last column of each row (h,), none where the first lies past the last."""
-
-REMAINDER = 1e-6
-"""Share of a row's largest sum below which a sum is rounding error of the running sum, and is set
-to 0 [1]."""
-WEIGHT_FLOOR = 1e-4
-"""Weight below which it is rounding error itself, and the quotient meaningless [1]."""
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _reached_columns(first: Int32, last: Int32, radius: Float32, shape: Shape) -> Columns:
-    """Likewise, from first and last covered column, -1 for none, and largest radius of each row."""
-    aspect, outer, spread = shape
-    height = first.shape[0]
-    low, high = np.full(height, np.inf), np.full(height, -np.inf)
-    for source in range(height):
-        if last[source] < 0:
-            continue
-        across = float(radius[source]) * outer + 1.0
-        rows = math.ceil(across * aspect) + spread
-        for y in range(max(0, source - rows), min(height, source + rows + 1)):
-            down = max(0.0, abs(y - source) - 0.5 - spread) / (across * aspect)
-            half = across * math.sqrt(max(0.0, 1.0 - down * down)) + 2.0 + spread
-            low[y] = min(low[y], first[source] - half)
-            high[y] = max(high[y], last[source] + half)
-    return low, high
 
 
 def reached_columns(silhouette: Silhouette, shape: Shape, layer_box: Box) -> Columns:
@@ -61,7 +34,9 @@ def reached_columns(silhouette: Silhouette, shape: Shape, layer_box: Box) -> Col
         silhouette.last[source] >= 0, silhouette.last[source] - layer_box.x0, -1
     )
     radius[inside] = 0.5 * np.minimum(silhouette.largest_coc_px[source], MAX_COC_PX)
-    return _reached_columns(first, last, radius, shape)
+    low, high = np.full(rows.shape, np.inf), np.full(rows.shape, -np.inf)
+    kernels.reach_columns(first, last, radius, shape, low, high)
+    return low, high
 
 
 def wanted_columns(columns: Columns, wanted: Bool, layer_box: Box) -> Columns:
@@ -78,15 +53,9 @@ def wanted_columns(columns: Columns, wanted: Bool, layer_box: Box) -> Columns:
     return np.maximum(low, first), np.minimum(high, last)
 
 
-# The loops below run over slices, and look into tables apart from calculating: only so can the
-# compiler take several pixels at once, three times as quick.
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def normalise(
-    sums: Float32, columns: Columns, origin: tuple[int, int], out: Float32,
-    band: Band,
-) -> None:  # fmt: skip
+    sums: Float32, columns: Columns, origin: tuple[int, int], out: Float32, band: Band
+) -> None:
     """Divide rows of sums (h, w, 5) by their weight; 0 where the object does not reach.
 
     Light without coverage to speak of, such as a flame's, counts where it is no remainder; dark
@@ -94,26 +63,9 @@ def normalise(
 
     Args:
         sums: red, green, blue, alpha, weight.
-        columns: as in `scatter_rows`.
-        origin: row and column of the light at which `sums` start.
-        out: result (h, w, 4).
+        columns: of each row of the layer, the first and last that the object reaches.
+        origin: row and column of the layer at which `sums` start.
+        out: result (h, w, 4), whose rows may lie apart.
         band: first row and the one past the last.
     """
-    nothing = np.float32(0.0)
-    for y in range(band[0], band[1]):
-        low, high = columns[0][y + origin[0]], columns[1][y + origin[0]]
-        red = green = blue = alpha = nothing
-        for x in range(sums.shape[1]):
-            red, green = max(red, abs(sums[y, x, 0])), max(green, abs(sums[y, x, 1]))
-            blue, alpha = max(blue, abs(sums[y, x, 2])), max(alpha, abs(sums[y, x, 3]))
-        least = np.float32(REMAINDER)
-        floors = (least * red, least * green, least * blue, least * alpha)
-        for x in range(sums.shape[1]):
-            weight = sums[y, x, 4]
-            reached = weight >= WEIGHT_FLOOR and low <= x + origin[1] <= high
-            covered = reached and sums[y, x, 3] > floors[3]
-            for c in range(3):
-                light = sums[y, x, c]
-                kept = reached and (abs(light) > floors[c] or (covered and light > nothing))
-                out[y, x, c] = light / weight if kept else nothing
-            out[y, x, 3] = min(np.float32(1.0), sums[y, x, 3] / weight) if covered else nothing
+    kernels.normalise_sums(sums, columns, origin, out, band)

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numba import njit
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.core.optics import ROUND, Aperture
@@ -26,15 +25,15 @@ from nlens_video.kernels.scatter.disc import (
     tables,
 )
 from nlens_video.kernels.scatter.extend import lay_out, survey
-from nlens_video.kernels.scatter.levels import Detail, Level, Rule, make_levels, on_level
+from nlens_video.kernels.scatter.levels import AXIS, Detail, Level, Rule, make_levels, on_level
 from nlens_video.kernels.scatter.normalize import (
     Columns,
     normalise,
     reached_columns,
     wanted_columns,
 )
-from nlens_video.kernels.scatter.scatter_rows import place_spans, scatter_rows
-from nlens_video.kernels.thread_pool import Band, bands, parallel_for, scratch
+from nlens_video.kernels.thread_pool import bands, parallel_for, scratch
+from nlens_video.native import kernels
 
 Spread = Callable[[list[Level], Box, Discs, Columns, float, int | None], Float32]
 
@@ -46,8 +45,6 @@ SKEW_REACH = 7.0 / 6.0
 """How many of its half axes a disc reaches at most when its light is skew [1]."""
 BAND_ROWS = 16
 """Rows that a thread takes at a time."""
-# `levels` has the same: a number from there would go stale in the cache.
-RADIUS, AXIS, SPAN, STAMP, ALONG, DOWN, STAMP_RADIUS, BARREL_X, BARREL_Y = range(9)
 _SMALL_PX = 4096  # pixels of a level that are done before another thread would have begun
 
 
@@ -168,51 +165,6 @@ def scatter(
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cut_discs(
-    numbers: Float32, discs: Discs, place: tuple[float, float, float], scale: tuple[float, float],
-    band: Band,
-) -> None:  # fmt: skip
-    """Compute the barrel's centre for rows of a level, and compensate the light that it blocks.
-
-    Weights of spans grow, radii of stamps, which stay round, shrink to the area that is left.
-    `place` is column and row of the level's corner from the middle of the frame and the size of its
-    pixels [px], `scale` the barrel's centre by distance from the middle [radius / px of the frame's
-    height] and the width of a pixel by its height.
-    """
-    width = numbers.shape[2]
-    outer, reach = np.float32(discs[5]), discs[1].shape[0] // 2
-    whole, left = np.zeros(width, np.float32), np.zeros(width, np.float32)
-    ends = np.empty((3, width), np.float32)
-    for y in range(band[0], band[1]):
-        row = numbers[y]
-        down = (place[1] + (y + 0.5) * place[2]) * scale[0]
-        furthest = np.float32(0.0)
-        for x in range(width):
-            across = (place[0] + (x + 0.5) * place[2]) * scale[0] * scale[1]
-            side = row[AXIS, x] if row[RADIUS, x] <= 0.0 else -row[AXIS, x]
-            row[BARREL_X, x], row[BARREL_Y, x] = side * across, side * down * scale[1]
-            off = min(math.sqrt(across * across + down * down) / float(discs[5]), 2.0)
-            area = 2.0 * math.acos(0.5 * off) - 0.5 * off * math.sqrt(4.0 - off * off)
-            row[STAMP_RADIUS, x] = row[RADIUS, x] * math.sqrt(area / math.pi)
-            furthest = max(furthest, row[AXIS, x])
-        if furthest == 0.0:
-            continue
-        whole[:] = 0.0
-        left[:] = 0.0
-        rows = min(reach, math.ceil(float(furthest) * float(outer) * scale[1]))
-        for dy in range(-rows, rows + 1):
-            place_spans(ends, row, discs, (0, width - 1), dy, np.float32(0.0), 0.0)
-            for x in range(width):
-                whole[x] += ends[1, x] - ends[0, x]
-            place_spans(ends, row, discs, (0, width - 1), dy, np.float32(0.0), discs[5])
-            for x in range(width):
-                left[x] += ends[1, x] - ends[0, x]
-        for x in range(width):
-            if row[SPAN, x] > 0.0:
-                row[SPAN, x] *= whole[x] / max(left[x], np.float32(1e-6))
-
-
 def _vignette_discs(
     level: Level,
     size: int,
@@ -232,7 +184,7 @@ def _vignette_discs(
         level.box.y0 * size - 0.5 * frame.height,
         float(size),
     )
-    work = partial(_cut_discs, level.light[1], discs, place, (per_px, aspect))
+    work = partial(kernels.vignette_discs, level.light[1], discs, place, (per_px, aspect))
     parallel_for(work, bands(level.box.height, 2 * BAND_ROWS), threads)
 
 
@@ -263,7 +215,7 @@ def spread_levels(
         coarse = (sums, 2 * start[0] - inner.y0, 2 * start[1] - inner.x0)
         origin = (inner.y0 - level.box.y0, inner.x0 - level.box.x0)
         work = partial(
-            scatter_rows,
+            kernels.scatter_rows,
             level.light,
             level.rows,
             discs,

@@ -19,6 +19,8 @@ from nlens_video.kernels.scatter.disc import Discs
 from nlens_video.kernels.scatter.levels import (
     ALONG,
     AXIS,
+    BARREL_X,
+    BARREL_Y,
     DOWN,
     RADIUS,
     SPAN,
@@ -28,7 +30,6 @@ from nlens_video.kernels.scatter.levels import (
     on_level,
 )
 from nlens_video.kernels.scatter.scatter import spread_levels
-from nlens_video.kernels.scatter.scatter_rows import BARREL_X, BARREL_Y
 
 Tensor = torch.Tensor
 
@@ -165,7 +166,7 @@ def _spans(
 
 
 def _ends(numbers: Tensor, dy: int, tables: _Tables) -> tuple[Tensor, Tensor, Tensor]:
-    """Start, stop and weight of spans `dy` rows off their pixels (`scatter_rows.place_spans`)."""
+    """Start, stop and weight of spans `dy` rows off their pixels, as `scatter.cpp` does."""
     middle, half = tables.span(numbers[RADIUS], dy)
     axis = numbers[AXIS]
     if tables.rim > 0.0:

@@ -36,8 +36,14 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_layers(module);
     nlens::bind_light(module);
     nlens::bind_materials(module);
+    nlens::bind_paper_scatter(module);
     nlens::bind_projection(module);
     nlens::bind_raster(module);
+    nlens::bind_scatter(module);
+    nlens::bind_scatter_discs(module);
+    nlens::bind_scatter_extend(module);
+    nlens::bind_scatter_levels(module);
+    nlens::bind_scatter_normalize(module);
     nlens::bind_shadow_coverage(module);
     nlens::bind_shadow_transparency(module);
     nlens::bind_skinning(module);

@@ -68,8 +68,8 @@ LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_rang
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
 COMPARED = {  # modules with compiled loops, by path within the package
     "scatter, round discs": "kernels/scatter/extend kernels/scatter/levels"
-        " kernels/scatter/scatter_rows kernels/scatter/normalize kernels/simd",
-    "scatter, seven blades": "kernels/scatter/extend kernels/scatter/scatter_rows",
+        " kernels/scatter/normalize kernels/simd",
+    "scatter, seven blades": "kernels/scatter/extend",
     "scatter, cat's eye, root mean square": "kernels/scatter/scatter",
     "blur of a cell": "kernels/scatter/subaperture_gather",
     "covariance over the aperture": "kernels/aperture_covariance",
