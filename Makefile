@@ -97,6 +97,7 @@ demo: install
 lint: system $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run --Werror nlens_video/native/source/*
 	$(BIN)/mypy
 
 check: programs lint

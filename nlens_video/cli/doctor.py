@@ -23,7 +23,7 @@ ADDRESSES_PER_CORE = 0.2 * _GB
 RESIDENT = 0.4 * _GB
 """Memory that the smallest run uses [bytes]."""
 _LIBRARIES = (
-    "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "numba", "pyrender2",
+    "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "pyrender2",
     "PyOpenGL", "trimesh", "OpenEXR", "torch", "pycolmap", "usd-core",
 )  # fmt: skip
 _OPTIONAL = {
@@ -179,13 +179,13 @@ def _coc_network() -> str:
 def _kernel() -> str:
     import numpy as np
 
-    from nlens_video.kernels import numba_config
+    from nlens_video import native
     from nlens_video.kernels.scatter.scatter import scatter
 
     out = scatter(np.ones((9, 9, 4), np.float32), np.full((9, 9), 3.0, np.float32))
     if not np.allclose(out, 1.0):
         raise RuntimeError("the compiled kernel gives wrong numbers; install nlens-video again")
-    return "; ".join(["compiled", *numba_config.cache_notes()])
+    return f"compiled for {native.kernels.__name__.rpartition('._')[2]}"
 
 
 def _pipelines() -> str:

@@ -18,7 +18,7 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
-from nlens_video.graph.nodes.warm_up import KernelWarmup
+from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.session import Session, open_session
 from nlens_video.video.info import SourceFrame
 
@@ -114,7 +114,7 @@ class FrameLoop:
                 self.objects, self.lens, view, self.profiler, PlatePreview(lambda: (picture,))
             )
             self._stack.enter_context(self._session.render_context())
-            self._stack.enter_context(KernelWarmup(self._session.nodes))
+            self._stack.enter_context(WarmUp(self._session.nodes))
             self._size = size
         if size != self._size:
             raise UsageError(

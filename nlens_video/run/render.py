@@ -14,7 +14,7 @@ from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import Decision
 from nlens_video.graph.base.profiler import Profiler, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.nodes.warm_up import KernelWarmup
+from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
 from nlens_video.run.drift_check import DriftCheck
@@ -119,7 +119,7 @@ def render(
         profiler = Profiler(settings.budget_ms)
         run_input = take_in(source, settings, profiler, *lens_passes(settings), chunks=chunks)
         session = run_input.session
-        warmup = stack.enter_context(KernelWarmup(session.nodes))
+        stack.enter_context(WarmUp(session.nodes))
         step = frame_s(source.info)
         zoom = ZoomCheck(step)
         drift = DriftCheck(
@@ -159,7 +159,6 @@ def render(
                 *source.warnings(),
                 *session.notes,
                 *session.device.notes,
-                *warmup.notes,
                 *sink.notes,
                 *_reconnections(source),
                 *zoom.notes,

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -90,14 +89,3 @@ def test_error_of_the_coc_is_that_of_simulated_fits():
     for disparity in (0.05, 0.4, 1.0):
         scatter = float(np.std(drawn @ (disparity, 1.0)))
         assert fit.coc_stderr_px(disparity) == pytest.approx(scatter, rel=0.03)
-
-
-def test_numba_is_bounded_to_the_tested_range():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    tested = dict(
-        line.split("==")
-        for line in (ROOT / "constraints.txt").read_text().splitlines()
-        if "==" in line and not line.startswith("#")
-    )
-    major, minor = map(int, tested["numba"].split(".")[:2])
-    assert f"numba>={major}.{minor},<{major}.{minor + 1}" in project["dependencies"]

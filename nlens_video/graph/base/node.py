@@ -219,4 +219,4 @@ class Node:
         return call(*arguments)
 
     def warm_up(self) -> None:
-        """Compile kernels or load networks before the first frame; by default nothing."""
+        """Fill tables or load networks before the first frame; by default nothing."""

@@ -147,7 +147,7 @@ class Grain(Node):
     def __init__(self, context: NodeContext) -> None:
         model = cast("GrainModel", measured_model(context, "grain"))
         self._add = AddGrain(model)
-        self.description = f"noise by level, temporal correlation {model.persistence:.0%}, numba"
+        self.description = f"noise by level, temporal correlation {model.persistence:.0%}, C++"
 
     def __call__(self, picture: Picture, blurred: BlurredLayer, frame: SourceFrame) -> BlurredLayer:
         return self._add(picture, blurred, frame.index)

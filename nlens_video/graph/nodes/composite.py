@@ -20,7 +20,6 @@ from nlens_video.effects.occlusion import (
 from nlens_video.effects.planner import OCCLUSION
 from nlens_video.effects.shadow.things import before_shadow
 from nlens_video.graph.base.node import Node, Unavailable
-from nlens_video.graph.nodes import warm_up
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.stages.composite import Foreground, composite
 
@@ -52,10 +51,6 @@ class Composite(Node):
         self, picture: Picture, blurred: BlurredLayer, foreground: Foreground | None
     ) -> Picture:
         return composite(picture, blurred, foreground)
-
-    def warm_up(self) -> None:
-        """Compile the blend."""
-        warm_up.blend()
 
 
 _NO_SOURCE = "no matte, depth or CoC of the foreground is given"

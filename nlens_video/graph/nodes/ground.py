@@ -20,7 +20,6 @@ from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterGeometry, Casters
 from nlens_video.graph.base.node import Node, Unavailable
-from nlens_video.graph.nodes import warm_up
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.l_reblur import object_coc
 
@@ -92,7 +91,7 @@ class ShadowNode(Node):
         self._last: tuple[tuple[object, ...], Shadow | None] | None = None
         self.description = (
             f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
-            "directions, numba; cached while nothing moves, temporal samples where it moves by a "
+            "directions; cached while nothing moves, temporal samples where it moves by a "
             "pixel over the shutter interval"
         )
 
@@ -168,10 +167,6 @@ class CompositeShadow(Node):
             self._last = shadow, self._apply.blurred(shadow, frame_box)
         cover = None if foreground is None else foreground.before_shadow
         return self._apply.darken(picture, self._last[1], cover)
-
-    def warm_up(self) -> None:
-        """Compile the blend."""
-        warm_up.blend()
 
 
 def equal_values(first: object, second: object) -> bool:

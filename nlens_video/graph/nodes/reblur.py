@@ -118,10 +118,6 @@ class ApertureViews(Node):
     ) -> ViewBlend | None:
         return self._sample(defocused, _setup(bounds, fit, frame_box))
 
-    def warm_up(self) -> None:
-        """Compile the blur of small discs."""
-        warm_up.cell()
-
 
 class LensSampling(Node):
     """The reference: the mean of the object rendered from many points of the aperture."""
@@ -150,10 +146,6 @@ class LensSampling(Node):
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
     ) -> BlurredLayer:
         return self._sample(defocused, _setup(bounds, fit, frame_box))
-
-    def warm_up(self) -> None:
-        """Compile the blur of small discs."""
-        warm_up.cell()
 
 
 class Scatter(Node):
@@ -226,7 +218,7 @@ class DepthOrder(Node):
         return self._repair(defocused, blurred)
 
     def warm_up(self) -> None:
-        """Compile it, and load the network where hidden surfaces are not rendered."""
+        """Load the network where hidden surfaces are not rendered."""
         self._repair(warm_up.sharp_layer(hidden=self._hidden_is_known), warm_up.blurred_layer())
 
 

@@ -38,7 +38,9 @@ struct Fragment {
     double centre_x, centre_y;  // [px], in the picture
 };
 
-bool has(int mask, int sample) { return mask >> sample & 1; }
+bool has(int mask, int sample) {
+    return mask >> sample & 1;
+}
 
 // Calls `use(fragment)` for all that triangles cover on some rows, triangle by triangle.
 template <class Use>

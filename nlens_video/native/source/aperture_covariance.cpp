@@ -35,8 +35,8 @@ struct Views {
                     last_y = static_cast<float>(coc.shape[0] - 1);
         const float place_x = static_cast<float>(column), place_y = static_cast<float>(row);
         const float* __restrict cocs = coc.data;
-        const float *__restrict u = along.data(), *__restrict v = down.data();
-        float *__restrict here = near_coc.data(), *__restrict to_x = x.data(), *__restrict to_y = y.data();
+        const float* __restrict u = along.data(), * __restrict v = down.data();
+        float* __restrict here = near_coc.data(), * __restrict to_x = x.data(), * __restrict to_y = y.data();
         const int width = coc.shape[1];
         const float first = coc(row, column);
         for (int k = 0; k < count; ++k) here[k] = first;
@@ -58,7 +58,7 @@ struct Views {
     // Values of a map at these places, between four pixels.
     [[gnu::noinline]] void sample(Plane values, float* __restrict out) const {
         const float* __restrict from = values.data;
-        const float *__restrict at_x = x.data(), *__restrict at_y = y.data();
+        const float* __restrict at_x = x.data(), * __restrict at_y = y.data();
         const int width = values.shape[1], last_x = width - 1, last_y = values.shape[0] - 1;
         for (int k = 0; k < count; ++k) {
             const auto i = static_cast<std::int32_t>(at_x[k]), j = static_cast<std::int32_t>(at_y[k]);

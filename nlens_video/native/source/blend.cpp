@@ -46,7 +46,9 @@ float dot(Matrix matrix, int row, Rgb v) {
     return matrix(row, 0) * v.r + matrix(row, 1) * v.g + matrix(row, 2) * v.b;
 }
 
-Rgb apply(Matrix matrix, Rgb v) { return {dot(matrix, 0, v), dot(matrix, 1, v), dot(matrix, 2, v)}; }
+Rgb apply(Matrix matrix, Rgb v) {
+    return {dot(matrix, 0, v), dot(matrix, 1, v), dot(matrix, 2, v)};
+}
 
 Rgb apply_affine(Matrix matrix, Rgb v) {
     const Rgb turned = apply(matrix, v);
@@ -87,7 +89,7 @@ void look_up_row(Array<const float, 1> table, float* __restrict row, int count) 
 
 // Three rows of numbers, replaced by a matrix's products with them, and its offsets if it has any.
 void apply_rows(Matrix matrix, float* const* rows, int count) {
-    float *__restrict a = rows[0], *__restrict b = rows[1], *__restrict c = rows[2];
+    float* __restrict a = rows[0], * __restrict b = rows[1], * __restrict c = rows[2];
     const bool affine = matrix.shape[1] == 4;
     float m[3][4];
     for (int k = 0; k < 3; ++k) {
@@ -169,13 +171,15 @@ void downsample(Planes<const Sample> planes, Matrix rgb_from_codes, Array<const 
     const auto& [first, second, third] = planes;
     const int height = kSide * out.shape[0], width = kSide * out.shape[1];
     const auto rows = middles(height, first.shape[0]), columns = middles(width, first.shape[1]);
-    const auto coarse_rows = middles(height, second.shape[0]), coarse_columns = middles(width, second.shape[1]);
+    const auto coarse_rows = middles(height, second.shape[0]),
+               coarse_columns = middles(width, second.shape[1]);
     for (int i = 0; i < out.shape[0]; ++i) {
         float* to = out.at(i);
         const int p = kSide * i;
         for (int j = 0; j < out.shape[1]; ++j, to += 3) {
             const int q = kSide * j;
-            const Rgb codes{mean(first, &rows[p], &columns[q]), mean(second, &coarse_rows[p], &coarse_columns[q]),
+            const Rgb codes{mean(first, &rows[p], &columns[q]),
+                            mean(second, &coarse_rows[p], &coarse_columns[q]),
                             mean(third, &coarse_rows[p], &coarse_columns[q])};
             const Rgb light = apply(to_bt709, look_up(to_linear, apply_affine(rgb_from_codes, codes)));
             to[0] = light.r, to[1] = light.g, to[2] = light.b;
@@ -188,7 +192,7 @@ struct Tables {
     Array<const float, 1> to_linear, to_coded;
     Matrix rgb_from_codes, codes_from_rgb, from_bt709, to_bt709;
     static constexpr auto fields =
-        std::tuple{&Tables::to_linear, &Tables::to_coded, &Tables::rgb_from_codes,
+        std::tuple{&Tables::to_linear,      &Tables::to_coded,   &Tables::rgb_from_codes,
                    &Tables::codes_from_rgb, &Tables::from_bt709, &Tables::to_bt709};
 };
 
@@ -203,7 +207,9 @@ void put(Plane<Sample> plane, int y, int x, float value, float peak) {
     plane(y, x) = static_cast<Sample>(value);
 }
 
-bool is_empty(const float* v) { return v[3] == 0.0f && v[0] == 0.0f && v[1] == 0.0f && v[2] == 0.0f; }
+bool is_empty(const float* v) {
+    return v[3] == 0.0f && v[0] == 0.0f && v[1] == 0.0f && v[2] == 0.0f;
+}
 
 // The pixel `v` over the plate's codes: their change as coded red, green and blue.
 Rgb change_of(const Tables& tables, Flags flags, float peak, const float* v, Rgb codes, float plate_alpha) {
@@ -226,7 +232,8 @@ Rgb change_of(const Tables& tables, Flags flags, float peak, const float* v, Rgb
         if (peak > 0.0f) made = std::min(std::max(made, std::min(was, 0.0f)), std::max(was, 1.0f));
         return made - was;
     };
-    return {coded(over.r, behind.r, plate.r), coded(over.g, behind.g, plate.g), coded(over.b, behind.b, plate.b)};
+    return {coded(over.r, behind.r, plate.r), coded(over.g, behind.g, plate.g),
+            coded(over.b, behind.b, plate.b)};
 }
 
 // `before` holds the first component and alpha (height, width) of the box as they were.
@@ -254,7 +261,8 @@ void composite_over(Planes<Sample> planes, Plane<Sample> alpha, Flags flags,
                 }
             }
             if (!touched) continue;
-            const float b = static_cast<float>(second(row, column)), c = static_cast<float>(third(row, column));
+            const float b = static_cast<float>(second(row, column)),
+                        c = static_cast<float>(third(row, column));
             float total = 0.0f, change_b = 0.0f, change_c = 0.0f;
             for (int p = 0; p < down.weights.shape[0]; ++p) {
                 const int y = top + down.first + p;

@@ -77,7 +77,7 @@ private:
     }
 
     template <class Field>
-    bool field(PyObject* item, std::uint8_t flags, cleanup_list* cleanup, Field T::*member) noexcept {
+    bool field(PyObject* item, std::uint8_t flags, cleanup_list* cleanup, Field T::* member) noexcept {
         make_caster<Field> caster;
         if (!caster.from_python(item, flags, cleanup)) return false;
         value.*member = caster.operator cast_t<Field>();

@@ -17,8 +17,8 @@ struct ShadingInputs {
     Paint paint;
     Array<const float, 1> lens;  // as for `view_vectors`
     Lights lights;
-    static constexpr auto fields = std::tuple{&ShadingInputs::mesh, &ShadingInputs::paint,
-                                              &ShadingInputs::lens, &ShadingInputs::lights};
+    static constexpr auto fields =
+        std::tuple{&ShadingInputs::mesh, &ShadingInputs::paint, &ShadingInputs::lens, &ShadingInputs::lights};
 };
 
 // As much as the OpenGL backend's half floats hold: nothing overflows in the blur.

@@ -49,7 +49,7 @@ float look_up(Array<const float, 1> table, float at) {
 void add_noise(Parts& parts, int count, Array<const float, 2> deviation, Array<const float, 1> codes,
                Array<const float, 1> to_light) {
     const int* __restrict channels = parts.channels.data();
-    const float *__restrict missing = parts.missing.data(), *__restrict noises = parts.noises.data();
+    const float* __restrict missing = parts.missing.data(), * __restrict noises = parts.noises.data();
     float* __restrict lights = parts.lights.data();
     const float* levels = deviation.data;  // at 256 levels, of three channels
     for (int i = 0; i < count; ++i) {

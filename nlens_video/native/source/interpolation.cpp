@@ -12,7 +12,9 @@ namespace {
 
 constexpr float kLeast = 1e-30f;
 
-float sum_of_three(Float4 v) { return v[0] + v[1] + v[2]; }
+float sum_of_three(Float4 v) {
+    return v[0] + v[1] + v[2];
+}
 
 // Of a triangle's corners at a position, their change by a column and a row; depth there.
 struct Weights {
@@ -83,7 +85,9 @@ Frame frame(const Block& block, int i, const Mesh& mesh, float length) {
     return {n, tangent * scale, bitangent * scale};
 }
 
-bool equal(Vector a, Vector b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+bool equal(Vector a, Vector b) {
+    return a.x == b.x && a.y == b.y && a.z == b.z;
+}
 
 }  // namespace
 

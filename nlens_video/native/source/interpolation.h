@@ -21,8 +21,8 @@ struct Mesh {
     Array<const std::int32_t, 2> faces;     // (F, 3)
     Array<const std::int32_t, 1> material;  // (F,)
     Array<const float, 2> planes;           // (F, kPlanes)
-    static constexpr auto fields = std::tuple{&Mesh::positions, &Mesh::normals, &Mesh::uv, &Mesh::colors,
-                                              &Mesh::faces, &Mesh::material, &Mesh::planes};
+    static constexpr auto fields = std::tuple{&Mesh::positions, &Mesh::normals,  &Mesh::uv,    &Mesh::colors,
+                                              &Mesh::faces,     &Mesh::material, &Mesh::planes};
 };
 
 // Interpolates vertex attributes at the first `count` points: depth, normals of any length, vertex

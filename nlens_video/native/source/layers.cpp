@@ -21,13 +21,27 @@ constexpr float kCoatF0 = 0.04f;
 constexpr float kLeastSheen = 0.07f, kFitted = 0.1f, kLeastFrost = 0.2f;
 constexpr float kRed = 0.2126f, kGreen = 0.7152f, kBlue = 0.0722f;  // shares of luminance
 
-Vector unit(Vector v) { return v * (1.0f / std::sqrt(std::max(dot(v, v), kLeast))); }
-Vector mirror(Vector n, Vector v) { return n * (2.0f * dot(n, v)) - v; }
-float fifth(float x) { return x * x * (x * x) * x; }
-float square(float x) { return x * x; }
-float largest(Vector v) { return std::max(v.x, std::max(v.y, v.z)); }
-float within_one(float x) { return std::min(std::max(x, 0.0f), 1.0f); }
-float mix(float low, float high, float share) { return low + (high - low) * share; }
+Vector unit(Vector v) {
+    return v * (1.0f / std::sqrt(std::max(dot(v, v), kLeast)));
+}
+Vector mirror(Vector n, Vector v) {
+    return n * (2.0f * dot(n, v)) - v;
+}
+float fifth(float x) {
+    return x * x * (x * x) * x;
+}
+float square(float x) {
+    return x * x;
+}
+float largest(Vector v) {
+    return std::max(v.x, std::max(v.y, v.z));
+}
+float within_one(float x) {
+    return std::min(std::max(x, 0.0f), 1.0f);
+}
+float mix(float low, float high, float share) {
+    return low + (high - low) * share;
+}
 
 // Of half vector, light and eye: their cosines to the normal; or to another direction.
 struct Cosines {
@@ -100,13 +114,25 @@ struct Surface {
     Vector volume, glow;
 
     Surface(const Block& block, int i)
-        : normal(get(block.normal, i)), view(get(block.view, i)), base(get(block.base, i)),
-          f0(get(block.f0, i)), metallic(block.metallic[i]), roughness(block.roughness[i]),
-          specular(block.specular[i]), occlusion(block.occlusion[i]), anisotropy(block.anisotropy[i]),
-          along(get(block.along, i)), beside(get(block.beside, i)), coat(block.coat[i]),
-          coat_roughness(block.coat_roughness[i]), coat_normal(unit(get(block.coat_normal, i))),
-          sheen(get(block.sheen, i)), sheen_roughness(block.sheen_roughness[i]),
-          through(block.through[i]), volume(get(block.volume, i)), glow(get(block.glow, i)) {}
+        : normal(get(block.normal, i)),
+          view(get(block.view, i)),
+          base(get(block.base, i)),
+          f0(get(block.f0, i)),
+          metallic(block.metallic[i]),
+          roughness(block.roughness[i]),
+          specular(block.specular[i]),
+          occlusion(block.occlusion[i]),
+          anisotropy(block.anisotropy[i]),
+          along(get(block.along, i)),
+          beside(get(block.beside, i)),
+          coat(block.coat[i]),
+          coat_roughness(block.coat_roughness[i]),
+          coat_normal(unit(get(block.coat_normal, i))),
+          sheen(get(block.sheen, i)),
+          sheen_roughness(block.sheen_roughness[i]),
+          through(block.through[i]),
+          volume(get(block.volume, i)),
+          glow(get(block.glow, i)) {}
 
     bool has_sheen() const { return largest(sheen) > 0.0f; }
     bool has_coat() const { return coat > 0.0f; }
@@ -145,9 +171,9 @@ void add_lamp(Layers& layers, const Surface& surface, const Ray& ray) {
             return n.light * (plastic + (metal - plastic) * surface.metallic);
         };
         const auto [base, f0] = std::pair{surface.base, surface.f0};
-        layers.base = layers.base + Vector{ray.light.x * reflected(base.x, f0.x),
-                                           ray.light.y * reflected(base.y, f0.y),
-                                           ray.light.z * reflected(base.z, f0.z)};
+        layers.base =
+            layers.base + Vector{ray.light.x * reflected(base.x, f0.x), ray.light.y * reflected(base.y, f0.y),
+                                 ray.light.z * reflected(base.z, f0.z)};
         if (surface.has_sheen()) {
             const float roughness = std::min(std::max(surface.sheen_roughness, kLeastSheen), 1.0f);
             layers.sheen = layers.sheen + ray.light * (n.light * fibres(n, roughness));

@@ -59,7 +59,9 @@ void light_by_lamp(Block& block, const float* row) {
     }
 }
 
-inline Vector mix(Vector a, Vector b, float share) { return a + (b - a) * share; }
+inline Vector mix(Vector a, Vector b, float share) {
+    return a + (b - a) * share;
+}
 
 // What the points of a block mirror of the light around: from where, how much, the share of what they
 // reflect that this is.
@@ -90,7 +92,9 @@ inline Place place_of(Vector toward, float roughness, int side) {
             row - static_cast<float>(top), level - static_cast<float>(finer)};
 }
 
-inline Float8 mix(Float8 a, Float8 b, float share) { return a + (b - a) * share; }
+inline Float8 mix(Float8 a, Float8 b, float share) {
+    return a + (b - a) * share;
+}
 
 // Red, green and blue there, and a fourth number.
 inline Float4 look_up(Array<const float, 4> levels, const Place& place) {

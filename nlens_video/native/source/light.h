@@ -25,8 +25,12 @@ struct Lights {
 };
 
 // Unlike std::max and std::min, `b` if either is none, as processors have it.
-inline float larger(float a, float b) { return a > b ? a : b; }
-inline float smaller(float a, float b) { return a < b ? a : b; }
+inline float larger(float a, float b) {
+    return a > b ? a : b;
+}
+inline float smaller(float a, float b) {
+    return a < b ? a : b;
+}
 
 // Light that reaches a point: the unit direction it comes from, and how much.
 struct Ray {

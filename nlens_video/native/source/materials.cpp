@@ -15,9 +15,21 @@ using Numbers = Block::Numbers;
 
 // A material's textures, in the order of `shader_inputs.SLOTS`.
 enum Slot {
-    kColorMap, kMetalMap, kNormalMap, kOcclusionMap, kEmissionMap, kSpecularMap, kSpecularColorMap,
-    kCoatMap, kCoatRoughnessMap, kCoatNormalMap, kSheenColorMap, kSheenRoughnessMap, kStretchMap,
-    kTransmissionMap, kThicknessMap,
+    kColorMap,
+    kMetalMap,
+    kNormalMap,
+    kOcclusionMap,
+    kEmissionMap,
+    kSpecularMap,
+    kSpecularColorMap,
+    kCoatMap,
+    kCoatRoughnessMap,
+    kCoatNormalMap,
+    kSheenColorMap,
+    kSheenRoughnessMap,
+    kStretchMap,
+    kTransmissionMap,
+    kThicknessMap,
 };
 
 // One material of the scene.
@@ -33,7 +45,9 @@ struct Material {
     bool is(int flag) const { return (paint.flags(number) & flag) != 0; }
 };
 
-void fill(Numbers& field, Run run, float value) { std::fill(field + run.first, field + run.last, value); }
+void fill(Numbers& field, Run run, float value) {
+    std::fill(field + run.first, field + run.last, value);
+}
 
 void scale(Numbers& field, Run run, float factor) {
     for (int i = run.first; i < run.last; ++i) field[i] *= factor;

@@ -82,10 +82,10 @@ double travel(Array<const double, 3> points, Array<const double, 2> lenses) {
             way_y = std::max(way_y, std::fabs(now.up - before.up));
             way_z = std::max(way_z, std::fabs(now.depth - before.depth));
         }
-        const double moved_x = (way_x + slope_x * way_z) * lens[12] +
-                               std::fabs(lens[12] - lens_before[12]) * slope_x * nearest;
-        const double moved_y = (way_y + slope_y * way_z) * lens[13] +
-                               std::fabs(lens[13] - lens_before[13]) * slope_y * nearest;
+        const double moved_x =
+            (way_x + slope_x * way_z) * lens[12] + std::fabs(lens[12] - lens_before[12]) * slope_x * nearest;
+        const double moved_y =
+            (way_y + slope_y * way_z) * lens[13] + std::fabs(lens[13] - lens_before[13]) * slope_y * nearest;
         total += std::hypot(moved_x, moved_y) / nearest;
     }
     return total;

@@ -15,7 +15,9 @@ constexpr double kSampleY[kSamples] = {0.125, 0.375, 0.625, 0.875};
 constexpr int kNothing = -1;  // no triangle
 
 // The row of the samples of a line.
-inline double row_of(int line) { return 0.25 * line + 0.125; }
+inline double row_of(int line) {
+    return 0.25 * line + 0.125;
+}
 
 // Columns: the first, and one beyond the last.
 struct Columns {
@@ -33,7 +35,9 @@ struct Edge {
     }
 };
 
-inline Edge edge_of(Corner p, Corner q) { return {p.x, (q.x - p.x) / (q.y - p.y), p.y}; }
+inline Edge edge_of(Corner p, Corner q) {
+    return {p.x, (q.x - p.x) / (q.y - p.y), p.y};
+}
 
 // The long edge of a triangle before the camera, and those above and below its middle row.
 struct Sides {
@@ -70,9 +74,12 @@ struct Crossed {
         const double y = row_of(line);
         double first = 0.0, last = width;
         const auto cut = [&](double slope, double level) {  // to where slope * x + level >= 0
-            if (slope > 0.0) first = std::max(first, -level / slope);
-            else if (slope < 0.0) last = std::min(last, -level / slope);
-            else if (!(level >= 0.0)) first = 1.0, last = 0.0;
+            if (slope > 0.0)
+                first = std::max(first, -level / slope);
+            else if (slope < 0.0)
+                last = std::min(last, -level / slope);
+            else if (!(level >= 0.0))
+                first = 1.0, last = 0.0;
         };
         for (const ScreenPlane& plane : weights) cut(plane.a, plane.b * y + plane.c);
         cut(-disparity.a, highest - (disparity.b * y + disparity.c));

@@ -85,8 +85,8 @@ struct Split {
     starts.take(ends.start.data(), ends.weight.data(), edge + columns.first, count);
     stops.take(ends.stop.data(), ends.weight.data(), edge + columns.first, count);
     const float* __restrict weights = ends.weight.data();
-    const int *__restrict first = starts.columns.data(), *__restrict last = stops.columns.data();
-    const float *__restrict past_first = starts.parts.data(), *__restrict past_last = stops.parts.data();
+    const int* __restrict first = starts.columns.data(), * __restrict last = stops.columns.data();
+    const float* __restrict past_first = starts.parts.data(), * __restrict past_last = stops.parts.data();
     const float* __restrict pixels = rgba + 4 * columns.first;
     for (int i = 0; i < count; ++i) {
         if (weights[i] == 0.0f) continue;

@@ -25,8 +25,12 @@ struct Place {
 
 // Numbers that are not negative lie in the order of their bits, which a loop over many of them compares
 // several at a time; NaN is the largest.
-inline std::int32_t bits_of_size(float size) { return std::bit_cast<std::int32_t>(size) & 0x7fffffff; }
-inline float size_of_bits(std::int32_t bits) { return std::bit_cast<float>(bits); }
+inline std::int32_t bits_of_size(float size) {
+    return std::bit_cast<std::int32_t>(size) & 0x7fffffff;
+}
+inline float size_of_bits(std::int32_t bits) {
+    return std::bit_cast<float>(bits);
+}
 
 // Which pixels of a row take part: the largest size of theirs, and the first and last column, `width` and -1
 // where none does. Written without branches, so that it compiles to loops over several at a time.

@@ -41,7 +41,7 @@ void look_spans_up(Ends& ends, Array<const float, 2> numbers, const Discs& discs
 }
 
 void cut_spans(Ends& ends, Array<const float, 2> numbers, Part columns, int dy, float rim, float aspect) {
-    float *__restrict middles = ends.start.data(), *__restrict halves = ends.stop.data();
+    float* __restrict middles = ends.start.data(), * __restrict halves = ends.stop.data();
     const float *axes = numbers.at(kAxis, columns.first), *barrel_x = numbers.at(kBarrelX, columns.first),
                 *barrel_y = numbers.at(kBarrelY, columns.first);
     const float row = static_cast<float>(dy);
@@ -95,7 +95,7 @@ float place_barrel(Array<float, 2> numbers, int y, Corner corner, Barrel barrel,
 
 // Adds the areas of a row's spans to `areas`.
 [[gnu::noinline]] void add_areas(const Ends& ends, Array<const float, 2> numbers, float* __restrict areas) {
-    const float *__restrict axes = numbers.at(kAxis), *__restrict halves = ends.stop.data();
+    const float* __restrict axes = numbers.at(kAxis), * __restrict halves = ends.stop.data();
     for (int x = 0; x < numbers.shape[1]; ++x) areas[x] += 2.0f * axes[x] * halves[x];
 }
 

@@ -30,10 +30,14 @@ struct Rule {
         std::tuple{&Rule::stamps_px, &Rule::spans_px, &Rule::outer, &Rule::surplus, &Rule::aspect};
 };
 
-float clamped(float share) { return std::min(std::max(share, 0.0f), 1.0f); }
+float clamped(float share) {
+    return std::min(std::max(share, 0.0f), 1.0f);
+}
 
 // How much of a disc is drawn at levels that start at a radius.
-float above(float radius, float start, float fade) { return clamped((radius - start) / (fade * start)); }
+float above(float radius, float start, float fade) {
+    return clamped((radius - start) / (fade * start));
+}
 
 // Colours, signed radii and skews of a layer.
 struct Layer {
@@ -117,7 +121,9 @@ constexpr float kLeast = 1e-6f;  // square of a fitted half axis [px^2]
     }
 }
 
-int reach(double half_axis) { return static_cast<int>(std::ceil(half_axis - 0.5)); }
+int reach(double half_axis) {
+    return static_cast<int>(std::ceil(half_axis - 0.5));
+}
 
 // Splits the mass of a row's pixels, which is in `kSpan`, in span and stamp, and finds how far they reach.
 void weigh(Array<float, 3> of_level, Array<std::int32_t, 2> rows, int y, const Rule& rule) {

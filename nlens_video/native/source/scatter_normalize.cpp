@@ -48,7 +48,9 @@ struct Reached {
     static constexpr auto fields = std::tuple{&Reached::first, &Reached::last};
 };
 
-Float4 size(Float4 v) { return v < 0.0f ? -v : v; }
+Float4 size(Float4 v) {
+    return v < 0.0f ? -v : v;
+}
 
 // The largest sizes of colours and alpha in a row of sums (width, 5).
 Float4 largest(const float* sums, int width) {

@@ -57,16 +57,26 @@ struct Vector {
     float x, y, z;
 };
 
-inline Vector operator+(Vector a, Vector b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-inline Vector operator-(Vector a, Vector b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-inline Vector operator*(Vector a, float by) { return {a.x * by, a.y * by, a.z * by}; }
-inline float dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+inline Vector operator+(Vector a, Vector b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+inline Vector operator-(Vector a, Vector b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+inline Vector operator*(Vector a, float by) {
+    return {a.x * by, a.y * by, a.z * by};
+}
+inline float dot(Vector a, Vector b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 inline Vector cross(Vector a, Vector b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
 // Of one point, from three rows of a block; and back.
-inline Vector get(const Block::Numbers (&rows)[3], int i) { return {rows[0][i], rows[1][i], rows[2][i]}; }
+inline Vector get(const Block::Numbers (&rows)[3], int i) {
+    return {rows[0][i], rows[1][i], rows[2][i]};
+}
 inline void set(Block::Numbers (&rows)[3], int i, Vector v) {
     rows[0][i] = v.x, rows[1][i] = v.y, rows[2][i] = v.z;
 }

@@ -143,7 +143,7 @@ struct Crossing {
 // Collects edges that change the number of layers: those that are no edge between two triangles
 // wound alike, and that cross a row of samples; only in lanes with a mark.
 [[gnu::noinline]] std::vector<Crossing> crossings(const Mesh& mesh, const Room& room, Byte8 marks,
-                                                   int height) {
+                                                  int height) {
     std::vector<Crossing> found;
     const int none = mesh.faces.shape[0];
     const Int8 last = Int8{} + height;

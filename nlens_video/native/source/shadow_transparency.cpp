@@ -123,6 +123,8 @@ void absorb(const Sums& sums, const Opaque& opaque, Array<const double, 2> point
 
 }  // namespace
 
-void bind_shadow_transparency(nanobind::module_& module) { module.def("absorb", &absorb, Unlocked()); }
+void bind_shadow_transparency(nanobind::module_& module) {
+    module.def("absorb", &absorb, Unlocked());
+}
 
 }  // namespace nlens

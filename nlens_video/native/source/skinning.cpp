@@ -10,9 +10,9 @@ namespace {
 //
 // `joints` and `weights` (V, K) say which carry it, `matrices` (J, 12) are rows of 3 x 4;
 // `placed` gets the positions, `turned` the directions (V, 3) without the matrices' last column.
-void skin(Array<const float, 2> positions, Array<const float, 2> directions, Array<const std::int32_t, 2> joints,
-          Array<const float, 2> weights, Array<const float, 2> matrices, Array<float, 2> placed,
-          Array<float, 2> turned) {
+void skin(Array<const float, 2> positions, Array<const float, 2> directions,
+          Array<const std::int32_t, 2> joints, Array<const float, 2> weights, Array<const float, 2> matrices,
+          Array<float, 2> placed, Array<float, 2> turned) {
     for (int v = 0; v < positions.shape[0]; ++v) {
         float blended[12] = {};
         for (int k = 0; k < joints.shape[1]; ++k) {
@@ -32,6 +32,8 @@ void skin(Array<const float, 2> positions, Array<const float, 2> directions, Arr
 
 }  // namespace
 
-void bind_skinning(nanobind::module_& module) { module.def("skin", &skin, Unlocked()); }
+void bind_skinning(nanobind::module_& module) {
+    module.def("skin", &skin, Unlocked());
+}
 
 }  // namespace nlens

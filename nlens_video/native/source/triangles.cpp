@@ -21,10 +21,22 @@ void set_planes(float* row, const Corners& corners, double area, double facing) 
     const auto& [a, b, c] = corners;
     const double scale = 1.0 / area;
     const double planes[kPlanes] = {
-        (b.y - c.y) * scale * a.w, (c.y - a.y) * scale * b.w, (a.y - b.y) * scale * c.w, 0.0,
-        (c.x - b.x) * scale * a.w, (a.x - c.x) * scale * b.w, (b.x - a.x) * scale * c.w, 0.0,
-        a.w, 0.0, 0.0, 0.0,
-        a.x, a.y, facing, 0.0,
+        (b.y - c.y) * scale * a.w,
+        (c.y - a.y) * scale * b.w,
+        (a.y - b.y) * scale * c.w,
+        0.0,
+        (c.x - b.x) * scale * a.w,
+        (a.x - c.x) * scale * b.w,
+        (b.x - a.x) * scale * c.w,
+        0.0,
+        a.w,
+        0.0,
+        0.0,
+        0.0,
+        a.x,
+        a.y,
+        facing,
+        0.0,
     };
     std::copy_n(planes, kPlanes, row);
 }

@@ -29,8 +29,8 @@ struct ScreenPlane {
 };
 
 struct Shape {
-    Array<const double, 2> points;   // (V, 3) from `project`; disparity 0 behind the near plane
-    Array<const float, 2> positions;  // (V, 3)
+    Array<const double, 2> points;       // (V, 3) from `project`; disparity 0 behind the near plane
+    Array<const float, 2> positions;     // (V, 3)
     Array<const std::int32_t, 2> faces;  // (F, 3)
     Lens lens;
     static constexpr auto fields = std::tuple{&Shape::points, &Shape::positions, &Shape::faces, &Shape::lens};

@@ -66,9 +66,9 @@ from nlens_video.video.pixels.samples import array_samples
 
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_range=True)
-COMPARED = {  # modules with compiled loops, by path within the package
+COMPARED = {  # modules that call compiled loops, by path within the package
     "scatter, round discs": "kernels/scatter/extend kernels/scatter/levels"
-        " kernels/scatter/normalize kernels/simd",
+        " kernels/scatter/normalize",
     "scatter, seven blades": "kernels/scatter/extend",
     "scatter, cat's eye, root mean square": "kernels/scatter/scatter",
     "blur of a cell": "kernels/scatter/subaperture_gather",
@@ -95,8 +95,8 @@ COMPARED = {  # modules with compiled loops, by path within the package
     "white noise": "effects/camera/grain",
     "CoC of a depth": "",
 }  # fmt: skip
-WITHOUT_ARITHMETIC = {  # masks, copies, CoC discontinuities by definition, what compiles the others
-    "kernels/numba_config", "kernels/coc_discontinuities", "render/software/shading_inputs",
+WITHOUT_ARITHMETIC = {  # masks; the constants of kernels
+    "kernels/coc_discontinuities", "render/software/shading_inputs",
 }  # fmt: skip
 
 
@@ -409,11 +409,7 @@ def test_colour_kernels_against_float64():
 @case
 def test_every_kernel_is_compared():
     """Every kernel that counts with floats stands in one of the tables above."""
-    loops = re.compile(
-        r"\bnjit\b|^@(kernel|kernel_of|inlined|fastmath_\w+|instruction)\b"
-        r"|^from nlens_video\.native import kernels\b",
-        re.MULTILINE,
-    )
+    loops = re.compile(r"^from nlens_video\.native import kernels\b", re.MULTILINE)
     root = Path(nlens_video.__file__).parent
     found = {
         str(path.relative_to(root).with_suffix(""))
