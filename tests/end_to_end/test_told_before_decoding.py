@@ -11,7 +11,8 @@ from support import shots
 from support.command import nlens, one_line
 
 from nlens_video.farm import job as job_module
-from nlens_video.run import render as run_module
+from nlens_video.run import find_fit as fit_module
+from nlens_video.run import pooled_samples
 
 pytestmark = pytest.mark.needs_gl
 
@@ -36,7 +37,8 @@ def no_pass(monkeypatch):
     def decodes(*given, **named):
         pytest.fail("the plate is decoded before the slip is told")
 
-    monkeypatch.setattr(run_module, "lens_track_pass", decodes)
+    monkeypatch.setattr(pooled_samples, "lens_track_pass", decodes)
+    monkeypatch.setattr(fit_module, "lens_track_pass", decodes)
     monkeypatch.setattr(job_module, "find_fit", decodes)
 
 
