@@ -15,7 +15,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.ambient import hemisphere, surface_points
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
-from nlens_video.effects.shadow.casters import Casters, ClippedMesh
+from nlens_video.effects.shadow.casters import CasterCache, Casters, ClippedMesh
 from nlens_video.effects.shadow.coverage import PER_PIXEL, covered_reference, edges_of
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
@@ -302,7 +302,7 @@ def test_shadow_agrees_with_a_path_tracer(shared, scene, gain_db):
     without, truth = (cv2.imread(str(folder / f"{n}.png")) for n in ("gt_noshadow", "gt"))
     camera = loaded.camera(0.0, 960, 512)
     light = SceneLight(loaded.light_count).on_ground(posed.lights)
-    shadow = CastShadow()([Moment(Casters.of(posed, {}), camera)], light, 0.0, None)
+    shadow = CastShadow()([Moment(Casters.of(posed, CasterCache()), camera)], light, 0.0, None)
     picture = without.copy()
     frame = Box(0, 0, 960, 512)
     ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(

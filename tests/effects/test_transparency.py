@@ -12,7 +12,7 @@ from nlens_video.core.optics import Shutter
 from nlens_video.core.settings import Playback
 from nlens_video.effects.motion_blur import Motion
 from nlens_video.effects.shadow.cast import CastShadow, Moment
-from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.effects.shadow.coverage import covered_reference, edges_of, mark_covered
 from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no_absorption
 from nlens_video.graph.base.context import NodeContext, ShadowScene
@@ -67,7 +67,7 @@ def card(path, mode, *, alpha=None, factor=1.0, colors=None, layers=1, motion=Fa
 
 
 def loss_under(scene):
-    casters = Casters.of(scene.pose(0.0), {})
+    casters = Casters.of(scene.pose(0.0), CasterCache())
     shadow = CastShadow(lamp_points=16)([Moment(casters, looking_down())], NOON, 0.0, None)
     whole = np.zeros((HEIGHT, WIDTH), np.float32)
     if shadow is not None:
@@ -114,7 +114,7 @@ def test_vertex_and_material_alpha_scale_the_absorption(tmp_path):
 
 @pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
 def test_fully_opaque_meshes_use_the_coverage_bitmap(tmp_path, mode):
-    casters = Casters.of(card(tmp_path / "a.glb", mode).pose(0.0), {})
+    casters = Casters.of(card(tmp_path / "a.glb", mode).pose(0.0), CasterCache())
     assert not casters.transparent and len(casters.faces) == 2
     assert loss_under(card(tmp_path / "b.glb", "OPAQUE", alpha=halves(0, 0)))[60, 80] > 0.99
 

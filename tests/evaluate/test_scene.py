@@ -12,7 +12,7 @@ from nlens_video.core.layers import Box, DepthMap
 from nlens_video.effects.shadow.apply import ApplyShadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.plates import load_plate
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
@@ -36,7 +36,7 @@ def plate(tmp_path):
     posed = scene.pose(0.0)
     light = SceneLight(scene.light_count).on_ground(posed.lights)
     fit = plate_case(known).fit
-    moment = Moment(Casters.of(posed, {}), known.camera)
+    moment = Moment(Casters.of(posed, CasterCache()), known.camera)
     shadow = CastShadow()([moment], light, 0.0, fit)
     codes = cv2.imread(str(folder / "gt_noshadow.png"))
     frame = Box(0, 0, codes.shape[1], codes.shape[0])
@@ -72,7 +72,7 @@ def test_shadow_on_a_step_is_evaluated_with_the_plates_depth(plate, capsys):
     write_layers(plate / "bg_depth.exr", {"Z": real})
     known, posed = load_plate(plate), Scene.load(plate / "object.glb").pose(0.0)
     light, fit = SceneLight(1).on_ground(posed.lights), plate_case(known).fit
-    moments = [Moment(Casters.of(posed, {}), known.camera)]
+    moments = [Moment(Casters.of(posed, CasterCache()), known.camera)]
     shadow = CastOnThings()(
         CastShadow()(moments, light, 0.0, fit), moments, light, 0.0, fit, DepthMap(real)
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -36,23 +36,27 @@ class Opacity:
     cutoff: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CasterGeometry:
-    """Properties of a geometry that do not change over time.
+@dataclass(slots=True, eq=False)
+class CasterCache:
+    """What does not change over time: opacity of geometries, and triangles of opaque ones."""
 
-    Attributes:
-        opacity: None for an opaque surface.
-        edges: of opaque triangles, as `edges_of` gives them (E, 4).
-    """
+    _opacities: dict[Geometry, Opacity | None] = field(default_factory=dict)
+    _joined: dict[tuple[Geometry, ...], tuple[Int32, Int32]] = field(default_factory=dict)
 
-    opacity: Opacity | None
-    edges: Int32
+    def opacity(self, geometry: Geometry) -> Opacity | None:
+        """Opacity of a geometry's surface; None where it is opaque."""
+        if geometry not in self._opacities:
+            self._opacities[geometry] = _opacity_of(geometry)
+        return self._opacities[geometry]
 
-    @classmethod
-    def of(cls, geometry: Geometry) -> CasterGeometry:
-        """The properties of a geometry."""
-        opacity, faces = _opacity_of(geometry), geometry.faces
-        return cls(opacity, edges_of(faces if opacity is None else faces[:0]))
+    def joined(self, geometries: tuple[Geometry, ...]) -> tuple[Int32, Int32]:
+        """Faces (T, 3) of all geometries, which index their vertices together, and their edges."""
+        if geometries not in self._joined:
+            starts = np.cumsum([0, *(len(one.positions) for one in geometries[:-1])])
+            faces = [one.faces + start for one, start in zip(geometries, starts, strict=True)]
+            together = np.ascontiguousarray(np.concatenate(faces), dtype=np.int32)
+            self._joined[geometries] = together, edges_of(together)
+        return self._joined[geometries]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,38 +91,23 @@ class Casters:
     transparent: tuple[TransparentCaster, ...] = ()
 
     @classmethod
-    def of(cls, posed: PosedScene, known: dict[Geometry, CasterGeometry]) -> Casters:
-        """The casters of a scene; `known` is a cache of its geometries, filled in."""
+    def of(cls, posed: PosedScene, cache: CasterCache) -> Casters:
+        """The casters of a scene."""
         opaque: list[PosedMesh] = []
         transparent: list[TransparentCaster] = []
         for mesh in posed.meshes:
-            geometry = mesh.geometry
-            if geometry not in known:
-                known[geometry] = CasterGeometry.of(geometry)
-            opacity = known[geometry].opacity
+            opacity = cache.opacity(mesh.geometry)
             if opacity is None:
                 opaque.append(mesh)
             else:
-                vertices = np.concatenate([mesh.positions, _texturing(geometry)], axis=1)
+                vertices = np.concatenate([mesh.positions, _texturing(mesh.geometry)], axis=1)
                 vertices = vertices.astype(np.float64)
                 transparent.append(TransparentCaster(vertices, mesh.faces, opacity))
         if not opaque:
             return cls(np.zeros((0, 3)), _NO_EDGES[:, :3], _NO_EDGES, tuple(transparent))
-        vertices, faces = PosedScene(posed.time_s, tuple(opaque), ()).triangles()
-        edges = _joined([known[mesh.geometry].edges for mesh in opaque], opaque)
+        faces, edges = cache.joined(tuple(mesh.geometry for mesh in opaque))
+        vertices = np.concatenate([mesh.positions for mesh in opaque])
         return cls(vertices.astype(np.float64), faces, edges, tuple(transparent))
-
-
-def _joined(edges: list[Int32], meshes: list[PosedMesh]) -> Int32:
-    """Edges of meshes, with the indices of vertices and triangles of all of them together."""
-    vertex = triangle = 0
-    moved = []
-    for own, mesh in zip(edges, meshes, strict=True):
-        sides = np.where(own[:, 2:] >= 0, own[:, 2:] + triangle, -1)
-        moved.append(np.concatenate([own[:, :2] + vertex, sides], axis=1))
-        vertex += len(mesh.positions)
-        triangle += len(mesh.faces)
-    return np.ascontiguousarray(np.concatenate(moved), dtype=np.int32)
 
 
 def _opacity_of(geometry: Geometry) -> Opacity | None:

@@ -19,7 +19,7 @@ from nlens_video.core.layers import Bool, Box, DepthMap, UInt8
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
 from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate, read_codes
@@ -130,7 +130,7 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
     real = read_exr(folder / DEPTH).channels["Z"]
     ground = np.abs(real * plate.camera.plane_disparity(plate.ground_y) - 1.0) < _ON_GROUND
     dark = ~_reached(plate) & _darker(truth, without)
-    moments = [Moment(Casters.of(plate.scene.pose(0.0), {}), plate.camera)]
+    moments = [Moment(Casters.of(plate.scene.pose(0.0), CasterCache()), plate.camera)]
     darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
 
     def figures(shadow: Shadow | None, region: Bool) -> dict[str, float]:

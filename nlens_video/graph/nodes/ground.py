@@ -18,7 +18,7 @@ from nlens_video.effects.reflection import OverlayReflection, RenderReflection
 from nlens_video.effects.shadow.apply import ApplyShadow, ground_blur
 from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import CasterGeometry, Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.l_reblur import object_coc
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
-    from nlens_video.scene.gltf.meshes import Geometry
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
     from nlens_video.video.info import SourceFrame
@@ -87,7 +86,7 @@ class ShadowNode(Node):
             lamp_points=lamp_points,
             ambient_directions=ambient_directions,
         )
-        self._surfaces: dict[Geometry, CasterGeometry] = {}
+        self._caster_cache = CasterCache()
         self._last: tuple[tuple[object, ...], Shadow | None] | None = None
         self.description = (
             f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
@@ -138,7 +137,7 @@ class ShadowNode(Node):
     def _seen(self, time_s: float, bounds: ScreenBounds) -> Moment:
         own = time_s == bounds.time_s
         camera = bounds.camera if own else self._context.objects.camera(time_s)
-        return Moment(Casters.of(self._scene.pose(time_s), self._surfaces), camera)
+        return Moment(Casters.of(self._scene.pose(time_s), self._caster_cache), camera)
 
 
 def _bounds(places: Float64) -> Box:
