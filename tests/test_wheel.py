@@ -15,8 +15,11 @@ def wheel(tmp_path_factory):
     return build_wheel(tmp_path_factory.mktemp("wheel"))
 
 
-def test_wheel_carries_pipelines_models_shaders_and_types(wheel):
+@pytest.mark.slow  # the kernels are compiled
+def test_wheel_carries_kernels_pipelines_models_shaders_and_types(wheel):
     names = zipfile.ZipFile(wheel).namelist()
+    assert any(name.startswith("nlens_video/native/_baseline.") for name in names)
+    assert not any(name.startswith("nlens_video/native/source/") for name in names)
     assert "nlens_video/data/pipelines/standard.toml" in names
     assert "nlens_video/data/models/manifest.toml" in names
     assert "nlens_video/data/models/coc/coc.onnx" in names
