@@ -85,9 +85,14 @@ class LensPrior:
     source: str = "what is known of the lens"
 
     @property
+    def numbers(self) -> tuple[Expected | None, Expected | None, Expected | None]:
+        """Slope, focus and intercept."""
+        return self.slope, self.focus, self.intercept
+
+    @property
     def in_numbers(self) -> bool:
         """Whether any number is known."""
-        return (self.slope, self.focus, self.intercept) != (None, None, None)
+        return self.numbers != (None, None, None)
 
     @property
     def complete(self) -> bool:

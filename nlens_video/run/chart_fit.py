@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from nlens_video.core import signals
 from nlens_video.core.box import Box
 from nlens_video.core.errors import LensFitError, UsageError
 from nlens_video.core.layers import Float64, Picture
@@ -21,6 +22,7 @@ from nlens_video.stages.r_regression import FitLens
 from nlens_video.stages.r_samples import FitSamples
 
 _FRAMES = 8  # of a clip that are measured: more of them add little
+_SEARCHED = 240  # frames within which a marker is expected
 _FEWEST = 8  # parts of edges
 _LUMA = np.array([0.2126, 0.7152, 0.0722])
 _SQUARE = np.array([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])  # as OpenCV orders it
@@ -44,16 +46,18 @@ def chart_fit(settings: Settings, side_m: float) -> LensFit:
                 "--chart: the camera's scale is not known; give a GLB with its camera, or "
                 "--camera-from with one in metres"
             )
-        finder, first = MarkerFinder(), 0
+        finder, first, searched = MarkerFinder(), 0, 0
         parts: list[Float64] = []
         for state in run_input.items([]):
             if not isinstance(state, FrameState):
                 continue
+            signals.check()
+            searched += 1
             if not parts:
                 first = state.frame.index
             camera = objects.camera(state.frame.time_s)
             parts += _measured(finder, state.picture, camera, side_m / view.unit_m)
-            if len(finder.sightings()[0]) >= _FRAMES:
+            if len(finder.sightings()[0]) >= _FRAMES or searched >= _SEARCHED:
                 break
     rows = np.concatenate(parts) if parts else np.zeros((0, 3))
     if len(rows) < _FEWEST:

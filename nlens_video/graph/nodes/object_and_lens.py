@@ -138,7 +138,7 @@ class FitNode(Node):
         contradiction = ""
         try:
             regression = self._fit(plate_coc, ground, frame.index, known, self._others)
-            if with_tags != known:
+            if with_tags.numbers != known.numbers:
                 if _contradicts(regression.fit, with_tags):
                     contradiction = _CONTRADICTION
                 else:
@@ -190,7 +190,7 @@ def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensF
 
 def _contradicts(fit: LensFit, known: LensPrior) -> bool:
     """Whether what is known beforehand lies more than three standard errors off a fit."""
-    slope, focus, intercept = known.slope, known.focus, known.intercept
+    slope, focus, intercept = known.numbers
     apart = []
     if slope is not None:
         apart.append((fit.slope - slope.value, fit.slope_stderr, slope.error))
