@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.definitions import marked
+from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
@@ -32,24 +33,12 @@ from nlens_video.scene.illumination import (
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.pixels.picture import ArrayPicture
 
-WIDTH, HEIGHT = 160, 120
 CARD = np.array([[-0.5, 1.0, -0.5], [0.5, 1.0, -0.5], [0.5, 1.0, 0.5], [-0.5, 1.0, 0.5]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 DOWN = np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0)  # a sun at 45 degrees, from the left
 GREY = np.array([1.0, 1.0, 1.0])
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")  # of a camera, in pixels
-
-
-def looking_down(height=10.0):
-    """A camera over the origin that looks down; the picture's top is -Z, a unit is 20 px."""
-    pose = np.eye(4)
-    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    pose[1, 3] = height
-    return Camera(
-        world_from_camera=pose, fx=20 * height, fy=20 * height, cx=WIDTH / 2, cy=HEIGHT / 2,
-        width=WIDTH, height=HEIGHT,
-    )  # fmt: skip
 
 
 def of_sun(ambient=0.0, direction=DOWN, diameter=1e-6):

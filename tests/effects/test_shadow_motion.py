@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.effects.motion_blur import sampled_count
 from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.casters import Casters
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 
-WIDTH, HEIGHT = 160, 120
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 CARD = np.array([[-0.5, 1.0, -0.5], [0.5, 1.0, -0.5], [0.5, 1.0, 0.5], [-0.5, 1.0, 0.5]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -20,20 +19,9 @@ LAMP = Lamp(sun(np.ones(3) / -DOWN[1], DOWN), 1e-6)
 LIGHT = Illumination((LAMP,), np.zeros((9, 3)))
 
 
-def looking_down(aside=0.0):
-    """A camera above that looks down; the picture's top is -Z, a unit of ground is 20 px."""
-    pose = np.eye(4)
-    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    pose[:2, 3] = aside, 10.0
-    return Camera(
-        world_from_camera=pose, fx=200, fy=200, cx=WIDTH / 2, cy=HEIGHT / 2, width=WIDTH,
-        height=HEIGHT,
-    )  # fmt: skip
-
-
 def moment(across=0.0, up=0.0, aside=0.0):
     card = CARD + (across, up, 0.0)
-    return Moment(Casters(card, FACES, edges_of(FACES)), looking_down(aside))
+    return Moment(Casters(card, FACES, edges_of(FACES)), looking_down(aside=aside))
 
 
 def loss(moments, **given):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box, DepthMap
 from nlens_video.core.lens_fit import LensFit
@@ -28,7 +29,6 @@ from nlens_video.scene.illumination import (
     sun,
 )
 
-WIDTH, HEIGHT = 160, 120
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 CARD = np.array([[-0.5, 1.0, -0.5], [0.5, 1.0, -0.5], [0.5, 1.0, 0.5], [-0.5, 1.0, 0.5]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -36,17 +36,6 @@ NO_FACES = np.zeros((0, 3), np.int32)
 FROM_LEFT = np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0)  # a sun at 45 degrees
 TOP = 10.0  # of the camera that looks down
 LENS = LensFit(slope=20.0, intercept=-2.0, width=WIDTH, height=HEIGHT)
-
-
-def looking_down():
-    """A camera over the origin that looks down; the picture's top is -Z, a unit is 20 px."""
-    pose = np.eye(4)
-    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    pose[1, 3] = TOP
-    return Camera(
-        world_from_camera=pose, fx=20 * TOP, fy=20 * TOP, cx=WIDTH / 2, cy=HEIGHT / 2,
-        width=WIDTH, height=HEIGHT,
-    )  # fmt: skip
 
 
 def looking_ahead():

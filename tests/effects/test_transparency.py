@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.glb_builder import QUAD_FACES, GlbBuilder
+from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
@@ -20,13 +21,11 @@ from nlens_video.graph.base.object_source import RenderedObject
 from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode, equal_values
 from nlens_video.scene import Scene
-from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
-WIDTH, HEIGHT = 160, 120
 FRAME = Box(0, 0, WIDTH, HEIGHT)
 CARD = np.array([[-1, 1, -1], [1, 1, -1], [1, 1, 1], [-1, 1, 1]], np.float32)
 UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
@@ -35,16 +34,6 @@ NOON = Illumination((Lamp(sun(np.ones(3), np.array([0.0, -1.0, 0.0])), 1e-6),), 
 
 
 STILL = Shutter()
-
-
-def looking_down():
-    pose = np.eye(4)
-    pose[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    pose[1, 3] = 10.0
-    return Camera(
-        world_from_camera=pose, fx=200, fy=200, cx=WIDTH / 2, cy=HEIGHT / 2, width=WIDTH,
-        height=HEIGHT,
-    )  # fmt: skip
 
 
 def card(path, mode, *, alpha=None, factor=1.0, colors=None, layers=1, motion=False, **material):
