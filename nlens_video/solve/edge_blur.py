@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.solve.marker_edges import sampled
 
 PARTS = 3  # of an edge, each measured by itself
 _ALONG = 12  # profiles of a part, which are averaged
@@ -64,7 +64,8 @@ def edge_blurs(light: Float32, corners: Float64) -> EdgeBlurs:
             shares = np.linspace(low, high, _ALONG)[:, None]
             steps = np.arange(-border, border + 0.5 * _STEP_PX, _STEP_PX)
             spots = start + shares * (end - start)
-            profile = _sampled(light, spots[:, None] + steps[None, :, None] * outward).mean(axis=0)
+            across = spots[:, None] + steps[None, :, None] * outward
+            profile = sampled(light, across).mean(axis=0, dtype=np.float64)
             measured = _measured(profile, steps, border)
             if measured is not None:
                 middle = 0.5 * (low + high)
@@ -129,10 +130,3 @@ def _edge(distance: Float64, diameter: float) -> Float64:
         u = np.clip((distance + _PIXEL_PX * node) / radius, -1.0, 1.0)
         share += weight * (0.5 + (u * np.sqrt(1.0 - u * u) + np.arcsin(u)) / np.pi)
     return np.asarray(share / _WEIGHTS.sum())
-
-
-def _sampled(light: Float32, spots: Float64) -> Float64:
-    """Light at positions (…, 2)."""
-    columns, rows = (spots[..., axis].astype(np.float32) - 0.5 for axis in (0, 1))
-    found = cv2.remap(light, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found, np.float64).reshape(spots.shape[:-1])

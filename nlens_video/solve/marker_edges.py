@@ -49,7 +49,7 @@ def _round(luma: Luma, quad: Float64) -> Float64 | None:
     on_edge = quad[:, None] + shares * (ends - quad)[:, None]  # (4, along, 2)
     steps = np.linspace(-1.0, 1.0, _ACROSS) * reach[:, None]  # (4, across)
     spots = on_edge[:, :, None] + steps[:, None, :, None] * outward[:, None, None]
-    light = _sampled(luma, spots)
+    light = sampled(luma, spots)
     rise = np.maximum(np.diff(light, axis=2), 0.0)
     weight = rise.sum(axis=2)  # (4, along)
     if (weight.max(axis=1) < 8.0).any():  # of 255: no edge
@@ -76,8 +76,13 @@ def _line(points: Float64, weights: Float64) -> Float64:
     return np.array([*normal, -normal @ middle])
 
 
-def _sampled(luma: Luma, spots: Float64) -> Float32:
-    """Light at positions (…, 2)."""
+def sampled(luma: Luma, spots: Float64) -> Float32:
+    """Light at positions (…, 2), between pixels linear.
+
+    Args:
+        luma: (H, W).
+        spots: columns and rows, pixel centres at +0.5 [px].
+    """
     columns, rows = (spots[..., axis].astype(np.float32).reshape(-1, 1) - 0.5 for axis in (0, 1))
     found = cv2.remap(luma, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(found, np.float32).reshape(spots.shape[:-1])
