@@ -89,7 +89,7 @@ def test_make_targets_extras_and_scripts_named_in_documents_exist():
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/python.md", "docs/adapters.md"])
 def test_documented_python_example_runs_on_an_opencv_capture(page, folder, monkeypatch):
     monkeypatch.chdir(folder)
     blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)

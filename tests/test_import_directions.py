@@ -26,6 +26,7 @@ graph/base  graph/nodes  graph
 report
 run
 compositor
+adapters
 check
 evaluate  evaluate/camera  evaluate/coc  evaluate/bench  evaluate/composite  evaluate/study
 farm

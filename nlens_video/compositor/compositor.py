@@ -39,6 +39,8 @@ from nlens_video.options.table import PARAMETERS
 if TYPE_CHECKING:
     import av
 
+    from nlens_video.core.layers import Picture
+
 R = TypeVar("R")
 _CHECKED = ("fit", "aperture", "budget_ms")
 """Parameters that take more than the option's text, or are checked apart."""
@@ -216,6 +218,24 @@ class Compositor:
         picture = AvPicture(copied(frame))
         self._call(lambda: self._loop.composite(picture, self._loop.since_first(frame)))
         return as_format_of(picture.frame, frame)
+
+    def composite(
+        self, picture: Picture, time: float | None = None, number: int | None = None,
+        pixel_aspect: float = 1.0,
+    ) -> None:  # fmt: skip
+        """Composite a picture in place, whatever memory it lies in; adapters call it.
+
+        Args:
+            picture: its samples are changed.
+            time: of the frame in the animation [s]; default: its number / fps.
+            number: position in its stream, by which grain differs [1]; default: frames so far.
+            pixel_aspect: width of a pixel by its height [1].
+
+        Raises:
+            NlensError: as `process`.
+        """
+        time_s = as_time(time)
+        self._call(lambda: self._loop.composite(picture, time_s, number, pixel_aspect))
 
     def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
         """Composite frames as they come, PyAV's too; a generator that holds one at a time."""

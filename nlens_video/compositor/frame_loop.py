@@ -89,27 +89,41 @@ class FrameLoop:
             self._first_s = frame.time
         return frame.time - self._first_s
 
-    def composite(self, picture: Picture, time: float | None) -> None:
-        """Composite in place, at a time of the animation [s]; None: frames so far / fps."""
-        session = self._open(picture)
-        time_s = self._count / self.fps if time is None else time
-        frame = SourceFrame(index=self._count, time_s=time_s, picture=picture)
+    def composite(
+        self, picture: Picture, time: float | None, number: int | None = None,
+        pixel_aspect: float = 1.0,
+    ) -> None:  # fmt: skip
+        """Composite in place.
+
+        Args:
+            picture: the frame.
+            time: of the animation; None: its number / fps [s].
+            number: position of the frame in its stream; None: frames so far.
+            pixel_aspect: width of a pixel by its height, as it is on the first frame [1].
+        """
+        session = self._open(picture, pixel_aspect)
+        index = self._count if number is None else number
+        time_s = index / self.fps if time is None else time
+        frame = SourceFrame(index=index, time_s=time_s, picture=picture)
         state = session.executor.begin_frame(frame)
         session.executor.run(state, session.graph.nodes)
         self.last = picture
-        self.profiler.close_frame(self._count, self._count, warm_up=state.carried_fit)
+        self.profiler.close_frame(index, index, warm_up=state.carried_fit)
         self._count += 1
 
     def close(self) -> None:
         """Free OpenGL and networks."""
         self._stack.close()
 
-    def _open(self, picture: Picture) -> Session:
+    def _open(self, picture: Picture, pixel_aspect: float) -> Session:
         size = (picture.width, picture.height)
         if self._session is None:
             file, rate = self.objects.camera_from, Fraction(self.fps).limit_denominator(1001)
             solved = None if file is None else read_camera(file, size, rate)
-            view = View(width=size[0], height=size[1], camera=self.objects.camera, solved=solved)
+            view = View(
+                width=size[0], height=size[1], pixel_aspect=pixel_aspect,
+                camera=self.objects.camera, solved=solved,
+            )  # fmt: skip
             self._session = open_session(
                 self.objects, self.lens, view, self.profiler, PlatePreview(lambda: (picture,))
             )

@@ -25,7 +25,7 @@ SRGB = ColorTags(matrix="gbr", transfer="iec61966-2-1", primaries="bt709", full_
 _SRGB_TRC = 13
 
 
-class _SamplesPicture:
+class SamplesPicture:
     """A `Picture` that is defined by its samples."""
 
     def samples(self) -> Samples:
@@ -60,7 +60,7 @@ class _SamplesPicture:
 
     def crossfade(self, other: Picture, weight: float) -> None:
         """Mix the codes, in place, with `weight` (0 to 1) of another picture of the same form."""
-        if not isinstance(other, _SamplesPicture):
+        if not isinstance(other, SamplesPicture):
             raise TypeError(f"{type(other).__name__} has no samples")
         self._make_writable()
         mine, theirs = self.samples(), other.samples()
@@ -75,7 +75,7 @@ class _SamplesPicture:
             own[...] = (own + change).astype(own.dtype)
 
 
-class AvPicture(_SamplesPicture):
+class AvPicture(SamplesPicture):
     """One of FFmpeg's frames, seen upright.
 
     A frame in another format than a working format is unpacked; `frame` is then that copy. It is
@@ -134,7 +134,7 @@ class AvPicture(_SamplesPicture):
         )  # fmt: skip
 
 
-class ArrayPicture(_SamplesPicture):
+class ArrayPicture(SamplesPicture):
     """A NumPy picture, as in OpenCV or an image loop; composited in place.
 
     Args:

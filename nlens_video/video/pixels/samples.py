@@ -202,10 +202,22 @@ def frame_samples(
         plane_rows(frame.planes[plane], kind)[:, place :: kind.channels]
         for plane, place in kind.components
     ]
+    return _upright(views, kind, tags, _axes(kind, centred_chroma=centred_chroma), turns)
+
+
+def memory_samples(
+    views: list[Plane], kind: PixelLayout, tags: ColorTags, *, centred_chroma: bool = False
+) -> Samples:
+    """Samples of a picture whose components are at hand as views (H, W), alpha as the last one."""
+    return _upright(views, kind, tags, _axes(kind, centred_chroma=centred_chroma), 0)
+
+
+def _axes(kind: PixelLayout, *, centred_chroma: bool) -> tuple[Axis, Axis]:
+    """Subsampling across and down; chroma lies on the left luma column, or between two."""
     across, down = (Axis(step, 0, 0, (1.0 / step,) * step) for step in (kind.step_x, kind.step_y))
     if kind.step_x == 2 and not centred_chroma:
         across = Axis(2, 0, -1, (0.25, 0.5, 0.25))
-    return _upright(views, kind, tags, (across, down), turns)
+    return across, down
 
 
 def plane_rows(plane: av.video.plane.VideoPlane, kind: PixelLayout) -> Plane:

@@ -1,0 +1,1 @@
+"""Adapters for other programs: each calls the three functions of `contract`."""
