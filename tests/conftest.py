@@ -80,6 +80,12 @@ def _why_no_blender() -> str:
 
 
 @functools.cache
+def _why_no_vapoursynth() -> str:
+    found = importlib.util.find_spec("vapoursynth") is not None
+    return "" if found else "no vapoursynth; Python 3.12, pip install nlens-video[vapoursynth]"
+
+
+@functools.cache
 def _why_no_root() -> str:
     return "not root, who alone can run a program as another user" if os.geteuid() else ""
 
@@ -88,6 +94,7 @@ _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
     "needs_blender": ("REQUIRE_BLENDER", _why_no_blender),
+    "needs_vapoursynth": ("REQUIRE_VAPOURSYNTH", _why_no_vapoursynth),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
     "needs_root": ("REQUIRE_ROOT", _why_no_root),

@@ -27,6 +27,7 @@ report
 run
 compositor
 adapters
+vapoursynth
 check
 evaluate  evaluate/camera  evaluate/coc  evaluate/bench  evaluate/composite  evaluate/study
 farm

@@ -175,7 +175,9 @@ def planes_of(frame: av.VideoFrame) -> list[np.ndarray]:
         rows = np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)
         rows = rows.view(np.uint16 if parts[0].bits > 8 else np.uint8)
         here = sum(part.plane == number for part in parts)
-        of_pixel = {"yuyv422": 2, "yvyu422": 2, "uyvy422": 2, "bgr0": 4}.get(frame.format.name, here)
+        of_pixel = {"yuyv422": 2, "yvyu422": 2, "uyvy422": 2, "bgr0": 4}.get(
+            frame.format.name, here
+        )
         found.append(rows[:, : plane.width * of_pixel].copy())
     return found
 
