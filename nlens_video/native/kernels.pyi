@@ -380,6 +380,27 @@ def mark_covered(
     /,
 ) -> None: ...
 
+# shadow_maps.cpp
+_Views = tuple[Float64, int, _Int32]
+
+def first_surfaces(
+    points: Float32, views: _Views, sides: _Int32, first: Float32, nearest: Float64, /
+) -> None: ...
+def may_be_blocked(points: Float32, views: _Views, nearest: Float64, found: Bool, /) -> None: ...
+def add_blocked(
+    points: Float32,
+    views: _Views,
+    drawn: tuple[_Int32, Float32, Float64, _Bits, Float32],
+    weights: tuple[Float32, Float32],
+    sums: Float32,
+    /,
+) -> None: ...
+def lost_light(shares: Float32, given: Float64, loss: Float32, /) -> None: ...
+def ambient_light(normals: Float64, ambient: Float64, light: Float64, /) -> None: ...
+def best_slopes(
+    across: Float64, down: Float64, left: Float64, reach: int, slopes: Float32, /
+) -> None: ...
+
 # shadow_transparency.cpp
 def absorb(
     sums: tuple[Float32, Float32, _Int32],

@@ -17,7 +17,8 @@ from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import Casters, Occluder, Opacity, TransparentCaster
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.effects.shadow.light_view import LightView, SampledCasters
+from nlens_video.effects.shadow.light_views import LightViews, SampledCasters
+from nlens_video.effects.shadow.shadow_maps import blocked, draw
 from nlens_video.effects.shadow.things import before_shadow, normals
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (
@@ -217,11 +218,11 @@ def test_what_a_point_of_a_light_blocks_agrees_with_rays(seed):
     middle = np.array([0.0, 0.6, 0.0])
     toward = light[:3] - light[3] * middle
     beyond = middle - 6.0 * toward / np.linalg.norm(toward)
-    points = (beyond + rng.normal(size=(20, 20, 3))).astype(np.float32)
+    points = (beyond + rng.normal(size=(400, 3))).astype(np.float32)
     occluder = Occluder.of(opaque(vertices, faces), looking_down(), 0.0)
-    view = LightView.of(light, SampledCasters.of(occluder), 0.004, (0.5, 0.5), 0)
-    found = view.blocked(points).ravel() > 0.5
-    met, close = _met(points.reshape(-1, 3).astype(float), light, vertices[faces])
+    views = LightViews.of(light[None], range(1), SampledCasters.of(occluder), 0.004)
+    found = blocked(draw([views]), points)[0] > 0.5
+    met, close = _met(points.astype(float), light, vertices[faces])
     assert (found == met)[~close].all()
 
 

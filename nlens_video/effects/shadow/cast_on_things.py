@@ -19,7 +19,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import Grid, Shadow, pixels_of
 from nlens_video.effects.shadow.cast import BLACKEST, Moment, coarsest_step
 from nlens_video.effects.shadow.casters import Occluder
-from nlens_video.effects.shadow.light_view import SampledCasters
+from nlens_video.effects.shadow.light_views import SampledCasters
 from nlens_video.effects.shadow.seen_lights import COARSE, SeenLights
 from nlens_video.effects.shadow.things import Things
 from nlens_video.scene.illumination import Illumination
@@ -90,10 +90,9 @@ class CastOnThings:
         grid = Grid(box=grid.box.intersection(frame), step=1)
         seen = Things.seen(real, camera, ground_y, grid)
         off = seen.off_ground(below=below)
-        loss = np.zeros((*off.shape, 3), np.float32)
-        if off.any():
-            lost = self.strength * lights.loss(seen, off, grid.view(camera), self.threads)
-            loss[off] = np.minimum(lost, np.float32(BLACKEST))
+        loss = lights.loss(seen, off, grid.view(camera), self.threads)
+        loss *= np.float32(self.strength)
+        np.minimum(loss, np.float32(BLACKEST), out=loss)
         coc = np.zeros(off.shape, np.float32) if fit is None else fit.coc_px(seen.disparity)
         return _merged(on_plane, _Patch(grid.box, loss, coc, off), frame)
 
@@ -159,18 +158,23 @@ def _merged(on_plane: Shadow | None, patch: _Patch, frame: Box) -> Shadow | None
         at = fine.box.slices_in(box)
         loss[at], coc[at] = fine.loss, fine.coc_px
     at = patch.box.slices_in(box)
-    loss[at][patch.off], coc[at][patch.off] = patch.loss[patch.off], patch.coc_px[patch.off]
-    dark = np.asarray(loss.any(axis=-1))
+    np.copyto(loss[at], patch.loss, where=patch.off[..., None])
+    np.copyto(coc[at], patch.coc_px, where=patch.off)
+    dark: Bool = np.logical_or.reduce([loss[..., channel] > 0.0 for channel in range(3)])
     if not dark.any():
         return None
     step = coarsest_step(float(np.abs(coc[dark]).min()))
     grid = Grid.on(Box.of(dark).moved(box.x0, box.y0), step)
-    whole = np.zeros((grid.box.height, grid.box.width, 4), np.float32)
+    loss, coc = (_meaned(values, box, grid) for values in (loss, coc))
+    return Shadow(box=grid.box, loss=loss, coc_px=coc, step=step, on_things=True)
+
+
+def _meaned(values: Float32, box: Box, grid: Grid) -> Float32:
+    """Means of the values of a box's pixels on a grid, 0 beyond the box."""
+    whole = np.zeros((grid.box.height, grid.box.width, *values.shape[2:]), np.float32)
     common = grid.box.intersection(box)
-    here, there = common.slices_in(grid.box), common.slices_in(box)
-    whole[here] = np.concatenate([loss[there], coc[there][..., None]], axis=-1)
+    whole[common.slices_in(grid.box)] = values[common.slices_in(box)]
+    if grid.step == 1:
+        return whole
     mean = cv2.resize(whole, grid.shape[::-1], interpolation=cv2.INTER_AREA)
-    return Shadow(
-        box=grid.box, loss=np.ascontiguousarray(mean[..., :3]),
-        coc_px=np.ascontiguousarray(mean[..., 3]), step=step, on_things=True,
-    )  # fmt: skip
+    return np.asarray(mean, dtype=np.float32)

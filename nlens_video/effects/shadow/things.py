@@ -12,6 +12,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32, Float64
 from nlens_video.effects.shadow.apply import Grid, Shadow
+from nlens_video.native import kernels
 from nlens_video.scene.camera import Camera
 
 LEVEL = 0.02
@@ -107,27 +108,24 @@ def normals(disparity: Float32, view: Camera) -> Float32:
         disparity: 0 where it is not known [1 / scene unit].
         view: camera whose pixels are those of `disparity`.
     """
-    values = disparity.astype(np.float64)
-    across, down, left = _slopes(values)
-    best, gx, gy = left, across, down
-    height, width = values.shape
-    rows, columns = np.arange(height), np.arange(width)
-    for move_y in (-_FITTED_PX, 0, _FITTED_PX):
-        for move_x in (-_FITTED_PX, 0, _FITTED_PX):
-            at = np.ix_((rows + move_y).clip(0, height - 1), (columns + move_x).clip(0, width - 1))
-            better = left[at] < best
-            best = np.where(better, left[at], best)
-            gx, gy = np.where(better, across[at], gx), np.where(better, down[at], gy)
+    across, down, left = _flat_windows(disparity.astype(np.float64))
+    slopes = np.empty((*disparity.shape, 2), np.float32)
+    kernels.best_slopes(across, down, left, _FITTED_PX, slopes)
     # with m = normal / distance: disparity = m . ray for the ray (x, y, -1) of each pixel
-    x = ((columns + 0.5 - view.cx) / view.fx)[None, :]
-    y = (-(rows + 0.5 - view.cy) / view.fy)[:, None]
-    m = np.stack([gx * view.fx, -gy * view.fy, gx * view.fx * x - gy * view.fy * y - values], -1)
-    length = np.linalg.norm(m, axis=-1, keepdims=True)
-    facing = -m / np.maximum(length, np.finfo(np.float64).tiny)
-    return np.asarray(facing @ view.world_from_camera[:3, :3].T, dtype=np.float32)
+    height, width = disparity.shape
+    x = ((np.arange(width) + 0.5 - view.cx) / view.fx).astype(np.float32)[None, :]
+    y = (-(np.arange(height) + 0.5 - view.cy) / view.fy).astype(np.float32)[:, None]
+    a, b = np.float32(-view.fx) * slopes[..., 0], np.float32(view.fy) * slopes[..., 1]
+    c = disparity + a * x + b * y
+    length = np.maximum(np.sqrt(a * a + b * b + c * c), np.finfo(np.float32).tiny)
+    turned = view.world_from_camera[:3, :3].astype(np.float32)
+    out = np.empty((*disparity.shape, 3), np.float32)
+    for axis in range(3):
+        out[..., axis] = (a * turned[axis, 0] + b * turned[axis, 1] + c * turned[axis, 2]) / length
+    return out
 
 
-def _slopes(values: Float64) -> tuple[Float64, Float64, Float64]:
+def _flat_windows(values: Float64) -> tuple[Float64, Float64, Float64]:
     """Slopes along columns and rows of the plane that fits a window, and what it leaves (h, w)."""
     side = 2 * _FITTED_PX + 1
     ones, ramp = np.ones(side) / side, np.arange(-_FITTED_PX, _FITTED_PX + 1) / side

@@ -45,6 +45,7 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_scatter_levels(module);
     nlens::bind_scatter_normalize(module);
     nlens::bind_shadow_coverage(module);
+    nlens::bind_shadow_maps(module);
     nlens::bind_shadow_transparency(module);
     nlens::bind_skinning(module);
     nlens::bind_subaperture_gather(module);

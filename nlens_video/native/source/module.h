@@ -31,6 +31,7 @@ void bind_scatter_extend(nanobind::module_& module);
 void bind_scatter_levels(nanobind::module_& module);
 void bind_scatter_normalize(nanobind::module_& module);
 void bind_shadow_coverage(nanobind::module_& module);
+void bind_shadow_maps(nanobind::module_& module);
 void bind_shadow_transparency(nanobind::module_& module);
 void bind_skinning(nanobind::module_& module);
 void bind_subaperture_gather(nanobind::module_& module);
