@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlens_video.cli.doctor import require_memory
+from nlens_video.cli.library_defaults import set_library_defaults
 from nlens_video.cli.output_files import check_outputs, drop_protocol
 from nlens_video.core import signals
 from nlens_video.core.errors import MissingCameraError, NlensError, ReaderGone, UsageError
@@ -109,6 +110,7 @@ def _exit_if_reader_blocks(code: int) -> None:
 def _run(argv: list[str]) -> int:
     args = parse(argv)
     drop_protocol(args)
+    set_library_defaults()
     if args.command not in _LIGHT:
         require_memory()
     check_outputs(args, overwrite=getattr(args, "overwrite", False))

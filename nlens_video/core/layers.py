@@ -15,6 +15,7 @@ import numpy.typing as npt
 from nlens_video.core.box import Box as Box
 from nlens_video.core.box import Float32 as Float32
 from nlens_video.core.box import Float64 as Float64
+from nlens_video.core.box import Int64 as Int64
 
 if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit

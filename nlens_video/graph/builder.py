@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import MutableMapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
@@ -56,12 +57,16 @@ def open_dependencies(
     asked_for = EffectRequest.parse(lens.effects).asks_for(OCCLUSION)
     simulated = any(spec.type.effect == OCCLUSION for spec in pipeline.nodes)
     possible = simulated and OCCLUSION in EffectRequest.parse(lens.effects).possible
-    occlusion, in_front = open_occlusion_source(
-        objects, scene, view, estimate_coc, plate.again if possible else None, asked_for=asked_for
-    )
-    effects = plan_effects(
-        lens, pipeline, objects, scene, ground, in_front, plate, profiler, view.solved
-    )
+    again = plate.again if possible else None
+    with ThreadPoolExecutor(1, "nlens-occlusion") as beside:  # while the effects are measured
+        opening = beside.submit(
+            open_occlusion_source, objects, scene, view, estimate_coc, again, asked_for=asked_for
+        )
+        effects = plan_effects(
+            lens, pipeline, objects, scene, ground, lambda: opening.result()[1], plate, profiler,
+            view.solved,
+        )  # fmt: skip
+    occlusion, _ = opening.result()
     view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance

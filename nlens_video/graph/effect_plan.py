@@ -127,7 +127,7 @@ def plan_effects(
     objects: ObjectSettings,
     scene: Scene,
     ground: ShadowScene,
-    occlusion: Finding | None,
+    occlusion: Callable[[], Finding | None],
     plate: PlatePreview,
     profiler: Profiler,
     solved: SolvedCamera | None = None,
@@ -140,7 +140,7 @@ def plan_effects(
         objects: ground, occlusion and reflection as the user gives them.
         scene: the object.
         ground: geometry and light of its shadow.
-        occlusion: what was found of things in front of it.
+        occlusion: what was found of things in front of it; asked once the plate is measured.
         plate: the shot's first pictures.
         profiler: times the measuring.
         solved: the plate's camera, which may tell its distortion.
@@ -166,7 +166,7 @@ def plan_effects(
             measured.update(measure_plate(unknown, pictures))
             if reads_shutter:
                 shutter = _read_shutter(shutter, pictures)
-    facts = _shot_facts(objects, scene, ground, occlusion, shutter, measured)
+    facts = _shot_facts(objects, scene, ground, occlusion(), shutter, measured)
     wanted = decide(lens.effects, facts)
     decisions = restrict_to_pipeline(wanted, simulated, pipeline.name, lens.effects)
     dropped = {one.effect for one in wanted if one.wanted and one.effect not in simulated}

@@ -126,6 +126,7 @@ class Session:
         options.use_deterministic_compute = True
         # spinning threads would take the cores from decoding and rendering between two calls
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.enable_cpu_mem_arena = False
         options.log_severity_level = 3
         # its own way to the CPU prints on standard output, which may be the picture
         return onnxruntime.InferenceSession(

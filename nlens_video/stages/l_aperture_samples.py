@@ -8,13 +8,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Float32, Float64, Int64
 from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.shape import contains, outer_radius, read_picture
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _DENSE = 8192  # points of the aperture that Lloyd's iteration groups into cells
 _ROUNDS = 60
+_BLOCK = 1 << 16  # distances at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,19 +61,28 @@ def lens_points(count: int, aperture: Aperture = ROUND) -> LensPoints:
     Raises:
         InputError: the aperture's picture cannot be read.
     """
-    from scipy.spatial import cKDTree  # here: it takes long to load, and few presets need it
-
     places, light = _dense(aperture)
     before = np.cumsum(light)  # seeds: each after an equal share of the light
     seeds = np.searchsorted(before, (np.arange(count) + 0.5) / count * before[-1])
     centres = np.array(places[seeds])
     for _ in range(_ROUNDS):
-        cell = cKDTree(centres).query(places)[1]
+        cell = _nearest(centres, places)
         mass = np.bincount(cell, light, count).astype(np.float64)
         sums = [np.bincount(cell, light * places[:, axis], count) for axis in (0, 1)]
         lit = mass > 0.0
         centres[lit] = np.stack(sums, axis=1)[lit] / mass[lit, None]
     return LensPoints(centres[lit], mass[lit] / mass.sum())
+
+
+def _nearest(centres: Float64, places: Float64) -> Int64:
+    """Number (M,) of the centre (N, 2) nearest to each place (M, 2); in blocks that fit a cache."""
+    x, y = centres.T
+    nearest = []
+    for some in np.array_split(places, math.ceil(len(places) * len(centres) / _BLOCK)):
+        squares = np.square(some[:, :1] - x)
+        squares += np.square(some[:, 1:] - y)
+        nearest.append(squares.argmin(axis=1))
+    return np.concatenate(nearest)
 
 
 @lru_cache(maxsize=4)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import InputError, OutputError, UsageError
@@ -67,6 +66,8 @@ def read_exr(path: Path) -> ExrImage:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected an OpenEXR file")
+    import OpenEXR  # here: it takes long to load, and few runs need it
+
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             header: dict[str, Any] = dict(file.header())  # emptied on closing
@@ -174,6 +175,8 @@ def write_layers(
     Raises:
         OutputError: it cannot be written.
     """
+    import OpenEXR
+
     height, width = next(iter(channels.values())).shape
     box = box or Box(0, 0, width, height)
     columns, rows = size or (box.x1, box.y1)

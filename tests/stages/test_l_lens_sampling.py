@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 from support.cards import BLUR, FRAME, HEIGHT, NEAR_OVER_FAR, WIDTH, camera, card
 from support.glb_builder import GlbBuilder
 from support.lens_truth import psnr_over_plate
@@ -19,7 +20,7 @@ from nlens_video.kernels.scatter.shape import contains
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_aperture_samples import bare_points, lens_points
+from nlens_video.stages.l_aperture_samples import _nearest, bare_points, lens_points
 from nlens_video.stages.l_lens_sampling import (
     BlurCell,
     LensSetup,
@@ -146,6 +147,13 @@ def test_aperture_samples_are_deterministic():
     first = lens_points(16)
     lens_points.cache_clear()
     assert np.array_equal(first.places, lens_points(16).places)
+
+
+@pytest.mark.parametrize("count", [1, 7, 200])
+def test_cells_are_of_the_points_nearest_to_their_centre(count):
+    rng = np.random.default_rng(count)
+    centres, places = rng.normal(size=(count, 2)), rng.normal(size=(3000, 2))
+    assert np.array_equal(_nearest(centres, places), cKDTree(centres).query(places)[1])
 
 
 def test_number_of_aperture_samples_follows_the_requested_accuracy():

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.layers import Box, Float32
+from nlens_video.core.layers import Box, Float32, Float64, Int64
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Int32
@@ -21,6 +21,7 @@ from nlens_video.scene.screen_projection import extent
 # tell 1e-4 of the far depth any more.
 _NEAR_SHARE = 1e-3
 _ALL = 2.0  # window depth beyond everything
+_SAME_PLACE = 1e-8  # vertices as close as this are one [size of the mesh]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -149,20 +150,33 @@ def _outward(mesh: PosedMesh) -> Int32:
 
 
 def _closes(positions: Float32, faces: Int32) -> bool:
-    # trimesh merges vertices closer than a fixed distance, so positions are scaled to unit size,
-    # by a power of two, which is exact
+    """Whether triangles bound a volume: two on each edge, in opposite directions, outwards."""
     size = float(np.abs(positions).max(initial=0.0))
     if not 0.0 < size < np.inf:
         return False
-    import trimesh  # slow to load, and needed for depth peeling only
-
+    # positions in units of the size, by a power of two, which is exact
     places = np.ldexp(positions.astype(np.float64), -math.frexp(size)[1])
-    merged = trimesh.Trimesh(places, faces, process=True)
-    corners = np.asarray(merged.faces)
+    corners = _merged(places)[faces]
     # exporters put degenerate triangles (two equal corners) at the poles of a sphere
     flat = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
-    merged.update_faces(~flat)
-    return bool(merged.is_volume)
+    start, end = corners[~flat].ravel(), np.roll(corners[~flat], -1, axis=1).ravel()
+    there, back = (
+        np.sort(one * len(places) + other) for one, other in ((start, end), (end, start))
+    )
+    if not np.array_equal(there, back) or (there[1:] == there[:-1]).any():
+        return False
+    first, second, third = np.moveaxis(places[faces[~flat]], 1, 0)
+    return float(np.einsum("ij,ij->", first, np.cross(second, third))) > 0.0
+
+
+def _merged(places: Float64) -> Int64:
+    """Number (V,) of each vertex (V, 3), the same for those at one place."""
+    steps = np.round(places / _SAME_PLACE).astype(np.int64)
+    order = np.lexsort(steps.T)
+    new = (np.diff(steps[order], axis=0) != 0).any(axis=1)
+    number = np.empty(len(places), np.int64)
+    number[order] = np.concatenate([[0], np.cumsum(new)])
+    return number
 
 
 class DrawerLostError(Exception):
