@@ -32,6 +32,7 @@ command -v ffmpeg >/dev/null && command -v ffprobe >/dev/null || missing="$$miss
 command -v gst-launch-1.0 >/dev/null || missing="$$missing gstreamer1.0-tools"; \
 gst-inspect-1.0 --exists videotestsrc 2>/dev/null || missing="$$missing gstreamer1.0-plugins-base"; \
 gst-inspect-1.0 --exists y4menc 2>/dev/null || missing="$$missing gstreamer1.0-plugins-good"; \
+command -v gst-launch-1.0 >/dev/null && [ -e /usr/lib/*/gstreamer-1.0/libgstpython.so ] || missing="$$missing gstreamer1.0-python3-plugin-loader python3-gst-1.0 gir1.2-gst-plugins-base-1.0"; \
 $(INSTALL_MISSING)
 endef
 

@@ -86,6 +86,13 @@ def _why_no_vapoursynth() -> str:
 
 
 @functools.cache
+def _why_no_gstreamer_python() -> str:
+    from nlens_video.adapters.gstreamer_install import install_problem
+
+    return install_problem()
+
+
+@functools.cache
 def _why_no_root() -> str:
     return "not root, who alone can run a program as another user" if os.geteuid() else ""
 
@@ -95,6 +102,7 @@ _NEEDS = {
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
     "needs_blender": ("REQUIRE_BLENDER", _why_no_blender),
     "needs_vapoursynth": ("REQUIRE_VAPOURSYNTH", _why_no_vapoursynth),
+    "needs_gstreamer_python": ("REQUIRE_GSTREAMER_PYTHON", _why_no_gstreamer_python),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
     "needs_root": ("REQUIRE_ROOT", _why_no_root),

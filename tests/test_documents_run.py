@@ -16,11 +16,21 @@ from support.glb_builder import GlbBuilder
 
 from nlens_video.cli.main import main
 
-OTHER_PROGRAMS = ("make ", "pip install ", "pipx install ", "cp samples/", "python docs/")
+OTHER_PROGRAMS = (
+    "make ",
+    "sudo apt-get install ",
+    "pip install ",
+    "pipx install ",
+    "cp samples/",
+    "python docs/",
+)
 IN_A_SHELL = "tests/end_to_end/test_documents_in_a_shell.py"
 ELSEWHERE = {
     " | ": IN_A_SHELL,
     "/dev/video": IN_A_SHELL,
+    "! nlens glb=": "tests/adapters/test_gstreamer.py",
+    "gst-inspect-1.0 nlens": "tests/adapters/test_gstreamer.py",
+    "python -m nlens_video.adapters.gstreamer_install": "tests/adapters/test_gstreamer.py",
     "nlens-video farm": "tests/farm",
     "nlens-video merge": IN_A_SHELL,
     "nlens-video study make --demo": "tests/evaluate; it renders for a minute",

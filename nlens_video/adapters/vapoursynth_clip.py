@@ -39,7 +39,7 @@ def composite(
     0, the lens on the first frame that shows the object; these are composited here, before the
     clip is returned. Two options remember the frames before, and are for frames in order:
     `track_focus="auto"`, which is off by default here, and drifting exposure on a plate that pans
-    or cuts (`effects="auto,-exposure-drift"` leaves it out).
+    or cuts (`effects="auto,-exposure"` leaves it out).
 
     The frame properties `_Matrix`, `_Transfer`, `_Primaries`, `_Range` (or `_ColorRange`),
     `_ChromaLocation` and `_SARNum`/`_SARDen` are honoured, and kept as all others are. The time of

@@ -21,6 +21,7 @@ from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.session import Session, open_session
 from nlens_video.video.info import SourceFrame
+from nlens_video.video.pixels.memory_picture import MemoryPicture
 
 if TYPE_CHECKING:
     import av
@@ -107,7 +108,8 @@ class FrameLoop:
         frame = SourceFrame(index=index, time_s=time_s, picture=picture)
         state = session.executor.begin_frame(frame)
         session.executor.run(state, session.graph.nodes)
-        self.last = picture
+        # another program's memory may be gone by the time that the last picture is shown
+        self.last = None if isinstance(picture, MemoryPicture) else picture
         self.profiler.close_frame(index, index, warm_up=state.carried_fit)
         self._count += 1
 

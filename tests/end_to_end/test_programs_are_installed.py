@@ -10,7 +10,8 @@ import pytest
 from support.folders import ROOT
 
 PACKAGES = (
-    "ffmpeg gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-good"  # Debian's
+    "ffmpeg gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-good "
+    "gstreamer1.0-python3-plugin-loader python3-gst-1.0 gir1.2-gst-plugins-base-1.0"  # Debian's
 )
 SHELL = ("make", "sh", "id", "true")
 

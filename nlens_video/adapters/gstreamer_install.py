@@ -1,0 +1,102 @@
+"""Shows GStreamer the element `nlens`: `python -m nlens_video.adapters.gstreamer_install`.
+
+GStreamer's loader of Python plug-ins runs the system's Python with the packages of the environment
+that comes first on the PATH. The file that is written here, into the user's folder of plug-ins,
+adds this environment's. The loader itself needs PyGObject, which has no wheel: where this
+environment does not see the system's, it gets a link to it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+
+from nlens_video.core.errors import NlensError, UsageError
+
+PACKAGES = "gstreamer1.0-tools gstreamer1.0-python3-plugin-loader python3-gst-1.0"
+"""Debian's, for GStreamer, its loader and its Python bindings."""
+_BINDINGS = Path("/usr/lib/python3/dist-packages/gi")
+_PLUGIN = """\
+\"\"\"Written by nlens_video.adapters.gstreamer_install: this environment's element.\"\"\"
+
+import sys
+
+sys.path += [path for path in {paths!r} if path not in sys.path]
+from nlens_video.adapters.gstreamer_element import ELEMENT
+
+__gstelementfactory__ = ELEMENT
+"""
+
+
+def install() -> tuple[Path, ...]:
+    """Write the plug-in's file, and link PyGObject where it is not seen.
+
+    Returns:
+        What was written.
+
+    Raises:
+        UsageError: GStreamer's loader is missing, or runs another Python.
+    """
+    why = install_problem()
+    if why:
+        raise UsageError(why)
+    written = []
+    if importlib.util.find_spec("gi") is None:
+        link = Path(sysconfig.get_path("platlib"), "gi")
+        link.symlink_to(_BINDINGS)
+        written.append(link)
+    plugin = Path.home() / ".gstreamer-1.0" / "plugins" / "python" / "nlens.py"
+    plugin.parent.mkdir(parents=True, exist_ok=True)
+    source = str(Path(__file__).resolve().parents[2])
+    paths = [source, sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
+    plugin.write_text(_PLUGIN.format(paths=list(dict.fromkeys(paths))), encoding="utf-8")
+    return (*written, plugin)
+
+
+def install_problem() -> str:
+    """Why this environment's element cannot be shown to GStreamer, in a line; empty if it can."""
+    inspect = shutil.which("gst-inspect-1.0")
+    if inspect is None:
+        return f"no gst-inspect-1.0; apt-get install {PACKAGES}"
+    with tempfile.TemporaryDirectory() as folder:  # the user's registry may know of a failure
+        alone = {**os.environ, "PATH": os.defpath, "GST_REGISTRY": str(Path(folder, "registry"))}
+        run = subprocess.run(
+            [inspect, "python"], capture_output=True, text=True, check=False, env=alone
+        )
+    file = re.search(r"^ *Filename +(\S+)", run.stdout, re.M)
+    linked = None
+    if file is not None:
+        linked = re.search(rb"libpython(3\.\d+)", Path(file[1]).read_bytes())
+    if linked is None:
+        return f"GStreamer has no loader of Python plug-ins; apt-get install {PACKAGES}"
+    here, there = f"{sys.version_info.major}.{sys.version_info.minor}", linked[1].decode()
+    if there != here:
+        return (
+            f"GStreamer's loader runs Python {there}, this environment is of {here}, whose "
+            f"packages it cannot load; make one with python{there}"
+        )
+    if importlib.util.find_spec("gi") is None and not _BINDINGS.is_dir():
+        return f"no {_BINDINGS}; apt-get install {PACKAGES}"
+    return ""
+
+
+def main() -> int:
+    """Install, and say what was written; the exit code."""
+    try:
+        for path in install():
+            sys.stdout.write(f"{path}\n")
+    except NlensError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,243 @@
+"""GStreamer's element in real pipelines: gst-inspect-1.0, gst-launch-1.0, and GStreamer's API."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.conformance import (
+    CASES,
+    FRAMES,
+    OPTIONS,
+    RATE,
+    Composited,
+    assert_conforms,
+    assert_same_errors,
+    decoded,
+    planes_of,
+)
+from support.folders import ROOT
+from support.programs import made
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.needs_gl,
+    pytest.mark.needs_programs("gst-launch-1.0"),
+    pytest.mark.needs_gstreamer_python,
+]
+FORMS = {
+    "yuv420p": ("I420", "bt709"),
+    "yuv444p": ("Y444", "1:3:7:1"),
+    "yuv422p10le": ("I422_10LE", "bt2100-pq"),
+    "gbrp10le": ("GBR_10LE", "sRGB"),
+    "bgr0": ("BGRx", "sRGB"),
+}
+"""GStreamer's format and colorimetry (range, matrix, transfer, primaries) of the plates."""
+PLAYER = ROOT / "tests" / "support" / "gstreamer_player.py"
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory):
+    """A user's environment and home, in which the element is installed as the page says."""
+    folder = tmp_path_factory.mktemp("gstreamer")
+    home, venv = folder / "home", folder / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", venv], check=True)
+    packages = venv / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
+    (packages / "ours.pth").write_text(f"{sysconfig.get_path('purelib')}\n{ROOT}\n")
+    home.mkdir()
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment = {
+        **inherited, "HOME": str(home), "GST_REGISTRY": str(folder / "registry"),
+        "PATH": f"{venv / 'bin'}:{os.defpath}", "VIRTUAL_ENV": str(venv),
+    }  # fmt: skip
+    run = subprocess.run(
+        ["python", "-m", "nlens_video.adapters.gstreamer_install"], env=environment, cwd=folder,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    link, plugin = map(Path, run.stdout.split())
+    assert link == packages / "gi" and plugin.is_relative_to(home)
+    return environment
+
+
+@pytest.fixture
+def launch(environment):
+    """Runs a line of gst-launch-1.0 in a folder."""
+
+    def run(line, folder):
+        return subprocess.run(
+            ["bash", "-c", line], env=environment, cwd=folder, capture_output=True, text=True,
+            check=False, timeout=120,
+        )  # fmt: skip
+
+    return run
+
+
+@pytest.fixture
+def play(environment, plates):
+    """Plays what `gstreamer_player.py` calls so."""
+    plate = plates("bt709")
+
+    def run(what, **options):
+        words = {"glb": plate.glb, "fit": plate.fit, **OPTIONS, **options}
+        run = subprocess.run(
+            ["python", PLAYER, what, *_properties(words)], env=environment, capture_output=True,
+            text=True, check=False, timeout=120,
+        )  # fmt: skip
+        assert run.returncode == 0, run.stderr
+        return json.loads(run.stdout)
+
+    return run
+
+
+def _properties(options):
+    return [f"{name.replace('_', '-')}={value}" for name, value in options.items()]
+
+
+@pytest.fixture
+def adapter(launch):
+    def composite(plate, options):
+        frames = plate.frames()
+        form, colour = FORMS[plate.pixel_format]
+        raw = b"".join(rows.tobytes() for frame in frames for rows in planes_of(frame))
+        (plate.folder / "in.raw").write_bytes(raw)
+        words = " ".join(_properties({"glb": plate.glb, **options}))
+        caps = (
+            f"video/x-raw,format={form},width=480,height=270,framerate={RATE}/1,"
+            f"colorimetry={colour}"
+        )
+        run = launch(
+            f"gst-launch-1.0 -v filesrc location=in.raw blocksize={len(raw) // len(frames)} "
+            f"! '{caps}' ! queue ! rawvideoparse use-sink-caps=true ! nlens {words} "
+            "! identity name=seen silent=false ! filesink location=out.raw",
+            plate.folder,
+        )
+        if run.returncode:
+            raise RuntimeError(run.stderr + run.stdout)
+        caps_out = re.findall(r"GstFileSink.*caps = (video/.*)", run.stdout)
+        assert caps_out and f"format=(string){form}," in caps_out[0]
+        assert f"colorimetry=(string){colour}" in caps_out[0]
+        times = re.findall(
+            r"chain .*?pts: 0:00:0(\d\.\d+), duration: 0:00:00\.040000000", run.stdout
+        )
+        return Composited(_planes(plate, frames), [Fraction(time) for time in times])
+
+    return composite
+
+
+def _planes(plate, frames):
+    """Planes of the file that the pipeline wrote."""
+    samples = np.fromfile(plate.folder / "out.raw", np.uint8)
+    found, at = [], 0
+    for frame in frames:
+        found.append([])
+        for rows in planes_of(frame):
+            found[-1].append(samples[at : at + rows.nbytes].view(rows.dtype).reshape(rows.shape))
+            at += rows.nbytes
+    assert at == samples.size
+    return found
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_frames_times_and_colorimetry_are_those_of_the_command_line(
+    case, adapter, plates, expected
+):
+    assert_conforms(adapter, plates(case), expected(case))
+
+
+def test_errors_are_those_of_the_command_line(adapter, plates):
+    assert_same_errors(adapter, plates("bt709"), RuntimeError, host_checks_names=True)
+
+
+DOCUMENTED = re.findall(
+    r"^gst-launch-1\.0 .*", (ROOT / "docs" / "gstreamer.md").read_text().split("Not tried")[0], re.M
+)
+STAND_INS = {
+    "v4l2src": "videotestsrc num-buffers=8 ! video/x-raw,width=480,height=270",
+    "autovideosink": "fakesink",
+}
+
+
+@pytest.mark.needs_programs("ffmpeg")
+@pytest.mark.parametrize("line", DOCUMENTED)
+def test_documented_line_runs_as_written(line, launch, plates):
+    folder = plates("bt709").folder
+    made(*f"-i {folder}/in.mkv -c:v libvpx -b:v 1M".split(), folder / "in.webm")
+    for shown, stand_in in STAND_INS.items():
+        line = line.replace(shown, stand_in)
+    run = launch(line, folder)
+    assert run.returncode == 0 and "Got EOS" in run.stdout, run.stderr
+    if "out.webm" in line:
+        assert len(decoded(folder / "out.webm")) == FRAMES
+
+
+def test_missing_object_is_named(launch, tmp_path):
+    run = launch("gst-launch-1.0 videotestsrc num-buffers=2 ! nlens ! fakesink", tmp_path)
+    assert run.returncode != 0 and "no object was named; give glb=anim.glb" in run.stderr
+
+
+def test_element_is_found_with_an_option_for_each_of_the_compositors(launch, tmp_path):
+    run = launch("gst-inspect-1.0 nlens", tmp_path)
+    assert run.returncode == 0, run.stderr
+    properties = set(re.findall(r"^  ([a-z-]+) +: ", run.stdout, re.M))
+    assert {"glb", "preset", "fit", "at", "shadow-strength", "track-focus", "qos"} <= properties
+
+
+def test_end_of_stream_comes_after_all_frames_with_plan_fit_and_timings(play):
+    told = play("straight")
+    assert [frame["pts"] for frame in told["frames"]] == [n * 40_000_000 for n in range(12)]
+    assert {frame["duration"] for frame in told["frames"]} == {40_000_000}
+    messages = dict(told["messages"])
+    assert "eos" in messages and messages["nlens-timings"]["frames"] == 12
+    assert messages["nlens-fit"]["slope"] == 24.0
+    assert any("scatter" in line for line in messages["nlens-plan"])
+
+
+def test_after_a_seek_the_animation_and_the_samples_are_those_of_that_time(play):
+    straight = {one["pts"]: one["samples"] for one in play("straight")["frames"]}
+    sought = play("seek")
+    assert [frame["pts"] for frame in sought["later"]] == [320_000_000, 360_000_000, 400_000_000]
+    for frame in (*sought["first"], *sought["later"], *sought["again"]):
+        assert frame["samples"] == straight[frame["pts"]]
+
+
+def test_another_size_is_negotiated_while_the_stream_runs(play):
+    told = play("renegotiation")
+    widths = [frame["width"] for frame in told["frames"]]
+    assert len(widths) == 40 and set(widths) == {480, 320}
+    assert [name for name, _ in told["messages"]].count("nlens-fit") == 2
+    assert not [said for name, said in told["messages"] if name == "error"]
+
+
+def test_latency_is_that_of_the_source_and_of_a_frame_here(play):
+    told = play("latency")
+    for here, before in told["told"]:
+        assert before >= 40.0  # a frame of the camera
+        own = here - before
+        timings = [said for name, said in told["messages"] if name == "nlens-timings"]
+        assert any(own == pytest.approx(one["p95_ms"], abs=0.01) for one in timings)
+    assert "latency" in dict(told["messages"])
+
+
+def test_frames_that_come_too_late_are_left_out_and_said(play):
+    told = play("late")
+    assert len(told["frames"]) < 40
+    assert "lens" in [said for name, said in told["messages"] if name == "qos"]
+
+
+def test_frames_of_a_hosts_memory_are_not_kept(plates):
+    from nlens_video.adapters import contract
+
+    plate = plates("bt709")
+    frame = plate.frames()[0]
+    with contract.open(plate.glb, preset="draft", fit=plate.fit) as lens:
+        contract.process(lens, contract.Frame(
+            pixel_format="yuv420p", width=480, height=270, planes=tuple(planes_of(frame))
+        ))  # fmt: skip
+        assert "no frame yet" in lens.show()._repr_html_()
