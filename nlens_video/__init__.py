@@ -5,11 +5,12 @@ from nlens_video.core.version import VERSION
 TYPE_CHECKING = False  # as of `typing`, which takes ten milliseconds to load
 if TYPE_CHECKING:
     from nlens_video.compositor.compositor import Compositor
+    from nlens_video.compositor.frame_queue import FrameQueue
     from nlens_video.compositor.video_capture import VideoCapture
     from nlens_video.core.lens_fit import LensFit
 
 __version__ = VERSION
-__all__ = ["Compositor", "LensFit", "VideoCapture", "__version__"]
+__all__ = ["Compositor", "FrameQueue", "LensFit", "VideoCapture", "__version__"]
 
 
 def __dir__() -> list[str]:
@@ -23,6 +24,10 @@ def __getattr__(name: str) -> object:
         from nlens_video.compositor.compositor import Compositor
 
         return Compositor
+    if name == "FrameQueue":
+        from nlens_video.compositor.frame_queue import FrameQueue
+
+        return FrameQueue
     if name == "VideoCapture":
         from nlens_video.compositor.video_capture import VideoCapture
 

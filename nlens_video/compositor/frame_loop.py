@@ -114,8 +114,9 @@ class FrameLoop:
         self._count += 1
 
     def close(self) -> None:
-        """Free OpenGL and networks."""
+        """Free OpenGL and networks, and let go of the caller's memory."""
         self._stack.close()
+        self.last = None
 
     def _open(self, picture: Picture, pixel_aspect: float) -> Session:
         size = (picture.width, picture.height)

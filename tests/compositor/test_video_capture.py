@@ -1,15 +1,24 @@
 """OpenCV's capture with an object in its frames, beside OpenCV's own on the same real files."""
 
 import threading
+from fractions import Fraction
 
 import cv2
 import numpy as np
 import pytest
 from support import shots
+from support.conformance import (
+    RATE,
+    Composited,
+    assert_conforms,
+    assert_same_errors,
+    by_command_line,
+    write_plate,
+)
 
 import nlens_video
 from nlens_video import Compositor, VideoCapture
-from nlens_video.core.errors import SceneError, UsageError
+from nlens_video.core.errors import NlensError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 
 pytestmark = pytest.mark.needs_gl
@@ -49,6 +58,28 @@ def test_frames_are_those_of_opencv_composited(capture, files):
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
     assert capture.read() == (False, None)
+
+
+@pytest.mark.slow
+def test_frames_and_errors_are_those_of_the_command_line(tmp_path):
+    plate = write_plate(tmp_path, "packed")
+
+    def composite(plate, options):
+        options = dict(options)
+        made, times = [], []
+        with VideoCapture(plate.path, options.pop("glb", plate.glb), **options) as capture:
+            while (read := capture.read())[0]:
+                blank = np.zeros((*read[1].shape[:2], 4), np.uint8)
+                blank[..., :3] = read[1]
+                made.append([blank.reshape(len(blank), -1)])
+                times.append(Fraction(len(times), RATE))
+        return Composited(made, times)
+
+    expected = by_command_line(plate)
+    for planes in expected.planes:  # the fourth byte of bgr0 is no sample
+        planes[0][:, 3::4] = 0
+    assert_conforms(composite, plate, expected)
+    assert_same_errors(composite, plate, (NlensError, TypeError), host_checks_names=True)
 
 
 def test_object_is_in_the_frames_and_moves(capture, files):

@@ -1,0 +1,124 @@
+"""Frames composited while the caller reads the next one and shows the one before."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import TimeoutError as NotYet
+from typing import Any, Literal, Self
+
+import numpy.typing as npt
+
+from nlens_video.compositor.compositor import Compositor
+from nlens_video.core.errors import UsageError
+
+
+class FrameQueue:
+    """A bounded queue into a compositor: `submit` frames, take each `result` in the same order.
+
+    One thread may submit while another takes results. Memory is bounded by `size` frames.
+
+    Args:
+        lens: composites the frames; closed by its owner.
+        size: frames that may be waiting or composited and not yet taken, 1 or more [1].
+        on_full: what `submit` does then: `wait` until a result is taken, or `drop` the oldest frame
+            that still waits, for cameras.
+
+    Raises:
+        UsageError: a size below 1, or another word.
+    """
+
+    def __init__(
+        self, lens: Compositor, size: int = 3, *, on_full: Literal["wait", "drop"] = "wait"
+    ) -> None:
+        if size < 1:
+            raise UsageError(f"{size=}: expected 1 or more frames")
+        if on_full not in ("wait", "drop"):
+            raise UsageError(f"{on_full=}: expected one of wait, drop")
+        self._lens, self._size, self._drops = lens, size, on_full == "drop"
+        self._pending: deque[Future[npt.NDArray[Any]]] = deque()
+        self._changed = threading.Condition()
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-queue")
+        self._closed = False
+        self.dropped = 0
+        """Frames that were left out so far [1]."""
+
+    def submit(
+        self, frame: npt.NDArray[Any], time: float | None = None,
+        out: npt.NDArray[Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Hand over a frame; returns before it is composited.
+
+        Args:
+            frame: as `Compositor.process` takes it; not to be changed until its result is taken.
+            time: of the frame in the animation [s].
+            out: array that takes the result, perhaps the frame itself.
+
+        Raises:
+            UsageError: the queue is closed.
+        """
+        with self._changed:
+            if self._drops and len(self._pending) >= self._size:
+                self._drop_oldest()
+            self._changed.wait_for(lambda: self._closed or len(self._pending) < self._size)
+            if self._closed:
+                raise UsageError("the queue is closed; make a new one")
+            self._pending.append(self._worker.submit(self._lens.process, frame, time, out))
+            self._changed.notify_all()
+
+    def _drop_oldest(self) -> None:
+        """Leave out the oldest frame that is not begun yet, if there is one."""
+        for waiting in self._pending:
+            if waiting.cancel():
+                self._pending.remove(waiting)
+                self.dropped += 1
+                return
+
+    def result(self, timeout_s: float | None = None) -> npt.NDArray[Any] | None:
+        """The oldest frame that was submitted and not taken yet, composited.
+
+        Args:
+            timeout_s: how long to wait for it; None: as long as it takes [s].
+
+        Returns:
+            None where the time ran out, or nothing was submitted and the queue is closed.
+
+        Raises:
+            NlensError: as `Compositor.process` on that frame, which is then taken.
+        """
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._closed or self._pending, timeout_s):
+                return None
+            if not self._pending:
+                return None
+            oldest = self._pending[0]
+        try:
+            made = oldest.result(timeout_s)
+        except NotYet:
+            return None
+        finally:
+            if oldest.done():
+                self._take(oldest)
+        return made
+
+    def _take(self, oldest: Future[npt.NDArray[Any]]) -> None:
+        with self._changed:
+            self._pending.remove(oldest)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Take no more frames; results of those that were submitted can still be taken."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._worker.shutdown(wait=True)
+
+    def __len__(self) -> int:
+        return len(self._pending)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
