@@ -82,6 +82,15 @@ def test_grain_of_a_single_picture_is_measured_in_smooth_areas():
     assert found.value == pytest.approx(4.0, rel=0.15)
 
 
+def test_texture_below_a_saturated_sky_does_not_measure_as_grain():
+    # the sky is smooth, but without any red: its blocks tell nothing of that channel's noise
+    codes = np.full((HEIGHT, WIDTH, 3), (0.0, 90.0, 116.0))
+    contrast = np.linspace(12.0, 40.0, WIDTH)[:, None]
+    codes[240:] = 110.0 + contrast * np.random.default_rng(4).normal(size=(HEIGHT - 240, WIDTH, 3))
+    picture = ArrayPicture(np.round(codes.clip(0.0, 255.0)).astype(np.uint8), "rgb")
+    assert not measure([picture]).called_for
+
+
 def test_camera_motion_does_not_measure_as_grain():
     views = [np.roll(scene(3), 4 * at, axis=1) for at in range(4)]
     shot = [pictures(view, 1)[0] for view in views]

@@ -99,11 +99,15 @@ def _in_space(code: Float32) -> tuple[Float32, Float32, Bool, float]:
     for slope in (ramp[:, None, None], ramp[None, :, None], (ramp[:, None] * ramp)[..., None]):
         rest = rest - slope * (rest * slope).mean(axis=(2, 3), keepdims=True)
     variance = np.square(rest).mean(axis=(2, 3))
-    free = ((level > _CLIPPED) & (level < 1.0 - _CLIPPED)).all(axis=(2, 3, 4))
+    unclipped = (level > _CLIPPED) & (level < 1.0 - _CLIPPED)
+    free, partly = unclipped.all(axis=(2, 3, 4)), unclipped.any(axis=(2, 3, 4))
     used = np.zeros(free.shape, np.bool_)
     if free.any():
         total = variance.sum(axis=2)
-        low, high = np.quantile(total[free], [0.25 * _SMOOTHEST, _SMOOTHEST])
+        # where a channel is clipped nearly everywhere, as in a saturated sky, the few other blocks
+        # are not the picture's smoothest
+        share = min(1.0, _SMOOTHEST * partly.sum() / free.sum())
+        low, high = np.quantile(total[free], [0.25 * share, share])
         if high < _AGREEMENT * low:
             used = free & (total <= _ceiling(total[free], high))
             if _smoothness(rest[used]) > _TEXTURE:
