@@ -33,6 +33,7 @@ ELSEWHERE = {
     "python -m nlens_video.adapters.gstreamer_install": "tests/adapters/test_gstreamer.py",
     "nlens-video farm": "tests/farm",
     "nlens-video merge": IN_A_SHELL,
+    "nlens-video studio": "tests/studio; it serves until it is interrupted",
     "nlens-video study make --demo": "tests/evaluate; it renders for a minute",
     "nlens-video study make PICTURES": IN_A_SHELL,
     "nlens-video study analyse": IN_A_SHELL,

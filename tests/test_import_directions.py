@@ -31,6 +31,7 @@ vapoursynth
 check
 evaluate  evaluate/camera  evaluate/coc  evaluate/bench  evaluate/composite  evaluate/study
 farm
+studio
 cli
 .
 """.split()

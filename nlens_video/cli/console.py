@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING
 
 from rich.console import Console as RichConsole
@@ -37,16 +38,19 @@ class Console:
         as_json: results as JSON on standard output.
         progress: whether a progress bar may be shown.
         stdout_taken: whether the video goes to standard output.
+        progress_lines: whether progress is told as lines of JSON in place of a bar.
     """
 
     def __init__(
-        self, *, quiet: bool, verbose: bool, as_json: bool, progress: bool, stdout_taken: bool
-    ) -> None:
+        self, *, quiet: bool, verbose: bool, as_json: bool, progress: bool, stdout_taken: bool,
+        progress_lines: bool = False,
+    ) -> None:  # fmt: skip
         self._quiet = quiet
         self._verbose = verbose
         self._json = as_json
         self._console = RichConsole(file=standard_error(), highlight=False)
         self._progress = progress and not quiet and self._console.is_terminal
+        self._lines = progress_lines
         self._results = sys.stderr if stdout_taken else sys.stdout
 
     @contextmanager
@@ -56,6 +60,9 @@ class Console:
         Args:
             what: label of the bar from the first frame on.
         """
+        if self._lines:
+            yield partial(_progress_line, what)
+            return
         if not self._progress:
             yield lambda done, total: None
             return
@@ -246,3 +253,8 @@ class Console:
 
     def _emit(self, value: object) -> None:
         print_out(json.dumps(value, indent=2) + "\n", self._results)
+
+
+def _progress_line(what: str, done: int, total: int | None) -> None:
+    line = json.dumps({"progress": what, "frames": done, "of": total})
+    standard_error().write(f"{line}\n")

@@ -5,11 +5,12 @@ from __future__ import annotations
 import faulthandler
 import os
 import sys
-from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterable
+from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nlens_video.cli.completion import complete, print_completion
 from nlens_video.cli.doctor import require_memory
 from nlens_video.cli.library_defaults import set_library_defaults
 from nlens_video.cli.output_files import check_outputs, drop_protocol
@@ -24,9 +25,8 @@ from nlens_video.core.stdio import (
     redirect_to_devnull,
     standard_error,
 )
-from nlens_video.options import shot_file, to_settings
-from nlens_video.options.commands import COMMANDS
-from nlens_video.options.parser import parse, parser_of
+from nlens_video.options import shot_writer, to_settings
+from nlens_video.options.parser import parse
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Console
@@ -40,7 +40,7 @@ _COMPLETING = "_ARGCOMPLETE"  # environment variable: the shell asks for complet
 def main(argv: list[str] | None = None) -> int:
     """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
     if _COMPLETING in os.environ:
-        _complete()
+        complete()
     prepare_streams()
     argv = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
@@ -115,7 +115,7 @@ def _run(argv: list[str]) -> int:
         require_memory()
     check_outputs(args, overwrite=getattr(args, "overwrite", False))
     if getattr(args, "save_shot", None) is not None:
-        shot_file.save(args.save_shot, args.given)
+        shot_writer.save(args.save_shot, args.given)
     if args.command in _SIDE_COMMANDS:
         return _SIDE_COMMANDS[args.command](args)
     from nlens_video.cli.console import Console
@@ -126,6 +126,7 @@ def _run(argv: list[str]) -> int:
         as_json=args.json,
         progress=not getattr(args, "no_progress", True),
         stdout_taken=getattr(args, "output", None) == "-",
+        progress_lines=getattr(args, "progress_lines", False),
     )
     with redirect_library_stdout():
         return _dispatch(args, console)
@@ -245,11 +246,10 @@ def _study(args: Namespace) -> int:
     return 0
 
 
-def _completion(args: Namespace) -> int:
-    from argcomplete.shell_integration import shellcode
+def _studio(args: Namespace) -> int:
+    from nlens_video.cli.studio_command import run_studio
 
-    print_out(shellcode(["nlens-video"], shell=args.shell))
-    return 0
+    return run_studio(args)
 
 
 def _graph(args: Namespace) -> int:
@@ -270,31 +270,6 @@ _SIDE_COMMANDS: dict[str, Callable[[Namespace], int]] = {
     "bench": _bench,
     "study": _study,
     "graph": _graph,
-    "completion": _completion,
+    "completion": print_completion,
+    "studio": _studio,
 }
-
-
-def _complete() -> None:
-    """Print the completions of the word under the cursor for the shell, and end the process."""
-    import argcomplete
-    from argcomplete.completers import FilesCompleter
-
-    line = os.environ.get("COMP_LINE", "")
-    typed = line.split()
-    named = len(typed) > 2 or (len(typed) == 2 and line.endswith(" "))
-    command = typed[1] if named else ""
-    if command not in COMMANDS:
-        parser: ArgumentParser = parser_of("render")
-        first = next(action for action in parser._actions if not action.option_strings)
-        files = FilesCompleter()
-
-        def plate_or_command(**about: str) -> Iterable[str]:
-            return [*COMMANDS, *files(**about)]
-
-        # argcomplete looks for this attribute, which argparse's actions do not declare
-        first.completer = plate_or_command  # type: ignore[attr-defined]
-    else:
-        parser = ArgumentParser("nlens-video")
-        below = parser.add_subparsers()
-        below.add_parser(command, parents=[parser_of(command)], add_help=False)
-    argcomplete.autocomplete(parser)

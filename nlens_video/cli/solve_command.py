@@ -148,10 +148,25 @@ def solved_camera(settings: Settings, console: Console) -> Iterator[Settings]:
     with TemporaryDirectory(prefix="nlens-video-camera-") as folder:
         path = Path(folder) / "camera.json"
         with console.progress_bar("tracking") as on_progress:
-            fov = settings.scene.fov_deg or settings.lens.fov_x_deg
-            camera = _solved(settings.source, settings.scale, fov, 0, on_progress).camera
+            camera = camera_of_run(settings, on_progress)
         path.write_text(camera.to_json(), encoding="utf-8")
         yield replace(settings, scene=replace(settings.scene, camera_from=path))
+
+
+def camera_of_run(
+    settings: Settings, on_progress: Callable[[int, int | None], None]
+) -> SolvedCamera:
+    """Solve the camera of a run's plate.
+
+    Args:
+        settings: the run.
+        on_progress: called with the frames so far and in all.
+
+    Raises:
+        UsageError, InputError: as `solve_camera`.
+    """
+    fov = settings.scene.fov_deg or settings.lens.fov_x_deg
+    return _solved(settings.source, settings.scale, fov, 0, on_progress).camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,8 +44,9 @@ def open_dependencies(
     pipeline: PipelineFile,
     plate: PlatePreview,
     profiler: Profiler,
+    estimate_coc: CocEstimator | None = None,
 ) -> tuple[NodeContext, EffectPlan]:
-    """Decide on the effects and open what their nodes depend on.
+    """Decide on the effects and open what their nodes depend on; F where none is given.
 
     Raises:
         UsageError: effects or a given distortion make no sense.
@@ -53,7 +54,7 @@ def open_dependencies(
         InputError: layers, holdout or environment map cannot be read.
     """
     ground = shadow_scene(objects, scene)
-    estimate_coc = lazy_coc_estimator(view.pixel_aspect, device)
+    estimate_coc = estimate_coc or lazy_coc_estimator(view.pixel_aspect, device)
     asked_for = EffectRequest.parse(lens.effects).asks_for(OCCLUSION)
     simulated = any(spec.type.effect == OCCLUSION for spec in pipeline.nodes)
     possible = simulated and OCCLUSION in EffectRequest.parse(lens.effects).possible

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
@@ -18,6 +18,7 @@ from nlens_video.effects.measurement import (
     Measurement,
     measure_plate,
     overridden,
+    shutter_angle,
     solved_distortion,
 )
 from nlens_video.effects.planner import (
@@ -96,9 +97,11 @@ class LensRequest:
         return assumed_shutter(self.frame_s)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PlatePreview:
-    """A shot's first pictures, before a frame is composited.
+    """A shot's first pictures, before a frame is composited, and what was measured on them.
+
+    Sessions that share it measure the plate once.
 
     Attributes:
         pictures: reads them, perhaps only one; called where an effect is measured on them.
@@ -109,6 +112,22 @@ class PlatePreview:
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
     again: ReadAgain | None = None
+    _measured: dict[str, Measurement] = field(default_factory=dict)
+    _shutter: tuple[float | None] | None = None
+
+    def measured(self, effects: Set[str]) -> dict[str, Measurement]:
+        """Effects of the camera as these pictures show them, each measured once."""
+        missing = effects - self._measured.keys()
+        if missing:
+            self._measured.update(measure_plate(missing, self.pictures()))
+        found = effects & self._measured.keys()  # none where there is no picture
+        return {one: self._measured[one] for one in PLATE_EFFECTS if one in found}
+
+    def shutter_deg(self) -> float | None:
+        """The shutter's angle by their motion blur, None where that does not show [deg]."""
+        if self._shutter is None:
+            self._shutter = (shutter_angle(self.pictures()),)
+        return self._shutter[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,10 +181,9 @@ def plan_effects(
     )
     if unknown or reads_shutter:
         with profiler.timed(plate.first, "measure"):
-            pictures = plate.pictures()
-            measured.update(measure_plate(unknown, pictures))
+            measured.update(plate.measured(unknown))
             if reads_shutter:
-                shutter = _read_shutter(shutter, pictures)
+                shutter = _read_shutter(shutter, plate.shutter_deg())
     facts = _shot_facts(objects, scene, ground, occlusion(), shutter, measured)
     wanted = decide(lens.effects, facts)
     decisions = restrict_to_pipeline(wanted, simulated, pipeline.name, lens.effects)
@@ -209,11 +227,8 @@ def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[t
         yield _DISTORTION, "--distortion {:g},{:g}".format(*optics.distortion)
 
 
-def _read_shutter(assumed: Shutter, pictures: Sequence[Picture]) -> Shutter:
-    """The shutter as measured from the plate's motion blur, if that shows."""
-    from nlens_video.effects.measurement import shutter_angle
-
-    angle = shutter_angle(pictures)
+def _read_shutter(assumed: Shutter, angle: float | None) -> Shutter:
+    """The shutter as measured from the plate's motion blur [deg], if that shows."""
     if angle is None:
         return assumed
     return replace(assumed, angle_deg=angle, source="read off the plate's own smear")

@@ -14,7 +14,7 @@ from nlens_video.graph.adaptive_quality import (
     check_level,
     lower_levels,
 )
-from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.context import CocEstimator, NodeContext
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.view import View, choose_camera
@@ -108,6 +108,9 @@ def open_session(
     profiler: Profiler,
     plate: PlatePreview,
     pipeline: PipelineFile | None = None,
+    *,
+    scene: Scene | None = None,
+    estimate_coc: CocEstimator | None = None,
 ) -> Session:
     """Load the scene, choose the backends and build the graph.
 
@@ -118,6 +121,8 @@ def open_session(
         profiler: times the nodes.
         plate: the shot's first pictures, on which effects of its camera are measured.
         pipeline: what runs; default: that of the lens' preset.
+        scene: the object's file, where another session has loaded it.
+        estimate_coc: F, where another session has it; default: one of its own.
 
     Raises:
         UsageError: preset, effects, device or pipeline make no sense.
@@ -129,10 +134,11 @@ def open_session(
         check_level(lens.preset)
     device = choose(lens.device)
     pipeline = pipeline or load_pipeline(lens.preset)
-    scene = Scene.load(objects.glb, objects.playback, objects.scene)
+    if scene is None:
+        scene = Scene.load(objects.glb, objects.playback, objects.scene)
     view, placed_note = choose_camera(objects, scene, view)
     context, effects = open_dependencies(
-        objects, lens, view, device, scene, pipeline, plate, profiler
+        objects, lens, view, device, scene, pipeline, plate, profiler, estimate_coc
     )
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     known = lens.track or fit

@@ -1,8 +1,8 @@
 """The commands, and sets of them that share options."""
 
 COMMANDS = (
-    "render", "fit", "farm", "merge", "solve", "place", "check", "graph", "evaluate", "bench",
-    "study", "doctor", "completion",
+    "render", "fit", "farm", "merge", "solve", "place", "studio", "check", "graph", "evaluate",
+    "bench", "study", "doctor", "completion",
 )  # fmt: skip
 JOBS, MAKE, ANALYSE = "farm --jobs", "study make", "study analyse"
 """Forms of a command with options of their own."""

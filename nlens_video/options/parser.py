@@ -32,10 +32,10 @@ Put a rendered, animated object into real footage as if the same lens had filmed
   nlens-video merge OUT CHUNK... --plate IN   join what --chunk-out has rendered
   nlens-video solve IN CAMERA.json    the plate's camera, for --camera-from
   nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
+  nlens-video studio IN ANIM.glb      place it, light it, see it, in the browser
   nlens-video check OUT --plate IN    is a result steady, its plate untouched; 1 where it is not
   nlens-video graph PRESET            the frame graph as a diagram (Mermaid, Graphviz)
-  nlens-video evaluate camera|coc|composite|scene|sequences|occlusion FOLDER   by known truth
-  nlens-video bench [FOLDER]          what accuracy costs in time, preset by preset
+  nlens-video evaluate WHAT FOLDER    by known truth; bench [FOLDER]: what accuracy costs in time
   nlens-video study make|analyse      the paper's user study: its page, and its answers
   nlens-video doctor                  what works on this machine, and what to install
   nlens-video completion bash|zsh|fish    completion of the command line by the Tab key
@@ -49,6 +49,7 @@ _ABOUTS = {
     "merge": "Join the chunks of a run: times checked, encoded once, the rest as in IN.",
     "place": "Draw choices of --at, --size and --yaw, around those given, on the first frame: on "
     "the\nground of the plate's camera, or under --horizon.",
+    "studio": "Place and light an object on a plate in the browser, and keep that as a shot file.",
     "solve": "Solve the plate's camera: field of view, horizon and path, each measured, from "
     "metadata\nor assumed, with its standard error.",
     "check": "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, "

@@ -51,6 +51,13 @@ def count(text: str) -> int:
     return int(text)
 
 
+def port(text: str) -> int:
+    """A port of this machine, 0 for a free one."""
+    if not (text.isdecimal() and len(text) < 6 and int(text) < 1 << 16):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a port, 1 to 65535, or 0 for a free one")
+    return int(text)
+
+
 def word(text: str) -> str:
     """A name: not empty, no part of it longer than the name of a file may be."""
     if not text.strip():

@@ -58,6 +58,8 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--report", (*SHOT, "solve"), "DIR", read.path, "a self-contained HTML report",
                feeds="run.report", often=True, files=files.REPORT),
         Option("--no-progress", BAR, help="no progress bar"),
+        Option("--progress-lines", ["render"],
+               help="progress as lines of JSON on standard error, for programs"),
     ),
     "effects of the camera": (
         Option("--effects", RUN, "E", default="auto", feeds="run.effects", parameter=True,

@@ -7,17 +7,16 @@ the same. Its paths are relative to its own folder.
 
 from __future__ import annotations
 
-import argparse
-import os
 import tomllib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from nlens_video.core.errors import UsageError
 from nlens_video.options.option import Option
 from nlens_video.options.table import ROWS
-from nlens_video.video.atomic_files import replacing
 from nlens_video.video.named_files import local_path
 
 VERSION = 1
@@ -44,25 +43,28 @@ TABLES: dict[str, tuple[str, ...]] = {
 """Attributes of the options that a shot file holds, by table."""
 _TABLE_OF = {attribute: table for table, held in TABLES.items() for attribute in held}
 _POSITIONALS = ("input", "glb", "output")
-_Given = dict[str, tuple[Option, str]]
+Tables = dict[str, Any]
+"""Content of a shot file: by table, then by key."""
+Given = dict[str, tuple[Option, str]]
 """By attribute: the row, and the word that follows it; empty where none does."""
 
 
-def _keys(row: Option) -> list[str]:
+def keys_of(row: Option) -> list[str]:
     """The keys that a row has in a shot file, today's first."""
     if not row.flags:
         return ["file"]
     return [flag.removeprefix("--") for flag in row.flags if flag.startswith("--")]
 
 
-def _rows(table: str, command: str = "render") -> dict[str, Option]:
+@cache
+def rows_of(table: str, command: str = "render") -> dict[str, Option]:
     """The rows of a table's keys."""
     return {
         key: row
         for attribute in TABLES[table]
         for row in ROWS
         if row.attribute == attribute and command in row.commands
-        for key in _keys(row)
+        for key in keys_of(row)
     }
 
 
@@ -82,7 +84,24 @@ def words_of(path: Path, words: Sequence[str], command: str) -> list[str]:
     Raises:
         UsageError: the file cannot be read, or is no shot file.
     """
-    given = _read(path)
+    return words_by(read_tables(path), path, words, command)
+
+
+def words_by(
+    tables: Tables, path: Path, words: Sequence[str] = (), command: str = "render"
+) -> list[str]:
+    """As `words_of`, of tables that are, or will be, in a shot file.
+
+    Args:
+        tables: its content, without the version.
+        path: the shot file, from whose folder files are named.
+        words: as of `words_of`.
+        command: as of `words_of`.
+
+    Raises:
+        UsageError: they are not those of a shot file.
+    """
+    given = given_by(tables, path)
     named = _POSITIONALS[:2] if command == "fit" else _POSITIONALS
     for attribute in named:
         if attribute not in given:
@@ -107,7 +126,12 @@ def _attributes(word: str) -> set[str]:
     return {row.attribute for row in ROWS if any(flag.startswith(name) for flag in row.flags)}
 
 
-def _read(path: Path) -> _Given:
+def read_tables(path: Path) -> Tables:
+    """The content of a shot file, without its version.
+
+    Raises:
+        UsageError: the file cannot be read, or is of another version.
+    """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -117,7 +141,34 @@ def _read(path: Path) -> _Given:
     if version is None or isinstance(version, bool) or version != VERSION:
         said = "says no version" if version is None else f"has version {version}"
         raise UsageError(f"{path}: {said}; a shot file begins with version = {VERSION}")
-    given: _Given = {}
+    return tables
+
+
+def files_by(tables: Tables, path: Path) -> dict[str, Path]:
+    """The files and folders that tables name, by the option's attribute; arguments as `words_by`.
+
+    Raises:
+        UsageError: they are not those of a shot file.
+    """
+    places = {
+        attribute: (row, place_of(row, word))
+        for attribute, (row, word) in given_by(tables, path).items()
+    }
+    return {
+        attribute: place
+        for attribute, (row, place) in places.items()
+        if place is not None and (place.suffix or row.type is None or place.exists()
+                                  or row.files[0].role == "writes")
+    }  # fmt: skip
+
+
+def given_by(tables: Tables, path: Path) -> Given:
+    """The row and the word of each key, by the option's attribute; arguments as `words_by`.
+
+    Raises:
+        UsageError: they are not those of a shot file.
+    """
+    given: Given = {}
     for table, entries in tables.items():
         if table not in TABLES:
             raise UsageError(f"{path}: there is no table [{table}]; {_meant(table, TABLES)}")
@@ -125,14 +176,14 @@ def _read(path: Path) -> _Given:
             raise UsageError(f"{path}: {table} is no table; begin it with the line [{table}]")
         for key, value in entries.items():
             row = _row(path, table, key)
-            word = _word(value)
+            word = word_of(value)
             if word is None:
                 raise UsageError(
                     f"{path}: [{table}] {key}: expected a text, a number, true, false or a list of "
                     "numbers"
                 )
             if row.attribute in given:
-                other = _keys(given[row.attribute][0])[0]
+                other = keys_of(given[row.attribute][0])[0]
                 raise UsageError(f"{path}: [{table}] {key} and {other} exclude each other")
             if value is not False:
                 given[row.attribute] = row, word
@@ -144,10 +195,10 @@ def _read(path: Path) -> _Given:
 
 
 def _row(path: Path, table: str, key: str) -> Option:
-    rows = _rows(table)
+    rows = rows_of(table)
     if key in rows:
         return rows[key]
-    other = next((one for one in TABLES if key != "file" and key in _rows(one)), None)
+    other = next((one for one in TABLES if key != "file" and key in rows_of(one)), None)
     if other is not None:
         raise UsageError(f"{path}: [{table}] {key}: belongs into [{other}]")
     raise UsageError(f"{path}: there is no {key} in [{table}]; {_meant(key, rows)}")
@@ -158,25 +209,26 @@ def _meant(given: str, names: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
 
 
-def _word(value: object) -> str | None:
+def word_of(value: object) -> str | None:
     """A value as a word of a command line, empty for true and false; None: it cannot be one."""
     if isinstance(value, bool):
         return ""
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, list):
-        words = [repr(one) for one in value if _is_number(one)]
+        words = [repr(one) for one in value if is_number(one)]
         return ",".join(words) if words and len(words) == len(value) else None
     return value if isinstance(value, str) and value else None
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether a value of TOML is a number."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _from_here(row: Option, word: str, folder: Path, *, device: bool) -> str:
     """A word; where it names a file beside the shot file, with the way there."""
-    place = _place(row, word)
+    place = place_of(row, word)
     if place is None:
         return word
     here = folder / place
@@ -186,65 +238,7 @@ def _from_here(row: Option, word: str, folder: Path, *, device: bool) -> str:
     return str(here)
 
 
-def _place(row: Option, word: str) -> Path | None:
+def place_of(row: Option, word: str) -> Path | None:
     """The path that a word names, if any."""
     place = local_path(word) if row.files and word else None
     return None if place is None or (row.files[0].or_word and not place.suffix) else place
-
-
-def save(path: Path, given: argparse.Namespace) -> None:
-    """Write a shot file; the files that it names are named from its folder.
-
-    Args:
-        path: the file.
-        given: of a command line, as texts, True for an option without a value (`parser.given`).
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    import tomlkit
-
-    document = tomlkit.document()
-    document.add("version", tomlkit.item(VERSION))
-    for table in TABLES:
-        entries = tomlkit.table()
-        for key, row in _rows(table).items():
-            value = getattr(given, row.attribute, None)
-            if value is None or key != _keys(row)[0] or not _fits(row, value):
-                continue
-            entries.add(key, value if value is True else _plain(_named_from(row, value, path)))
-        if entries:
-            document.add(table, entries)
-    with replacing(path) as partial:
-        partial.write_text(tomlkit.dumps(document), encoding="utf-8")
-
-
-def _fits(row: Option, value: object) -> bool:
-    """Whether a row is the one that takes a value: --range and --frame set the same attribute."""
-    if not row.one_of or row.type is None:
-        return True
-    try:
-        row.type(str(value))
-    except argparse.ArgumentTypeError:
-        return False
-    return True
-
-
-def _plain(word: str) -> object:
-    """The number, list of numbers or text that reads back as a word."""
-    for text in (word, f"[{word}]"):
-        try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            continue
-        numbers = value if isinstance(value, list) else [value]
-        if all(map(_is_number, numbers)) and _word(value) == word:
-            return value
-    return word
-
-
-def _named_from(row: Option, word: str, path: Path) -> str:
-    place = _place(row, word)
-    if place is None or (row.files[0].role == "reads" and not place.exists()):
-        return word
-    return os.path.relpath(place.parent.resolve() / place.name, path.parent.resolve())

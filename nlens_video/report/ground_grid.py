@@ -87,7 +87,7 @@ def draw_grid(image: Image, camera: Camera, grid: Grid, color: Color = GRID_COLO
         grid: the lines.
         color: of the picture's channel order.
     """
-    ends = [one for line in grid.lines() if (one := _seen(camera, grid, line)) is not None]
+    ends = [one for line in grid.lines() if (one := part_in_view(camera, grid, line)) is not None]
     _draw(image, ends, color)
 
 
@@ -139,7 +139,7 @@ def over_plate(image: Image, solved: SolvedCamera, time_s: float, grid: Grid | N
     return drawn
 
 
-def _seen(camera: Camera, grid: Grid, line: Float64) -> Float64 | None:
+def part_in_view(camera: Camera, grid: Grid, line: Float64) -> Float64 | None:
     """Ends (2, 2) of the part of a line that lies before the camera [px]."""
     ends = camera.to_camera(line)
     near = _NEAREST * grid.spacing * grid.cells

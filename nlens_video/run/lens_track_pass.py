@@ -18,7 +18,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.run.open_run import frame_s, open_run, opened
+from nlens_video.run.lens_request import frame_s
+from nlens_video.run.open_run import open_run, opened
 from nlens_video.stages.r_lens_change import (
     CHANGED,
     Signature,

@@ -12,21 +12,20 @@ from typing import TYPE_CHECKING, Any
 from nlens_video.cameras.files import read_camera
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
-from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
+from nlens_video.run.lens_request import lens_request
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
-from nlens_video.video.exposure_time import exposure_time_s
 from nlens_video.video.focal_length import tagged_focal
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
@@ -34,7 +33,6 @@ from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.input.source import AvSource, open_source
 from nlens_video.video.interfaces import Source
-from nlens_video.video.lens_tags import tagged_lens
 
 if TYPE_CHECKING:
     import av
@@ -192,24 +190,7 @@ def _assembled(
     track: FitTrack | None,
     others: tuple[FitSamples, ...],
 ) -> Session:
-    lens = LensRequest(
-        preset=settings.preset,
-        effects=settings.effects,
-        fit=LensFit.load(settings.fit) if settings.fit is not None else None,
-        fallback=settings.fallback,
-        device=settings.device,
-        aperture=settings.aperture,
-        shutter_deg=settings.shutter_deg,
-        frame_s=frame_s(info),
-        exposure_s=exposure_time_s(info.camera_tags),
-        optics=settings.optics,
-        known=settings.known_lens,
-        tagged=tagged_lens(info.camera_tags),
-        track=track or _given_track(settings, info),
-        others=others,
-        hold_budget=settings.hold_budget,
-        live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
-    )
+    lens = lens_request(settings, info, track, others)
     most = MOST_PICTURES if _may_wait(info) else 1
     again = None if settings.output is None else read_again(settings.source, info)
     plate = PlatePreview(
@@ -259,22 +240,9 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
     )
 
 
-def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
-    """The track in the file of `--fit`, None where that holds a single fit."""
-    given = None if settings.fit is None else FitTrack.load(settings.fit)
-    return None if given is None else given.for_width(info.width, info.height)
-
-
 def _may_wait(info: SourceInfo) -> bool:
     """Whether later frames may be waited for, which would delay a live stream."""
     return info.kind in ("video", "sequence")
-
-
-def frame_s(info: SourceInfo) -> float:
-    """From one frame to the next, 0 for a still [s]."""
-    if info.kind == "still" or not info.average_rate:
-        return 0.0
-    return float(1 / info.average_rate)
 
 
 def _decoded(

@@ -24,7 +24,9 @@ FILES_AND_STREAMS = {
     "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
     "marker", "person_height", "person",
 }  # fmt: skip
-TALK = {"help", "version", "verbose", "quiet", "json", "no_progress", "plan"}
+TALK = {
+    "help", "version", "verbose", "quiet", "json", "no_progress", "progress_lines", "plan",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

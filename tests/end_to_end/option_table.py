@@ -42,6 +42,8 @@ BENCH, STUDY_PAGE, STUDY_DEMO, STUDY_ANALYSIS = (
     for name in ("bench_command", "study_page", "study_demo", "study_analysis")
 )
 
+STUDIO = "tests/studio/test_server.py"
+
 COMMANDS = {
     "render": Command(
         words=("render", "in.png", "anim.glb", "{tmp}/out.png", "--preset", "draft", "--fit",
@@ -54,6 +56,7 @@ COMMANDS = {
             "input_format": replace(PLATE["input_format"], words=STREAM),
             "as_chunk": option("--as-chunk", words=(*VIDEO[:3], "{tmp}/chunks", *VIDEO[4:])),
             "resume": option("--resume", words=VIDEO),
+            "progress_lines": option("--progress-lines"),
         },
     ),
     "fit": Command(
@@ -119,6 +122,21 @@ COMMANDS = {
             "ground_y": OBJECT["ground_y"], "scene": OBJECT["scene"], **PLAYBACK,
             "overwrite": SHOWN["overwrite"], "camera_from": OBJECT["camera_from"],
             "no_grid": option("--no-grid"),
+        },
+    ),
+    "studio": Command(  # a run with sense serves until it is interrupted
+        words=("studio", "in.mp4", "bare.glb", "--no-browser"),
+        places={"input": 1, "glb": 2},
+        rows={
+            **{name: row if name in ("help", "version") else replace(row, elsewhere=STUDIO)
+               for name, row in TALK.items() if name != "json"},
+            "input": replace(INPUT, elsewhere=STUDIO),
+            "glb": Row(nonsense=NO_FILE, codes=(2, 4), elsewhere=STUDIO),
+            "shot": option("--shot", "new.toml", nonsense=("", "folder/", "text.txt", "x" * 300),
+                           elsewhere=STUDIO),
+            "port": option("--port", "0", nonsense=(*NOT_NUMBERS, "65536", "-1", "1.5"),
+                           elsewhere=STUDIO),
+            "no_browser": option("--no-browser", elsewhere=STUDIO),
         },
     ),
     "check": Command(

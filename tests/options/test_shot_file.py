@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from nlens_video.core.errors import UsageError
 from nlens_video.options.parser import parse
-from nlens_video.options.shot_file import TABLES, save
+from nlens_video.options.shot_file import TABLES
+from nlens_video.options.shot_writer import save
 from nlens_video.options.table import ROWS
 from nlens_video.options.to_settings import settings as settings_of
 
 NOT_OF_THE_SHOT = {
     "verbose", "quiet", "json", "overwrite", "no_progress", "plan", "as_chunk", "resume",
-    "save_shot",
+    "save_shot", "progress_lines",
 }  # fmt: skip
 WHOLE = """\
 version = 1

@@ -1,0 +1,63 @@
+"""How a run finds and simulates the lens: its settings and what the source says of itself."""
+
+from __future__ import annotations
+
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import Settings
+from nlens_video.graph.effect_plan import LensRequest
+from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.stages.r_samples import FitSamples
+from nlens_video.video.exposure_time import exposure_time_s
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.lens_tags import tagged_lens
+
+
+def lens_request(
+    settings: Settings,
+    info: SourceInfo,
+    track: FitTrack | None = None,
+    others: tuple[FitSamples, ...] = (),
+) -> LensRequest:
+    """The request of a run.
+
+    Args:
+        settings: the run.
+        info: of its source.
+        track: the lens over the length of the file, where it changes.
+        others: samples of other frames for the lens fit.
+
+    Raises:
+        LensFitError: the file of `--fit` cannot be used.
+    """
+    return LensRequest(
+        preset=settings.preset,
+        effects=settings.effects,
+        fit=LensFit.load(settings.fit) if settings.fit is not None else None,
+        fallback=settings.fallback,
+        device=settings.device,
+        aperture=settings.aperture,
+        shutter_deg=settings.shutter_deg,
+        frame_s=frame_s(info),
+        exposure_s=exposure_time_s(info.camera_tags),
+        optics=settings.optics,
+        known=settings.known_lens,
+        tagged=tagged_lens(info.camera_tags),
+        track=track or _given_track(settings, info),
+        others=others,
+        hold_budget=settings.hold_budget,
+        live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
+    )
+
+
+def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
+    """The track in the file of `--fit`, None where that holds a single fit."""
+    given = None if settings.fit is None else FitTrack.load(settings.fit)
+    return None if given is None else given.for_width(info.width, info.height)
+
+
+def frame_s(info: SourceInfo) -> float:
+    """From one frame to the next, 0 for a still [s]."""
+    if info.kind == "still" or not info.average_rate:
+        return 0.0
+    return float(1 / info.average_rate)

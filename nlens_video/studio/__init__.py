@@ -1,0 +1,1 @@
+"""The studio: a page on this machine that edits a shot file and shows what it makes."""

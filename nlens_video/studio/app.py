@@ -1,0 +1,242 @@
+"""The server's addresses: page, shot, frames, pictures as they are made, render."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.resources import files
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    Response,
+)
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from nlens_video.core.errors import NlensError
+from nlens_video.core.settings import SourceSettings
+from nlens_video.studio.plate_frames import PlateFrames, to_jpeg
+from nlens_video.studio.previews import KINDS, Answer, Previews, Wish
+from nlens_video.studio.render_job import RenderJob
+from nlens_video.studio.shot_state import ShotState
+from nlens_video.studio.stage import Solve, Stage
+
+_PAGE = files("nlens_video.studio").joinpath("page")
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_SHOWN_PX, _THUMBNAIL_PX = 960 * 544, 128 * 96
+_MOST_BYTES = 1 << 20  # of a message of the page: a shot is a few hundred bytes
+Endpoint = Callable[[Request], Awaitable[Response]]
+
+
+@dataclass(slots=True, eq=False)
+class _Page:
+    """An open page: what waits to be sent to it."""
+
+    loop: asyncio.AbstractEventLoop
+    queue: asyncio.Queue[str | bytes] = field(default_factory=asyncio.Queue)
+
+    def send(self, message: str | bytes) -> None:
+        """From any thread."""
+        if not self.loop.is_closed():
+            self.loop.call_soon_threadsafe(self.queue.put_nowait, message)
+
+
+class Studio:
+    """The server without its sockets.
+
+    Args:
+        shot: what the pages edit.
+        token: part of the page's addresses.
+        solve: solves the plate's camera.
+    """
+
+    def __init__(self, shot: ShotState, token: str, solve: Solve) -> None:
+        self._shot = shot
+        self._token = token
+        self._pages: set[_Page] = set()
+        source = shot.settings(shot.tables).source
+        plate = SourceSettings(spec=source.spec, **_hints(source))
+        self._frames = PlateFrames(plate, _SHOWN_PX)
+        self._thumbnails = PlateFrames(plate, _THUMBNAIL_PX)
+        self.previews = Previews(shot, Stage(solve), self._tell)
+        self.render = RenderJob(self._tell)
+
+    def close(self) -> None:
+        """End threads and processes."""
+        self.render.close()
+        self.previews.close()
+        self._frames.close()
+        self._thumbnails.close()
+
+    @cached_property
+    def app(self) -> Starlette:
+        """The addresses, without the token that `access.Guard` takes off them."""
+        return Starlette(routes=[
+            Route("/", self._index),
+            Route("/page/{name}", self._file),
+            Route("/shot", _telling(self._about)),
+            Route("/save", _telling(self._save), methods=["POST"]),
+            Route("/command", _telling(self._command), methods=["POST"]),
+            Route("/frame/{number:int}", _telling(self._frame)),
+            Route("/thumbnail/{number:int}", _telling(self._thumbnail)),
+            Route("/render", _telling(self._render), methods=["POST", "DELETE"]),
+            Route("/result", _telling(self._result)),
+            WebSocketRoute("/live", self._live),
+        ])  # fmt: skip
+
+    async def _index(self, request: Request) -> Response:
+        text = _PAGE.joinpath("index.html").read_text(encoding="utf-8")
+        return HTMLResponse(text.replace("{token}", self._token))
+
+    async def _file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        kinds = [one for one in _TYPES if name.endswith(one)]
+        if not kinds or name not in {one.name for one in _PAGE.iterdir()}:
+            return PlainTextResponse("There is no such file.\n", 404)
+        return Response(_PAGE.joinpath(name).read_bytes(), media_type=_TYPES[kinds[0]])
+
+    async def _about(self, request: Request) -> Response:
+        info = self._frames.info
+        count = await run_in_threadpool(self._frames.count)
+        rate = float(info.average_rate) if info.average_rate else 0.0
+        return JSONResponse({
+            "tables": self._shot.tables,
+            "path": str(self._shot.path),
+            "saved": self._shot.path.exists(),
+            "plate": {
+                "name": info.name, "frames": count, "rate": rate, "width": info.width,
+                "height": info.height, "aspect": info.width * info.pixel_aspect / info.height,
+                "shown": list(self._frames.size), "reduced": self._frames.reduced,
+            },
+            "render": self.render.last,
+        })  # fmt: skip
+
+    async def _save(self, request: Request) -> Response:
+        tables = await _tables(request)
+        await run_in_threadpool(self._shot.save, tables)
+        return JSONResponse({"path": str(self._shot.path)})
+
+    async def _command(self, request: Request) -> Response:
+        return JSONResponse({"command": self._shot.command(await _tables(request))})
+
+    async def _frame(self, request: Request) -> Response:
+        return await self._picture(self._frames, request)
+
+    async def _thumbnail(self, request: Request) -> Response:
+        return await self._picture(self._thumbnails, request)
+
+    async def _picture(self, frames: PlateFrames, request: Request) -> Response:
+        number = request.path_params["number"]
+        frame = await run_in_threadpool(frames.frame, number)
+        data = await run_in_threadpool(to_jpeg, frame.picture)
+        return Response(data, media_type="image/jpeg")
+
+    async def _render(self, request: Request) -> Response:
+        if request.method == "DELETE":
+            await run_in_threadpool(self.render.cancel)
+            return JSONResponse({})
+        tables = await _tables(request)
+        await run_in_threadpool(self._shot.save, tables)
+        self.render.start(self._shot.path)
+        return JSONResponse({"path": str(self._shot.path)})
+
+    async def _result(self, request: Request) -> Response:
+        path = self._shot.result(self._shot.tables)
+        if path is None or not path.is_file():
+            return PlainTextResponse("There is no result yet.\n", 404)
+        return FileResponse(path)
+
+    async def _live(self, socket: WebSocket) -> None:
+        """Wishes for pictures in, pictures and progress out."""
+        await socket.accept()
+        page = _Page(asyncio.get_running_loop())
+        self._pages.add(page)
+        sender = asyncio.create_task(_send_all(socket, page.queue))
+        try:
+            while True:
+                text = await socket.receive_text()
+                wish = _wish(text)
+                if wish is not None:
+                    self.previews.ask(page, wish, lambda answer: page.send(_packed(answer)))
+        except (WebSocketDisconnect, KeyError):
+            pass
+        finally:
+            self._pages.discard(page)
+            self.previews.forget(page)
+            sender.cancel()
+
+    def _tell(self, said: dict[str, Any]) -> None:
+        for page in list(self._pages):
+            page.send(json.dumps(said))
+
+
+def _hints(source: SourceSettings) -> dict[str, Any]:
+    names = ("input_format", "input_size", "input_rate", "input_transfer")
+    return {name: getattr(source, name) for name in names}
+
+
+async def _send_all(socket: WebSocket, queue: asyncio.Queue[str | bytes]) -> None:
+    while True:
+        message = await queue.get()
+        if isinstance(message, str):
+            await socket.send_text(message)
+        else:
+            await socket.send_bytes(message)
+
+
+def _telling(endpoint: Endpoint) -> Endpoint:
+    """An endpoint whose errors become one line for the page."""
+
+    async def answered(request: Request) -> Response:
+        try:
+            return await endpoint(request)
+        except NlensError as error:
+            return JSONResponse({"error": str(error)}, 422)
+
+    return answered
+
+
+async def _tables(request: Request) -> dict[str, Any]:
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _MOST_BYTES:
+            raise NlensError("the shot is too large")
+    try:
+        tables = json.loads(body)
+    except ValueError:
+        tables = None
+    if not isinstance(tables, dict):
+        raise NlensError("expected the shot's tables as JSON")
+    return tables
+
+
+def _wish(text: str) -> Wish | None:
+    """A message as a wish, None where it is none."""
+    if len(text) > _MOST_BYTES:
+        return None
+    try:
+        said = json.loads(text)
+        number, frame, kind = int(said["number"]), int(said["frame"]), said["kind"]
+        tables = said["tables"]
+    except (ValueError, KeyError, TypeError):
+        return None
+    if kind not in KINDS or not isinstance(tables, dict) or frame < 0:
+        return None
+    return Wish(number, tables, frame, kind)
+
+
+def _packed(answer: Answer) -> bytes:
+    """Length of the JSON (4 bytes, the most significant first), JSON, JPEG."""
+    said = json.dumps(answer.said).encode()
+    return len(said).to_bytes(4, "big") + said + answer.picture

@@ -1,0 +1,85 @@
+// Pictures from the server: of what is asked for, only the newest; one at a time while dragging.
+
+/** @typedef {import("./shot.js").Tables} Tables */
+/** @typedef {{number: number, frame: number, kind: string, error?: string, [key: string]: any}} About */
+
+const REST_AFTER_MS = 200;
+
+export class Live {
+  /**
+   * @param {(about: About, picture: Blob | null) => void} onPicture
+   * @param {(said: any) => void} onTold
+   * @param {(connected: boolean) => void} onConnected
+   */
+  constructor(onPicture, onTold, onConnected) {
+    this.onPicture = onPicture;
+    this.onTold = onTold;
+    this.onConnected = onConnected;
+    this.number = 0;
+    /** @type {number | null} of the picture that is being made while dragging */
+    this.flying = null;
+    /** @type {{tables: Tables, frame: number, kind: string} | null} */
+    this.waiting = null;
+    /** @type {number | undefined} */
+    this.timer = undefined;
+    this.connect();
+  }
+
+  connect() {
+    const address = new URL("live", document.baseURI);
+    address.protocol = "ws:";
+    this.socket = new WebSocket(address);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.onConnected(true);
+      this.flying = null;
+      this.flush();
+    };
+    this.socket.onmessage = (event) => this.take(event.data);
+    this.socket.onclose = () => {
+      this.onConnected(false);
+      window.setTimeout(() => this.connect(), 2000);
+    };
+  }
+
+  /**
+   * Ask for a picture. While dragging at once, at rest after a moment without another wish.
+   * @param {Tables} tables
+   * @param {number} frame
+   * @param {string} kind
+   */
+  ask(tables, frame, kind) {
+    window.clearTimeout(this.timer);
+    this.waiting = { tables, frame, kind };
+    if (kind === "drag") this.flush();
+    else this.timer = window.setTimeout(() => this.flush(), REST_AFTER_MS);
+  }
+
+  flush() {
+    const wish = this.waiting;
+    if (!wish || this.socket?.readyState !== WebSocket.OPEN) return;
+    if (wish.kind === "drag" && this.flying !== null) return;
+    this.waiting = null;
+    this.number += 1;
+    this.flying = wish.kind === "drag" ? this.number : null;
+    this.socket.send(JSON.stringify({ number: this.number, ...wish }));
+  }
+
+  /** @param {string | ArrayBuffer} data */
+  take(data) {
+    if (typeof data === "string") {
+      this.onTold(JSON.parse(data));
+      return;
+    }
+    const length = new DataView(data).getUint32(0);
+    /** @type {About} */
+    const about = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    const rest = data.slice(4 + length);
+    if (about.number === this.flying) this.flying = null;
+    const latest = about.number === this.number;
+    if (latest || about.kind === "drag") {
+      this.onPicture(about, rest.byteLength ? new Blob([rest], { type: "image/jpeg" }) : null);
+    }
+    if (this.waiting?.kind === "drag") this.flush();
+  }
+}

@@ -1,0 +1,390 @@
+// The page: joins shot, picture, panel and server.
+
+import { rounded } from "./ground.js";
+import { Live } from "./live.js";
+import { showEffects, showNotes, switched } from "./panel.js";
+import { post, request } from "./server.js";
+import { Shot } from "./shot.js";
+import { Stage } from "./stage.js";
+
+/** @typedef {import("./ground.js").Place} Place */
+
+/** @template {HTMLElement} T @param {string} id @returns {T} */
+const one = (id) => /** @type {T} */ (document.getElementById(id));
+/** @param {string} id */
+const field = (id) => /** @type {HTMLInputElement} */ (one(id));
+
+const THUMBNAILS = 12;
+const about = await request("shot");
+const shot = new Shot(about.tables);
+if (!about.saved) shot.saved = "";
+let frame = 0;
+/** @type {any} of the last picture */
+let last = null;
+
+const stage = new Stage(place, onPlace);
+const live = new Live(onPicture, onTold, (connected) => {
+  if (!connected) busy("The server has ended, or does not answer.");
+  else refresh();
+});
+
+/** Where the object stands, as the shot says or else as the picture shows. @returns {Place | null} */
+function place() {
+  const guides = stage.guides;
+  if (!guides?.placed || !guides.at) return null;
+  const given = shot.tables["place"] ?? {};
+  const moved = guides.moving ? undefined : given["at"];
+  return {
+    at: moved ?? guides.at,
+    size: (guides.moving ? undefined : given["size"]) ?? guides.size,
+    yaw: given["yaw"] ?? 0,
+  };
+}
+
+/** @param {Place} wanted @param {boolean} done */
+function onPlace(wanted, done) {
+  if (!done) shot.hold();
+  const guides = stage.guides;
+  shot.set("place", {
+    at: [rounded(wanted.at[0], 4), rounded(wanted.at[1], 4)],
+    "at-frame": guides?.moving ? frame : undefined,
+    size: rounded(wanted.size, 4),
+    height: undefined,
+    yaw: rounded(wanted.yaw, 2),
+  });
+  if (done) shot.release();
+  if (guides) guides.at = /** @type {[number, number]} */ (shot.get("place", "at"));
+  changed(done ? "rest" : "drag");
+}
+
+/** @param {string} kind of the picture to ask for */
+function changed(kind) {
+  fill();
+  stage.overlay();
+  ask(kind);
+}
+
+/** @param {string} kind */
+function ask(kind) {
+  if (stage.view === "focus") live.ask(shot.tables, frame, "focus");
+  else if (stage.view !== "plate") live.ask(shot.tables, frame, kind);
+  if (kind !== "drag") busy("Drawing …");
+}
+
+/** @param {string} words */
+function busy(words) {
+  one("busy").textContent = words;
+}
+
+/** @param {string} words */
+function trouble(words) {
+  one("trouble").textContent = words;
+  one("trouble").hidden = !words;
+}
+
+/** @param {import("./live.js").About} said @param {Blob | null} data */
+async function onPicture(said, data) {
+  if (said.kind !== "drag") busy("");
+  if (said.error !== undefined || !data) {
+    trouble(said.error ?? "there is no picture");
+    stage.final = null;
+    stage.draw();
+    return;
+  }
+  const picture = await createImageBitmap(data);
+  trouble("");
+  stage.final = picture;
+  if (said.kind === "focus") {
+    showRamp(said);
+  } else {
+    last = said;
+    if (shot.held === null || !stage.guides) stage.guides = said["guides"];
+    else stage.guides = { ...said["guides"], at: stage.guides.at };
+    if (said.kind === "rest") describe(said);
+  }
+  stage.draw();
+  stage.overlay();
+  document.body.dataset["drawn"] = String(said.number);
+  document.body.dataset["kind"] = said.kind;
+  document.body.dataset["took"] = String(Math.round(said["took_ms"]));
+}
+
+/** @param {any} said of a picture at rest */
+function describe(said) {
+  trouble(said.no_lens ? `A render stops here: ${said.no_lens}` : "");
+  one("lens").textContent = said.lens || "the object is out of view";
+  showEffects(said.effects, (name, on) => {
+    shot.set("effects", { effects: switched(shot.get("effects", "effects") ?? "auto", name, on) });
+    changed("rest");
+  });
+  showNotes(said.notes);
+  one("picture").setAttribute("aria-label", `Frame ${frame} with the object`);
+  fill();
+}
+
+/** @param {any} said */
+function showRamp(said) {
+  one("ramp").replaceChildren(...said.ramp.map((/** @type {number[]} */ color) => {
+    const part = document.createElement("i");
+    part.style.background = `rgb(${color.join(" ")})`;
+    return part;
+  }));
+  one("top").textContent = `blurred over ${said.top_px.toFixed(1)} px`;
+}
+
+/** @param {any} said of the server by itself */
+function onTold(said) {
+  if (said.progress) busy(`${said.progress}: ${said.done}${said.of ? ` of ${said.of}` : ""} frames`);
+  if (said.render) showRender(said);
+}
+
+/** @param {any} said */
+function showRender(said) {
+  const running = said.render === "running";
+  one("render").hidden = running;
+  one("cancel").hidden = !running;
+  const bar = /** @type {HTMLProgressElement} */ (one("progress"));
+  bar.hidden = !running;
+  if (running && said.of) bar.value = said.frames / said.of;
+  else bar.removeAttribute("value");
+  const words = {
+    none: "",
+    running: `${said.what === "starting" ? "Starting" : said.what}${said.frames ? `: ${said.frames}${said.of ? ` of ${said.of}` : ""} frames` : " …"}`,
+    done: `Rendered ${said.output}: ${said.frames} frames, ${said.fps?.toFixed(1)} a second`,
+    cancelled: "Cancelled; no result was written.",
+    failed: `It failed: ${said.error}`,
+  }[/** @type {"none" | "running" | "done" | "cancelled" | "failed"} */ (said.render)];
+  one("rendered").textContent = words ?? "";
+  document.body.dataset["render"] = said.render;
+  const video = /** @type {HTMLVideoElement} */ (one("result"));
+  video.hidden = true;
+  if (said.render === "done" && /\.(mp4|webm|m4v|mov)$/i.test(said.output)) {
+    video.onloadedmetadata = () => { video.hidden = false; };
+    video.src = `result?${Date.now()}`;
+  }
+}
+
+async function showPlate() {
+  const number = frame;
+  const answer = await fetch(`frame/${number}`);
+  if (!answer.ok || number !== frame) return;
+  stage.plate = await createImageBitmap(await answer.blob());
+  stage.draw();
+}
+
+function refresh() {
+  void showPlate();
+  fill();
+  ask("rest");
+}
+
+/** Show in the controls what the shot says. */
+function fill() {
+  const now = place();
+  one("of-file").hidden = !stage.guides || stage.guides.placed;
+  one("place").hidden = !now;
+  if (now) {
+    setUnlessTyping("at-x", rounded(now.at[0], 4));
+    setUnlessTyping("at-y", rounded(now.at[1], 4));
+    setUnlessTyping("size", rounded(now.size, 4));
+    setUnlessTyping("yaw", rounded(now.yaw, 2));
+  }
+  const horizon = shot.get("camera", "horizon");
+  field("own-horizon").checked = horizon !== undefined;
+  one("horizon-row").hidden = horizon === undefined;
+  if (horizon !== undefined) setUnlessTyping("horizon", horizon);
+  const sun = shot.get("light", "sun");
+  field("sun").checked = sun !== undefined;
+  one("sun-rows").hidden = sun === undefined;
+  if (sun) ["azimuth", "elevation", "strength"].forEach((id, at) => setUnlessTyping(id, sun[at] ?? 2));
+  field("shadow").value = String(shot.get("light", "shadow-strength") ?? "");
+  field("preset").value = shot.get("quality", "preset") ?? "standard";
+  setUnlessTyping("output", shot.get("output", "file") ?? "");
+  field("undo").disabled = !shot.past.length;
+  field("redo").disabled = !shot.future.length;
+  one("saved").textContent = shot.unsaved ? "· not saved" : "· saved";
+}
+
+/** @param {string} id @param {string | number} value */
+function setUnlessTyping(id, value) {
+  const input = field(id);
+  const typing = document.activeElement === input && (input.type === "number" || input.type === "text");
+  if (!typing) input.value = String(value);
+}
+
+// --- the controls
+
+for (const id of ["at-x", "at-y", "size", "yaw"]) {
+  field(id).addEventListener("change", () => {
+    const now = place();
+    const value = field(id).valueAsNumber;
+    if (!now || !Number.isFinite(value)) return;
+    if (id === "at-x") now.at = [value, now.at[1]];
+    else if (id === "at-y") now.at = [now.at[0], value];
+    else if (id === "size") now.size = value;
+    else now.yaw = value;
+    onPlace(now, true);
+  });
+}
+one("take").addEventListener("click", () => {
+  const guides = stage.guides;
+  if (!guides) return;
+  const at = guides.at ?? [0.5, 0.8];
+  guides.placed = true;
+  onPlace({ at, size: guides.size > 0 ? guides.size : 0.35, yaw: 0 }, true);
+});
+field("own-horizon").addEventListener("change", () => {
+  const now = place();
+  const known = stage.guides?.horizon;
+  const row = Math.min(known ? (known[0] + known[1]) / 2 : 0.45, (now?.at[1] ?? 0.8) - 0.05);
+  shot.hold();
+  shot.set("camera", { horizon: field("own-horizon").checked ? rounded(row, 3) : undefined });
+  const at = shot.get("place", "at") ?? now?.at ?? [0.5, 0.8];
+  shot.set("place", { at, size: shot.get("place", "size") ?? now?.size ?? 0.35 });
+  shot.release();
+  changed("rest");
+});
+field("horizon").addEventListener("input", () => {
+  shot.hold();
+  const lowest = (shot.get("place", "at")?.[1] ?? 0.8) - 0.03;
+  shot.set("camera", { horizon: Math.min(lowest, field("horizon").valueAsNumber) });
+  changed("drag");
+});
+field("horizon").addEventListener("change", () => {
+  shot.release();
+  changed("rest");
+});
+field("sun").addEventListener("change", () => {
+  shot.set("light", { sun: field("sun").checked ? [60, 40, 2] : undefined });
+  changed("rest");
+});
+for (const id of ["azimuth", "elevation", "strength"]) {
+  field(id).addEventListener("input", () => {
+    shot.hold();
+    shot.set("light", { sun: ["azimuth", "elevation", "strength"].map((one) => field(one).valueAsNumber) });
+    changed("rest");
+  });
+  field(id).addEventListener("change", () => {
+    shot.release();
+    fill();
+  });
+}
+field("shadow").addEventListener("change", () => {
+  const value = field("shadow").value;
+  shot.set("light", { "shadow-strength": value === "" ? undefined : Number(value) });
+  changed("rest");
+});
+field("preset").addEventListener("change", () => {
+  const value = field("preset").value;
+  shot.set("quality", { preset: value === "standard" ? undefined : value });
+  changed("rest");
+});
+field("output").addEventListener("change", () => {
+  const value = field("output").value.trim();
+  if (value) shot.set("output", { file: value });
+  changed("rest");
+});
+one("undo").addEventListener("click", () => step("undo"));
+one("redo").addEventListener("click", () => step("redo"));
+
+/** @param {"undo" | "redo"} way */
+function step(way) {
+  shot[way]();
+  const at = shot.get("place", "at");
+  if (stage.guides && at && !stage.guides.moving) stage.guides.at = at;
+  changed("rest");
+}
+
+document.addEventListener("keydown", (event) => {
+  const typing = event.target instanceof HTMLInputElement && ["text", "number"].includes(event.target.type);
+  if (typing || !(event.ctrlKey || event.metaKey)) return;
+  const key = event.key.toLowerCase();
+  if (key === "z") step(event.shiftKey ? "redo" : "undo");
+  else if (key === "y") step("redo");
+  else if (key === "s") void save();
+  else return;
+  event.preventDefault();
+});
+
+for (const radio of document.querySelectorAll('input[name="view"]')) {
+  radio.addEventListener("change", () => {
+    stage.view = /** @type {HTMLInputElement} */ (radio).value;
+    one("wipe").hidden = stage.view !== "wipe";
+    one("legend").hidden = stage.view !== "focus";
+    stage.draw();
+    stage.overlay();
+    ask("rest");
+    if (stage.view === "plate") busy("");
+  });
+}
+field("wipe").addEventListener("input", () => {
+  stage.wipe = field("wipe").valueAsNumber / 100;
+  stage.draw();
+});
+field("show-guides").addEventListener("change", () => {
+  stage.shown = field("show-guides").checked;
+  stage.overlay();
+});
+field("frame").addEventListener("input", () => {
+  frame = field("frame").valueAsNumber;
+  one("frame-number").textContent = String(frame);
+  stage.final = null;
+  void showPlate();
+  ask("rest");
+});
+
+async function save() {
+  const text = JSON.stringify(shot.tables);
+  try {
+    await post("save", shot.tables);
+    shot.saved = text;
+    trouble("");
+  } catch (error) {
+    trouble(String(error instanceof Error ? error.message : error));
+  }
+  fill();
+}
+one("save").addEventListener("click", () => void save());
+one("copy").addEventListener("click", async () => {
+  try {
+    const { command } = await post("command", shot.tables);
+    await navigator.clipboard.writeText(command);
+    one("saved").textContent = "· command copied";
+  } catch (error) {
+    trouble(String(error instanceof Error ? error.message : error));
+  }
+});
+one("render").addEventListener("click", async () => {
+  const text = JSON.stringify(shot.tables);
+  try {
+    await post("render", shot.tables);
+    shot.saved = text;
+    fill();
+  } catch (error) {
+    trouble(String(error instanceof Error ? error.message : error));
+  }
+});
+one("cancel").addEventListener("click", () => void request("render", { method: "DELETE" }));
+window.addEventListener("beforeunload", (event) => {
+  if (shot.unsaved && shot.past.length) event.preventDefault();
+});
+
+// --- what is shown first
+
+const { plate } = about;
+stage.shape(plate.aspect);
+one("plate-name").textContent = plate.name.split("/").pop();
+one("path").textContent = about.path;
+field("frame").max = String(plate.frames - 1);
+one("reduced").hidden = !plate.reduced;
+one("reduced").textContent = `The plate has ${plate.width}×${plate.height}; it is shown at ${plate.shown.join("×")}, and rendered whole.`;
+showRender(about.render);
+const many = Math.min(THUMBNAILS, plate.frames);
+one("thumbnails").append(...Array.from({ length: many }, (_, at) => {
+  const image = document.createElement("img");
+  image.alt = "";
+  image.loading = "lazy";
+  image.src = `thumbnail/${Math.round((at * (plate.frames - 1)) / Math.max(1, many - 1))}`;
+  return image;
+}));
+refresh();

@@ -1,0 +1,18 @@
+// Requests to the server; its errors are lines for the user.
+
+/**
+ * @param {string} where
+ * @param {RequestInit} [options]
+ * @returns {Promise<any>}
+ */
+export async function request(where, options) {
+  const answer = await fetch(where, options);
+  const said = await answer.json();
+  if (!answer.ok) throw new Error(said.error ?? `the server answers ${answer.status}`);
+  return said;
+}
+
+/** @param {string} where @param {object} body */
+export function post(where, body) {
+  return request(where, { method: "POST", body: JSON.stringify(body) });
+}

@@ -1,0 +1,203 @@
+// The picture, the lines over it, and the handles that move, scale and turn the object.
+
+import { atDistance, clampSize, movedTo } from "./ground.js";
+
+/** @typedef {import("./ground.js").Place} Place */
+/** @typedef {{at: [number, number] | null, size: number, outline: number[] | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
+
+const SVG = "http://www.w3.org/2000/svg";
+const TURN_DEG = 0.5; // a pixel of a drag
+const WHEEL = 0.0012; // logarithm of the distance by a unit of the wheel
+
+/** @template {Element} T @param {string} id @returns {T} */
+const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
+
+export class Stage {
+  /**
+   * @param {() => Place | null} place where the object stands
+   * @param {(place: Place, done: boolean) => void} onPlace
+   */
+  constructor(place, onPlace) {
+    this.place = place;
+    this.onPlace = onPlace;
+    /** @type {HTMLElement} */
+    this.element = one("stage");
+    /** @type {HTMLCanvasElement} */
+    this.canvas = one("picture");
+    /** @type {SVGElement} */
+    this.lines = one("lines");
+    /** @type {Guides | null} */
+    this.guides = null;
+    /** @type {ImageBitmap | null} */
+    this.final = null;
+    /** @type {ImageBitmap | null} */
+    this.plate = null;
+    this.view = "final";
+    this.wipe = 0.5;
+    this.shown = true;
+    /** @type {number | undefined} */
+    this.wheelTimer = undefined;
+    this.drag(one("grip"), this.moving.bind(this));
+    this.drag(one("move"), this.moving.bind(this));
+    this.drag(one("scale"), this.scaling.bind(this));
+    this.drag(one("turn"), this.turning.bind(this));
+    this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    for (const id of ["move", "scale", "turn"]) {
+      one(id).addEventListener("keydown", (event) => this.key(/** @type {KeyboardEvent} */ (event), id));
+    }
+  }
+
+  /** @param {number} aspect width by height of the frame */
+  shape(aspect) {
+    this.element.style.aspectRatio = String(aspect);
+    this.element.style.maxWidth = `calc((100vh - 12rem) * ${aspect})`;
+    this.lines.setAttribute("viewBox", "0 0 1 1");
+    this.lines.setAttribute("preserveAspectRatio", "none");
+  }
+
+  draw() {
+    const picture = this.view === "plate" ? this.plate : (this.final ?? this.plate);
+    if (!picture) return;
+    const { canvas } = this;
+    if (canvas.width !== picture.width || canvas.height !== picture.height) {
+      canvas.width = picture.width;
+      canvas.height = picture.height;
+    }
+    const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    pen.drawImage(picture, 0, 0);
+    if (this.view === "wipe" && this.plate) {
+      const edge = Math.round(canvas.width * this.wipe);
+      if (edge > 0) pen.drawImage(this.plate, 0, 0, (this.plate.width * edge) / canvas.width, this.plate.height, 0, 0, edge, canvas.height);
+      pen.fillStyle = "#fff";
+      pen.fillRect(edge - 1, 0, 2, canvas.height);
+    }
+  }
+
+  overlay() {
+    this.lines.replaceChildren();
+    const guides = this.guides;
+    const seen = this.shown && (this.view === "final" || this.view === "wipe");
+    const place = this.place();
+    const handles = seen && place !== null && guides?.keyed;
+    for (const id of ["move", "scale", "turn"]) one(id).toggleAttribute("hidden", !handles);
+    const grip = /** @type {HTMLElement} */ (one("grip"));
+    grip.hidden = !(handles && guides?.outline);
+    if (!seen || !guides) return;
+    if (guides.placed) for (const line of guides.grid) this.line(line, "");
+    if (guides.horizon) this.line([0, guides.horizon[0], 1, guides.horizon[1]], "horizon");
+    if (!handles || !place) return;
+    put("move", place.at[0], place.at[1]);
+    put("scale", place.at[0], place.at[1] - place.size);
+    put("turn", place.at[0] + 0.6 * place.size, place.at[1]);
+    if (guides.outline) {
+      const [left, top, right, bottom] = guides.outline;
+      Object.assign(grip.style, {
+        left: `${100 * left}%`, top: `${100 * top}%`,
+        width: `${100 * (right - left)}%`, height: `${100 * (bottom - top)}%`,
+      });
+    }
+  }
+
+  /** @param {number[]} ends @param {string} name */
+  line(ends, name) {
+    const line = document.createElementNS(SVG, "line");
+    ["x1", "y1", "x2", "y2"].forEach((key, at) => line.setAttribute(key, String(ends[at])));
+    line.setAttribute("class", name);
+    this.lines.append(line);
+  }
+
+  /**
+   * @param {HTMLElement} element
+   * @param {(start: Place, dx: number, dy: number) => Place} change by a way in pixels
+   */
+  drag(element, change) {
+    element.addEventListener("pointerdown", (down) => {
+      const start = this.place();
+      if (!start || down.button) return;
+      element.setPointerCapture(down.pointerId);
+      let last = start;
+      /** @param {PointerEvent} event */
+      const move = (event) => {
+        last = change(start, event.clientX - down.clientX, event.clientY - down.clientY);
+        this.onPlace(last, false);
+      };
+      const up = () => {
+        element.removeEventListener("pointermove", move);
+        this.onPlace(last, true);
+      };
+      element.addEventListener("pointermove", move);
+      element.addEventListener("lostpointercapture", up, { once: true });
+    });
+  }
+
+  /** @param {Place} start @param {number} dx @param {number} dy */
+  moving(start, dx, dy) {
+    const box = this.element.getBoundingClientRect();
+    const to = /** @type {[number, number]} */ ([start.at[0] + dx / box.width, start.at[1] + dy / box.height]);
+    return movedTo(start, to, this.guides?.horizon ?? null);
+  }
+
+  /** @param {Place} start @param {number} _dx @param {number} dy */
+  scaling(start, _dx, dy) {
+    const box = this.element.getBoundingClientRect();
+    return { ...start, size: clampSize(start.size - dy / box.height) };
+  }
+
+  /** @param {Place} start @param {number} dx */
+  turning(start, dx) {
+    return { ...start, yaw: start.yaw + TURN_DEG * dx };
+  }
+
+  /** @param {WheelEvent} event */
+  wheel(event) {
+    const place = this.place();
+    if (!place || !this.guides?.keyed || event.ctrlKey) return;
+    event.preventDefault();
+    const factor = Math.exp(WHEEL * event.deltaY * (event.deltaMode ? 30 : 1));
+    this.onPlace(atDistance(place, factor, this.guides.horizon), false);
+    window.clearTimeout(this.wheelTimer);
+    this.wheelTimer = window.setTimeout(() => {
+      const rest = this.place();
+      if (rest) this.onPlace(rest, true);
+    }, 250);
+  }
+
+  /** @param {KeyboardEvent} event @param {string} id */
+  key(event, id) {
+    const place = this.place();
+    if (!place || event.ctrlKey || event.metaKey || event.altKey) return;
+    const next = nudged(place, event.key, event.shiftKey ? 10 : 1, id, this.guides?.horizon ?? null);
+    if (!next) return;
+    event.preventDefault();
+    this.onPlace(next, true);
+  }
+}
+
+/**
+ * @param {Place} place @param {string} key @param {number} many @param {string} id
+ * @param {[number, number] | null} horizon
+ * @returns {Place | null}
+ */
+function nudged(place, key, many, id, horizon) {
+  const [x, y] = place.at;
+  const step = 0.002 * many;
+  const larger = 1.02 ** many;
+  const turns = key === "," || (id === "turn" && key === "ArrowLeft") ? -many
+    : key === "." || (id === "turn" && key === "ArrowRight") ? many : 0;
+  if (turns) return { ...place, yaw: place.yaw + turns };
+  if (key === "+" || key === "=" || (id === "scale" && key === "ArrowUp")) return { ...place, size: clampSize(place.size * larger) };
+  if (key === "-" || (id === "scale" && key === "ArrowDown")) return { ...place, size: clampSize(place.size / larger) };
+  if (id !== "move") return null;
+  if (key === "ArrowLeft") return movedTo(place, [x - step, y], horizon);
+  if (key === "ArrowRight") return movedTo(place, [x + step, y], horizon);
+  if (key === "ArrowUp") return movedTo(place, [x, y - step], horizon);
+  if (key === "ArrowDown") return movedTo(place, [x, y + step], horizon);
+  return null;
+}
+
+/** @param {string} id @param {number} x @param {number} y */
+function put(id, x, y) {
+  const handle = /** @type {HTMLElement} */ (one(id));
+  handle.style.left = `${100 * Math.min(0.98, Math.max(0.02, x))}%`;
+  handle.style.top = `${100 * Math.min(0.97, Math.max(0.03, y))}%`;
+}

@@ -1,0 +1,194 @@
+"""The thread that draws: of each page the latest wish only, one after the other."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from nlens_video.core.errors import NlensError
+from nlens_video.options.shot_file import Tables
+from nlens_video.report.maps import COC_MAP, Scale
+from nlens_video.studio.plate_frames import to_jpeg
+from nlens_video.studio.shot_state import ShotState
+from nlens_video.studio.stage import Drawn, Stage
+
+Kind = Literal["drag", "rest", "focus"]
+KINDS: tuple[Kind, ...] = ("drag", "rest", "focus")
+_PATIENCE_S = 10.0  # for the thread to end: an estimate of a network cannot be interrupted
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """A picture that a page wants.
+
+    Attributes:
+        number: by which the page knows it again.
+        tables: the shot.
+        frame: of the plate, from 0.
+        kind: `drag` while something moves, `rest` as it is rendered, `focus` the plate's blur in
+            colours.
+    """
+
+    number: int
+    tables: Tables
+    frame: int
+    kind: Kind
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a wish became.
+
+    Attributes:
+        said: about the picture, as JSON; with the key `error` what went wrong.
+        picture: as a JPEG file, empty where there is none.
+    """
+
+    said: dict[str, Any]
+    picture: bytes = b""
+
+
+class Stopped(Exception):
+    """The server closes."""
+
+
+class Superseded(Exception):
+    """Something newer is wished."""
+
+
+class Previews:
+    """Draws what pages wish on one thread.
+
+    Args:
+        shot: reads the shots.
+        stage: draws them; used on the thread only.
+        tell: told of progress, from the thread.
+    """
+
+    def __init__(
+        self, shot: ShotState, stage: Stage, tell: Callable[[dict[str, Any]], None]
+    ) -> None:
+        self._shot = shot
+        self._stage = stage
+        self._tell = tell
+        self._told_s = 0.0
+        self._wishes: OrderedDict[Hashable, tuple[Wish, Callable[[Answer], None]]] = OrderedDict()
+        self._wake = threading.Condition()
+        self._closed = False
+        self._urgent = False  # whether the picture at hand may not be given up
+        stage.on_progress = self._on_progress
+        stage.check = self._check
+        self._thread = threading.Thread(target=self._run, name="nlens-studio", daemon=True)
+        self._thread.start()
+
+    def ask(self, page: Hashable, wish: Wish, deliver: Callable[[Answer], None]) -> None:
+        """Put a wish in place of the page's last one, if that still waits.
+
+        Args:
+            page: which page asks.
+            wish: the picture.
+            deliver: called on the thread.
+        """
+        with self._wake:
+            self._wishes[page] = wish, deliver
+            self._wake.notify()
+
+    def forget(self, page: Hashable) -> None:
+        """Drop what a page that is closed still waits for."""
+        with self._wake:
+            self._wishes.pop(page, None)
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._wake:
+            self._closed = True
+            self._wishes.clear()
+            self._wake.notify()
+        self._thread.join(_PATIENCE_S)
+
+    def _run(self) -> None:
+        try:
+            while True:
+                with self._wake:
+                    self._wake.wait_for(lambda: self._closed or self._wishes)
+                    if self._closed:
+                        return
+                    _, (wish, deliver) = self._wishes.popitem(last=False)
+                try:
+                    answer = self._answer(wish)
+                except Stopped:
+                    return
+                except Superseded:
+                    continue
+                deliver(answer)
+        finally:
+            self._stage.close()
+
+    def _answer(self, wish: Wish) -> Answer:
+        started = time.perf_counter()
+        self._urgent = wish.kind == "drag"
+        said: dict[str, Any] = {"number": wish.number, "frame": wish.frame, "kind": wish.kind}
+        try:
+            settings = self._shot.settings(wish.tables)
+            if wish.kind == "focus":
+                picture, more = _focus(self._stage, settings)
+            else:
+                drawn = self._stage.draw(settings, wish.frame, quick=wish.kind == "drag")
+                picture, more = to_jpeg(drawn.picture), _about(drawn)
+        except NlensError as error:
+            return Answer({**said, "error": str(error)})
+        except MemoryError:
+            return Answer({**said, "error": "out of memory; give a smaller plate or object"})
+        spent_ms = 1e3 * (time.perf_counter() - started)
+        return Answer({**said, **more, "took_ms": spent_ms}, picture)
+
+    def _check(self) -> None:
+        """Give a picture at rest up where anything newer is wished."""
+        if self._closed:
+            raise Stopped
+        if not self._urgent and self._wishes:
+            raise Superseded
+
+    def _on_progress(self, done: int, total: int | None) -> None:
+        if self._closed:
+            raise Stopped
+        now = time.monotonic()
+        if now - self._told_s > 0.2:
+            self._told_s = now
+            self._tell({"progress": "Solving the plate's camera", "done": done, "of": total})
+
+
+def _about(drawn: Drawn) -> dict[str, Any]:
+    return {
+        "guides": asdict(drawn.guides),
+        "nodes_ms": drawn.nodes_ms,
+        "effects": [
+            {"name": one.effect, "on": one.wanted, "reason": one.reason}
+            for one in drawn.session.decisions
+        ],
+        "notes": [str(note) for note in drawn.notes],
+        "no_lens": drawn.no_lens,
+        "lens": "" if drawn.fit is None else drawn.fit.describe(),
+    }
+
+
+def _focus(stage: Stage, settings: Any) -> tuple[bytes, dict[str, Any]]:  # noqa: ANN401
+    """The plate's blur in colours over the frame that the lens is found on."""
+    coc = stage.coc(settings).coc_px
+    top = max(1.0, float(np.quantile(coc, 0.98)))
+    scale = Scale(top_px=top, colormap=COC_MAP)
+    first = stage.plate(settings).frame(settings.source.frames[0])
+    grey = first.picture.srgb().mean(axis=2, keepdims=True)
+    mixed = 0.65 * scale.colors(coc) / 255.0 + 0.35 * grey
+    done, data = cv2.imencode(".jpg", np.round(255.0 * mixed[..., ::-1]).astype(np.uint8))
+    if not done:
+        raise NlensError("the picture cannot be written as a JPEG")
+    ramp = scale.colors(np.linspace(0.0, top, 5, dtype=np.float32)[None])[0]
+    return data.tobytes(), {"top_px": top, "ramp": ramp.tolist()}

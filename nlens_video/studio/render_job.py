@@ -1,0 +1,131 @@
+"""Rendering the saved shot: the command line itself, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from nlens_video.core.errors import UsageError
+
+_PATIENCE_S = 10.0
+Tell = Callable[[dict[str, Any]], None]
+
+
+class RenderJob:
+    """Renders a shot file, one at a time.
+
+    Args:
+        tell: told of its progress and its end, from another thread.
+    """
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._process: subprocess.Popen[str] | None = None
+        self._threads: list[threading.Thread] = []
+        self._gate = threading.Lock()
+        self._cancelled = False
+        self._last: dict[str, Any] = {"render": "none"}
+
+    @property
+    def last(self) -> dict[str, Any]:
+        """What was told last."""
+        return self._last
+
+    def start(self, shot: Path) -> None:
+        """Start `nlens-video SHOT.toml`.
+
+        Raises:
+            UsageError: it runs already.
+        """
+        with self._gate:
+            if self._process is not None:
+                raise UsageError("the shot is being rendered already")
+            self._cancelled = False
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "nlens_video", str(shot), "-y", "--json",
+                 "--progress-lines"],
+                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                text=True, errors="replace", start_new_session=True,
+            )  # fmt: skip
+            self._say({"render": "running", "what": "starting", "frames": 0, "of": None})
+            threading.Thread(target=self._follow, args=(self._process,), daemon=True).start()
+
+    def cancel(self) -> None:
+        """Interrupt it, as Ctrl-C does; it leaves no result."""
+        with self._gate:
+            process = self._process
+            self._cancelled = process is not None
+        if process is not None:
+            process.send_signal(signal.SIGINT)
+
+    def close(self) -> None:
+        """Cancel and wait for the end of the process."""
+        self.cancel()
+        process = self._process
+        if process is None:
+            return
+        try:
+            process.wait(_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def _follow(self, process: subprocess.Popen[str]) -> None:
+        results: list[str] = []
+        assert process.stdout is not None
+        assert process.stderr is not None
+        reader = threading.Thread(target=lambda: results.append(process.stdout.read()))  # type: ignore[union-attr]
+        reader.start()
+        line, said = "", ""
+        for line in process.stderr:
+            told = _progress(line)
+            if told is not None:
+                self._say({"render": "running", **told})
+            elif line.startswith("nlens-video: "):
+                said = line.removeprefix("nlens-video: ").strip()
+        reader.join()
+        code = process.wait()
+        with self._gate:
+            self._process = None
+        if code == 0:
+            self._say({"render": "done", **_result(results[0])})
+        elif self._cancelled:
+            self._say({"render": "cancelled"})
+        else:
+            self._say({"render": "failed", "error": said or f"it ended with the code {code}"})
+
+    def _say(self, said: dict[str, Any]) -> None:
+        self._last = said
+        self._tell(said)
+
+
+def _progress(line: str) -> dict[str, Any] | None:
+    if not line.startswith('{"progress"'):
+        return None
+    try:
+        told = json.loads(line)
+    except ValueError:
+        return None
+    return {"what": told["progress"], "frames": told["frames"], "of": told["of"]}
+
+
+def _result(text: str) -> dict[str, Any]:
+    """What the page shows of the summary."""
+    try:
+        summary = json.loads(text)
+    except ValueError:
+        return {"notes": []}
+    timing = summary.get("timing", {})
+    return {
+        "notes": summary.get("notes", []),
+        "output": summary.get("output"),
+        "frames": timing.get("frames"),
+        "fps": timing.get("fps"),
+        "within_budget": timing.get("within_budget"),
+    }

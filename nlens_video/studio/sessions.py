@@ -1,0 +1,93 @@
+"""Sessions of the pipeline that draw one frame after the other, the object moved in between."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import OutputSettings, Settings
+from nlens_video.effects.planner import EffectRequest
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import View, choose_camera
+from nlens_video.graph.builder import Built, build
+from nlens_video.graph.camera_zoom import CameraZoom
+from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.nodes.camera import overscan_px
+from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.graph.session import Session
+from nlens_video.studio.open_plate import Plate
+from nlens_video.video.info import SourceFrame
+
+DRAGGED = "realtime"
+"""Preset of the pictures while something is dragged."""
+_AT_REST = {"reference": "standard", "paper": "standard"}
+"""Presets that are too slow to look at while one works."""
+_LIGHT = ("estimate-light", repr([]))
+
+
+def previewed(settings: Settings, *, quick: bool) -> Settings:
+    """The shot as it is previewed: nothing is written, and slow presets are replaced."""
+    preset = DRAGGED if quick else _AT_REST.get(settings.preset, settings.preset)
+    effects = settings.effects
+    if preset != settings.preset:
+        # effects that only another pipeline simulates would be refused
+        asked = EffectRequest.parse(effects)
+        simulated = {spec.type.effect for spec in load_pipeline(preset).nodes}
+        names = [asked.base, *(f"+{one}" for one in sorted(asked.added & simulated))]
+        effects = ",".join([*names, *(f"-{one}" for one in sorted(asked.removed))])
+    return replace(
+        settings, preset=preset, effects=effects, output=OutputSettings(spec="-"), report=None,
+        aov=None, timings=None, save_fit=None, hold_budget=False,
+    )  # fmt: skip
+
+
+def placed(base: Session, settings: Settings, view: View, *, hold_light: bool) -> Session:
+    """A session with the object at another place."""
+    scene = base.context.objects.scene
+    view, notes = choose_camera(settings.scene, scene, view)
+    view = replace(view, overscan_px=overscan_px(scene, view, base.context.measured))
+    objects = replace(base.context.objects, view=view)
+    context = replace(base.context, objects=objects, unit_m=view.unit_m)
+    built: Built = {}
+    if hold_light:
+        held = [node for node in base.graph.nodes if node.name == _LIGHT[0]]
+        built = dict(zip([_LIGHT], held, strict=False))
+    warnings = tuple(note for note in base.opening_notes if note in scene.warnings)
+    session = replace(base, opening_notes=(*notes, *warnings, *base.graph.notes))
+    return rebuilt(session, settings.preset, context, view, built)
+
+
+def rebuilt(
+    session: Session, preset: str, context: NodeContext, view: View, built: Built
+) -> Session:
+    """A session with new nodes, which know nothing of other places."""
+    pipeline = load_pipeline(preset)
+    given = session.executor.fit if _fit_given(session) else None
+    graph = build(pipeline, session.decisions, context, fit_given=given is not None, built=built)
+    scene = context.objects.scene
+    profiler = Profiler(session.executor.profiler.budget_ms)
+    zoom = None
+    if view.zoom_ends(scene):
+        zoom = CameraZoom(lambda time_s: context.objects.camera(time_s).fx, 1 / 30)
+    executor = GraphExecutor(graph, profiler, given, None, zoom)
+    return replace(session, graph=graph, context=context, view=view, executor=executor)
+
+
+def _fit_given(session: Session) -> bool:
+    return any(reason == "the lens fit is given" for _, reason in session.graph.left_out)
+
+
+def find_lens(executor: GraphExecutor, plate: Plate, frame: SourceFrame) -> LensFit | None:
+    """The lens by the first frame; by the one that is shown where the object is out of view."""
+    first, *following = plate.first()
+    found = executor.find_lens(executor.begin_frame(first, tuple(one.picture for one in following)))
+    if found is None and frame.index != first.index:
+        found = executor.find_lens(executor.begin_frame(frame))
+    return found
+
+
+def camera_height(session: Session, time_s: float) -> float:
+    """Height of the camera over the ground [scene unit]."""
+    camera = session.context.objects.camera(time_s)
+    return float(camera.world_from_camera[1, 3]) - session.context.ground_height

@@ -1,0 +1,144 @@
+"""The shot that the page edits: checked, read as settings, saved, and as a command line."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from nlens_video.core.errors import UsageError
+from nlens_video.core.settings import Settings
+from nlens_video.options.parser import Parser, parser_of
+from nlens_video.options.shot_file import Tables, files_by, read_tables, words_by
+from nlens_video.options.shot_writer import save_tables
+from nlens_video.options.table import ROWS
+from nlens_video.options.to_settings import settings
+from nlens_video.video.named_files import local_path
+
+_WRITES = {row.attribute for row in ROWS for file in row.files if file.role == "writes"}
+
+
+@dataclass(slots=True)
+class ShotState:
+    """A shot file that is edited, and the files that its edits may name.
+
+    Attributes:
+        path: the shot file; it need not exist yet.
+        tables: as they were at the start, or were saved last.
+    """
+
+    path: Path
+    tables: Tables
+    _own: set[Path] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._own = {one.resolve() for one in files_by(self.tables, self.path).values()}
+
+    @classmethod
+    def opened(cls, path: Path, plate: str | None, glb: Path | None) -> ShotState:
+        """The shot of a file that is there, or a new one.
+
+        Args:
+            path: the shot file.
+            plate: the plate; None: that of the file.
+            glb: the object; None: that of the file.
+
+        Raises:
+            UsageError: the file is no shot file, or it must exist and does not.
+        """
+        if not path.exists() and (plate is None or glb is None):
+            raise UsageError(f"{path}: there is no such shot file; give IN and ANIM.glb too")
+        tables = read_tables(path) if path.exists() else {}
+        for table, name in (("plate", plate), ("object", glb)):
+            if name is not None:
+                tables.setdefault(table, {})["file"] = _from(path.parent, str(name))
+        state = cls(path, tables)
+        if "file" not in tables.get("output", {}) and "file" in tables.get("plate", {}):
+            tables.setdefault("output", {})["file"] = _result_name(str(tables["plate"]["file"]))
+            state = cls(path, tables)
+        state.settings(tables)
+        return state
+
+    def settings(self, tables: Tables) -> Settings:
+        """What an edited shot says.
+
+        Raises:
+            UsageError: it is no shot, or names a file that is neither one of the shot's own nor in
+                its folder.
+        """
+        args = _parser().parse_args(self._words(tables))
+        args.command = "render"
+        return settings(args)
+
+    def command(self, tables: Tables) -> str:
+        """The command line that renders it, without the shot file; to be run where the server is.
+
+        Raises:
+            UsageError: as `settings`.
+        """
+        return shlex.join(["nlens-video", *self._words(tables)])
+
+    def save(self, tables: Tables) -> None:
+        """Write the shot file.
+
+        Raises:
+            UsageError: as `settings`.
+            OutputError: it cannot be written.
+        """
+        self.settings(tables)
+        save_tables(self.path, tables)
+        self.tables = tables
+
+    def result(self, tables: Tables) -> Path | None:
+        """Where the result is written; None where that is no file.
+
+        Raises:
+            UsageError: as `settings`.
+        """
+        self._words(tables)
+        return files_by(tables, self.path).get("output")
+
+    def _words(self, tables: Tables) -> list[str]:
+        words = words_by(tables, self.path)
+        for attribute, path in files_by(tables, self.path).items():
+            self._check(attribute, path)
+        for given in (tables["plate"]["file"], tables["output"]["file"]):
+            if local_path(str(given)) is None:
+                raise UsageError(f"{given}: the studio reads and writes files only")
+        return words
+
+    def _check(self, attribute: str, path: Path) -> None:
+        real, folder = path.resolve(), self.path.parent.resolve()
+        if real == self.path.resolve():
+            raise UsageError(f"{path}: is the shot file itself")
+        if real in self._own or real.is_relative_to(folder):
+            return
+        deed = "written" if attribute in _WRITES else "read"
+        raise UsageError(
+            f"{path}: is not {deed}: it is none of the files that the studio was started with, and "
+            f"not in the shot's folder {folder}"
+        )
+
+
+@cache
+def _parser() -> Parser:
+    return parser_of("render")
+
+
+def _from(folder: Path, name: str) -> str:
+    """A plate's or an object's name as the shot file in a folder gives it."""
+    place = local_path(name)
+    if place is None:
+        return name
+    return os.path.relpath(place.parent.resolve() / place.name, folder.resolve())
+
+
+def _result_name(plate: str) -> str:
+    """A name for the result: the plate's, beside the shot file."""
+    name = Path(plate)
+    stem = name.stem.partition("%")[0].rstrip("_.-") or "shot"
+    if "%" in name.name:
+        return f"{stem}-composite/{name.name}"
+    return f"{stem}-composite{name.suffix or '.mp4'}"

@@ -1,0 +1,232 @@
+"""One frame of a shot as the pipeline makes it, with all kept that the next one needs again.
+
+Plate, scene, camera, network and measurements are kept between pictures. While something is
+dragged (`quick`), the lens and the light of the last picture at rest are held as well, and the
+cheaper pipeline runs; at rest everything is found anew, by the code that renders the shot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+
+from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.core.errors import LensFitError
+from nlens_video.core.layers import CocMap, Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import View
+from nlens_video.graph.session import Session, open_session
+from nlens_video.run.lens_request import lens_request
+from nlens_video.run.open_run import view_of
+from nlens_video.scene.scene import Scene
+from nlens_video.studio.guides import Guides, guides
+from nlens_video.studio.open_plate import Plate
+from nlens_video.studio.plate_frames import PlateFrames
+from nlens_video.studio.sessions import camera_height, find_lens, placed, previewed, rebuilt
+from nlens_video.video.info import SourceFrame
+
+OnProgress = Callable[[int, int | None], None]
+Solve = Callable[[Settings, OnProgress], SolvedCamera]
+"""Solves a plate's camera; is told the frames so far and in all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """A frame with the object.
+
+    Attributes:
+        picture: the composite.
+        guides: what is where on it.
+        nodes_ms: time of each node [ms].
+        session: what made it.
+        notes: for the user.
+        no_lens: why a render would stop, empty where it would not.
+        fit: the lens, None where the object is out of view.
+    """
+
+    picture: Picture
+    guides: Guides
+    nodes_ms: dict[str, float]
+    session: Session
+    notes: tuple[str, ...]
+    no_lens: str
+    fit: LensFit | None
+
+
+@dataclass(slots=True)
+class _Lens:
+    """The lens of the last picture at rest, and how high its camera stood over the ground."""
+
+    fit: LensFit
+    height: float
+
+    def seen_from(self, height: float) -> LensFit:
+        """The same lens where the object's units are others: disparities are by the unit."""
+        ratio = height / self.height
+        fit = self.fit
+        return replace(fit, slope=fit.slope * ratio, slope_stderr=fit.slope_stderr * ratio)
+
+
+@dataclass(slots=True)
+class Stage:
+    """Draws frames of shots; all calls come from one thread, which owns the renderer.
+
+    Attributes:
+        solve: solves a plate's camera.
+        on_progress: told while a camera is solved.
+        check: called between steps; may raise, to give a picture up.
+    """
+
+    solve: Solve
+    on_progress: OnProgress = lambda done, total: None
+    check: Callable[[], None] = lambda: None
+    _plate: Plate | None = None
+    _bases: dict[bool, tuple[Settings, Session, ExitStack]] = field(default_factory=dict)
+    _cameras: dict[object, SolvedCamera] = field(default_factory=dict)
+    _scenes: dict[object, Scene] = field(default_factory=dict)
+    _lens: _Lens | None = None
+
+    def draw(self, settings: Settings, index: int, *, quick: bool = False) -> Drawn:
+        """Draw a frame of a shot.
+
+        Args:
+            settings: the shot.
+            index: of the frame in the plate.
+            quick: whether something is being dragged.
+
+        Raises:
+            NlensError: as `run.render`.
+        """
+        plate = self._plate_of(settings.source)
+        shown = previewed(settings, quick=quick)
+        view = self._view(shown, plate)
+        session = self._session(shown, plate, view, quick=quick)
+        frame = plate.frames.frame(index)
+        fit, no_lens = session.executor.fit, ""
+        if fit is None:
+            session, fit, no_lens = self._with_lens(
+                session, shown.preset, plate, frame, quick=quick
+            )
+        first = plate.first()[0]
+        if frame.index != first.index:
+            session.executor.observe_skipped(first)
+        picture = frame.picture.copy()
+        state = session.executor.begin_frame(replace(frame, picture=picture))
+        for node in session.graph.nodes:
+            self.check()
+            session.executor.run(state, (node,))
+        timing = session.executor.profiler.close_frame(frame.index, frame.pts)
+        scene = session.context.objects.scene
+        return Drawn(
+            picture=picture,
+            guides=guides(settings.scene, scene, session.view, frame.index, frame.time_s),
+            nodes_ms=timing.nodes,
+            session=session,
+            notes=session.notes,
+            no_lens=no_lens,
+            fit=fit,
+        )
+
+    def coc(self, settings: Settings) -> CocMap:
+        """The blur of the frame that the lens is found on."""
+        plate = self._plate_of(settings.source)
+        first, *following = plate.first()
+        return plate.estimate_coc(first.picture, [one.picture for one in following])
+
+    def plate(self, settings: Settings) -> PlateFrames:
+        """The plate's frames as they are drawn on."""
+        return self._plate_of(settings.source).frames
+
+    def close(self) -> None:
+        """Free renderer, networks and files."""
+        for _, _, stack in self._bases.values():
+            stack.close()
+        self._bases.clear()
+        if self._plate is not None:
+            self._plate.frames.close()
+
+    def _plate_of(self, source: SourceSettings) -> Plate:
+        if self._plate is None or self._plate.source != source:
+            self.close()
+            self._plate, self._lens = Plate.opened(source), None
+        return self._plate
+
+    def _view(self, settings: Settings, plate: Plate) -> View:
+        """How the reduced frames see the scene, before the object is placed."""
+        view = view_of(settings, plate.frames.info)
+        scene = self._scene(settings)
+        unplaced = settings.scene.placing is None and settings.scene.on_ground is None
+        if settings.needs_camera or (
+            unplaced and view.solved is None and not scene.camera_names
+        ):  # fmt: skip
+            view = replace(view, solved=self._camera(settings))
+        width, height = plate.frames.size
+        solved = None if view.solved is None else view.solved.resized(width, height)
+        return replace(view, width=width, height=height, solved=solved)
+
+    def _camera(self, settings: Settings) -> SolvedCamera:
+        fov = settings.scene.fov_deg or settings.lens.fov_x_deg
+        key = settings.source, settings.scale, fov
+        if key not in self._cameras:
+            self._cameras.clear()
+            self._cameras[key] = self.solve(settings, self.on_progress)
+        return self._cameras[key]
+
+    def _scene(self, settings: Settings) -> Scene:
+        objects = settings.scene
+        key = objects.glb, objects.glb.stat().st_mtime_ns if objects.glb.exists() else 0, \
+            objects.playback, objects.scene  # fmt: skip
+        if key not in self._scenes:
+            self._scenes.clear()
+            self._scenes[key] = Scene.load(objects.glb, objects.playback, objects.scene)
+        return self._scenes[key]
+
+    def _session(self, settings: Settings, plate: Plate, view: View, *, quick: bool) -> Session:
+        """A session for the shot: one that is kept, with the object where it is now, or a new one.
+
+        Its nodes are new, so that nothing of another place stays; but the light while dragging.
+        """
+        unplaced = replace(
+            settings, scene=replace(settings.scene, placing=None, on_ground=None, at_frame=0)
+        )
+        kept = self._bases.get(quick)
+        if kept is None or kept[0] != unplaced or kept[1].context.objects.scene is not (
+            self._scene(settings)
+        ):  # fmt: skip
+            if kept is not None:
+                self._bases.pop(quick)[2].close()
+            session = open_session(
+                settings.scene, lens_request(settings, plate.frames.info), view,
+                Profiler(settings.budget_ms), plate.preview,
+                scene=self._scene(settings), estimate_coc=plate.estimate_coc,
+            )  # fmt: skip
+            stack = ExitStack()
+            stack.enter_context(session.render_context())
+            self._bases[quick] = unplaced, session, stack
+            return session
+        return placed(kept[1], settings, view, hold_light=quick)
+
+    def _with_lens(
+        self, session: Session, preset: str, plate: Plate, frame: SourceFrame, *, quick: bool
+    ) -> tuple[Session, LensFit | None, str]:
+        """The session with its lens: held, or found where the run finds it; else why it is not."""
+        height = camera_height(session, plate.first()[0].time_s)
+        if quick and self._lens is not None and height > 0.0:
+            fit = self._lens.seen_from(height)
+            session.executor.pin_fit(fit)
+            return session, fit, ""
+        try:
+            found, no_lens = find_lens(session.executor, plate, frame), ""
+        except LensFitError as error:
+            no_lens = str(error)
+            context = replace(session.context, fallback_constant=True)
+            session = rebuilt(session, preset, context, session.view, {})
+            found = find_lens(session.executor, plate, frame)
+        if found is not None:
+            session.executor.pin_fit(found)
+            if not quick and height > 0.0:
+                self._lens = _Lens(found, height)
+        return session, found, no_lens

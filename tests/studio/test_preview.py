@@ -1,0 +1,122 @@
+"""What the studio draws is what a run renders; its frames are the plate's."""
+
+import copy
+
+import cv2
+import numpy as np
+import pytest
+from support import shots
+from support.command import nlens
+from support.studio import TABLES, write_shot
+
+from nlens_video.cli.solve_command import camera_of_run
+from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.settings import SourceSettings
+from nlens_video.studio.plate_frames import PlateFrames
+from nlens_video.studio.shot_state import ShotState
+from nlens_video.studio.stage import Stage
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def stage():
+    made = Stage(camera_of_run)
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("preset", ["draft", "standard"])
+@pytest.mark.parametrize("fit", [True, False])
+def test_picture_at_rest_is_the_one_that_a_run_renders(tmp_path, stage, preset, fit):
+    shots.write_png(tmp_path / "in.png")
+    shots.cube_glb(tmp_path / "bare.glb", camera=False, sun=False)
+    shots.fit_json(tmp_path / "fit.json")
+    tables = copy.deepcopy(TABLES) | {"plate": {"file": "in.png"}, "output": {"file": "out.png"}}
+    tables["quality"] = {"preset": preset}
+    tables["effects"] = {"effects": "auto"}
+    if not fit:
+        tables["lens"] = {"fallback": "constant"}
+    state = ShotState(tmp_path / "shot.toml", tables)
+    for x in (0.7, 0.4):  # the second one is drawn with what is kept of the first
+        tables["place"]["at"] = [x, 0.8]
+        drawn = stage.draw(state.settings(tables), 0)
+    state.save(tables)
+    assert nlens(state.path, "--no-progress", "-q", "-y").returncode == 0
+    rendered = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
+    levels = np.round(255.0 * drawn.picture.srgb()).astype(np.uint8)
+    np.testing.assert_array_equal(levels, rendered)
+
+
+def test_dragged_picture_shows_the_object_where_the_one_at_rest_does(tmp_path, stage):
+    shot = write_shot(tmp_path)
+    tables = copy.deepcopy(TABLES)
+    tables["lens"] = {"fallback": "constant"}
+    state = ShotState(shot, tables)
+    stage.draw(state.settings(tables), 1)
+    tables["place"].update(at=[0.6, 0.7], yaw=40)
+    quick, rest = (stage.draw(state.settings(tables), 1, quick=quick) for quick in (True, False))
+    assert quick.guides == rest.guides
+    apart = np.abs(quick.picture.srgb() - rest.picture.srgb()).max(axis=2)
+    assert np.quantile(apart, 0.99) < 0.1
+
+
+def test_lens_that_is_held_while_dragging_is_that_of_the_new_place(tmp_path, stage):
+    """The unit of the object's world changes with its place; the blur of the plate does not."""
+    shot = write_shot(tmp_path)
+    tables = copy.deepcopy(TABLES)
+    tables["lens"] = {"lens": "50mm f/1.8 focus 2m"}
+    state = ShotState(shot, tables)
+    before = stage.draw(state.settings(tables), 0)
+    tables["place"].update(at=[0.4, 0.6], size=0.2)
+    held = stage.draw(state.settings(tables), 0, quick=True).fit
+    found = stage.draw(state.settings(tables), 0).fit
+    assert held.slope != before.fit.slope
+    assert held.slope == pytest.approx(found.slope, rel=0.15)
+    assert held.intercept == pytest.approx(found.intercept, rel=0.15)
+
+
+def test_frames_are_those_of_the_plate_in_any_order(tmp_path):
+    path = shots.write_video(tmp_path / "in.mp4", frames=70, group=10, audio=False)
+    source = SourceSettings(spec=str(path))
+    frames = PlateFrames(source)
+    told = {index: frames.frame(index).picture.srgb() for index in (60, 3, 69, 0, 61, 4)}
+    frames.close()
+    again = PlateFrames(source)
+    for index in sorted(told):
+        np.testing.assert_array_equal(told[index], again.frame(index).picture.srgb())
+    assert again.count() == 70
+    with pytest.raises(InputError, match="has no frame 70"):
+        again.frame(70)
+    again.close()
+
+
+def test_large_plate_is_reduced(tmp_path):
+    large = cv2.resize(shots.plate(), (3840, 2048))
+    shots.write_png(tmp_path / "in.png", large)
+    frames = PlateFrames(SourceSettings(spec=str(tmp_path / "in.png")), 960 * 544)
+    assert frames.reduced
+    assert frames.frame(0).picture.width == frames.size[0] <= 1012
+    assert frames.size[0] / frames.size[1] == pytest.approx(3840 / 2048, rel=0.002)
+    frames.close()
+
+
+def test_a_stream_has_no_frames_on_demand():
+    with pytest.raises(UsageError, match="needs a plate in files"):
+        PlateFrames(SourceSettings(spec="-"))
+
+
+def test_saving_keeps_what_a_person_wrote_beside_it(tmp_path):
+    shot = write_shot(tmp_path, frames=1)
+    shot.write_text("# the corner\n" + shot.read_text().replace("size = 0.3", "size = 0.3  # sic"))
+    state = ShotState.opened(shot, None, None)
+    tables = copy.deepcopy(state.tables)
+    tables["place"]["at"] = [0.1, 0.9]
+    del tables["camera"]
+    tables["light"] = {"sun": [60, 40, 2]}
+    state.save(tables)
+    text = shot.read_text()
+    assert text.startswith("# the corner\n")
+    assert "size = 0.3  # sic" in text
+    assert "[camera]" not in text
+    assert ShotState.opened(shot, None, None).tables == tables
