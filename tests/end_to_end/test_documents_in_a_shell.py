@@ -32,7 +32,8 @@ SERVER = (
     "timeout 60 ffmpeg -v error -rtsp_flags listen -i rtsp://127.0.0.1:{other_port}/live -f null -"
 )
 IN_A_SHELL = re.compile(r" \| |/dev/video|rtsp://|PICTURES|study analyse")
-ELSEWHERE = re.compile(r"^vspipe |! nlens glb=")  # tests/adapters
+ELSEWHERE = re.compile(r"^vspipe |! nlens glb=|-out\.(mkv|mov|webm)$")
+"""Lines that tests/adapters and test_ffmpeg_page.py run."""
 LINES = [line for line in commands() if IN_A_SHELL.search(line) and not ELSEWHERE.search(line)]
 
 
