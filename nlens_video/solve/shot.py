@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
-from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathKind, SolvedCamera
+from nlens_video.cameras.solved import CameraKey, PathKind, SolvedCamera
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import CocMap, Float64
 from nlens_video.solve.focal import (
@@ -30,6 +30,7 @@ from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
 from nlens_video.solve.still.segments import NO_SEGMENTS, Segments, find_segments, pooled
 from nlens_video.solve.still.vanishing import Horizon, Mixture
+from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, with_sources
 from nlens_video.solve.tracks import Tracker
 
 Cue = Literal["lines", "blur"]
@@ -40,10 +41,7 @@ EYE_HEIGHT = 1.6
 _FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
 _STRAIGHT = math.radians(1.0)  # turn of a path whose pictures share their vanishing points
 _POOLED, _EVERY_OTHER = 6, 2  # pictures whose lines are pooled, at most; of a path's, for time
-_FOV_MEASURED = 0.08  # largest standard error of a focal length that counts as measured [1]
-_PITCH_MEASURED, _ROLL_MEASURED = math.radians(4.0), math.radians(1.5)
 _GROUND_ERROR_DEG = 0.5
-_FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
 
 
 @dataclass(slots=True)
@@ -141,7 +139,7 @@ class ShotSolver:
         """A part of the shot, with a focal length from lines where its path tells none."""
         found = solver.solve(keyframes, focal_px)
         if isinstance(found, Part):
-            if found.focal_error < min(_FOV_MEASURED, self._focal_prior()[1]):
+            if found.focal_error < min(FOV_MEASURED, self._focal_prior()[1]):
                 return found
             prior = math.log(found.focals_px[0] / self.size[0]), found.focal_error
             still = self._horizon(self.segments, product(prior, self._focal_prior()))
@@ -207,7 +205,7 @@ class ShotSolver:
         blur = self._blur()
         horizon = Mixture(self.segments, self.size, CameraPrior(self._focal_prior(), blur)).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
-        return self._solved(
+        return self._outcome(
             [0], [horizon.pose(EYE_HEIGHT)], [math.exp(horizon.log_focal)], errors, path="still",
             method="vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
@@ -236,7 +234,7 @@ class ShotSolver:
             level = horizon.pose(EYE_HEIGHT)
             level[:3, :3] = level[:3, :3] @ first.T @ pose[:3, :3]
             poses.append(level)
-        return self._solved(
+        return self._outcome(
             path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
             method="rotation, vanishing points" + (" and blur" if blur else ""),
         )  # fmt: skip
@@ -259,41 +257,22 @@ class ShotSolver:
             math.hypot(math.radians(_GROUND_ERROR_DEG), tilt), math.radians(_GROUND_ERROR_DEG),
             max(error, 1e-3),
         ])  # fmt: skip
-        camera = self._solved(
+        camera = self._outcome(
             path.frames, list(turned), [one / self.size[0] for one in path.focals_px], errors,
             path="moving", method="structure from motion",
         )  # fmt: skip
         points = path.ground @ level[:3, :3].T + level[:3, 3]
         return replace(camera, points=points, distortion_k1=path.distortion)
 
-    def _solved(
+    def _outcome(
         self, frames: list[int], poses: list[Float64], focals: list[float], errors: Float64, *,
         path: PathKind, method: str,
     ) -> SolvedCamera:  # fmt: skip
-        """The camera with the sources and errors of its values."""
-        fovs = [2.0 * math.degrees(math.atan(0.5 / focal)) for focal in focals]
-        source: FovSource = "assumed" if self.known is None else "metadata"
-        if errors[2] < min(_FOV_MEASURED, _FINER * (self.known.error if self.known else 1.0)):
-            source = "measured"
-        sure = bool(errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED)
-        return SolvedCamera(
-            width=self.size[0],
-            height=self.size[1],
-            keys=tuple(
-                CameraKey(
-                    index=frame, pts_s=self._times[frame],
-                    world_to_camera=np.asarray(np.linalg.inv(pose)), fov_x_deg=fov,
-                )
-                for frame, pose, fov in zip(frames, poses, fovs, strict=True)
-            ),
-            fov=source,
-            horizon="measured" if sure or path == "moving" else "assumed",
-            path=path,
-            errors=CameraErrors(
-                # d fov / d log focal = -sin(fov)
-                fov_deg=math.degrees(math.sin(math.radians(fovs[0])) * float(errors[2])),
-                pitch_deg=math.degrees(errors[0]),
-                roll_deg=math.degrees(errors[1]),
-            ),
-            method=method,
+        keys = tuple(
+            CameraKey(
+                index=frame, pts_s=self._times[frame],
+                world_to_camera=np.asarray(np.linalg.inv(pose)), fov_x_deg=fov_of_focal(focal),
+            )
+            for frame, pose, focal in zip(frames, poses, focals, strict=True)
         )  # fmt: skip
+        return with_sources(self.size, keys, errors, self.known, path=path, method=method)

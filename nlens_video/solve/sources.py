@@ -1,0 +1,60 @@
+"""Which values of a solved camera are called measured, by their standard errors."""
+
+from __future__ import annotations
+
+import math
+
+from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathKind, SolvedCamera
+from nlens_video.core.layers import Float64
+from nlens_video.solve.focal import KnownFov
+
+FOV_MEASURED = 0.08
+"""Largest standard error of a focal length that counts as measured [1]."""
+_PITCH_MEASURED, _ROLL_MEASURED = math.radians(4.0), math.radians(1.5)
+_FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
+
+
+def with_sources(
+    size: tuple[int, int],
+    keys: tuple[CameraKey, ...],
+    errors: Float64,
+    known: KnownFov | None,
+    *,
+    path: PathKind,
+    method: str,
+) -> SolvedCamera:
+    """The camera, with what its values come from and their errors.
+
+    Args:
+        size: columns and rows [px].
+        keys: the camera of each frame.
+        errors: of pitch, roll [rad] and of the focal length (3,) [1].
+        known: field of view from metadata or the user, None where it was measured alone.
+        path: how the camera moves; the ground of one that leaves its place is always measured.
+        method: what it was solved by.
+    """
+    source: FovSource = "assumed" if known is None else "metadata"
+    if errors[2] < min(FOV_MEASURED, _FINER * (known.error if known else 1.0)):
+        source = "measured"
+    sure = bool(errors[0] < _PITCH_MEASURED and errors[1] < _ROLL_MEASURED)
+    # d fov / d log focal = -sin(fov)
+    fov_error = math.degrees(math.sin(math.radians(keys[0].fov_x_deg)) * float(errors[2]))
+    return SolvedCamera(
+        width=size[0],
+        height=size[1],
+        keys=keys,
+        fov=source,
+        horizon="measured" if sure or path == "moving" else "assumed",
+        path=path,
+        errors=CameraErrors(
+            fov_deg=fov_error,
+            pitch_deg=math.degrees(errors[0]),
+            roll_deg=math.degrees(errors[1]),
+        ),
+        method=method,
+    )
+
+
+def fov_of_focal(focal: float) -> float:
+    """Field of view across the frame [deg] of a focal length by its width [1]."""
+    return 2.0 * math.degrees(math.atan(0.5 / focal))
