@@ -26,11 +26,11 @@ from nlens_video.solve.paths.joining import Joined, parts_of
 from nlens_video.solve.paths.moving import Part, PartSolver, bundle_turn, with_focal
 from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
+from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, with_sources
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
 from nlens_video.solve.still.segments import NO_SEGMENTS, Segments, find_segments, pooled
 from nlens_video.solve.still.vanishing import Horizon, Mixture
-from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, with_sources
 from nlens_video.solve.tracks import Tracker
 
 Cue = Literal["lines", "blur"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -11,13 +10,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nlens_video.core.layers import Float64
+from nlens_video.solve.paths.least_cauchy import least_cauchy
 from nlens_video.solve.points.observations import Ints, Table
 
 _FOCALS = np.geomspace(0.5, 4.0, 9)  # tried first, by the frame's width [1]
 _LOSS_PX = 0.5
 _ROUNDS = 4
 _FEWEST = 8  # points that two frames share
-_STEPS, _SETTLED = 30, 1e-4  # of the least squares
 _FAR_PX = 4.0  # of a start that is worth refining
 _MOST_POINTS = 200  # those that are seen the longest suffice
 
@@ -244,8 +243,8 @@ class _Data:
             whole = np.concatenate([each[:, :, :count].sum(axis=2, keepdims=True), each], axis=2)
             return np.asarray(whole.reshape(-1, len(free)).T[free], np.float64)
 
-        (solved, rotations), information = _least(
-            lambda path: self.residuals(*path).ravel(), slopes, moved, (focals, start)
+        (solved, rotations), information = least_cauchy(
+            lambda path: self.residuals(*path).ravel(), slopes, moved, (focals, start), _LOSS_PX
         )
         median = self.score(solved, rotations)
         variance = float(np.linalg.inv(information)[0, 0]) * (1.4826 * median) ** 2
@@ -267,34 +266,3 @@ def _crossing(vectors: Float64) -> Float64:
     for one, two, three in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         found[:, one, two], found[:, two, one] = -vectors[:, three], vectors[:, three]
     return found
-
-
-def _least(
-    residuals: Callable[[_Path], Float64], slopes: Callable[[_Path], Float64],
-    moved: Callable[[_Path, Float64], _Path], start: _Path,
-) -> tuple[_Path, Float64]:  # fmt: skip
-    """Levenberg's method under Cauchy's loss; the path, and its information (P, P)."""
-    path, damping = start, 1e-3
-    here = residuals(path)
-    for _ in range(_STEPS):
-        across = slopes(path)
-        weights = 1.0 / (1.0 + (here / _LOSS_PX) ** 2)
-        information = (across * weights) @ across.T
-        information += 1e-9 * np.trace(information) / len(across) * np.eye(len(across))
-        gradient = across @ (weights * here)
-        before = np.log1p((here / _LOSS_PX) ** 2).sum()
-        for _ in range(_ROUNDS):
-            guard = damping * np.diag(np.diag(information))
-            step = np.asarray(np.linalg.solve(information + guard, gradient), np.float64)
-            tried = moved(path, -step)
-            there = residuals(tried)
-            gain = 1.0 - np.log1p((there / _LOSS_PX) ** 2).sum() / max(before, 1e-12)
-            if gain > 0.0:
-                break
-            damping *= 10.0
-        if gain <= 0.0:
-            break
-        path, here, damping = tried, there, 0.1 * damping
-        if gain < _SETTLED:
-            break
-    return path, information
