@@ -108,6 +108,7 @@ class _Reader:
             principal_px=self._point(raw, "principal_px", "px"),
             distortion_k1=self._number(raw, "distortion_k1", 0.0),
             place=self._point(raw, "place", "frame"),
+            place_guessed=raw.get("place_guessed") is True,
             reprojection_px=self._number(raw, "reprojection_px", 0.0)
             if "reprojection_px" in raw
             else None,

@@ -92,6 +92,7 @@ class SolvedCamera:
             r from the principal point lies at r (1 + k1 r²) [1].
         place: column and row of the first frame where an object stands on the ground in no one's
             way, None where that is not known [frame width, frame height].
+        place_guessed: whether nothing in the plate tells that the place is on the ground.
         reprojection_px: median distance of tracked points from where the cameras see them, None
             where no point was tracked [px].
         points: points of the scene that were solved with it (N, 3), None without; of scene files,
@@ -111,6 +112,7 @@ class SolvedCamera:
     principal_px: tuple[float, float] | None = None
     distortion_k1: float = 0.0
     place: tuple[float, float] | None = None
+    place_guessed: bool = False
     reprojection_px: float | None = None
     points: Float64 | None = None
 
@@ -197,6 +199,8 @@ class SolvedCamera:
             values["distortion_k1"] = self.distortion_k1
         if self.place is not None:
             values["place"] = list(self.place)
+        if self.place_guessed:
+            values["place_guessed"] = True
         if self.reprojection_px is not None:
             values["reprojection_px"] = self.reprojection_px
         return json.dumps(values, indent=1) + "\n"

@@ -36,7 +36,13 @@ from nlens_video.report.findings import EvenPick
 from nlens_video.report.html import to_8_bit
 from nlens_video.run.open_run import opened
 from nlens_video.scene.scene import Scene
-from nlens_video.solve.evidence import Reprojection, line_groups, reproject, standing_points
+from nlens_video.solve.evidence import (
+    Reprojection,
+    line_groups,
+    reproject,
+    shows_ground,
+    standing_points,
+)
 from nlens_video.solve.focal import KnownFov
 from nlens_video.solve.free_place import free_place
 from nlens_video.solve.marker_fit import metric_camera
@@ -233,7 +239,9 @@ def _solved(
     reduced = camera.resized(*size)
     standing = standing_points(solver.segments, reduced.at(solver.times_s[0]))
     place = free_place(solver.seen.tracks(), solver.times_s, reduced, standing)
-    return _Solved(replace(camera, keys=keys, place=place), solver, tracked, frames)
+    told = place is None or shows_ground(solver.segments, reduced, solver.times_s[0], place)
+    camera = replace(camera, keys=keys, place=place, place_guessed=not told)
+    return _Solved(camera, solver, tracked, frames)
 
 
 def _in_metres(

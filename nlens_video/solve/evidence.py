@@ -21,6 +21,9 @@ _AMBIGUOUS = np.radians(3.0)  # an upright segment so near to a horizontal direc
 _STEP = 0.02  # between places along a segment, by the frame's height
 _FEWEST = 3  # segments that make a horizontal direction
 _MOST_DIRECTIONS = 4
+_ASIDE, _BEYOND, _BEFORE = 0.25, 0.12, 0.2  # of a place: lines that tell whether it is ground
+_FEWEST_NEAR, _LEAST_LENGTH = 3, 0.12  # lines of a direction there; their length by the width
+_GROUND_DIRECTIONS = 2
 _BINS = 180
 _MOST_FRAMES = 300  # of a shot, evenly
 _SHORTEST = 5  # frames that show a point
@@ -163,6 +166,35 @@ def standing_points(segments: Segments, camera: Camera) -> Float64:
         for share in np.linspace(0.0, 1.0, 1 + math.ceil(float(np.linalg.norm(other - one)) / step))
     ]
     return np.array(found).reshape(-1, 2)
+
+
+def shows_ground(
+    segments: Segments, solved: SolvedCamera, time_s: float, place: tuple[float, float]
+) -> bool:
+    """Whether something tells that a place is on the ground.
+
+    Points below a path do, what gives the scale, blur that grows towards the viewer, and lines
+    about the place along two directions over a ground that is measured: tiles, boards, kerbs. A
+    wall shows one level direction, and the vertical.
+
+    Args:
+        segments: of the first picture, at the size of the solved camera.
+        solved: the cameras.
+        time_s: of the first picture [s].
+        place: column and row in it [frame width, frame height].
+    """
+    if solved.path == "moving" or solved.scale == "metres" or "blur" in solved.method:
+        return True
+    if solved.horizon == "assumed":
+        return False
+    size = solved.width, solved.height
+    off = segments.ends.mean(axis=1).reshape(-1, 2) / size - place
+    near = (abs(off[:, 0]) < _ASIDE) & (off[:, 1] > -_BEYOND) & (off[:, 1] < _BEFORE)
+    groups = _grouped(segments, solved.at(time_s))[0]
+    share = segments.lengths / solved.width
+    found = [near & (groups == number) for number in range(1, _MOST_DIRECTIONS + 1)]
+    told = [one.sum() >= _FEWEST_NEAR and share[one].sum() > _LEAST_LENGTH for one in found]
+    return bool(sum(told) >= _GROUND_DIRECTIONS)
 
 
 def _grouped(segments: Segments, camera: Camera) -> tuple[Ints, list[Float64]]:

@@ -131,3 +131,9 @@ def test_times_must_rise():
 def test_text_that_is_no_json_is_refused():
     with pytest.raises(SceneError, match="not JSON"):
         camera_of_json("{")
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_a_guessed_place_stays_one_in_the_file(guessed):
+    written = camera(place=(0.4, 0.8), place_guessed=guessed)
+    assert camera_of_json(written.to_json()).place_guessed is guessed

@@ -1,12 +1,14 @@
 """How a solved camera explains tracks and segments."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.camera_paths import SIZE, focal_of, project, rotation
 from support.seen_points import observed
 
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
-from nlens_video.solve.evidence import CLUTTER, VERTICAL, line_groups, reproject
+from nlens_video.solve.evidence import CLUTTER, VERTICAL, line_groups, reproject, shows_ground
 from nlens_video.solve.still.segments import Segments
 
 FOV_DEG = 50.0
@@ -86,3 +88,49 @@ def test_segments_are_grouped_by_the_direction_that_they_point_to():
     assert {len(set(groups[6:12])), len(set(groups[12:18]))} == {1}
     assert groups[6] != groups[12] and min(groups[6], groups[12]) >= 1
     assert groups[18] == CLUTTER
+
+
+TURN, EYE = rotation(0.3, -0.3, 0.0), np.array([0.0, 1.5, 0.0])
+GRID = np.array([[x, 0.0, z] for x in (-0.8, 0.0, 0.8) for z in (-3.2, -4.0, -4.8)])
+
+
+def seen_lines(starts, *directions):
+    """Segments from some points along directions, as the camera at EYE sees them."""
+    ends = []
+    for direction in directions:
+        both = np.stack([starts, starts + np.array(direction)], axis=1)
+        ends.append(np.stack([project(both[:, k], TURN, EYE, FOV_DEG)[0] for k in (0, 1)], axis=1))
+    return Segments(np.concatenate(ends), np.full(len(starts) * len(directions), 0.5))
+
+
+TILES = seen_lines(GRID, (0.6, 0.0, 0.0), (0.0, 0.0, -0.6))
+WALL = seen_lines(GRID + (0.0, 0.4, 0.0), (0.6, 0.0, 0.0), (0.0, 0.6, 0.0))
+SURE = replace(camera_of([(TURN, EYE)]), horizon="measured", method="vanishing points")
+
+
+def told(segments, camera=SURE):
+    middle = segments.ends.mean(axis=(0, 1)) / SIZE
+    return shows_ground(segments, camera, 0.0, (float(middle[0]), float(middle[1])))
+
+
+def test_lines_along_two_directions_tell_the_ground():
+    assert told(TILES)
+
+
+def test_a_wall_does_not_tell_the_ground():
+    assert not told(WALL)
+
+
+def test_lines_far_from_the_place_do_not_tell_its_ground():
+    assert not shows_ground(TILES, SURE, 0.0, (0.02, 0.98))
+
+
+def test_a_horizon_that_is_assumed_tells_no_ground_by_its_lines():
+    assert not told(TILES, replace(SURE, horizon="assumed"))
+
+
+@pytest.mark.parametrize(
+    "change", [{"path": "moving"}, {"scale": "metres"}, {"method": "vanishing points and blur"}]
+)
+def test_a_path_a_scale_or_blur_tells_the_ground(change):
+    assert told(WALL, replace(SURE, horizon="assumed", **change))

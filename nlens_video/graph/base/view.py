@@ -188,7 +188,9 @@ def _with_solved_camera(
         pitch = f"pitch {solved.keys[0].pitch_deg:.1f} degrees, {solved.horizon}"
         unseen = f"the plate's camera ({pitch}) sees no ground: the horizon is assumed"
         return view, (Note(unseen, NoteKind.UNCERTAIN), note)
-    chosen = "" if wish.at else " (chosen; --at X,Y and --size S place it elsewhere)"
+    guessed = solved.place_guessed and not wish.at
+    why = "a guess: no line or blur tells that this is ground" if guessed else "chosen"
+    chosen = "" if wish.at else f" ({why}; --at X,Y and --size S place it elsewhere)"
     seen = (
         f"the plate's camera: field of view {solved.keys[0].fov_x_deg:.3g} degrees "
         f"({solved.fov_source}), pitch {solved.keys[0].pitch_deg:.1f} ({solved.horizon}), "
@@ -198,7 +200,7 @@ def _with_solved_camera(
     return replace(view, cameras=cameras), (
         Note(seen, NoteKind.INFORMATION),
         *([Note(uncertain, NoteKind.UNCERTAIN)] if uncertain else []),
-        Note(f"placed by {said}{chosen}"),
+        Note(f"placed by {said}{chosen}", NoteKind.UNCERTAIN if guessed else NoteKind.OTHER),
     )
 
 
