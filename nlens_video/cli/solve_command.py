@@ -36,15 +36,9 @@ from nlens_video.report.findings import EvenPick
 from nlens_video.report.html import to_8_bit
 from nlens_video.run.open_run import opened
 from nlens_video.scene.scene import Scene
-from nlens_video.solve.evidence import (
-    Reprojection,
-    line_groups,
-    reproject,
-    shows_ground,
-    standing_points,
-)
+from nlens_video.solve.evidence import Reprojection, line_groups, reproject
 from nlens_video.solve.focal import KnownFov
-from nlens_video.solve.free_place import free_place
+from nlens_video.solve.free_place import chosen_place
 from nlens_video.solve.marker_fit import metric_camera
 from nlens_video.solve.markers import MarkerFinder
 from nlens_video.solve.person import scaled_by_person
@@ -236,11 +230,10 @@ def _solved(
     )  # fmt: skip
     camera = _in_metres(camera, scale, markers)
     keys = tuple(replace(key, index=frames[key.index]) for key in camera.keys)  # of the plate
-    reduced = camera.resized(*size)
-    standing = standing_points(solver.segments, reduced.at(solver.times_s[0]))
-    place = free_place(solver.seen.tracks(), solver.times_s, reduced, standing)
-    told = place is None or shows_ground(solver.segments, reduced, solver.times_s[0], place)
-    camera = replace(camera, keys=keys, place=place, place_guessed=not told)
+    place, guessed = chosen_place(
+        solver.seen.tracks(), solver.times_s, camera.resized(*size), solver.segments
+    )
+    camera = replace(camera, keys=keys, place=place, place_guessed=guessed)
     return _Solved(camera, solver, tracked, frames)
 
 

@@ -16,6 +16,8 @@ from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
+from nlens_video.solve.evidence import shows_ground, standing_points
+from nlens_video.solve.still.segments import Segments
 
 _OFF_PX = 2.5  # from where a point of the ground would be, at a width of 960
 _COLUMNS = (0.5, 0.42, 0.58, 0.34, 0.66, 0.26, 0.74)
@@ -26,6 +28,26 @@ _MARGIN = 0.05  # of a frame that shows the place [frame]
 _MOST_FRAMES, _MOST_TRACKS = 12, 4000
 NOTHING: Float64 = np.zeros((0, 2))
 """Places of a picture without upright edges."""
+
+
+def chosen_place(
+    tracks: Sequence[Mapping[int, Float32 | Float64]],
+    times_s: list[float],
+    solved: SolvedCamera,
+    segments: Segments,
+) -> tuple[tuple[float, float] | None, bool]:
+    """The free place of a shot, and whether it is a guess: nothing tells that it is on the ground.
+
+    Args:
+        tracks: positions by frame, at the size of the solved camera [px].
+        times_s: of the frames [s].
+        solved: the cameras.
+        segments: of the first picture, at the size of the solved camera.
+    """
+    standing = standing_points(segments, solved.at(times_s[0]))
+    place = free_place(tracks, times_s, solved, standing)
+    told = place is None or shows_ground(segments, solved, times_s[0], place)
+    return place, not told
 
 
 def free_place(
