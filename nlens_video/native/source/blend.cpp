@@ -1,119 +1,17 @@
 // Samples to scene-linear light, and a layer over them in light: `video/pixels/blend.py`.
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
+#include "light_codes.h"
 #include "module.h"
 
 namespace nlens {
 namespace {
 
-// Tables over octaves of light, each in `2^kStepBits` steps, see `samples.py`.
-constexpr int kStepBits = 7, kFirstOctave = -40, kShift = 23 - kStepBits;
-constexpr int kFirstPiece = (127 + kFirstOctave) << kStepBits;
-constexpr std::int32_t kMask = (1 << kShift) - 1;
-constexpr float kSmallest = 0x1p-40f, kFraction = 1.0f / (1 << kShift);
 constexpr int kSide = 3;  // samples across and down of a mean; with 2, pans are measured half as precisely
-
-// What a table gives at a value of any sign: the float's exponent and mantissa are the position.
-float look_up(Array<const float, 1> table, float value) {
-    const float size = std::fabs(value);
-    float found;
-    if (size < kSmallest) {
-        found = table(0) + (table(1) - table(0)) * (size / kSmallest);
-    } else {
-        const auto bits = std::bit_cast<std::int32_t>(size);
-        const int piece = std::min((bits >> kShift) - kFirstPiece + 1, table.shape[0] - 2);
-        const float low = table(piece);
-        found = low + (table(piece + 1) - low) * (static_cast<float>(bits & kMask) * kFraction);
-    }
-    return value >= 0.0f ? found : -found;
-}
-
-struct Rgb {
-    float r, g, b;
-};
-
-Rgb look_up(Array<const float, 1> table, Rgb v) {
-    return {look_up(table, v.r), look_up(table, v.g), look_up(table, v.b)};
-}
-
-using Matrix = Array<const float, 2>;  // (3, 3), or (3, 4) with an offset
-
-float dot(Matrix matrix, int row, Rgb v) {
-    return matrix(row, 0) * v.r + matrix(row, 1) * v.g + matrix(row, 2) * v.b;
-}
-
-Rgb apply(Matrix matrix, Rgb v) {
-    return {dot(matrix, 0, v), dot(matrix, 1, v), dot(matrix, 2, v)};
-}
-
-Rgb apply_affine(Matrix matrix, Rgb v) {
-    const Rgb turned = apply(matrix, v);
-    return {turned.r + matrix(0, 3), turned.g + matrix(1, 3), turned.b + matrix(2, 3)};
-}
-
-template <class Sample>
-using Plane = Strided<Sample, 2>;
-template <class Sample>
-using Planes = std::tuple<Plane<Sample>, Plane<Sample>, Plane<Sample>>;
-using Pair = std::tuple<int, int>;
-
-// How the chroma planes lie to the luma plane, see `samples.Axis`.
-struct Axis {
-    int step, phase, first;
-    Array<const float, 1> weights;
-    static constexpr auto fields = std::tuple{&Axis::step, &Axis::phase, &Axis::first, &Axis::weights};
-
-    int of(int luma) const { return (luma + phase) / step; }  // not negative
-};
-
-// Replaces the values of a row by what a table gives, as `look_up`; without branches, so that several
-// are looked up at once.
-void look_up_row(Array<const float, 1> table, float* __restrict row, int count) {
-    const float* __restrict entries = table.data;
-    const int last = table.shape[0] - 2;
-    const float first = entries[0], slope = entries[1] - entries[0];
-    for (int x = 0; x < count; ++x) {
-        const float value = row[x], size = std::fabs(value);
-        const auto bits = std::bit_cast<std::int32_t>(size);
-        const int piece = std::min(std::max((bits >> kShift) - kFirstPiece + 1, 0), last);
-        const float low = entries[piece], next = entries[piece + 1];
-        const float between = low + (next - low) * (static_cast<float>(bits & kMask) * kFraction);
-        const float found = size < kSmallest ? first + slope * (size / kSmallest) : between;
-        row[x] = value >= 0.0f ? found : -found;
-    }
-}
-
-// Three rows of numbers, replaced by a matrix's products with them, and its offsets if it has any.
-void apply_rows(Matrix matrix, float* const* rows, int count) {
-    float* __restrict a = rows[0], * __restrict b = rows[1], * __restrict c = rows[2];
-    const bool affine = matrix.shape[1] == 4;
-    float m[3][4];
-    for (int k = 0; k < 3; ++k) {
-        for (int j = 0; j < 4; ++j) m[k][j] = j < 3 || affine ? matrix(k, j) : 0.0f;
-    }
-    for (int x = 0; x < count; ++x) {
-        const float u = a[x], v = b[x], w = c[x];
-        const float r = m[0][0] * u + m[0][1] * v + m[0][2] * w;
-        const float g = m[1][0] * u + m[1][1] * v + m[1][2] * w;
-        const float l = m[2][0] * u + m[2][1] * v + m[2][2] * w;
-        a[x] = affine ? r + m[0][3] : r;
-        b[x] = affine ? g + m[1][3] : g;
-        c[x] = affine ? l + m[2][3] : l;
-    }
-}
-
-bool is_identity(Matrix matrix) {
-    for (int k = 0; k < 3; ++k) {
-        for (int j = 0; j < 3; ++j) {
-            if (matrix(k, j) != (k == j ? 1.0f : 0.0f)) return false;
-        }
-    }
-    return true;
-}
 
 // `display` is a table from light to codes, or empty.
 template <class Sample>
@@ -211,29 +109,80 @@ bool is_empty(const float* v) {
     return v[3] == 0.0f && v[0] == 0.0f && v[1] == 0.0f && v[2] == 0.0f;
 }
 
-// The pixel `v` over the plate's codes: their change as coded red, green and blue.
-Rgb change_of(const Tables& tables, Flags flags, float peak, const float* v, Rgb codes, float plate_alpha) {
-    float free = 1.0f - v[3], gain = 1.0f;
+// Whether the layer is not empty at any of a coarse sample's pixels.
+bool touches(Array<const float, 3> rgba, int top, int rows, int left, int columns) {
+    for (int y = std::max(top, 0); y < std::min(top + rows, rgba.shape[0]); ++y) {
+        for (int x = std::max(left, 0); x < std::min(left + columns, rgba.shape[1]); ++x) {
+            if (!is_empty(rgba.at(y, x))) return true;
+        }
+    }
+    return false;
+}
+
+// The multiples of `step` from `low` to before `high`, of the first `count`.
+Pair lanes(int low, int high, int step, int count) {
+    const auto first_from = [step](int x) { return x > 0 ? (x + step - 1) / step : 0; };
+    return {first_from(low), std::min(first_from(high), count)};
+}
+
+constexpr int kBlock = 64;  // coarse samples of a row that are composited at once
+using Lane = float[kBlock];
+
+// Pixels of the layer over those of the plate, of the same tap of the coarse samples of a block.
+struct Pixels {
+    Lane own[3], alpha;  // the layer
+    Lane luma;           // the first component of the plate, then what it becomes
+    Lane plate[3];       // codes, then coded red, green and blue
+    Lane plate_alpha, behind[3];
+    bool drawn[kBlock];  // where the layer is not empty
+    int count;
+
+    void clear() {
+        for (Lane* lane : {&own[0], &own[1], &own[2], &alpha, &luma, &plate_alpha})
+            std::fill_n(*lane, count, 0.0f);
+        std::fill_n(drawn, count, false);
+    }
+};
+
+// Replaces the layer's colours by the change of the plate's coded red, green and blue.
+void find_changes(const Tables& tables, Flags flags, float peak, Pixels& pixels) {
+    const int count = pixels.count;
+    Lane free, gain;
+    for (int k = 0; k < count; ++k) free[k] = 1.0f - pixels.alpha[k], gain[k] = 1.0f;
     if (!flags.associated) {
-        free *= plate_alpha;
-        const float covered = v[3] + free;
-        gain = covered > 0.0f ? 1.0f / covered : 1.0f;
+        for (int k = 0; k < count; ++k) {
+            free[k] *= pixels.plate_alpha[k];
+            const float covered = pixels.alpha[k] + free[k];
+            gain[k] = covered > 0.0f ? 1.0f / covered : 1.0f;
+        }
     }
-    const Rgb plate = apply_affine(tables.rgb_from_codes, codes);
-    Rgb behind{}, own{v[0], v[1], v[2]};
-    if (free != 0.0f || flags.of_plate) behind = look_up(tables.to_linear, plate);
+    float* const plate[3] = {pixels.plate[0], pixels.plate[1], pixels.plate[2]};
+    float* const own[3] = {pixels.own[0], pixels.own[1], pixels.own[2]};
+    apply_rows(tables.rgb_from_codes, plate, count);
+    for (int c = 0; c < 3; ++c) {
+        std::copy_n(plate[c], count, pixels.behind[c]);
+        look_up_row(tables.to_linear, pixels.behind[c], count);
+    }
     if (flags.of_plate) {
-        const Rgb light = apply(tables.to_bt709, behind);
-        own = {own.r * light.r, own.g * light.g, own.b * light.b};
+        Lane light[3];
+        float* const rows[3] = {light[0], light[1], light[2]};
+        for (int c = 0; c < 3; ++c) std::copy_n(pixels.behind[c], count, light[c]);
+        apply_rows(tables.to_bt709, rows, count);
+        for (int c = 0; c < 3; ++c) {
+            for (int k = 0; k < count; ++k) own[c][k] *= light[c][k];
+        }
     }
-    const Rgb over = apply(tables.from_bt709, own);
-    const auto coded = [&](float light, float back, float was) {
-        float made = look_up(tables.to_coded, (light + free * back) * gain);
-        if (peak > 0.0f) made = std::min(std::max(made, std::min(was, 0.0f)), std::max(was, 1.0f));
-        return made - was;
-    };
-    return {coded(over.r, behind.r, plate.r), coded(over.g, behind.g, plate.g),
-            coded(over.b, behind.b, plate.b)};
+    apply_rows(tables.from_bt709, own, count);
+    for (int c = 0; c < 3; ++c) {
+        float *made = own[c], *was = plate[c], *behind = pixels.behind[c];
+        for (int k = 0; k < count; ++k) made[k] = (made[k] + free[k] * behind[k]) * gain[k];
+        look_up_row(tables.to_coded, made, count);
+        if (peak > 0.0f) {
+            for (int k = 0; k < count; ++k)
+                made[k] = std::min(std::max(made[k], std::min(was[k], 0.0f)), std::max(was[k], 1.0f));
+        }
+        for (int k = 0; k < count; ++k) made[k] -= was[k];
+    }
 }
 
 // `before` holds the first component and alpha (height, width) of the box as they were.
@@ -250,47 +199,83 @@ void composite_over(Planes<Sample> planes, Plane<Sample> alpha, Flags flags,
     const int y1 = y0 + rgba.shape[0], x1 = x0 + rgba.shape[1];
     const bool has_alpha = alpha.shape[0] > 0;
     const float full = peak > 0.0f ? peak : 1.0f;
+    float m[3][3];
+    for (int i = 0; i < 3; ++i) std::copy_n(tables.codes_from_rgb.at(i), 3, m[i]);
+    const int columns = across.of(x1 - 1) + 1;
+    Pixels pixels{};
+
+    const auto of_change = [&m](int component, Rgb v) {
+        return m[component][0] * v.r + m[component][1] * v.g + m[component][2] * v.b;
+    };
     for (int row = down.of(y0); row <= down.of(y1 - 1); ++row) {
         const int top = row * down.step - down.phase;
-        for (int column = across.of(x0); column <= across.of(x1 - 1); ++column) {
-            const int left = column * across.step - across.phase;
-            bool touched = false;
-            for (int y = std::max(top, y0); y < std::min(top + down.step, y1); ++y) {
-                for (int x = std::max(left, x0); x < std::min(left + across.step, x1); ++x) {
-                    touched |= !is_empty(rgba.at(y - y0, x - x0));
-                }
+        for (int begin = across.of(x0); begin < columns; begin += kBlock) {
+            const int count = pixels.count = std::min(kBlock, columns - begin);
+            bool touched[kBlock], any = false;
+            for (int k = 0; k < count; ++k)
+                any |= touched[k] = touches(rgba, top - y0, down.step,
+                                            (begin + k) * across.step - across.phase - x0, across.step);
+            if (!any) continue;
+            Lane total{}, change_b{}, change_c{}, chroma_b, chroma_c;
+            for (int k = 0; k < count; ++k) {
+                chroma_b[k] = static_cast<float>(second(row, begin + k));
+                chroma_c[k] = static_cast<float>(third(row, begin + k));
             }
-            if (!touched) continue;
-            const float b = static_cast<float>(second(row, column)),
-                        c = static_cast<float>(third(row, column));
-            float total = 0.0f, change_b = 0.0f, change_c = 0.0f;
             for (int p = 0; p < down.weights.shape[0]; ++p) {
                 const int y = top + down.first + p;
                 if (y < 0 || y >= height) continue;
+                const bool in_rows = y0 <= y && y < y1, own_row = top <= y && y < top + down.step;
                 for (int q = 0; q < across.weights.shape[0]; ++q) {
-                    const int x = left + across.first + q;
-                    if (x < 0 || x >= width) continue;
                     const float weight = down.weights(p) * across.weights(q);
-                    total += weight;
-                    if (y < y0 || y >= y1 || x < x0 || x >= x1) continue;
-                    const float* v = rgba.at(y - y0, x - x0);
-                    if (is_empty(v)) continue;
-                    const float a = static_cast<float>(luma_before(y - y0, x - x0));
-                    const float plate_alpha =
-                        has_alpha ? static_cast<float>(alpha_before(y - y0, x - x0)) / full : 1.0f;
-                    const Rgb change = change_of(tables, flags, peak, v, {a, b, c}, plate_alpha);
-                    change_b += weight * dot(tables.codes_from_rgb, 1, change);
-                    change_c += weight * dot(tables.codes_from_rgb, 2, change);
-                    if (y < top || y >= top + down.step || x < left || x >= left + across.step) continue;
-                    put(first, y, x, a + dot(tables.codes_from_rgb, 0, change), peak);
-                    if (has_alpha) {
-                        const float bare = (1.0f - v[3]) * (1.0f - plate_alpha);
-                        put(alpha, y, x, (1.0f - bare) * full, peak);
+                    const int tap = across.first + q, start = begin * across.step - across.phase + tap;
+                    const auto [in_first, in_end] = lanes(-start, width - start, across.step, count);
+                    for (int k = in_first; k < in_end; ++k) total[k] += weight;
+                    const auto [k0, k1] = lanes(x0 - start, x1 - start, across.step, count);
+                    if (!in_rows || k0 >= k1) continue;
+                    pixels.clear();
+                    const float* const layer = rgba.at(y - y0);
+                    bool drawn = false;
+                    for (int k = k0; k < k1; ++k) {
+                        const int x = start + k * across.step - x0;
+                        const float* v = layer + 4 * x;
+                        const bool here = touched[k] && !is_empty(v);
+                        pixels.drawn[k] = here, drawn |= here;
+                        for (int c = 0; c < 3; ++c) pixels.own[c][k] = v[c];
+                        pixels.alpha[k] = v[3];
+                        pixels.luma[k] = static_cast<float>(luma_before(y - y0, x));
+                        pixels.plate_alpha[k] =
+                            has_alpha ? static_cast<float>(alpha_before(y - y0, x)) / full : 1.0f;
+                    }
+                    if (!drawn) continue;
+                    std::copy_n(pixels.luma, count, pixels.plate[0]);
+                    std::copy_n(chroma_b, count, pixels.plate[1]);
+                    std::copy_n(chroma_c, count, pixels.plate[2]);
+                    find_changes(tables, flags, peak, pixels);
+                    for (int k = k0; k < k1; ++k) {
+                        const Rgb change{pixels.own[0][k], pixels.own[1][k], pixels.own[2][k]};
+                        const float with_b = change_b[k] + weight * of_change(1, change);
+                        const float with_c = change_c[k] + weight * of_change(2, change);
+                        change_b[k] = pixels.drawn[k] ? with_b : change_b[k];
+                        change_c[k] = pixels.drawn[k] ? with_c : change_c[k];
+                        pixels.luma[k] += of_change(0, change);
+                    }
+                    if (!own_row || tap < 0 || tap >= across.step) continue;
+                    for (int k = k0; k < k1; ++k) {
+                        if (!pixels.drawn[k]) continue;
+                        const int x = start + k * across.step;
+                        put(first, y, x, pixels.luma[k], peak);
+                        if (has_alpha) {
+                            const float bare = (1.0f - pixels.alpha[k]) * (1.0f - pixels.plate_alpha[k]);
+                            put(alpha, y, x, (1.0f - bare) * full, peak);
+                        }
                     }
                 }
             }
-            put(second, row, column, b + change_b / total, peak);
-            put(third, row, column, c + change_c / total, peak);
+            for (int k = 0; k < count; ++k) {
+                if (!touched[k]) continue;
+                put(second, row, begin + k, chroma_b[k] + change_b[k] / total[k], peak);
+                put(third, row, begin + k, chroma_c[k] + change_c[k] / total[k], peak);
+            }
         }
     }
 }

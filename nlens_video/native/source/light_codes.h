@@ -1,0 +1,118 @@
+// Codes and light: tables of transfer functions, matrices, and how planes lie to each other.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <tuple>
+
+#include "arrays.h"
+
+namespace nlens {
+
+// Tables over octaves of light, each in `2^kStepBits` steps, see `samples.py`.
+constexpr int kStepBits = 7, kFirstOctave = -40, kShift = 23 - kStepBits;
+constexpr int kFirstPiece = (127 + kFirstOctave) << kStepBits;
+constexpr std::int32_t kMask = (1 << kShift) - 1;
+constexpr float kSmallest = 0x1p-40f, kFraction = 1.0f / (1 << kShift);
+
+// What a table gives at a value of any sign: the float's exponent and mantissa are the position.
+inline float look_up(Array<const float, 1> table, float value) {
+    const float size = std::fabs(value);
+    float found;
+    if (size < kSmallest) {
+        found = table(0) + (table(1) - table(0)) * (size / kSmallest);
+    } else {
+        const auto bits = std::bit_cast<std::int32_t>(size);
+        const int piece = std::min((bits >> kShift) - kFirstPiece + 1, table.shape[0] - 2);
+        const float low = table(piece);
+        found = low + (table(piece + 1) - low) * (static_cast<float>(bits & kMask) * kFraction);
+    }
+    return value >= 0.0f ? found : -found;
+}
+
+struct Rgb {
+    float r, g, b;
+};
+
+inline Rgb look_up(Array<const float, 1> table, Rgb v) {
+    return {look_up(table, v.r), look_up(table, v.g), look_up(table, v.b)};
+}
+
+using Matrix = Array<const float, 2>;  // (3, 3), or (3, 4) with an offset
+
+inline float dot(Matrix matrix, int row, Rgb v) {
+    return matrix(row, 0) * v.r + matrix(row, 1) * v.g + matrix(row, 2) * v.b;
+}
+
+inline Rgb apply(Matrix matrix, Rgb v) {
+    return {dot(matrix, 0, v), dot(matrix, 1, v), dot(matrix, 2, v)};
+}
+
+inline Rgb apply_affine(Matrix matrix, Rgb v) {
+    const Rgb turned = apply(matrix, v);
+    return {turned.r + matrix(0, 3), turned.g + matrix(1, 3), turned.b + matrix(2, 3)};
+}
+
+template <class Sample>
+using Plane = Strided<Sample, 2>;
+template <class Sample>
+using Planes = std::tuple<Plane<Sample>, Plane<Sample>, Plane<Sample>>;
+using Pair = std::tuple<int, int>;
+
+// How the chroma planes lie to the luma plane, see `samples.Axis`.
+struct Axis {
+    int step, phase, first;
+    Array<const float, 1> weights;
+    static constexpr auto fields = std::tuple{&Axis::step, &Axis::phase, &Axis::first, &Axis::weights};
+
+    int of(int luma) const { return (luma + phase) / step; }  // not negative
+};
+
+// Replaces the values of a row by what a table gives, as `look_up`; without branches, so that several
+// are looked up at once.
+inline void look_up_row(Array<const float, 1> table, float* __restrict row, int count) {
+    const float* __restrict entries = table.data;
+    const int last = table.shape[0] - 2;
+    const float first = entries[0], slope = entries[1] - entries[0];
+    for (int x = 0; x < count; ++x) {
+        const float value = row[x], size = std::fabs(value);
+        const auto bits = std::bit_cast<std::int32_t>(size);
+        const int piece = std::min(std::max((bits >> kShift) - kFirstPiece + 1, 0), last);
+        const float low = entries[piece], next = entries[piece + 1];
+        const float between = low + (next - low) * (static_cast<float>(bits & kMask) * kFraction);
+        const float found = size < kSmallest ? first + slope * (size / kSmallest) : between;
+        row[x] = value >= 0.0f ? found : -found;
+    }
+}
+
+// Three rows of numbers, replaced by a matrix's products with them, and its offsets if it has any.
+inline void apply_rows(Matrix matrix, float* const* rows, int count) {
+    float* __restrict a = rows[0], * __restrict b = rows[1], * __restrict c = rows[2];
+    const bool affine = matrix.shape[1] == 4;
+    float m[3][4];
+    for (int k = 0; k < 3; ++k) {
+        for (int j = 0; j < 4; ++j) m[k][j] = j < 3 || affine ? matrix(k, j) : 0.0f;
+    }
+    for (int x = 0; x < count; ++x) {
+        const float u = a[x], v = b[x], w = c[x];
+        const float r = m[0][0] * u + m[0][1] * v + m[0][2] * w;
+        const float g = m[1][0] * u + m[1][1] * v + m[1][2] * w;
+        const float l = m[2][0] * u + m[2][1] * v + m[2][2] * w;
+        a[x] = affine ? r + m[0][3] : r;
+        b[x] = affine ? g + m[1][3] : g;
+        c[x] = affine ? l + m[2][3] : l;
+    }
+}
+
+inline bool is_identity(Matrix matrix) {
+    for (int k = 0; k < 3; ++k) {
+        for (int j = 0; j < 3; ++j) {
+            if (matrix(k, j) != (k == j ? 1.0f : 0.0f)) return false;
+        }
+    }
+    return true;
+}
+
+}  // namespace nlens
