@@ -121,7 +121,7 @@ class Compositor:
         budget_ms: float = 180.0,
         track_focus: Literal["auto", "off"] = "auto",
         device: Device = "auto",
-        aperture: Aperture | str = "round",
+        aperture: Aperture | str = "auto",
         cat_eye: float = 0.0,
         lens: str | None = None,
         prefer: Prefer | None = None,

@@ -67,17 +67,22 @@ class Aperture:
 ROUND = Aperture()
 
 
-def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture:
-    """Read `round`, `BLADES[:ROTATION[:ROUNDNESS]]`, or the path of a picture.
+def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture | None:
+    """Read `auto`, `round`, `BLADES[:ROTATION[:ROUNDNESS]]`, or the path of a picture.
 
     Args:
         text: the value of `--aperture`.
         cat_eye: strength of the cat's eye towards the corners, 0 to 1 [radius].
 
+    Returns:
+        The aperture; None for `auto` without a cat's eye: the one that the plate shows.
+
     Raises:
         UsageError: none of these, or values out of range.
     """
-    if text == "round":
+    if text == "auto" and cat_eye == 0.0:
+        return None
+    if text in ("auto", "round"):
         return Aperture(cat_eye=cat_eye)
     if Path(text).suffix.lower() in (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr"):
         return Aperture(image=Path(text), cat_eye=cat_eye)
@@ -89,16 +94,16 @@ def parse_aperture(text: str, *, cat_eye: float = 0.0) -> Aperture:
         count = int(blades)
     except ValueError:
         raise UsageError(
-            f"aperture {text!r} is not round, BLADES[:ROTATION[:ROUNDNESS]] such as 7:15:0.3, "
-            "nor a picture such as heart.png"
+            f"aperture {text!r} is not auto, round, BLADES[:ROTATION[:ROUNDNESS]] such as "
+            "7:15:0.3, nor a picture such as heart.png"
         ) from None
     if count == 0:
         raise UsageError("an aperture of 0 blades: write round")
     return Aperture(blades=count, rotation_deg=rotation, roundness=roundness, cat_eye=cat_eye)
 
 
-def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture:
-    """An aperture, parsed where it is a string.
+def as_aperture(given: Aperture | str, cat_eye: float) -> Aperture | None:
+    """An aperture, parsed as `parse_aperture` does where it is a string.
 
     Raises:
         UsageError: a string that cannot be parsed, or a cat's eye given twice.

@@ -9,7 +9,7 @@ from typing import Literal
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens, Prefer
-from nlens_video.core.optics import ROUND, Aperture, LensOverrides
+from nlens_video.core.optics import Aperture, LensOverrides
 from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.core.scale import UNKNOWN_SCALE, ScaleSettings
 
@@ -237,7 +237,7 @@ class Settings:
         hold_budget: whether quality adapts to keep the budget.
         late: what happens to frames of a live source that come too fast.
         device: where networks and kernels run.
-        aperture: shape of the lens' aperture.
+        aperture: shape of the lens' aperture, None for the one that the plate shows.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         optics: known vignetting and distortion.
         lens: what is known of the plate's lens beforehand.
@@ -263,7 +263,7 @@ class Settings:
     hold_budget: bool = False
     late: Late = "keep"
     device: Device = "auto"
-    aperture: Aperture = ROUND
+    aperture: Aperture | None = None
     shutter_deg: float | None = None
     optics: LensOverrides = LensOverrides()
     lens: KnownLens = UNKNOWN_LENS

@@ -178,6 +178,7 @@ def length_of(mark: ChunkMark, frames: int) -> int:
 def absolute(settings: Settings) -> Settings:
     """The settings with absolute paths."""
     scene, light, real = settings.scene, settings.scene.light, settings.scene.real
+    aperture = settings.aperture
     own_pipeline = settings.preset.endswith(".toml")
     return replace(
         settings,
@@ -193,7 +194,7 @@ def absolute(settings: Settings) -> Settings:
             ),
         ),
         preset=_absolute_spec(settings.preset) if own_pipeline else settings.preset,
-        aperture=replace(settings.aperture, image=_path(settings.aperture.image)),
+        aperture=None if aperture is None else replace(aperture, image=_path(aperture.image)),
         fit=_path(settings.fit),
     )
 

@@ -65,7 +65,7 @@ def open_dependencies(
         )
         effects = plan_effects(
             lens, pipeline, objects, scene, ground, lambda: opening.result()[1], plate, profiler,
-            view.solved,
+            view,
         )  # fmt: skip
     occlusion, _ = opening.result()
     view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
@@ -81,7 +81,7 @@ def open_dependencies(
         tagged_lens=lens.tagged,
         other_samples=lens.others,
         unit_m=view.unit_m,
-        aperture=lens.aperture,
+        aperture=effects.aperture,
         renderer=source.renderer if isinstance(source, RenderedObject) else None,
         repair=lazy_depth_order(view.pixel_aspect, device),
         spread=device.spread,

@@ -12,6 +12,7 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides, Shutter, assumed_shutter
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
+from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.measurement import (
     PLATE_EFFECTS,
@@ -22,6 +23,7 @@ from nlens_video.effects.measurement import (
     solved_distortion,
 )
 from nlens_video.effects.planner import (
+    DEFOCUS,
     MOTION_BLUR,
     OCCLUSION,
     REFLECTION,
@@ -34,6 +36,7 @@ from nlens_video.effects.planner import (
 )
 from nlens_video.graph.base.context import ReadAgain, ShadowScene
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.view import View
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
@@ -54,7 +57,7 @@ class LensRequest:
         fit: the lens, when it is known beforehand.
         fallback: what stands in for a fit that fails.
         device: where networks and kernels run.
-        aperture: shape of its aperture.
+        aperture: shape of its aperture, None for the one that the plate shows.
         shutter_deg: how long the shutter is open, 360 for all of a frame, None if not known [deg].
         frame_s: from one frame to the next, 0 for a still [s].
         exposure_s: how long the shutter is open as the recording states it, if it does [s].
@@ -72,7 +75,7 @@ class LensRequest:
     fit: LensFit | None = None
     fallback: Fallback = "none"
     device: Device = "auto"
-    aperture: Aperture = ROUND
+    aperture: Aperture | None = None
     shutter_deg: float | None = None
     frame_s: float = 0.0
     exposure_s: float | None = None
@@ -114,6 +117,7 @@ class PlatePreview:
     again: ReadAgain | None = None
     _measured: dict[str, Measurement] = field(default_factory=dict)
     _shutter: tuple[float | None] | None = None
+    _aperture: tuple[ApertureReading | None] | None = None
 
     def measured(self, effects: Set[str]) -> dict[str, Measurement]:
         """Effects of the camera as these pictures show them, each measured once."""
@@ -129,14 +133,26 @@ class PlatePreview:
             self._shutter = (shutter_angle(self.pictures()),)
         return self._shutter[0]
 
+    def aperture(self, pixel_aspect: float) -> ApertureReading | None:
+        """The aperture's shape by the first one's highlights, None where they do not tell it.
+
+        Args:
+            pixel_aspect: width of a pixel by its height [1].
+        """
+        if self._aperture is None:
+            first = self.pictures()[:1]
+            self._aperture = (read_aperture(first[0], pixel_aspect) if first else None,)
+        return self._aperture[0]
+
 
 @dataclass(frozen=True, slots=True)
 class EffectPlan:
-    """Decisions on effects, their measurements on the plate, the shutter, notes for the user."""
+    """Decisions on effects, what was measured on the plate, notes for the user."""
 
     decisions: tuple[Decision, ...]
     measured: Mapping[str, Measurement]
     shutter: Shutter
+    aperture: Aperture
     notes: tuple[str, ...]
 
 
@@ -149,7 +165,7 @@ def plan_effects(
     occlusion: Callable[[], Finding | None],
     plate: PlatePreview,
     profiler: Profiler,
-    solved: SolvedCamera | None = None,
+    view: View,
 ) -> EffectPlan:
     """Decide on every effect, from the scene and the plate's first frames.
 
@@ -162,11 +178,12 @@ def plan_effects(
         occlusion: what was found of things in front of it; asked once the plate is measured.
         plate: the shot's first pictures.
         profiler: times the measuring.
-        solved: the plate's camera, which may tell its distortion.
+        view: the frame; its solved camera may tell the distortion.
 
     Raises:
         UsageError: an effect that does not exist, or that the pipeline has no node for.
     """
+    solved = view.solved
     simulated = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
     possible = simulated.intersection(EffectRequest.parse(lens.effects).possible)
     measured: dict[str, Measurement] = overridden(lens.optics)
@@ -179,11 +196,16 @@ def plan_effects(
     reads_shutter = (
         MOTION_BLUR in possible and scene.moves and not shutter.given and shutter.frame_s > 0.0
     )
-    if unknown or reads_shutter:
+    aperture = lens.aperture or ROUND
+    aperture_notes: tuple[str, ...] = ()
+    reads_aperture = lens.aperture is None and DEFOCUS in possible
+    if unknown or reads_shutter or reads_aperture:
         with profiler.timed(plate.first, "measure"):
             measured.update(plate.measured(unknown))
             if reads_shutter:
                 shutter = _read_shutter(shutter, plate.shutter_deg())
+            if reads_aperture:
+                aperture, aperture_notes = _read_aperture(plate.aperture(view.pixel_aspect))
     facts = _shot_facts(objects, scene, ground, occlusion(), shutter, measured)
     wanted = decide(lens.effects, facts)
     decisions = restrict_to_pipeline(wanted, simulated, pipeline.name, lens.effects)
@@ -195,7 +217,7 @@ def plan_effects(
     )
     if solved is not None and _DISTORTION not in simulated:
         notes += _not_distorted(solved, pipeline.name)
-    return EffectPlan(decisions, measured, shutter, notes)
+    return EffectPlan(decisions, measured, shutter, aperture, (*aperture_notes, *notes))
 
 
 def _not_distorted(solved: SolvedCamera, pipeline: str) -> tuple[str, ...]:
@@ -232,6 +254,13 @@ def _read_shutter(assumed: Shutter, angle: float | None) -> Shutter:
     if angle is None:
         return assumed
     return replace(assumed, angle_deg=angle, source="read off the plate's own smear")
+
+
+def _read_aperture(found: ApertureReading | None) -> tuple[Aperture, tuple[str, ...]]:
+    """The aperture as the plate's highlights show it, and what is said of it."""
+    if found is None or found.aperture.round:
+        return ROUND, ()
+    return found.aperture, (f"aperture: {found}; --aperture round for a disc",)
 
 
 def _shot_facts(

@@ -19,8 +19,9 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--fallback", SHOT, choices=("none", "constant"), default="none",
                help="what if no lens fit is possible: stop, or one CoC for the whole object",
                feeds="run.fallback", parameter=True),
-        Option("--aperture", SHOT, "A", default="round", parameter=True, files=files.APERTURE,
-               help="its shape: round, BLADES[:TURN[:ROUNDNESS]] as 6:15:0.2, or a picture A.png"),
+        Option("--aperture", SHOT, "A", default="auto", parameter=True, files=files.APERTURE,
+               help="its shape: auto (as highlights show it), round, BLADES[:TURN[:ROUNDNESS]] as "
+                    "6:15:0.2, or a picture A.png"),
         Option("--lens", SHOT, "LENS", read.lens,
                "what is known of it: \"50mm f/2.8 focus 2.4m sensor full-frame\", or a part",
                feeds="run.lens", parameter=True),

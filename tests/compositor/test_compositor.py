@@ -392,7 +392,7 @@ def test_aperture_is_given_as_text_or_object_with_the_same_result(glb):
 
 
 def test_invalid_aperture_is_refused_by_the_constructor(glb):
-    with pytest.raises(UsageError, match="is not round"):
+    with pytest.raises(UsageError, match="is not auto, round"):
         Compositor(glb, aperture="oval")
     with pytest.raises(UsageError, match="cat-eye"):
         Compositor(glb, cat_eye=2.0)

@@ -12,6 +12,7 @@ from nlens_video.core.optics import Aperture, assumed_shutter, parse_aperture
 @pytest.mark.parametrize(
     ("text", "aperture"),
     [
+        ("auto", None),
         ("round", Aperture()),
         ("6", Aperture(blades=6)),
         ("7:15", Aperture(blades=7, rotation_deg=15.0)),
@@ -24,6 +25,7 @@ def test_aperture_text_is_parsed(text, aperture):
 
 
 def test_cat_eye_can_be_combined_with_blades():
+    assert parse_aperture("auto", cat_eye=0.4) == Aperture(cat_eye=0.4)
     assert parse_aperture("5", cat_eye=0.4) == Aperture(blades=5, cat_eye=0.4)
 
 

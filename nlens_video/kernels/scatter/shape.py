@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -33,7 +34,7 @@ def boundary(aperture: Aperture, angle_rad: Float64) -> Float64:
     """
     if aperture.blades == 0:
         return np.ones_like(angle_rad)
-    return _blades(aperture, angle_rad) / _blades_mean_radius(aperture)
+    return _blades(aperture, angle_rad) / _mean_radius(aperture.blades, aperture.roundness)
 
 
 def _blades(aperture: Aperture, angle_rad: Float64) -> Float64:
@@ -51,8 +52,10 @@ def _blades(aperture: Aperture, angle_rad: Float64) -> Float64:
     )
 
 
-def _blades_mean_radius(aperture: Aperture) -> float:
-    """Radius of the disc of the blades' area."""
+@lru_cache(maxsize=256)
+def _mean_radius(blades: int, roundness: float) -> float:
+    """Radius of the disc of the area of blades whose corners lie on the unit circle."""
+    aperture = Aperture(blades=blades, roundness=roundness)
     angle = np.linspace(0.0, 2.0 * math.pi, _OUTLINE_POINTS, endpoint=False)
     return float(np.sqrt(np.mean(_blades(aperture, angle) ** 2)))
 
