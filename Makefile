@@ -9,6 +9,7 @@
 # make hard    docs/hard.md and its pictures: every case of tests/hard
 # make docs    the documentation as a site: site/index.html
 # make golden  are the results the bits they were: twenty runs against their recorded hashes
+# make addon   the add-on for Blender, to install there: dist/nlens_video_blender.zip
 # make bench   time of each node of the demo, and its ratio to plain decode + encode
 
 PYTHON ?= python3
@@ -55,7 +56,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: native sanitize demo test check lint fuzz gallery docs golden bench install system programs clean
+.PHONY: native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -123,6 +124,12 @@ hard: system $(VENV)/.installed-test
 bench: install
 	$(BIN)/python benchmarks/bench_demo.py
 	$(BIN)/python benchmarks/bench_scatter.py
+
+addon:
+	@mkdir -p dist
+	@rm -rf dist/nlens_video_blender.zip addons/blender/nlens_video_blender/__pycache__
+	@cd addons/blender && $(PYTHON) -m zipfile -c ../../dist/nlens_video_blender.zip nlens_video_blender
+	@echo "Install it in Blender: Edit > Preferences > Add-ons > Install: dist/nlens_video_blender.zip"
 
 golden: install
 	$(BIN)/python benchmarks/golden.py
