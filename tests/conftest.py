@@ -93,6 +93,11 @@ def _why_no_gstreamer_python() -> str:
 
 
 @functools.cache
+def _why_no_typescript() -> str:
+    return "" if shutil.which("tsc") else "no tsc; npm install --global typescript"
+
+
+@functools.cache
 def _why_no_root() -> str:
     return "not root, who alone can run a program as another user" if os.geteuid() else ""
 
@@ -104,6 +109,7 @@ _NEEDS = {
     "needs_vapoursynth": ("REQUIRE_VAPOURSYNTH", _why_no_vapoursynth),
     "needs_gstreamer_python": ("REQUIRE_GSTREAMER_PYTHON", _why_no_gstreamer_python),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
+    "needs_typescript": ("REQUIRE_TYPESCRIPT", _why_no_typescript),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
     "needs_root": ("REQUIRE_ROOT", _why_no_root),
     "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),

@@ -308,7 +308,9 @@ document.addEventListener("keydown", (event) => {
 
 for (const radio of document.querySelectorAll('input[name="view"]')) {
   radio.addEventListener("change", () => {
-    stage.view = /** @type {HTMLInputElement} */ (radio).value;
+    const { value } = /** @type {HTMLInputElement} */ (radio);
+    if (stage.view === "focus" || value === "focus") stage.final = null;
+    stage.view = value;
     one("wipe").hidden = stage.view !== "wipe";
     one("legend").hidden = stage.view !== "focus";
     stage.draw();

@@ -1,0 +1,207 @@
+"""The studio's page in a real browser: what hands and keys do, and what is drawn then."""
+
+import contextlib
+import json
+import shutil
+import subprocess
+import tomllib
+
+import cv2
+import numpy as np
+import pytest
+from support.command import nlens
+from support.folders import ROOT
+from support.studio import changed_middle, running, write_shot
+
+pytestmark = pytest.mark.slow
+PAGE = ROOT / "nlens_video" / "studio" / "page"
+WAIT_MS = 120_000
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        path = shutil.which("chromium")
+        started = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def shot(tmp_path):
+    return write_shot(tmp_path)
+
+
+@pytest.fixture
+def page(browser, shot):
+    """The page of a shot whose first picture is drawn; it must tell of no error."""
+    with opened(browser, shot) as (page, _):
+        yield page
+
+
+@contextlib.contextmanager
+def opened(browser, shot, **more):
+    wrong = []
+    with running(shot) as server:
+        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **more})
+        page = context.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.goto(server.address)
+        page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+        yield page, server
+        context.close()
+    assert not wrong
+
+
+def at_rest(page, act):
+    """Do something, and wait for the picture at rest that follows."""
+    before = page.evaluate("document.body.dataset.drawn")
+    act()
+    page.wait_for_selector(f"body[data-kind=rest]:not([data-drawn='{before}'])", timeout=WAIT_MS)
+
+
+def seen(page):
+    """The picture as the page shows it, without what is drawn over it."""
+    page.locator("#show-guides").uncheck()
+    data = page.locator("#picture").screenshot()
+    page.locator("#show-guides").check()
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+
+
+def plate_seen(page):
+    page.get_by_text("Plate", exact=True).click()
+    plate = seen(page)
+    at_rest(page, lambda: page.get_by_text("Final", exact=True).click())
+    return plate
+
+
+def saved(page, shot):
+    page.locator("#save").click()
+    page.get_by_text("· saved", exact=True).wait_for()
+    return tomllib.loads(shot.read_text())
+
+
+def drag(page, handle, across, down):
+    box, frame = handle.bounding_box(), page.locator("#picture").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for part in (0.3, 0.7, 1.0):
+        page.mouse.move(x + part * across * frame["width"], y + part * down * frame["height"])
+    page.mouse.up()
+
+
+@pytest.mark.needs_chromium
+def test_object_follows_the_pointer_and_undo_brings_it_back(page, shot):
+    plate, before = plate_seen(page), seen(page)
+    at_rest(page, lambda: drag(page, page.locator("#move"), 0.25, 0.0))
+    moved = seen(page)
+    way = changed_middle(moved, plate)[0] - changed_middle(before, plate)[0]
+    assert way == pytest.approx(0.25, abs=0.03)
+    assert saved(page, shot)["place"]["at"] == pytest.approx([0.65, 0.8], abs=0.005)
+    at_rest(page, lambda: page.keyboard.press("Control+z"))
+    np.testing.assert_array_equal(seen(page), before)
+    assert saved(page, shot)["place"]["at"] == [0.4, 0.8]
+    at_rest(page, lambda: page.locator("#redo").click())
+    np.testing.assert_array_equal(seen(page), moved)
+
+
+@pytest.mark.needs_chromium
+def test_object_becomes_smaller_towards_the_horizon(page, shot):
+    at_rest(page, lambda: drag(page, page.locator("#move"), 0.0, -0.25))
+    place = saved(page, shot)["place"]
+    assert place["at"][1] == pytest.approx(0.55, abs=0.005)
+    assert place["size"] == pytest.approx(0.3 * 0.25 / 0.5, rel=0.03)
+
+
+@pytest.mark.needs_chromium
+def test_handles_and_wheel_scale_turn_and_move_away(page, shot):
+    at_rest(page, lambda: drag(page, page.locator("#scale"), 0.0, -0.1))
+    assert saved(page, shot)["place"]["size"] == pytest.approx(0.4, abs=0.01)
+    at_rest(page, lambda: drag(page, page.locator("#turn"), 0.1, 0.0))
+    assert 20 < saved(page, shot)["place"]["yaw"] < 90
+    page.locator("#move").hover()
+    at_rest(page, lambda: page.mouse.wheel(0, -200))
+    assert saved(page, shot)["place"]["size"] < 0.36
+
+
+@pytest.mark.needs_chromium
+def test_keys_place_the_object(page, shot):
+    page.locator("#move").focus()
+    at_rest(page, lambda: page.keyboard.press("Shift+ArrowRight"))
+    at_rest(page, lambda: page.keyboard.press("+"))
+    at_rest(page, lambda: page.keyboard.press("."))
+    place = saved(page, shot)["place"]
+    assert place["at"] == [0.42, 0.8]
+    assert place["size"] > 0.3
+    assert place["yaw"] == 1
+
+
+@pytest.mark.needs_chromium
+def test_horizon_sun_and_effects_become_the_shot(page, shot):
+    before = seen(page)
+    at_rest(page, lambda: page.locator("#horizon").press("ArrowLeft"))
+    at_rest(page, lambda: page.locator("#sun").check())
+    at_rest(page, lambda: page.locator("#effect-defocus").uncheck())
+    tables = saved(page, shot)
+    assert tables["camera"]["horizon"] == pytest.approx(0.295)
+    assert tables["light"]["sun"] == [60, 40, 2]
+    assert tables["effects"]["effects"] == "none"
+    assert (seen(page) != before).any()
+    assert nlens(shot, "--no-progress", "-q").returncode == 0
+
+
+@pytest.mark.needs_chromium
+def test_render_in_the_page_survives_its_tab(browser, shot):
+    with opened(browser, shot) as (page, server):
+        page.locator("#render").click()
+        page.wait_for_selector("body[data-render=running]")
+        page.close()
+        with server.live() as live:
+            said = json.loads(server.get("/shot")[1])["render"]
+            while said["render"] == "running":
+                told = json.loads(live.recv(timeout=120))
+                said = told if "render" in told else said
+    assert said["render"] == "done"
+    assert (shot.parent / "out.mp4").exists()
+
+
+@pytest.mark.needs_chromium
+def test_no_request_leaves_the_machine_and_each_control_has_a_name(browser, shot):
+    asked = []
+    with opened(browser, shot) as (page, server):
+        page.on("request", lambda request: asked.append(request.url))
+        page.reload()
+        page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+        assert asked
+        assert all(url.startswith((f"http://127.0.0.1:{server.port}/", "blob:")) for url in asked)
+        for control in page.locator("button:visible, input:visible, select:visible").all():
+            named = control.evaluate(
+                "one => one.ariaLabel || one.textContent.trim() "
+                "|| [...(one.labels ?? [])].map((label) => label.textContent.trim()).join('')"
+            )
+            assert named, control.evaluate("one => one.outerHTML")
+
+
+@pytest.mark.needs_chromium
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_fits_a_telephone(browser, shot, scheme):
+    narrow = {"width": 400, "height": 800}
+    with opened(browser, shot, viewport=narrow, color_scheme=scheme) as (page, _):
+        assert page.evaluate("document.documentElement.scrollWidth") == 400
+        at_rest(page, lambda: drag(page, page.locator("#move"), 0.1, 0.0))
+        assert saved(page, shot)["place"]["at"][0] == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.needs_typescript
+def test_modules_of_the_page_have_no_type_errors():
+    checked = subprocess.run(
+        ["tsc", "--checkJs", "--allowJs", "--noEmit", "--strict", "--target", "es2022",
+         "--module", "es2022", "--moduleResolution", "bundler",
+         "--lib", "es2022,dom,dom.iterable", *map(str, sorted(PAGE.glob("*.js")))],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert checked.returncode == 0, checked.stdout
