@@ -282,18 +282,37 @@ def test_camera_of_a_plate_of_another_shape_is_refused(files, tmp_path):
     assert "960x512" in run.stderr
 
 
-def test_object_on_a_plate_without_ground_in_view_stands_under_an_assumed_horizon(files, tmp_path):
+def write_camera(path, pitch_deg, **more):
+    """A camera.json of a still camera."""
     pose = np.eye(4)
-    pose[:3, :3] = rotation(0.0, np.radians(40.0), 0.0)
+    pose[:3, :3] = rotation(0.0, np.radians(pitch_deg), 0.0)
     pose[1, 3] = 1.6
-    looks_up = tmp_path / "up.json"
-    looks_up.write_text(json.dumps({
+    path.write_text(json.dumps({
         "width": shots.WIDTH, "height": shots.HEIGHT, "ground_y": 0.0, "fov": "assumed",
         "horizon": "measured", "path": "still", "scale": "arbitrary", "method": "test",
         "stderr": {"fov_deg": 5.0, "pitch_deg": 1.0, "roll_deg": 1.0},
         "frames": [{"index": 0, "pts_s": 0.0, "fov_x_deg": 40.0,
                     "world_to_camera": np.linalg.inv(pose).tolist()}],
+        **more,
     }))  # fmt: skip
+    return path
+
+
+def test_a_chosen_place_without_a_sign_of_ground_is_called_a_guess(files, tmp_path):
+    camera = write_camera(tmp_path / "in.json", -15.0, place=[0.4, 0.8], place_guessed=True)
+    words = ("--fallback", "constant", "--preset", "draft", "--camera-from", camera)
+    run = nlens(files / "still.png", files / "bare.glb", tmp_path / "out.png", *words)
+    assert run.returncode == 0, run.stderr
+    (said,) = [line for line in run.stderr.splitlines() if "placed by --at 0.4,0.8" in line]
+    assert "a guess: no line or blur tells that this is ground; --at X,Y" in said
+    words = (*words, "--at", "0.4,0.8", "--size", "0.3")
+    run = nlens(files / "still.png", files / "bare.glb", tmp_path / "given.png", *words)
+    assert run.returncode == 0, run.stderr
+    assert "a guess: no line" not in run.stderr
+
+
+def test_object_on_a_plate_without_ground_in_view_stands_under_an_assumed_horizon(files, tmp_path):
+    looks_up = write_camera(tmp_path / "up.json", 40.0)
     words = ("--fallback", "constant", "--camera-from", looks_up)
     run = nlens(files / "still.png", files / "bare.glb", tmp_path / "out.png", *words)
     assert run.returncode == 0, run.stderr
