@@ -6,16 +6,16 @@ import ctypes
 import os
 import sys
 
-_HEAPS = 2
+_HEAPS = 1
 _M_ARENA_MAX = -8  # of glibc's malloc.h
 
 
 def set_library_defaults() -> None:
-    """One thread for OpenBLAS, two heaps for malloc, unless the environment says otherwise.
+    """One thread for OpenBLAS, one heap for malloc, unless the environment says otherwise.
 
     Frames are shared out among threads of our own, and products of matrices are small: OpenBLAS'
     threads would spin between them. glibc would give each thread a heap, which keeps what that
-    thread frees: 464 MB with the threads of decoder, lanes and kernels, where two heaps take 328.
+    thread frees: 464 MB with the threads of decoder, lanes and kernels, where one heap takes 311.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if "MALLOC_ARENA_MAX" in os.environ or sys.platform != "linux":

@@ -47,8 +47,8 @@ def threads_and_heaps(folder, **environment):
     return tuple(int(word) for word in run.stdout.split())
 
 
-def test_products_of_matrices_take_one_thread_and_threads_share_two_heaps(tmp_path):
-    assert threads_and_heaps(tmp_path) == (1, 2)
+def test_products_of_matrices_take_one_thread_and_threads_share_one_heap(tmp_path):
+    assert threads_and_heaps(tmp_path) == (1, 1)
 
 
 def test_what_the_environment_says_is_kept(tmp_path):
