@@ -121,8 +121,8 @@ docs: $(VENV)/.installed-test
 hard: system $(VENV)/.installed-test
 	$(BIN)/python docs/make_hard.py
 
-	OPENBLAS_NUM_THREADS=1 MALLOC_ARENA_MAX=1 $(BIN)/python benchmarks/bench_demo.py  # as the command has them
-	$(BIN)/python benchmarks/bench_demo.py
+bench: install
+	OPENBLAS_NUM_THREADS=1 MALLOC_ARENA_MAX=1 $(BIN)/python benchmarks/bench_demo.py
 	$(BIN)/python benchmarks/bench_scatter.py
 
 addon:
