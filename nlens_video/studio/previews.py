@@ -82,6 +82,7 @@ class Previews:
         self._wishes: OrderedDict[Hashable, tuple[Wish, Callable[[Answer], None]]] = OrderedDict()
         self._wake = threading.Condition()
         self._closed = False
+        self._page: Hashable = None  # whose picture is at hand
         self._urgent = False  # whether the picture at hand may not be given up
         stage.on_progress = self._on_progress
         stage.check = self._check
@@ -120,12 +121,15 @@ class Previews:
                     self._wake.wait_for(lambda: self._closed or self._wishes)
                     if self._closed:
                         return
-                    _, (wish, deliver) = self._wishes.popitem(last=False)
+                    page, (wish, deliver) = self._wishes.popitem(last=False)
+                self._page = page
                 try:
                     answer = self._answer(wish)
                 except Stopped:
                     return
-                except Superseded:
+                except Superseded:  # drawn later, unless the page itself wants another
+                    with self._wake:
+                        self._wishes.setdefault(page, (wish, deliver))
                     continue
                 deliver(answer)
         finally:
@@ -150,10 +154,14 @@ class Previews:
         return Answer({**said, **more, "took_ms": spent_ms}, picture)
 
     def _check(self) -> None:
-        """Give a picture at rest up where anything newer is wished."""
+        """Give a picture at rest up for one that is dragged, or a newer one of the same page."""
         if self._closed:
             raise Stopped
-        if not self._urgent and self._wishes:
+        if self._urgent:
+            return
+        with self._wake:
+            waiting = [(page, wish.kind) for page, (wish, _) in self._wishes.items()]
+        if any(kind == "drag" or page is self._page for page, kind in waiting):
             raise Superseded
 
     def _on_progress(self, done: int, total: int | None) -> None:

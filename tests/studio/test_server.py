@@ -126,12 +126,13 @@ def test_only_the_latest_wish_counts(server):
     assert said["guides"]["at"][0] == pytest.approx(0.29, abs=1e-6)
 
 
-def test_many_pages_are_each_answered(server):
+@pytest.mark.parametrize("kind", ["drag", "rest"])
+def test_many_pages_are_each_answered(server, kind):
     places = [0.2, 0.35, 0.5, 0.65]
     with ExitStack() as stack:
         pages = [stack.enter_context(server.live()) for _ in places]
         for page, x in zip(pages, places, strict=True):
-            wish = {"number": 7, "tables": placed(x), "frame": 1, "kind": "drag"}
+            wish = {"number": 7, "tables": placed(x), "frame": 1, "kind": kind}
             page.send(json.dumps(wish))
         for page, x in zip(pages, places, strict=True):
             assert received(page, 7)[0]["guides"]["at"][0] == pytest.approx(x, abs=1e-6)
