@@ -19,6 +19,7 @@ from support.definitions import (
     pull_push,
 )
 from support.glb_builder import GlbBuilder
+from support.light_views import made_maps, made_points
 from support.rasteriser import (
     NOTHING_AROUND,
     drawn,
@@ -43,6 +44,13 @@ from nlens_video.effects.camera.grain import (
     white_noise_reference,
 )
 from nlens_video.effects.shadow.coverage import covered_reference
+from nlens_video.effects.shadow.shadow_maps import blocked
+from nlens_video.effects.shadow.things_ref import (
+    best_slopes_reference,
+    blocked_reference,
+    first_surfaces_reference,
+    lost_light_reference,
+)
 from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no_absorption
 from nlens_video.kernels.aperture_covariance import aperture_covariance, edge_parallax_layer
 from nlens_video.kernels.depth_layers import inpaint
@@ -88,6 +96,10 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "a whole picture: depth": "render/software/deferred",
     "cast triangles": "effects/shadow/coverage",
     "cast veils": "effects/shadow/transparency",
+    "points in shadow maps": "effects/shadow/shadow_maps",
+    "first surfaces seen from a light": "effects/shadow/light_views",
+    "flattest windows": "effects/shadow/things",
+    "light that things lose": "effects/shadow/seen_lights",
     "decoding": "video/pixels/blend",
     "change of exposure": "effects/exposure",
     "compositing": "video/pixels/blend",
@@ -233,7 +245,25 @@ def _geometry() -> dict[str, tuple[float, float]]:
     absorb(veiled, (bits, 0), corners, where, three, texture, 1, at)
     away = np.abs(veiled.taken - absorb_reference(size, corners, where, three, texture, at))
     made["cast veils"] = (np.quantile(away, 0.995), 1e-6)
-    return made
+    return made | _shadow_maps(rng)
+
+
+def _shadow_maps(rng) -> dict[str, tuple[float, float]]:
+    """Shadows on filmed things: lookups, as shares of the points and cells, and planes."""
+    maps, points = made_maps(rng, far=False, transparent=True), made_points(rng)
+    share, _ = blocked([maps], points)
+    wrong = np.abs(share - blocked_reference(maps, points, None)[0]) > 1e-4
+    views = maps.views
+    first, _ = first_surfaces_reference(views, views.casters.points)
+    across, down, left = rng.normal(size=(3, 30, 40))
+    slopes = np.empty((30, 40, 2), np.float32)
+    kernels.best_slopes(across, down, left, 3, slopes)
+    away = np.abs(slopes - best_slopes_reference(across, down, left, 3))
+    return {
+        "points in shadow maps": (wrong.mean(), 1e-2),  # on the border of a pixel
+        "first surfaces seen from a light": ((np.abs(views.first - first) > 1e-5).mean(), 1e-2),
+        "flattest windows": (away.max(), 1e-6),
+    }
 
 
 @cache
@@ -365,6 +395,13 @@ def _light() -> dict[str, tuple[float, float]]:
     made["grain on a layer"] = (np.abs(regrain(*singles) - exact).max(), 1e-5)
     away = white_noise((3, 5), (20, 24), 7, 11) - white_noise_reference((3, 5), (20, 24), 7, 11)
     made["white noise"] = (np.abs(away).max(), 1e-5)
+    shares, loss = rng.random((3, 200), np.float32), np.empty((200, 3), np.float32)
+    light = rng.random((3, 200, 3)) * (rng.random((200, 3)) > 0.2)
+    kernels.lost_light(shares, light, loss)
+    made["light that things lose"] = (
+        np.abs(loss - lost_light_reference(shares, light)).max(),
+        1e-6,
+    )
     fit = LensFit(slope=2000.0, intercept=-800.0, width=3840, height=2160)
     disparity = rng.uniform(0.1, 1.0, 1000)
     exact = 2000.0 * disparity - 800.0
