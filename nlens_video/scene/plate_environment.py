@@ -83,6 +83,7 @@ def plate_environment(
     Returns:
         Two maps (COLUMNS / 2, COLUMNS, 3), as `reduce_environment` takes them.
     """
+    plate = np.maximum(plate, 0.0)  # colours beyond the primaries of sRGB
     directions, solid = sphere(COLUMNS)
     light, seen = _projected(plate, camera, seat, directions)
     up = directions[..., 1]

@@ -222,3 +222,10 @@ def test_mirrors_show_the_sky_of_the_plate_and_less_of_the_sun_spread_over_it():
 def test_camera_that_sees_no_sky_leaves_mirrors_the_light_that_is_guessed():
     _, mirrored = plate_environment(plate(LAWN, LAWN), looking_down(), SEAT, NO_LAMPS)
     assert mirrored[:8].mean() > 2.0 * np.mean(LAWN)
+
+
+def test_colours_beyond_srgb_are_no_negative_light():
+    deep = plate(above=(0.4, 0.3, -0.08), below=(-0.06, 0.2, 0.1))
+    radiance, mirrored = plate_environment(deep, level_camera(), SEAT, NO_LAMPS)
+    assert (radiance >= 0.0).all()
+    assert (mirrored >= 0.0).all()
