@@ -21,6 +21,7 @@ from nlens_video.effects.foreground.background import Background, SmallBackgroun
 from nlens_video.effects.foreground.canvas import Canvas, StillCanvas
 from nlens_video.effects.foreground.looks import Look
 from nlens_video.effects.foreground.tracks import Ordered
+from nlens_video.effects.foreground.travelled_canvas import TravelledCanvas
 from nlens_video.effects.foreground.turned_canvas import TurnedCanvas
 from nlens_video.graph.foreground_matte import MovingForeground
 from nlens_video.scene.camera import Camera
@@ -85,14 +86,15 @@ def _corners(box: Box) -> tuple[int, int, int, int]:
 
 
 def _canvas_arrays(canvas: Canvas) -> Arrays:
+    if isinstance(canvas, TravelledCanvas):
+        return {"canvas.relief": canvas.relief.disparity, **_canvas_arrays(canvas.turned)}
     if not isinstance(canvas, TurnedCanvas):
         return {"canvas.size": np.array(canvas.size)}
-    ground = np.nan if canvas.ground_y is None else canvas.ground_y
     return {
         "canvas.size": np.array(canvas.frame),
         "canvas.pose": canvas.camera.world_from_camera,
         "canvas.numbers": _numbers(canvas.camera),
-        "canvas.more": np.array([canvas.distortion_k1, ground]),
+        "canvas.distortion_k1": np.array(canvas.distortion_k1),
     }
 
 
@@ -100,11 +102,13 @@ def _canvas(arrays: Arrays) -> Canvas:
     width, height = arrays["canvas.size"].tolist()
     if "canvas.pose" not in arrays:
         return StillCanvas((width, height))
-    k1, ground = arrays["canvas.more"].tolist()
-    return TurnedCanvas(
+    turned = TurnedCanvas(
         camera=_camera(arrays["canvas.pose"], arrays["canvas.numbers"]), frame=(width, height),
-        distortion_k1=k1, ground_y=None if np.isnan(ground) else ground,
+        distortion_k1=float(arrays["canvas.distortion_k1"]),
     )  # fmt: skip
+    if "canvas.relief" not in arrays:
+        return turned
+    return TravelledCanvas.of(turned, arrays["canvas.relief"])
 
 
 def _numbers(camera: Camera) -> npt.NDArray[np.float64]:

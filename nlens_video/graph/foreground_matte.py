@@ -22,6 +22,7 @@ from nlens_video.scene.camera import Camera
 _ALONG = 2.0  # pixels of the small size, within which the border of things that meet is sought
 _SMOOTHEST = 2e-4  # variance of roots of light below which it is no border
 _CONTEXT_PX = 24  # around a region from which a thing is continued [px]
+_UNKNOWN_NOISE = 1.0 / 255.0  # of a root of light, where nothing tells it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,19 +66,19 @@ class MovingForeground:
         small_box = self.small.small(canvas.reached(box, camera))
         if all(one.box.intersection(small_box).empty for one in things):
             return None
-        roots = canvas.small(picture, camera)
-        near, before, meet = self._things_near(things, self.small.normalised(roots))
+        roots, small = canvas.small(picture, camera), canvas.background(self.small, camera)
+        near, before, meet = _things_near(things, small.normalised(roots), small)
         wide = box.expanded(_CONTEXT_PX).intersection(known)
         prior = canvas.from_small(near, camera, wide) > 0.5
         if not prior.any():
             return None
         light = picture.linear(wide)
-        change = gain(roots, self.small.roots)
+        change = gain(roots, small.roots)
         below = np.square(canvas.from_part(self.background.roots, held, camera, wide) * change)
         noise = canvas.from_part(self.background.noise, held, camera, wide)
         unknown = np.isnan(below[..., 0]) | np.isnan(noise)
         if unknown.any():
-            below[unknown], noise = light[unknown], np.nan_to_num(noise)
+            below[unknown], noise = light[unknown], np.nan_to_num(noise, nan=_UNKNOWN_NOISE)
         scale = canvas.size[0] / canvas.small_size[0]
         edge_px = self._edge_px(things, fit, scale)
         share = soft_matte(light, below, noise, prior, edge_px, scale)
@@ -102,39 +103,40 @@ class MovingForeground:
             widest = max(widest, coc + 0.5 * one.moved_px * scale)
         return min(max(0.75 * widest, 1.0) + 1.0, 40.0)
 
-    def _things_near(
-        self, things: tuple[Ordered, ...], roots: Float32
-    ) -> tuple[Float32, Float32, bool]:
-        """Mask of what moves, how much of it is before the object, at the small size (h, w).
 
-        And whether things of different order meet.
-        """
-        mask = things_mask(roots, self.small.roots, self.small.noise)
-        meet = False
-        near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
-        frame = Box(0, 0, *mask.shape[::-1])
-        for region in find_regions(mask):
-            parts = sorted(
-                (one for one in things if one.region == region.box), key=lambda one: one.disparity
-            )
-            inside = np.zeros(mask.shape, np.bool_)
-            inside[region.box.slices_in(frame)] = region.inside
-            near[inside] = bool(parts)
-            if len({one.before for one in parts}) > 1:
-                meet, at = True, region.box.slices_in(frame)
-                shares = parted(
-                    [one.look for one in parts], [one.box for one in parts], roots[at], region.box
-                )
-                mixed = np.tensordot(np.array([one.before for one in parts], np.float32), shares, 1)
-                order[at][inside[at]] = mixed[inside[at]]
-                continue
-            for one in parts:  # the nearest last
-                at = one.box.intersection(frame).slices_in(frame)
-                order[at][inside[at]] = one.before
-        _, nearest = cv2.distanceTransformWithLabels(
-            np.isnan(order).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+def _things_near(
+    things: tuple[Ordered, ...], roots: Float32, small: SmallBackground
+) -> tuple[Float32, Float32, bool]:
+    """Mask of what moves, how much of it is before the object, at the small size (h, w).
+
+    And whether things of different order meet.
+    """
+    mask = things_mask(roots, small.roots, small.noise)
+    meet = False
+    near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
+    frame = Box(0, 0, *mask.shape[::-1])
+    for region in find_regions(mask):
+        parts = sorted(
+            (one for one in things if one.region == region.box), key=lambda one: one.disparity
         )
-        known = ~np.isnan(order)
-        values = np.zeros(int(nearest.max()) + 1, np.float32)
-        values[nearest[known]] = order[known]
-        return near, values[nearest], meet
+        inside = np.zeros(mask.shape, np.bool_)
+        inside[region.box.slices_in(frame)] = region.inside
+        near[inside] = bool(parts)
+        if len({one.before for one in parts}) > 1:
+            meet, at = True, region.box.slices_in(frame)
+            shares = parted(
+                [one.look for one in parts], [one.box for one in parts], roots[at], region.box
+            )
+            mixed = np.tensordot(np.array([one.before for one in parts], np.float32), shares, 1)
+            order[at][inside[at]] = mixed[inside[at]]
+            continue
+        for one in parts:  # the nearest last
+            at = one.box.intersection(frame).slices_in(frame)
+            order[at][inside[at]] = one.before
+    _, nearest = cv2.distanceTransformWithLabels(
+        np.isnan(order).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    known = ~np.isnan(order)
+    values = np.zeros(int(nearest.max()) + 1, np.float32)
+    values[nearest[known]] = order[known]
+    return near, values[nearest], meet

@@ -9,6 +9,7 @@ and some numbers for each thing on a frame.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from nlens_video.core.layers import Box, Float64
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.foreground.background import Background, SmallBackground, Survey, gain
 from nlens_video.effects.foreground.canvas import Canvas, StillCanvas
+from nlens_video.effects.foreground.relief import Views
 from nlens_video.effects.foreground.reservoir import (
     FEW_KEPT,
     LARGE_PX,
@@ -27,12 +29,14 @@ from nlens_video.effects.foreground.reservoir import (
 )
 from nlens_video.effects.foreground.things import find_things, things_mask
 from nlens_video.effects.foreground.tracks import Tracks
+from nlens_video.effects.foreground.travelled_canvas import TravelledCanvas
 from nlens_video.effects.foreground.turned_canvas import TurnedCanvas
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.view import View, bounds_near_frame
 from nlens_video.graph.foreground_matte import MovingForeground
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
+from nlens_video.video.info import SourceFrame
 
 CERTAIN = 0.9
 """Least share of the object's surroundings whose background is known, to be sure of it [1]."""
@@ -41,7 +45,8 @@ _SAMPLES = 12  # moments at which the object's place is looked up beforehand
 _MARGIN = 0.5  # of the object's height, around it: its shadow lies there [1]
 _LEAST_MARGIN_PX = 24
 _CHECKED_EVERY = 12  # frames, whether what moves can still turn out steady
-_MOST_PARALLAX = 0.02  # of the frame's width, by which the background may shift [1]
+_LEAST_PARALLAX, _MOST_PARALLAX = 0.0005, 0.15
+"""Of the frame's width, by which the background shifts if its depth matters, and may shift [1]."""
 _STILL = 1e-6  # by which a still camera's numbers may differ from frame to frame [1]
 
 
@@ -68,11 +73,11 @@ class _Sight:
         """The point of the ground where the object stands (3,)."""
         return contact_point(self.scene.pose(time_s).vertices(), self.ground_y)
 
-    def canvas(self, time_s: float) -> Canvas:
-        """Where the frames of a camera that moves are laid, of which one is of that moment."""
+    def canvas(self, time_s: float) -> TurnedCanvas:
+        """Where the frames of a camera that turns are laid, of which one is of that moment."""
         contact, solved = self.contact(time_s), self.view.solved
         return TurnedCanvas.towards(
-            contact, self.camera(time_s), ground_y=float(contact[1]),
+            contact, self.camera(time_s),
             distortion_k1=solved.distortion_k1 if solved is not None else 0.0,
         )  # fmt: skip
 
@@ -147,20 +152,41 @@ def _survey(again: ReadAgain, sight: _Sight) -> tuple[Survey, Canvas, list[float
 
 def _survey_moving(again: ReadAgain, sight: _Sight) -> tuple[Survey, Canvas, list[float]]:
     """The same of a camera that moves, by the frames that show the object."""
-    canvas: Canvas = StillCanvas((sight.view.width, sight.view.height))
-    survey, times, due = Survey(canvas.size), list[float](), -math.inf
+    canvas: TurnedCanvas | None = None
+    views, survey, times = Views(), Survey((sight.view.width, sight.view.height)), list[float]()
+    for frame in _looked_at(again, sight, times):
+        camera = sight.camera(frame.time_s)
+        if canvas is None:
+            canvas = sight.canvas(frame.time_s)
+            survey = Survey(canvas.size)
+        eye = camera.world_from_camera[:3, 3]
+        roots = canvas.from_eye(eye).small(frame.picture, camera)
+        survey.add(roots)
+        views.add(roots, eye)
+    if canvas is None:
+        return survey, StillCanvas((sight.view.width, sight.view.height)), times
+    if not _LEAST_PARALLAX < _parallax(sight, times) <= _MOST_PARALLAX:
+        return survey, canvas, times
+    contact = sight.contact(times[0])
+    turned = canvas.from_eye(views.middle)
+    small = turned.camera.resized(*canvas.small_size)
+    travelled = TravelledCanvas.of(turned, views.disparity(small, contact))
+    survey = Survey(canvas.size)
+    for frame in _looked_at(again, sight, []):
+        survey.add(travelled.still(frame.picture, sight.camera(frame.time_s)))
+    return survey, travelled, times
+
+
+def _looked_at(again: ReadAgain, sight: _Sight, times: list[float]) -> Iterator[SourceFrame]:
+    """The frames of a first look that show the object; adds the moments that were read [s]."""
+    due = -math.inf
     for frame in again(sparse=True):
         times.append(frame.time_s)
         if frame.time_s < due:
             continue
         due = frame.time_s + _EVERY_S
-        if sight.place(frame.time_s).empty:
-            continue
-        if not survey.pictures:
-            canvas = sight.canvas(frame.time_s)
-            survey = Survey(canvas.size)
-        survey.add(canvas.small(frame.picture, sight.camera(frame.time_s)))
-    return survey, canvas, times
+        if not sight.place(frame.time_s).empty:
+            yield frame
 
 
 def _parallax(sight: _Sight, times: list[float]) -> float:
@@ -210,13 +236,14 @@ def _follow(
         picture, camera = frame.picture, sight.camera(frame.time_s)
         if canvas.seen(place, camera).empty:
             continue
-        roots = canvas.small(picture, camera)
+        roots, below = canvas.small(picture, camera), canvas.background(small, camera)
         taken = reservoir.takes_next
-        change = gain(roots, small.roots)
+        change = gain(roots, below.roots)
         reservoir.add(canvas.part(picture, camera, place) / change if taken else None)
-        roots = small.normalised(roots)
-        mask = things_mask(roots, small.roots, small.noise)
-        things = find_things(mask)
+        shown = ~np.isnan(roots[..., 0])
+        roots = below.normalised(roots)
+        mask = things_mask(roots, below.roots, below.noise)
+        things = find_things(mask, shown)
         if not things:
             continue
         cameras[frame.index] = camera

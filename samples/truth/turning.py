@@ -29,7 +29,6 @@ from truth.walkers import (
     write_clip,
 )
 
-PATHS = ("turn", "turn", "hand", "turn", "travel")
 _EYE, _PITCH = STILL.eye[1], STILL.pitch
 _FINE = 2  # samples of a pixel, each way
 _REACH = 12.0  # half of the textures' width [m]
@@ -39,9 +38,11 @@ _NEAR, _TALL = 2.2, 6.0  # where the floor's texture begins, and how high the wa
 class MovingClip(Clip):
     """A clip of a seed whose camera moves; two figures stand behind the object all the time."""
 
+    paths: tuple[str, ...] = ("turn", "turn", "hand", "turn", "travel")
+
     def __init__(self, seed: int, frames: int) -> None:
         draw = np.random.default_rng([seed, 1])
-        self.path = PATHS[seed % len(PATHS)]
+        self.path = self.paths[seed % len(self.paths)]
         self._swing = math.radians(float(draw.uniform(12.0, 30.0))) * float(draw.choice([-1, 1]))
         self._nod = math.radians(float(draw.uniform(-2.0, 2.0)))
         self._travel = float(draw.uniform(0.3, 0.8)) * float(draw.choice([-1, 1]))

@@ -254,3 +254,31 @@ def test_what_stays_behind_hides_the_ground_alone():
     found = moving_mattes(ArrayPicture(scene(1)), moving)
     assert not found.before_object.coverage.any() and not found.before_object.light.any()
     assert (found.before_ground.coverage == 1.0).all()
+
+
+def test_the_border_of_the_frame_is_no_foot_that_jumps_but_jumping_to_it_is():
+    shown = np.ones((120, 200), np.bool_)
+    shown[100:] = False  # the frame's lower border
+    whole, coming, jumping = Box(0, 0, 200, 120), Tracks(), Tracks()
+    for index in range(30):
+        left = 20 + 3 * index
+        border = 100 - index % 2 * 8  # as a canvas sees it of a camera that is held by hand
+        frame = shown.copy()
+        frame[border:] = False
+        for tracks, bottom in ((coming, border), (jumping, 100 if index % 3 else 60)):
+            mask = np.zeros((120, 200), np.bool_)
+            mask[20:bottom, left : left + 40] = True
+            things = find_things(mask, frame if tracks is coming else shown)
+            assert things[0].cut == (bottom >= 92)
+            tracks.add(index, things, [0.3], 0.25)
+    assert coming.steadiness(whole) == 1.0
+    assert {things[0].before for things in coming.ordered().values()} == {1.0}
+    assert jumping.steadiness(whole) < 0.6
+
+
+def test_a_speck_on_the_ground_far_below_is_no_foot_of_the_body_above_it():
+    mask = np.zeros((180, 320), np.bool_)
+    mask[20:90, 100:130] = True
+    mask[140:144, 110:114] = True
+    (body,) = find_things(mask)
+    assert body.box == Box(100, 20, 130, 90) and not body.cut

@@ -75,26 +75,28 @@ def test_what_is_laid_comes_back_to_the_frame(yaw, roll, k1):
     np.testing.assert_allclose(back[known], shown(view, k1)[known], atol=5e-3)
 
 
-def test_the_ground_is_laid_the_same_though_the_camera_travels():
-    still, moved = camera(), camera(0.05, -0.25, eye=(0.4, 1.6, 0.3))
-    canvas = TurnedCanvas.towards(OBJECT, still, ground_y=0.0)
-
-    def ground(view):
-        points = view.plane_points(0.0)
-        tiles = 0.5 + 0.3 * np.sin(2.0 * points[..., :1]) * np.cos(1.5 * points[..., 2:])
-        light = np.square(np.where(view.plane_disparity(0.0)[..., None] > 0.05, tiles, 0.5))
-        return ArrayPicture(np.repeat(light, 3, axis=2).astype(np.float32), "rgb", LINEAR)
-
-    box = canvas.reached(Box(60, 120, 260, 180), still)
-    first, second = (canvas.part(ground(view), view, box) for view in (still, moved))
-    both = ~(np.isnan(first) | np.isnan(second))[..., 0]
-    assert both.mean() > 0.5
-    np.testing.assert_allclose(first[both], second[both], atol=6e-3)
+def test_the_ground_s_disparity_is_that_for_the_frame_s_camera():
+    canvas, moved = TurnedCanvas.towards(OBJECT, camera()), camera(0.05, -0.25, eye=(0.4, 1.6, 0.3))
     for place in ((300.3, 200.8), (340.0, 170.0)):
         x, y = int(place[0]), int(place[1])
         point = canvas.camera.cropped(Box(x, y, x + 1, y + 1)).plane_points(0.0)[0]
         depth = -moved.to_camera(point)[0, 2]
         assert canvas.ground_disparity(place, moved, 0.0) == pytest.approx(1 / depth)
+
+
+def test_places_of_the_canvas_are_shown_where_it_is_laid_from():
+    view, box = camera(0.1, roll=0.05), Box(200, 100, 260, 140)
+    canvas = TurnedCanvas.towards(OBJECT, camera(), distortion_k1=-0.1)
+    places = np.meshgrid(
+        np.arange(box.x0, box.x1, dtype=np.float32), np.arange(box.y0, box.y1, dtype=np.float32)
+    )
+    columns, rows = canvas.shown((places[0], places[1]), view)
+    back = canvas.frame_places(view, Box(0, 0, WIDTH, HEIGHT))
+    x, y = np.rint(columns).astype(int), np.rint(rows).astype(int)
+    inside = (x > 0) & (x < WIDTH) & (y > 0) & (y < HEIGHT)
+    assert inside.mean() > 0.5
+    assert np.abs(back[0][y[inside], x[inside]] - places[0][inside]).max() < 1.0
+    assert np.abs(back[1][y[inside], x[inside]] - places[1][inside]).max() < 1.0
 
 
 def test_the_box_of_the_object_is_found_on_the_canvas_and_back():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from support import shots
+from support.rooms import room
 
 from nlens_video.cameras.placed import in_solved_world
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
@@ -166,16 +167,25 @@ def turned(index):
 
 def view_of_a_turning_camera(eyes=None):
     """The frames' cameras as they were solved; `eyes` are where the camera stands."""
-    fov = math.degrees(2 * math.atan(shots.WIDTH / shots.HEIGHT * math.tan(0.5 * shots.YFOV)))
-    keys = []
+    cameras = []
     for index in range(FRAMES):
         pose = np.eye(4)
         pose[:3, :3] = turned(index)
         eye = shots.camera_pose()[:3, 3] if eyes is None else eyes[index]
         pose[:3, 3] = -pose[:3, :3] @ eye
-        keys.append(CameraKey(index=index, pts_s=index / 25, world_to_camera=pose, fov_x_deg=fov))
+        cameras.append(pose)
+    return view_of(cameras, "rotation")
+
+
+def view_of(cameras, path):
+    """Frames whose camera from world (4, 4) was solved."""
+    fov = math.degrees(2 * math.atan(shots.WIDTH / shots.HEIGHT * math.tan(0.5 * shots.YFOV)))
+    keys = tuple(
+        CameraKey(index=index, pts_s=index / 25, world_to_camera=pose, fov_x_deg=fov)
+        for index, pose in enumerate(cameras)
+    )
     solved = SolvedCamera(
-        width=shots.WIDTH, height=shots.HEIGHT, keys=tuple(keys), path="rotation", fov="measured"
+        width=shots.WIDTH, height=shots.HEIGHT, keys=keys, path=path, fov="measured"
     )
     view = View(width=shots.WIDTH, height=shots.HEIGHT, solved=solved)
     return replace(view, cameras=in_solved_world(solved))
@@ -237,9 +247,50 @@ def test_the_order_with_what_walks_past_holds_while_the_camera_turns(
         assert (got.before[middle] > 0.5).mean() == float(before)
 
 
-def test_a_camera_that_travels_calls_for_nothing(scene):
+def travelling_shot(depth):
+    """Frames of a camera that travels through a room, and where a card is that walks there."""
+    for index in range(FRAMES):
+        view = replace(shots.camera(), world_from_camera=travelled(index))
+        walker = (0.08 * index - 0.9, depth)
+        seen = room(view, walker=walker, grain=index + 1)
+        empty = room(view, grain=index + 1)
+        whole = Box(0, 0, shots.WIDTH, shots.HEIGHT)
+        where = np.abs(seen.linear(whole) - empty.linear(whole)).max(axis=2) > 0.0
+        yield SourceFrame(index=index, time_s=index / 25, picture=seen), where
+
+
+def travelled(index):
+    pose = shots.camera_pose()
+    pose[:3, 3] += [0.012 * index - 0.14, 0.003 * np.sin(index), -0.006 * index]
+    return pose
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("depth", "before"), [(1.9, True), (2.6, False)])
+def test_the_order_with_what_walks_past_holds_while_the_camera_travels(
+    scene, depth, before, tmp_path
+):
+    frames = list(travelling_shot(depth))
+    again = read_again(lambda: (frame for frame, _ in frames))
+    view = view_of([np.linalg.inv(travelled(index)) for index in range(FRAMES)], "moving")
+    moving, finding = find_moving_foreground(again, scene, view, 0.0)
+    assert finding.wanted and finding.certainty > 0.9
+    whole = Box(0, 0, shots.WIDTH, shots.HEIGHT)
+    write_foreground(tmp_path / "found.npz", moving, finding)
+    told, _ = read_foreground(tmp_path / "found.npz")
+    for index in (10, 12, 14):
+        frame, where = frames[index]
+        got = moving.on_frame(index).matte(frame.picture, whole, None)
+        also = told.on_frame(index).matte(frame.picture, whole, None)
+        assert np.array_equal(got.coverage, also.coverage)
+        middle = where[got.box.slices_in(whole)]
+        assert np.abs(got.coverage - middle).sum() < 0.1 * middle.sum()
+        assert (got.before[middle] > 0.5).mean() == float(before)
+
+
+def test_a_camera_that_travels_far_calls_for_nothing(scene):
     frames = [frame for frame, _ in turning_shot(1.9)]
-    eyes = [np.array([0.01 * index, shots.EYE_HEIGHT, 0.0]) for index in range(FRAMES)]
+    eyes = [np.array([0.1 * index, shots.EYE_HEIGHT, 0.0]) for index in range(FRAMES)]
     view = view_of_a_turning_camera(eyes)
     moving, finding = find_moving_foreground(read_again(lambda: frames), scene, view, 0.0)
     assert moving is None and "travels" in finding.reason

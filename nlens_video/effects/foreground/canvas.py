@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Picture
-from nlens_video.effects.foreground.background import root, small_size
+from nlens_video.effects.foreground.background import SmallBackground, root, small_size
 from nlens_video.scene.camera import Camera
 
 
@@ -28,7 +28,18 @@ class Canvas(Protocol):
         ...
 
     def small(self, picture: Picture, camera: Camera) -> Float32:
-        """Roots of light of a frame, laid at the small size (h, w, 3); NaN beyond it."""
+        """Roots of light of a frame, laid at the small size (h, w, 3); NaN beyond it.
+
+        What moves keeps its shape; what stands still may shift, as `background` tells.
+        """
+        ...
+
+    def still(self, picture: Picture, camera: Camera) -> Float32:
+        """The same, laid so that what stands still does not shift; NaN also where it is hidden."""
+        ...
+
+    def background(self, small: SmallBackground, camera: Camera) -> SmallBackground:
+        """What `small` would show of a frame if nothing moved, of the shot's background."""
         ...
 
     def part(self, picture: Picture, camera: Camera, box: Box) -> Float32:
@@ -85,6 +96,14 @@ class StillCanvas:
     def small(self, picture: Picture, camera: Camera) -> Float32:
         """As of `Canvas`."""
         return root(picture.downsample(*self.small_size))
+
+    def still(self, picture: Picture, camera: Camera) -> Float32:
+        """As of `Canvas`."""
+        return self.small(picture, camera)
+
+    def background(self, small: SmallBackground, camera: Camera) -> SmallBackground:
+        """As of `Canvas`."""
+        return small
 
     def part(self, picture: Picture, camera: Camera, box: Box) -> Float32:
         """As of `Canvas`."""

@@ -76,6 +76,11 @@ class Reservoir:
         """Whether the next picture will be kept."""
         return self._count % self._step == 0
 
+    @property
+    def pictures(self) -> Sequence[Codes]:
+        """Those that are kept: 16383 times their roots of light (h, w, 3), 65535 beyond them."""
+        return self._kept
+
     def add(self, roots: Float32 | None) -> None:
         """Add a picture's roots of light (h, w, 3), NaN where it shows nothing.
 

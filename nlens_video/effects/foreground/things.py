@@ -20,7 +20,9 @@ _LEAST_AREA = 3e-4  # of the frame
 _DARKEST, _LIGHTEST = 0.2, 0.97  # light that a shadow leaves [1]
 _TINT = 0.2  # a shadow's change of colour, of the light that it takes
 _TEXTURE = 0.16  # standard deviation of the logarithm of the light that a shadow leaves
+_LEAST_FOOT = 4e-3  # area of a foot, by the square of the height of the body above it [1]
 _WINDOW = 5
+_BORDER = 1  # rows of the picture below a thing that is not cut by its border
 _FAR_BELOW, _BESIDE, _SMALLER = 0.9, 0.35, 0.5
 """By the height of a body: how far below it its feet lie, how far to a side, how high they are."""
 
@@ -33,11 +35,13 @@ class Seen:
         box: around it.
         foot: column and row of the point where it meets the ground [px].
         region: box around the connected region that it is in, of which others may be parts.
+        cut: whether it goes on below the frame: its foot is nearer than where it seems to be.
     """
 
     box: Box
     foot: tuple[float, float]
     region: Box
+    cut: bool = False
 
 
 def things_mask(roots: Float32, background: Float32, noise: Float32) -> Bool:
@@ -72,11 +76,11 @@ def _between_body_and_feet(mask: Bool) -> Bool:
 
     Legs that are grey and dark look like a shadow on the ground.
     """
-    boxes = _components(mask)[0]
+    boxes, areas, _ = _components(mask)
     between = np.zeros(mask.shape, np.uint8)
     for body in boxes:
-        for foot in boxes:
-            if _stands_on(body, foot):
+        for foot, area in zip(boxes, areas, strict=True):
+            if _stands_on(body, foot, area):
                 waist, sole = body.y1 - 1, foot.y0
                 corners = [(body.x0, waist), (body.x1, waist), (foot.x1, sole), (foot.x0, sole)]
                 cv2.fillConvexPoly(between, np.array(corners, np.int32), 1)
@@ -136,7 +140,7 @@ def find_regions(mask: Bool) -> list[Region]:
     numbers = range(len(boxes))
     owner = list(numbers)
     for lower in sorted(numbers, key=lambda one: boxes[one].y0):
-        above = [one for one in numbers if _stands_on(boxes[one], boxes[lower])]
+        above = [one for one in numbers if _stands_on(boxes[one], boxes[lower], areas[lower])]
         if above:
             owner[lower] = owner[max(above, key=lambda one: boxes[one].y1)]
     found = []
@@ -152,8 +156,8 @@ def find_regions(mask: Bool) -> list[Region]:
     return found
 
 
-def _stands_on(body: Box, foot: Box) -> bool:
-    """Whether what is in the lower box may be the foot of what is in the upper one."""
+def _stands_on(body: Box, foot: Box, area: int) -> bool:
+    """Whether what is in the lower box, of an area [px], may be the foot of the upper one's."""
     below = foot.y0 - body.y1
     beside = max(foot.x0 - body.x1, body.x0 - foot.x1)
     return (
@@ -161,12 +165,29 @@ def _stands_on(body: Box, foot: Box) -> bool:
         and beside <= _BESIDE * body.height
         and foot.height <= _SMALLER * body.height
         and foot.width <= body.width
+        and area >= _LEAST_FOOT * body.height * body.height
     )
 
 
-def find_things(mask: Bool) -> list[Seen]:
-    """The things of a mask (h, w)."""
-    return [Seen(one.box, _foot(one), one.box) for one in find_regions(mask)]
+def find_things(mask: Bool, shown: Bool | None = None) -> list[Seen]:
+    """The things of a mask (h, w).
+
+    Args:
+        mask: where they are (h, w).
+        shown: what the picture shows (h, w); None for all of it.
+    """
+    return [
+        Seen(one.box, _foot(one), one.box, _is_cut(one.box, mask.shape, shown))
+        for one in find_regions(mask)
+    ]
+
+
+def _is_cut(box: Box, shape: tuple[int, ...], shown: Bool | None) -> bool:
+    """Whether a box ends where the picture does."""
+    below = box.y1 + _BORDER
+    if below >= shape[0]:
+        return True
+    return shown is not None and not bool(shown[below, box.x0 : box.x1].all())
 
 
 def _foot(region: Region) -> tuple[float, float]:

@@ -35,6 +35,7 @@ class Track:
         regions: boxes around the connected regions that it is in.
         feet: disparity of the ground where it stands [1 / scene unit].
         contacts: disparity of the object's contact with the ground [1 / scene unit].
+        cut: on which of the frames its foot is below the frame.
         hidden: frames since it was last seen apart from others [1].
         look: its colours.
     """
@@ -44,16 +45,20 @@ class Track:
     regions: list[Box] = field(default_factory=list)
     feet: list[float] = field(default_factory=list)
     contacts: list[float] = field(default_factory=list)
+    cut: list[bool] = field(default_factory=list)
     hidden: int = 0
     look: Look = field(default_factory=Look)
 
-    def add(self, index: int, box: Box, region: Box, foot: float, contact: float) -> None:
+    def add(
+        self, index: int, box: Box, region: Box, foot: float, contact: float, *, cut: bool = False
+    ) -> None:
         """Take the thing on its next frame."""
         self.frames.append(index)
         self.boxes.append(box)
         self.regions.append(region)
         self.feet.append(foot)
         self.contacts.append(contact)
+        self.cut.append(cut)
 
     @property
     def travels(self) -> bool:
@@ -65,10 +70,16 @@ class Track:
 
     @property
     def jumps(self) -> int:
-        """Frames on which its foot jumps from the line on which it goes."""
-        feet = np.array([box.y1 for box in self.boxes], float)
+        """Frames on which it jumps from the line on which it goes.
+
+        Its foot does, or its top while the frame's border cuts the foot.
+        """
+        tops, feet = np.array([(box.y0, box.y1) for box in self.boxes], float).T
         height = float(np.median([box.height for box in self.boxes]))
-        return int((np.abs(np.diff(feet, 2)) > _JUMP * height).sum())
+        cut = np.array(self.cut)
+        cut = cut[:-2] & cut[1:-1] & cut[2:]  # a foot that jumps to the border and back is no such
+        bends = np.where(cut, np.diff(tops, 2), np.diff(feet, 2))
+        return int((np.abs(bends) > _JUMP * height).sum())
 
     def expected(self, index: int) -> Box:
         """Where it will be on a frame if it goes on as it went."""
@@ -131,7 +142,10 @@ class Tracks:
                 for one in parts:
                     free.remove(one)
                     one.hidden += 1
-                    one.add(index, one.expected(index), thing.region, one.feet[-1], contact)
+                    one.add(
+                        index, one.expected(index), thing.region, one.feet[-1], contact,
+                        cut=thing.cut,
+                    )  # fmt: skip
                 continue
             near = [one for one in free if _overlap(one.boxes[-1], thing.box) > 0.1]
             best = max(near, key=lambda one: _overlap(one.boxes[-1], thing.box), default=None)
@@ -144,7 +158,7 @@ class Tracks:
             else:
                 free.remove(best)
             best.hidden = 0
-            best.add(index, thing.box, thing.region, foot, contact)
+            best.add(index, thing.box, thing.region, foot, contact, cut=thing.cut)
             if picture is not None:
                 best.look.add(*picture, thing.box)
 

@@ -1,8 +1,7 @@
 """The canvas of a camera that moves: frames are laid as another camera at one place sees them.
 
-A camera that turns in its place sees the same picture from there: it is laid exactly. Of one that
-travels the ground is laid as exactly; what rises from it is laid as if it were infinitely far, and
-shifts.
+A camera that turns in its place sees the same picture from there: it is laid exactly. One that
+travels sees another one from each place: there the canvas' camera has to go along.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ import numpy as np
 
 from nlens_video.core.box import undistorted_radius
 from nlens_video.core.layers import Box, Float32, Float64, Picture
-from nlens_video.effects.foreground.background import root, small_size
+from nlens_video.effects.foreground.background import SmallBackground, root, small_size
 from nlens_video.effects.foreground.canvas import ground_disparity_at
 from nlens_video.scene.camera import Camera
 
 _WIDER, _TALLER = 2.0, 1.5  # of a turned canvas, by the frame [1]
-_NOWHERE = -1e6  # a pixel that another camera does not see [px]
+NOWHERE = -1e6  # a pixel that another camera does not see [px]
 _FOLDS = -1.0 / 3.0  # k1 r^2 from which on a lens shows what lies farther out farther in
 _BELOW = 1e-3  # of a distance, by which a point lies beside the one straight below
 _STEP = 8  # pixels between places whose position is worked out [px]
@@ -38,26 +37,20 @@ class TurnedCanvas:
         camera: it; its frame is the canvas.
         frame: columns and rows of the shot's frames [px].
         distortion_k1: of their lens, as of `SolvedCamera` [1].
-        ground_y: height of the ground; None for a camera that only turns [scene unit].
     """
 
     camera: Camera
     frame: tuple[int, int]
     distortion_k1: float = 0.0
-    ground_y: float | None = None
 
     @classmethod
-    def towards(
-        cls, point: Float64, camera: Camera, *, distortion_k1: float = 0.0,
-        ground_y: float | None = None,
-    ) -> TurnedCanvas:  # fmt: skip
+    def towards(cls, point: Float64, camera: Camera, *, distortion_k1: float = 0.0) -> TurnedCanvas:
         """The canvas of a camera that turns to a point of the scene (3,), as far down as it looks.
 
         Args:
             point: of the scene.
             camera: of a frame.
             distortion_k1: of its lens.
-            ground_y: height of the ground, which a camera that travels needs [scene unit].
         """
         pose = camera.world_from_camera.copy()
         away = point - pose[:3, 3]
@@ -80,7 +73,13 @@ class TurnedCanvas:
             camera, world_from_camera=pose, width=width, height=height,
             cx=camera.cx + 0.5 * (width - frame[0]), cy=camera.cy + 0.5 * (height - frame[1]),
         )  # fmt: skip
-        return cls(camera=turned, frame=frame, distortion_k1=distortion_k1, ground_y=ground_y)
+        return cls(camera=turned, frame=frame, distortion_k1=distortion_k1)
+
+    def from_eye(self, eye: Float64) -> TurnedCanvas:
+        """The canvas of a camera that looks the same way from elsewhere (3,)."""
+        pose = self.camera.world_from_camera.copy()
+        pose[:3, 3] = eye
+        return replace(self, camera=replace(self.camera, world_from_camera=pose))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -99,30 +98,38 @@ class TurnedCanvas:
         roots = root(picture.downsample(*size))
         canvas = self.camera.resized(*self.small_size)
         places = self._places(canvas, camera.resized(*size), Box(0, 0, *self.small_size))
-        return _laid(roots, places)
+        return laid(roots, places)
+
+    def still(self, picture: Picture, camera: Camera) -> Float32:
+        """As of `Canvas`."""
+        return self.small(picture, camera)
+
+    def background(self, small: SmallBackground, camera: Camera) -> SmallBackground:
+        """As of `Canvas`."""
+        return small
 
     def part(self, picture: Picture, camera: Camera, box: Box) -> Float32:
         """As of `Canvas`."""
         columns, rows = self._places(self.camera, camera, box)
         frame = Box(0, 0, *self.frame)
-        held = _around(columns, rows).expanded(2).intersection(frame)
+        held = around(columns, rows).expanded(2).intersection(frame)
         if held.empty:
             return np.full((*box.shape, 3), np.nan, np.float32)
         moved = columns - np.float32(held.x0), rows - np.float32(held.y0)
-        return _laid(root(picture.linear(held)), moved)
+        return laid(root(picture.linear(held)), moved)
 
     def reached(self, box: Box, camera: Camera) -> Box:
         """As of `Canvas`."""
-        edges = self._frame_places(camera, self.camera, box)
-        return _around(*edges).intersection(Box(0, 0, *self.size))
+        edges = self.frame_places(camera, box)
+        return around(*edges).intersection(Box(0, 0, *self.size))
 
     def seen(self, box: Box, camera: Camera) -> Box:
         """As of `Canvas`."""
-        return _around(*self._places(self.camera, camera, box)).intersection(Box(0, 0, *self.frame))
+        return around(*self._places(self.camera, camera, box)).intersection(Box(0, 0, *self.frame))
 
     def from_small(self, values: Float32, camera: Camera, box: Box) -> Float32:
         """As of `Canvas`."""
-        columns, rows = self._frame_places(camera, self.camera, box)
+        columns, rows = self.frame_places(camera, box)
         across, down = (
             np.float32(small / large)
             for small, large in zip(self.small_size, self.size, strict=True)
@@ -134,8 +141,8 @@ class TurnedCanvas:
 
     def from_part(self, values: Float32, held: Box, camera: Camera, box: Box) -> Float32:
         """As of `Canvas`."""
-        columns, rows = self._frame_places(camera, self.camera, box)
-        return _laid(values, (columns - np.float32(held.x0), rows - np.float32(held.y0)))
+        columns, rows = self.frame_places(camera, box)
+        return laid(values, (columns - np.float32(held.x0), rows - np.float32(held.y0)))
 
     def ground_disparity(
         self, place: tuple[float, float], camera: Camera, ground_y: float
@@ -153,21 +160,36 @@ class TurnedCanvas:
         depth = -float(camera.to_camera(point[None])[0, 2])
         return 1.0 / depth if depth > 0.0 else math.inf
 
+    def shown(self, places: Places, camera: Camera) -> Places:
+        """Where a frame shows places of the canvas."""
+        canvas, half = self.camera, 0.5
+        x = (places[0].astype(np.float64) + half - canvas.cx) / canvas.fx
+        y = (places[1].astype(np.float64) + half - canvas.cy) / canvas.fy
+        x, y = self._distorted(*self._pinhole(canvas, camera, x, y))
+        return (
+            np.nan_to_num(x * camera.fx + camera.cx - half, nan=NOWHERE).astype(np.float32),
+            np.nan_to_num(y * camera.fy + camera.cy - half, nan=NOWHERE).astype(np.float32),
+        )
+
     def _places(self, canvas: Camera, camera: Camera, box: Box) -> Places:
         """Where a frame's camera shows the pixels of a box of the canvas."""
         x, y = self._pinhole(canvas, camera, *_rays(canvas, box))
+        return _indices(camera, *self._distorted(x, y), box)
+
+    def _distorted(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Where the frames' lens shows what a pinhole shows at x, y by focal lengths."""
         square = self.distortion_k1 * (x * x + y * y)
         scale = np.where(square > _FOLDS, 1.0 + square, np.nan)
-        return _indices(camera, x * scale, y * scale, box)
+        return x * scale, y * scale
 
-    def _frame_places(self, camera: Camera, canvas: Camera, box: Box) -> Places:
+    def frame_places(self, camera: Camera, box: Box) -> Places:
         """Where the canvas shows the pixels of a box of a frame."""
         x, y = np.broadcast_arrays(*_rays(camera, box))
         if self.distortion_k1:
             far = np.maximum(np.hypot(x, y), 1e-9)
             scale = undistorted_radius(self.distortion_k1, 0.0, far) / far
             x, y = x * scale, y * scale
-        return _indices(canvas, *self._pinhole(camera, canvas, x, y), box)
+        return _indices(self.camera, *self._pinhole(camera, self.camera, x, y), box)
 
     def _pinhole(
         self, one: Camera, other: Camera, x: Float64, y: Float64
@@ -175,10 +197,6 @@ class TurnedCanvas:
         """Where another camera sees what a camera sees at x, y right and down, by focal lengths."""
         turn = other.world_from_camera[:3, :3].T
         ray = np.stack(np.broadcast_arrays(x, -y, -1.0), axis=-1) @ one.world_from_camera[:3, :3].T
-        shift = one.world_from_camera[:3, 3] - other.world_from_camera[:3, 3]
-        above = 0.0 if self.ground_y is None else one.world_from_camera[1, 3] - self.ground_y
-        if above > 0.0 and np.abs(shift).max() > 0.0:
-            ray = ray + np.maximum(-ray[..., 1:2] / above, 0.0) * shift  # disparity times shift
         seen: Float64 = ray @ turn.T
         depth = -seen[..., 2]
         depth[depth < _LEAST_DEPTH] = np.nan
@@ -204,18 +222,18 @@ def _rays(camera: Camera, box: Box) -> tuple[Float64, Float64]:
 
 def _indices(camera: Camera, x: Float64, y: Float64, box: Box) -> Places:
     """Pixels of a camera, as `cv2.remap` counts them, that a box shows; its grid's are at x, y."""
-    columns = np.nan_to_num(x * camera.fx + camera.cx - 0.5, nan=_NOWHERE)
-    rows = np.nan_to_num(y * camera.fy + camera.cy - 0.5, nan=_NOWHERE)
+    columns = np.nan_to_num(x * camera.fx + camera.cx - 0.5, nan=NOWHERE)
+    rows = np.nan_to_num(y * camera.fy + camera.cy - 0.5, nan=NOWHERE)
     inside = slice(_STEP, _STEP + box.height), slice(_STEP, _STEP + box.width)
     size = _STEP * x.shape[1], _STEP * x.shape[0]
     found = [
-        cv2.resize(np.clip(one, _NOWHERE, -_NOWHERE), size, interpolation=cv2.INTER_LINEAR)[inside]
+        cv2.resize(np.clip(one, NOWHERE, -NOWHERE), size, interpolation=cv2.INTER_LINEAR)[inside]
         for one in (columns, rows)
     ]
     return found[0].astype(np.float32), found[1].astype(np.float32)
 
 
-def _laid(values: Float32, places: Places) -> Float32:
+def laid(values: Float32, places: Places) -> Float32:
     """Values (H, W, ...) at places, NaN beyond their outermost pixels."""
     columns, rows = places
     height, width = values.shape[:2]
@@ -226,9 +244,9 @@ def _laid(values: Float32, places: Places) -> Float32:
     return np.asarray(found, np.float32)
 
 
-def _around(columns: Float32, rows: Float32) -> Box:
+def around(columns: Float32, rows: Float32) -> Box:
     """The box around places that are seen at all."""
-    known = (np.abs(columns) < -_NOWHERE) & (np.abs(rows) < -_NOWHERE)
+    known = (np.abs(columns) < -NOWHERE) & (np.abs(rows) < -NOWHERE)
     if not known.any():
         return Box(0, 0, 0, 0)
     columns, rows = columns[known], rows[known]
