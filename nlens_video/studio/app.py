@@ -118,6 +118,7 @@ class Studio:
                 "height": info.height, "aspect": info.width * info.pixel_aspect / info.height,
                 "shown": list(self._frames.size), "reduced": self._frames.reduced,
             },
+            "environments": await run_in_threadpool(self._shot.environments),
             "render": self.render.last,
         })  # fmt: skip
 

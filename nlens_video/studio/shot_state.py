@@ -17,6 +17,7 @@ from nlens_video.options.table import ROWS
 from nlens_video.options.to_settings import settings
 from nlens_video.video.named_files import local_path
 
+_MOST_MAPS = 100
 _WRITES = {row.attribute for row in ROWS for file in row.files if file.role == "writes"}
 
 
@@ -99,6 +100,11 @@ class ShotState:
         """
         self._words(tables)
         return files_by(tables, self.path).get("output")
+
+    def environments(self) -> list[str]:
+        """Names of the maps of light in the shot's folder, a hundred at most."""
+        files = (one for one in self.path.parent.iterdir() if one.suffix.lower() == ".hdr")
+        return sorted(one.name for one in files if one.is_file())[:_MOST_MAPS]
 
     def _words(self, tables: Tables) -> list[str]:
         words = words_by(tables, self.path)

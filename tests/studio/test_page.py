@@ -1,6 +1,7 @@
 """The studio's page in a real browser: what hands and keys do, and what is drawn then."""
 
 import contextlib
+import itertools
 import json
 import shutil
 import subprocess
@@ -152,6 +153,24 @@ def test_horizon_sun_and_effects_become_the_shot(page, shot):
     assert tables["effects"]["effects"] == "none"
     assert (seen(page) != before).any()
     assert nlens(shot, "--no-progress", "-q").returncode == 0
+
+
+@pytest.mark.needs_chromium
+def test_light_from_around_is_a_map_of_the_folder_that_can_be_turned(browser, shot):
+    west = np.full((32, 64, 3), 0.02, np.float32)
+    west[:16, :16] = 12.0
+    assert cv2.imwrite(str(shot.parent / "west.hdr"), west)
+    with opened(browser, shot) as (page, _):
+        pictures = [seen(page)]
+        at_rest(page, lambda: page.locator("#around").select_option("west.hdr"))
+        pictures.append(seen(page))
+        at_rest(page, lambda: page.locator("#around-turn").press("End"))
+        pictures.append(seen(page))
+        assert saved(page, shot)["light"] == {"env-map": "west.hdr", "env-rotation": 180}
+        assert all((one != other).any() for one, other in itertools.pairwise(pictures))
+        at_rest(page, lambda: page.locator("#around").select_option(""))
+        np.testing.assert_array_equal(seen(page), pictures[0])
+        assert "light" not in saved(page, shot)
 
 
 @pytest.mark.needs_chromium

@@ -197,12 +197,22 @@ function fill() {
   field("sun").checked = sun !== undefined;
   one("sun-rows").hidden = sun === undefined;
   if (sun) ["azimuth", "elevation", "strength"].forEach((id, at) => setUnlessTyping(id, sun[at] ?? 2));
+  const around = environment();
+  field("around").value = around;
+  one("around-row").hidden = !around;
+  if (around) setUnlessTyping("around-turn", shot.get("light", "env-rotation") ?? 0);
   field("shadow").value = String(shot.get("light", "shadow-strength") ?? "");
   field("preset").value = shot.get("quality", "preset") ?? "standard";
   setUnlessTyping("output", shot.get("output", "file") ?? "");
   field("undo").disabled = !shot.past.length;
   field("redo").disabled = !shot.future.length;
   one("saved").textContent = shot.unsaved ? "· not saved" : "· saved";
+}
+
+/** The map of the light from around that the shot names, empty for the plate's own. @returns {string} */
+function environment() {
+  const named = shot.get("light", "env-map") ?? shot.get("light", "env") ?? "plate";
+  return named === "plate" ? "" : named;
 }
 
 /** @param {string} id @param {string | number} value */
@@ -269,6 +279,21 @@ for (const id of ["azimuth", "elevation", "strength"]) {
     fill();
   });
 }
+field("around").addEventListener("change", () => {
+  const map = field("around").value || undefined;
+  const turn = map && shot.get("light", "env-rotation");
+  shot.set("light", { "env-map": map, env: undefined, "env-rotation": turn });
+  changed("rest");
+});
+field("around-turn").addEventListener("input", () => {
+  shot.hold();
+  shot.set("light", { "env-rotation": field("around-turn").valueAsNumber || undefined });
+  changed("rest");
+});
+field("around-turn").addEventListener("change", () => {
+  shot.release();
+  fill();
+});
 field("shadow").addEventListener("change", () => {
   const value = field("shadow").value;
   shot.set("light", { "shadow-strength": value === "" ? undefined : Number(value) });
@@ -381,6 +406,8 @@ field("frame").max = String(plate.frames - 1);
 one("reduced").hidden = !plate.reduced;
 one("reduced").textContent = `The plate has ${plate.width}×${plate.height}; it is shown at ${plate.shown.join("×")}, and rendered whole.`;
 showRender(about.render);
+one("around").append(...[...new Set([...about.environments, environment()])].filter(Boolean)
+  .map((/** @type {string} */ name) => new Option(name, name)));
 const many = Math.min(THUMBNAILS, plate.frames);
 one("thumbnails").append(...Array.from({ length: many }, (_, at) => {
   const image = document.createElement("img");
