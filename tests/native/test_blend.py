@@ -18,7 +18,10 @@ BOXES = (Box(0, 0, WIDTH, HEIGHT), Box(5, 3, 290, 10), Box(129, 0, 131, 1), Box(
 def noise(pixel_format):
     rng = np.random.default_rng(0)
     codes = rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
-    frame = av.VideoFrame.from_ndarray(codes, "rgb24").reformat(format=pixel_format)
+    if pixel_format == "gbrpf32le":  # swscale's threads write over the ends of its odd rows
+        frame = av.VideoFrame.from_ndarray(np.float32(codes) / 255, pixel_format)
+    else:
+        frame = av.VideoFrame.from_ndarray(codes, "rgb24").reformat(format=pixel_format)
     return frame_samples(frame, frame_tags(frame), 0)
 
 
