@@ -16,6 +16,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check -q
+NODE_PACKAGES := tests/studio/node_modules/.package-lock.json
 SOURCES := $(wildcard pyproject.toml constraints.txt hatch_build.py nlens_video/core/version.py nlens_video/native/CMakeLists.txt nlens_video/native/source/*)
 
 # Debian and Ubuntu packages: headless OpenGL, what compiles the kernels, and venv where Python comes
@@ -27,6 +28,7 @@ $(INSTALL_MISSING)
 endef
 
 # Those of the programs that the tests run, and of the pictures and sounds that GStreamer makes.
+# Chromium may be Google's, or have the name that other systems give it; npm fetches NODE_PACKAGES.
 define PROGRAMS
 missing=""; \
 command -v ffmpeg >/dev/null && command -v ffprobe >/dev/null || missing="$$missing ffmpeg"; \
@@ -34,6 +36,8 @@ command -v gst-launch-1.0 >/dev/null || missing="$$missing gstreamer1.0-tools"; 
 gst-inspect-1.0 --exists videotestsrc 2>/dev/null || missing="$$missing gstreamer1.0-plugins-base"; \
 gst-inspect-1.0 --exists y4menc 2>/dev/null || missing="$$missing gstreamer1.0-plugins-good"; \
 command -v gst-launch-1.0 >/dev/null && [ -e /usr/lib/*/gstreamer-1.0/libgstpython.so ] || missing="$$missing gstreamer1.0-python3-plugin-loader python3-gst-1.0 gir1.2-gst-plugins-base-1.0"; \
+command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || missing="$$missing chromium"; \
+command -v npm >/dev/null || missing="$$missing npm"; \
 $(INSTALL_MISSING)
 endef
 
@@ -61,8 +65,16 @@ endef
 system:
 	@$(SYSTEM)
 
-programs:
+programs: system
 	@$(PROGRAMS)
+	@$(MAKE) -s $(NODE_PACKAGES)
+
+# The compiler that checks the types of the studio's page, and axe-core; their tests are skipped
+# without them, and fail where REQUIRE_NODE_PACKAGES=1, as in .ci/run.
+$(NODE_PACKAGES): tests/studio/package-lock.json
+	@echo "Installing the packages of tests/studio/package.json"
+	@npm ci --prefix tests/studio --ignore-scripts --no-audit --no-fund --silent --fetch-retries=1 --fetch-timeout=60000 \
+	  && touch $@ || echo "npm cannot install them; the page's types and its accessibility stay untested here" >&2
 
 $(BIN)/python: | system
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, $(PYTHON) is $$($(PYTHON) -V). Give another: make PYTHON=python3.12 …" >&2; exit 1; }
@@ -103,10 +115,10 @@ lint: system $(VENV)/.installed-test
 	$(BIN)/mypy
 
 check: programs lint
-	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest -q -n 2 -m "not slow"
+	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest -q -n 2 -m "not slow"
 
 test: programs lint
-	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 $(BIN)/python -m pytest
+	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest
 
 fuzz: system $(VENV)/.installed-test
 	PYTHONPATH=tests $(BIN)/python -X faulthandler -W error -m hard.fuzz

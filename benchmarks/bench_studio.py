@@ -62,17 +62,14 @@ def without_camera(path: Path) -> bytes:
 
 def main() -> None:
     """Drag, wait for each picture, print the times."""
-    from playwright.sync_api import sync_playwright
+    from support.browser import driven
     from support.studio import running
 
-    with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as name, driven() as chromium:
         folder = Path(name)
         shutil.copy(ROOT / "samples" / "in.mp4", folder)
         (folder / "object.glb").write_bytes(without_camera(ROOT / "samples" / "anim.glb"))
         (folder / "shot.toml").write_text(SHOT)
-        chromium = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-        )
         with running(folder / "shot.toml") as server:
             page = chromium.new_page(viewport={"width": 1280, "height": 800})
             page.goto(server.address)
@@ -93,7 +90,6 @@ def main() -> None:
                 while page.evaluate("window.waits.length") == before:
                     page.wait_for_timeout(2)
             waits = sorted(page.evaluate("window.waits")[2:])
-        chromium.close()
     median, late = statistics.median(waits), waits[int(0.95 * len(waits))]
     print(f"drag to picture: median {median:.0f} ms, 95th percentile {late:.0f} ms")
     print(f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from support.browser import NODE_PACKAGES, browser_path
 from support.disks import why_no_mount
 from support.folders import ROOT, TESTS
 
@@ -57,7 +58,7 @@ def _why_no_truth() -> str:
 
 @functools.cache
 def _why_no_chromium() -> str:
-    return "" if shutil.which("chromium") else "no chromium; apt-get install chromium"
+    return "" if browser_path() else "no chromium; apt-get install chromium"
 
 
 _PACKAGES = {
@@ -93,8 +94,9 @@ def _why_no_gstreamer_python() -> str:
 
 
 @functools.cache
-def _why_no_typescript() -> str:
-    return "" if shutil.which("tsc") else "no tsc; npm install --global typescript"
+def _why_no_node_packages() -> str:
+    found = all((NODE_PACKAGES / name).is_dir() for name in ("axe-core", "typescript"))
+    return "" if found else "no packages of tests/studio/package.json; npm ci --prefix tests/studio"
 
 
 @functools.cache
@@ -109,7 +111,7 @@ _NEEDS = {
     "needs_vapoursynth": ("REQUIRE_VAPOURSYNTH", _why_no_vapoursynth),
     "needs_gstreamer_python": ("REQUIRE_GSTREAMER_PYTHON", _why_no_gstreamer_python),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
-    "needs_typescript": ("REQUIRE_TYPESCRIPT", _why_no_typescript),
+    "needs_node_packages": ("REQUIRE_NODE_PACKAGES", _why_no_node_packages),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),
     "needs_root": ("REQUIRE_ROOT", _why_no_root),
     "needs_truth": ("REQUIRE_TRUTH", _why_no_truth),

@@ -1,33 +1,26 @@
 """The studio's page in a real browser: what hands and keys do, and what is drawn then."""
 
-import contextlib
 import itertools
 import json
-import shutil
 import subprocess
 import tomllib
 
 import cv2
 import numpy as np
 import pytest
+from support.browser import NODE_PACKAGES, driven
 from support.command import nlens
 from support.folders import ROOT
-from support.studio import changed_middle, running, write_shot
+from support.studio import WAIT_MS, changed_middle, opened, write_shot
 
 pytestmark = pytest.mark.slow
 PAGE = ROOT / "nlens_video" / "studio" / "page"
-WAIT_MS = 120_000
 
 
 @pytest.fixture(scope="module")
 def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        path = shutil.which("chromium")
-        started = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+    with driven() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture
@@ -40,21 +33,6 @@ def page(browser, shot):
     """The page of a shot whose first picture is drawn; it must tell of no error."""
     with opened(browser, shot) as (page, _):
         yield page
-
-
-@contextlib.contextmanager
-def opened(browser, shot, **more):
-    wrong = []
-    with running(shot) as server:
-        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **more})
-        page = context.new_page()
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
-        page.goto(server.address)
-        page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
-        yield page, server
-        context.close()
-    assert not wrong
 
 
 def at_rest(page, act):
@@ -215,11 +193,11 @@ def test_page_fits_a_telephone(browser, shot, scheme):
         assert saved(page, shot)["place"]["at"][0] == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.needs_typescript
+@pytest.mark.needs_node_packages
 def test_modules_of_the_page_have_no_type_errors():
     checked = subprocess.run(
-        ["tsc", "--checkJs", "--allowJs", "--noEmit", "--strict", "--target", "es2022",
-         "--module", "es2022", "--moduleResolution", "bundler",
+        [NODE_PACKAGES / ".bin" / "tsc", "--checkJs", "--allowJs", "--noEmit", "--strict",
+         "--target", "es2022", "--module", "es2022", "--moduleResolution", "bundler",
          "--lib", "es2022,dom,dom.iterable", *map(str, sorted(PAGE.glob("*.js")))],
         capture_output=True, text=True,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Pages in headless Chromium: what a script found in them, or a print of them."""
+"""Pages in headless Chromium: what a script found in them, a print of them, or driven by hand."""
 
 from __future__ import annotations
 
@@ -6,14 +6,37 @@ import json
 import re
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from html import unescape
 from pathlib import Path
+
+from support.folders import TESTS
+
+NODE_PACKAGES = TESTS / "studio" / "node_modules"
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+
+
+def browser_path() -> str | None:
+    """The browser's program, None where there is none."""
+    return next((path for name in _NAMES if (path := shutil.which(name))), None)
+
+
+@contextmanager
+def driven() -> Iterator[object]:
+    """A browser that Playwright drives."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
+        yield started
+        started.close()
 
 
 def chromium(folder: Path, *arguments: str) -> str:
     """Run Chromium on local files, with a profile in `folder` and without a network."""
     return subprocess.run(
-        [shutil.which("chromium"), "--headless", "--no-sandbox", "--disable-gpu",
+        [browser_path(), "--headless", "--no-sandbox", "--disable-gpu",
          "--allow-file-access-from-files", "--proxy-server=127.0.0.1:9",
          f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=20000", *arguments],
         capture_output=True, text=True, timeout=120, check=True,

@@ -27,6 +27,7 @@ TABLES = {
     "output": {"file": "out.mp4"},
 }
 """A shot that needs no network: its lens and its horizon are given."""
+WAIT_MS = 120_000
 
 
 def write_shot(folder: Path, frames: int = 4) -> Path:
@@ -94,6 +95,22 @@ def running(shot: Path, *words):
         if started.poll() is None:
             started.send_signal(signal.SIGINT)
             started.communicate(timeout=60)
+
+
+@contextmanager
+def opened(browser, shot, **more):
+    """The page of a shot whose first picture is drawn, and its server; it must tell of no error."""
+    wrong = []
+    with running(shot) as server:
+        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **more})
+        page = context.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+        page.goto(server.address)
+        page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+        yield page, server
+        context.close()
+    assert not wrong
 
 
 def drawn(socket, tables, kind="rest", frame=0, number=1):
