@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nlens_video.core.errors import UsageError
@@ -14,6 +15,40 @@ LEVEL = 0.5
 """Row of the horizon of a camera that is not pitched [frame height]."""
 _FARTHEST = 5.0  # from the frame's middle: farther off it is a number of pixels [frame]
 _TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A part of the frame: a polygon; by the even-odd rule where it crosses itself.
+
+    Attributes:
+        corners: three or more, in fractions of the frame from its upper left corner
+            [frame width, frame height].
+    """
+
+    corners: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, numbers: Sequence[float]) -> Region:
+        """A region from numbers in [0, 1].
+
+        Args:
+            numbers: left, upper, right and lower border of a box; or column and row of each corner
+                of a polygon.
+
+        Raises:
+            UsageError: they are not those of a region.
+        """
+        if not all(0.0 <= one <= 1.0 for one in numbers):
+            raise UsageError("a region lies in the frame: numbers from 0 to 1")
+        if len(numbers) == 4:
+            left, upper, right, lower = numbers
+            if not (left < right and upper < lower):
+                raise UsageError("a box has its left and upper border first")
+            return cls(((left, upper), (right, upper), (right, lower), (left, lower)))
+        if len(numbers) < 6 or len(numbers) % 2:
+            raise UsageError("a region has four numbers, or two for each of three corners or more")
+        return cls(tuple(zip(numbers[::2], numbers[1::2], strict=True)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from typing import Literal
 from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens, Prefer
 from nlens_video.core.optics import Aperture, LensOverrides
-from nlens_video.core.placement import GroundPlacing, Placement
+from nlens_video.core.placement import GroundPlacing, Placement, Region
 from nlens_video.core.scale import UNKNOWN_SCALE, ScaleSettings
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -242,6 +242,7 @@ class Settings:
         optics: known vignetting and distortion.
         lens: what is known of the plate's lens beforehand.
         prefer: which of two lenses to take where the plate leaves it open.
+        fit_region: part of the frame whose ground tells the lens, None for all of it.
         chart_m: side of the markers of a chart on which `fit` measures the lens [m].
         fit: a lens fit to use instead of finding one.
         save_fit: where to keep the fit.
@@ -268,6 +269,7 @@ class Settings:
     optics: LensOverrides = LensOverrides()
     lens: KnownLens = UNKNOWN_LENS
     prefer: Prefer | None = None
+    fit_region: Region | None = None
     chart_m: float | None = None
     fit: Path | None = None
     save_fit: Path | None = None

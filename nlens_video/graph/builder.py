@@ -80,6 +80,7 @@ def open_dependencies(
         known_lens=lens.known,
         tagged_lens=lens.tagged,
         other_samples=lens.others,
+        fit_region=lens.fit_region,
         unit_m=view.unit_m,
         aperture=effects.aperture,
         renderer=source.renderer if isinstance(source, RenderedObject) else None,

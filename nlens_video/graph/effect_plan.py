@@ -11,6 +11,7 @@ from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides, Shutter, assumed_shutter
+from nlens_video.core.placement import Region
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
 from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
 from nlens_video.effects.finding import Finding
@@ -66,6 +67,7 @@ class LensRequest:
         tagged: what the recording states of it.
         track: the lens over the length of a file, where it changes, in the pixels of its frames.
         others: samples of other frames for the fit, where the camera moves.
+        fit_region: part of the frame whose ground tells the lens, None for all of it.
         live: whether a lens that changes is followed as frames come.
         hold_budget: whether quality adapts to keep the frame budget.
     """
@@ -84,6 +86,7 @@ class LensRequest:
     tagged: KnownLens = UNKNOWN_LENS
     track: FitTrack | None = None
     others: tuple[FitSamples, ...] = ()
+    fit_region: Region | None = None
     live: bool = False
     hold_budget: bool = False
 

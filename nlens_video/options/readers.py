@@ -13,6 +13,7 @@ from pathlib import Path
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import KnownLens, parse_lens
+from nlens_video.core.placement import Region
 from nlens_video.core.settings import SUN_STRENGTH, SunSettings, TrackFocus
 from nlens_video.video.named_files import input_name, output_name
 
@@ -127,6 +128,16 @@ def lens(text: str) -> KnownLens:
         return parse_lens(text)
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def region(text: str) -> Region:
+    """X0,Y0,X1,Y1 of a box, or X,Y of each corner of a polygon; fractions of the frame."""
+    try:
+        return Region.of([_float(part) for part in text.split(",")])
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not X0,Y0,X1,Y1 or X,Y,X,Y,X,Y… ({error})"
+        ) from None
 
 
 _UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "": 1.0}

@@ -31,7 +31,8 @@ TABLES: dict[str, tuple[str, ...]] = {
     "place": ("at", "at_frame", "size", "height", "yaw"),
     "camera": ("camera_from", "fov", "horizon", "marker", "person_height", "person"),
     "light": ("env", "env_rotation", "env_exposure", "sun", "shadow_strength"),
-    "lens": ("lens", "aperture", "cat_eye", "fit", "fallback", "track_focus", "prefer"),
+    "lens": ("lens", "aperture", "cat_eye", "fit", "fallback", "track_focus", "prefer",
+             "fit_region"),
     "effects": (
         "effects", "shutter", "vignetting", "distortion", "reflect", "occlusion", "holdout",
     ),

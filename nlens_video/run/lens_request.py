@@ -45,6 +45,7 @@ def lens_request(
         tagged=tagged_lens(info.camera_tags),
         track=track or _given_track(settings, info),
         others=others,
+        fit_region=settings.fit_region,
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )

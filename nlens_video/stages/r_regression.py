@@ -21,6 +21,7 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
+from nlens_video.core.placement import Region
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
 from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, with_what_is_open
 from nlens_video.stages.r_samples import LARGEST_AT_INFINITY, FitSamples, joined, sample_plane
@@ -46,10 +47,12 @@ class FitLens:
     Attributes:
         anchor_weight: weight of the footprint as a whole against the rest of the plane [1].
         whole_plane: fit on everything the plane covers, or (as the paper) on the footprint alone.
+        region: part of the frame outside of which nothing is fitted on; None for all of it.
     """
 
     anchor_weight: float = 0.1
     whole_plane: bool = True
+    region: Region | None = None
 
     def __call__(
         self, coc: CocMap, ground: GroundProjection, frame: int = 0, known: LensPrior = NO_PRIOR,
@@ -153,7 +156,7 @@ class FitLens:
         Raises:
             LensFitError: the plane is not in view.
         """
-        return sample_plane(coc, ground, whole_plane=self.whole_plane)
+        return sample_plane(coc, ground, whole_plane=self.whole_plane, region=self.region)
 
     def _solved(
         self, samples: FitSamples, width: int, known: LensPrior
@@ -170,6 +173,8 @@ class FitLens:
         return anchored, other
 
     def _where(self, samples: FitSamples) -> str:
+        if self.region is not None:
+            return "the ground in the given region"
         if not self.whole_plane:
             return "the footprint"
         if not samples.anchor.any():

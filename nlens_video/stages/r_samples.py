@@ -11,6 +11,7 @@ import numpy.typing as npt
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Bool, CocMap, Float64
+from nlens_video.core.placement import Region
 from nlens_video.stages.f_coc import remove_prior
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_robust_v import VFit
@@ -77,12 +78,26 @@ def joined(parts: Sequence[FitSamples]) -> FitSamples:
     return FitSamples(**{n: np.concatenate([getattr(part, n) for part in moved]) for n in names})
 
 
-def sample_plane(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) -> FitSamples:
-    """Samples on a regular grid of the part of the frame that the plane covers."""
+def sample_plane(
+    coc: CocMap, ground: GroundProjection, *, whole_plane: bool, region: Region | None = None
+) -> FitSamples:
+    """Samples on a regular grid of the part of the frame that the plane covers.
+
+    Args:
+        coc: the plate's CoC (H, W).
+        ground: footprint and plane.
+        whole_plane: not only of the footprint.
+        region: outside of which there is none; None for the whole frame.
+
+    Raises:
+        LensFitError: too few are in view.
+    """
     height, width = coc.coc_px.shape
     step = max(1, round(width / GRID_COLUMNS))
     if not whole_plane:  # a footprint can be a handful of pixels
         step = max(1, min(step, int(np.sqrt(max(ground.mask.sum(), 1) / MIN_SAMPLES))))
+    if region is not None:
+        step = max(1, min(step, int(np.sqrt(_area(region) * width * height / MIN_SAMPLES) / 2)))
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
     disparity, anchor = ground.disparity[rows, columns], ground.mask[rows, columns]
     values, sigma = coc.coc_px[rows, columns], coc.sigma_px[rows, columns]
@@ -91,10 +106,14 @@ def sample_plane(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) ->
         use &= anchor
     elif anchor.any():
         use &= disparity > _FARTHEST_SHARE * np.median(disparity[anchor])
+    where = "view"
+    if region is not None:
+        use &= inside(region, (columns + 0.5) / width, (rows + 0.5) / height)
+        where = "the region of --fit-region"
     if use.sum() < MIN_SAMPLES:
         raise LensFitError(
             f"only {int(use.sum())} samples of the ground plane y = {ground.ground_y:g} are in "
-            f"view, {MIN_SAMPLES} are needed; check --ground-y and the camera, or give "
+            f"{where}, {MIN_SAMPLES} are needed; check --ground-y and the camera, or give "
             "--fit FILE.json or --fallback constant"
         )
     patch = step * _CLUSTER_SAMPLES
@@ -109,3 +128,29 @@ def sample_plane(coc: CocMap, ground: GroundProjection, *, whole_plane: bool) ->
         weight=np.ones(int(use.sum())),
         cluster=((rows // patch) * width + columns // patch)[use].astype(np.int64),
     )
+
+
+def inside(region: Region, columns: Float64, rows: Float64) -> Bool:
+    """Whether points lie in a region: an even number of its edges to their right, or an odd one.
+
+    Args:
+        region: a polygon.
+        columns: of the points, any shape [frame width].
+        rows: of the points, of that shape [frame height].
+    """
+    found = np.zeros(np.shape(columns), bool)
+    for (x0, y0), (x1, y1) in _edges(region):
+        if y0 != y1:
+            crossed = (y0 <= rows) != (y1 <= rows)
+            found ^= crossed & (columns < x0 + (rows - y0) * ((x1 - x0) / (y1 - y0)))
+    return found
+
+
+def _area(region: Region) -> float:
+    """Share of the frame [1]."""
+    return 0.5 * abs(sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in _edges(region)))
+
+
+def _edges(region: Region) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    corners = region.corners
+    return list(zip(corners, (*corners[1:], corners[0]), strict=True))

@@ -152,6 +152,10 @@ LENS = {
         "--lens", "50mm f/2.8 focus 2.4m",
         nonsense=("", "50", "f/0", "focus far", "sensor huge", "50mm 35mm", "50mm focus 4cm"),
     ),
+    "fit_region": option(
+        "--fit-region", "0,0.5,1,1",
+        nonsense=(*NOT_NUMBERS, "0.5", "1,1,0,0", "0,0,1", "0,0,1,0,1", "0,0,2,1", "nan,0,1,1"),
+    ),
     "prefer": option("--prefer", "near", nonsense=("", "both", "NEAR")),
     "cat_eye": option("--cat-eye", "0.5", nonsense=(*NOT_NUMBERS, "-0.1", "1.1")),
     "track_focus": option("--track-focus", "off", nonsense=("", "on", "0", "-3", "1.5")),

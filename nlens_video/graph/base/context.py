@@ -17,6 +17,7 @@ from nlens_video.core.layers import (
     Picture,
 )
 from nlens_video.core.optics import ROUND, Aperture, Shutter
+from nlens_video.core.placement import Region
 from nlens_video.effects.measurement import Measurement
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
@@ -93,6 +94,7 @@ class NodeContext:
         known_lens: what is known of the lens beforehand.
         tagged_lens: what the recording states of it.
         other_samples: samples of other frames for the lens fit.
+        fit_region: part of the frame whose ground tells the lens, None for all of it.
         unit_m: the scene's unit, None where it is not known [m].
         aperture: shape of the lens' aperture.
         spread: accelerated kernel of the scatter, None for the CPU's.
@@ -114,6 +116,7 @@ class NodeContext:
     known_lens: KnownLens = UNKNOWN_LENS
     tagged_lens: KnownLens = UNKNOWN_LENS
     other_samples: tuple[FitSamples, ...] = ()
+    fit_region: Region | None = None
     unit_m: float | None = 1.0
     aperture: Aperture = ROUND
     spread: Spread | None = None

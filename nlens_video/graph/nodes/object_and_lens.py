@@ -116,7 +116,9 @@ class FitNode(Node):
     def __init__(
         self, context: NodeContext, *, whole_plane: bool = True, anchor_weight: float = 0.1
     ) -> None:
-        self._fit = FitLens(whole_plane=whole_plane, anchor_weight=anchor_weight)
+        self._fit = FitLens(
+            whole_plane=whole_plane, anchor_weight=anchor_weight, region=context.fit_region
+        )
         self._known, self._unit_m = context.known_lens, context.unit_m
         self._with_tags = context.known_lens.completed_by(context.tagged_lens)
         self._others = context.other_samples
