@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import Picture
@@ -138,8 +139,12 @@ class PlateFrames:
 
 def to_jpeg(picture: Picture, quality: int = 90) -> bytes:
     """A picture as the browser takes it."""
-    levels = np.round(picture.srgb()[..., ::-1].clip(0.0, 1.0) * 255.0).astype(np.uint8)
-    done, data = cv2.imencode(".jpg", levels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return levels_to_jpeg(np.round(picture.srgb().clip(0.0, 1.0) * 255.0).astype(np.uint8), quality)
+
+
+def levels_to_jpeg(levels: npt.NDArray[np.uint8], quality: int = 90) -> bytes:
+    """A picture (H, W, 3), sRGB, as the browser takes it."""
+    done, data = cv2.imencode(".jpg", levels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise InputError(f"a picture of {levels.shape} cannot be written as a JPEG")
     return data.tobytes()

@@ -9,18 +9,14 @@ from collections.abc import Callable, Hashable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-import cv2
-import numpy as np
-
 from nlens_video.core.errors import NlensError
 from nlens_video.options.shot_file import Tables
-from nlens_video.report.maps import COC_MAP, Scale
 from nlens_video.studio.plate_frames import to_jpeg
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Drawn, Stage
 
-Kind = Literal["drag", "rest", "focus"]
-KINDS: tuple[Kind, ...] = ("drag", "rest", "focus")
+Kind = Literal["drag", "rest", "sharp", "focus"]
+KINDS: tuple[Kind, ...] = ("drag", "rest", "sharp", "focus")
 _PATIENCE_S = 10.0  # for the thread to end: an estimate of a network cannot be interrupted
 
 
@@ -32,8 +28,8 @@ class Wish:
         number: by which the page knows it again.
         tables: the shot.
         frame: of the plate, from 0.
-        kind: `drag` while something moves, `rest` as it is rendered, `focus` the plate's blur in
-            colours.
+        kind: `drag` while something moves, `rest` as it is rendered, `sharp` without a lens,
+            `focus` the plate's blur in colours.
     """
 
     number: int
@@ -142,9 +138,9 @@ class Previews:
         try:
             settings = self._shot.settings(wish.tables)
             if wish.kind == "focus":
-                picture, more = _focus(self._stage, settings)
+                picture, more = self._stage.inspect(settings).drawn()
             else:
-                drawn = self._stage.draw(settings, wish.frame, quick=wish.kind == "drag")
+                drawn = self._stage.draw(settings, wish.frame, wish.kind)
                 picture, more = to_jpeg(drawn.picture), _about(drawn)
         except NlensError as error:
             return Answer({**said, "error": str(error)})
@@ -176,7 +172,12 @@ class Previews:
 def _about(drawn: Drawn) -> dict[str, Any]:
     return {
         "guides": asdict(drawn.guides),
-        "nodes_ms": drawn.nodes_ms,
+        "nodes": [
+            {"name": node.name, "once": node.once, "ms": drawn.nodes_ms[node.name]}
+            for node in drawn.session.graph.nodes
+            if node.name in drawn.nodes_ms
+        ],
+        "budget_ms": drawn.session.executor.profiler.budget_ms,
         "effects": [
             {"name": one.effect, "on": one.wanted, "reason": one.reason}
             for one in drawn.session.decisions
@@ -185,18 +186,3 @@ def _about(drawn: Drawn) -> dict[str, Any]:
         "no_lens": drawn.no_lens,
         "lens": "" if drawn.fit is None else drawn.fit.describe(),
     }
-
-
-def _focus(stage: Stage, settings: Any) -> tuple[bytes, dict[str, Any]]:  # noqa: ANN401
-    """The plate's blur in colours over the frame that the lens is found on."""
-    coc = stage.coc(settings).coc_px
-    top = max(1.0, float(np.quantile(coc, 0.98)))
-    scale = Scale(top_px=top, colormap=COC_MAP)
-    first = stage.plate(settings).frame(settings.source.frames[0])
-    grey = first.picture.srgb().mean(axis=2, keepdims=True)
-    mixed = 0.65 * scale.colors(coc) / 255.0 + 0.35 * grey
-    done, data = cv2.imencode(".jpg", np.round(255.0 * mixed[..., ::-1]).astype(np.uint8))
-    if not done:
-        raise NlensError("the picture cannot be written as a JPEG")
-    ramp = scale.colors(np.linspace(0.0, top, 5, dtype=np.float32)[None])[0]
-    return data.tobytes(), {"top_px": top, "ramp": ramp.tolist()}

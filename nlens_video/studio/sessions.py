@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import OutputSettings, Settings
-from nlens_video.effects.planner import EffectRequest
+from nlens_video.effects.planner import (
+    OCCLUSION,
+    REFLECTION,
+    SHADOW,
+    Decision,
+    EffectRequest,
+)
 from nlens_video.graph.base.context import NodeContext
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View, choose_camera
@@ -23,6 +30,7 @@ DRAGGED = "realtime"
 """Preset of the pictures while something is dragged."""
 _AT_REST = {"reference": "standard", "paper": "standard"}
 """Presets that are too slow to look at while one works."""
+_OF_THE_SCENE = (SHADOW, REFLECTION, OCCLUSION)
 _LIGHT = ("estimate-light", repr([]))
 
 
@@ -40,6 +48,17 @@ def previewed(settings: Settings, *, quick: bool) -> Settings:
         settings, preset=preset, effects=effects, output=OutputSettings(spec="-"), report=None,
         aov=None, timings=None, save_fit=None, hold_budget=False,
     )  # fmt: skip
+
+
+def without_lens(settings: Settings, decisions: Sequence[Decision]) -> Settings:
+    """The shot with what the object does to the ground and what hides it, but no lens or camera.
+
+    Args:
+        settings: the shot.
+        decisions: which effects it has.
+    """
+    kept = [one.effect for one in decisions if one.wanted and one.effect in _OF_THE_SCENE]
+    return replace(settings, effects=",".join(kept) or "none")
 
 
 def placed(base: Session, settings: Settings, view: View, *, hold_light: bool) -> Session:

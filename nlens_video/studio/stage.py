@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.layers import CocMap, Picture
+from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.graph.base.profiler import Profiler
@@ -22,12 +23,22 @@ from nlens_video.graph.session import Session, open_session
 from nlens_video.run.lens_request import lens_request
 from nlens_video.run.open_run import view_of
 from nlens_video.scene.scene import Scene
+from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.studio.guides import Guides, guides
+from nlens_video.studio.inspection import Inspection
 from nlens_video.studio.open_plate import Plate
-from nlens_video.studio.plate_frames import PlateFrames
-from nlens_video.studio.sessions import camera_height, find_lens, placed, previewed, rebuilt
+from nlens_video.studio.sessions import (
+    camera_height,
+    find_lens,
+    placed,
+    previewed,
+    rebuilt,
+    without_lens,
+)
 from nlens_video.video.info import SourceFrame
 
+Picturing = Literal["drag", "rest", "sharp"]
+"""How a frame is drawn: while something is dragged, as it is rendered, or without a lens."""
 OnProgress = Callable[[int, int | None], None]
 Solve = Callable[[Settings, OnProgress], SolvedCamera]
 """Solves a plate's camera; is told the frames so far and in all."""
@@ -40,7 +51,7 @@ class Drawn:
     Attributes:
         picture: the composite.
         guides: what is where on it.
-        nodes_ms: time of each node [ms].
+        nodes_ms: time of each node on this frame [ms].
         session: what made it.
         notes: for the user.
         no_lens: why a render would stop, empty where it would not.
@@ -84,32 +95,33 @@ class Stage:
     on_progress: OnProgress = lambda done, total: None
     check: Callable[[], None] = lambda: None
     _plate: Plate | None = None
-    _bases: dict[bool, tuple[Settings, Session, ExitStack]] = field(default_factory=dict)
+    _bases: dict[Picturing, tuple[Settings, Session, ExitStack]] = field(default_factory=dict)
     _cameras: dict[object, SolvedCamera] = field(default_factory=dict)
     _scenes: dict[object, Scene] = field(default_factory=dict)
     _lens: _Lens | None = None
 
-    def draw(self, settings: Settings, index: int, *, quick: bool = False) -> Drawn:
+    def draw(self, settings: Settings, index: int, kind: Picturing = "rest") -> Drawn:
         """Draw a frame of a shot.
 
         Args:
             settings: the shot.
             index: of the frame in the plate.
-            quick: whether something is being dragged.
+            kind: how it is drawn.
 
         Raises:
             NlensError: as `run.render`.
         """
         plate = self._plate_of(settings.source)
+        quick = kind == "drag"
         shown = previewed(settings, quick=quick)
         view = self._view(shown, plate)
-        session = self._session(shown, plate, view, quick=quick)
+        if kind == "sharp":
+            shown = without_lens(shown, self._session(shown, plate, view, "rest").decisions)
+        session = self._session(shown, plate, view, kind)
         frame = plate.frames.frame(index)
         fit, no_lens = session.executor.fit, ""
         if fit is None:
-            session, fit, no_lens = self._with_lens(
-                session, shown.preset, plate, frame, quick=quick
-            )
+            session, fit, no_lens = self._with_lens(session, shown.preset, plate, frame, kind)
         first = plate.first()[0]
         if frame.index != first.index:
             session.executor.observe_skipped(first)
@@ -130,15 +142,30 @@ class Stage:
             fit=fit,
         )
 
-    def coc(self, settings: Settings) -> CocMap:
-        """The blur of the frame that the lens is found on."""
+    def inspect(self, settings: Settings) -> Inspection:
+        """The blur of the frame that the lens is found on, and how it is found.
+
+        Raises:
+            NlensError: as `run.render`, except that no lens is found.
+        """
         plate = self._plate_of(settings.source)
         first, *following = plate.first()
-        return plate.estimate_coc(first.picture, [one.picture for one in following])
-
-    def plate(self, settings: Settings) -> PlateFrames:
-        """The plate's frames as they are drawn on."""
-        return self._plate_of(settings.source).frames
+        coc = plate.estimate_coc(first.picture, [one.picture for one in following])
+        shown = previewed(settings, quick=False)
+        session = self._session(shown, plate, self._view(shown, plate), "rest")
+        fit, no_lens = session.executor.fit, ""
+        if fit is None:
+            session, fit, no_lens = self._with_lens(session, shown.preset, plate, first, "rest")
+        found = session.executor.shot.found_lens
+        context = session.context
+        ground = project_to_ground(
+            context.objects.footprint(first.time_s), context.objects.camera(first.time_s),
+            context.ground_height,
+        )  # fmt: skip
+        return Inspection(
+            picture=first.picture, coc=coc, ground=ground, no_lens=no_lens, fit=fit,
+            regression=None if found is None else found.regression,
+        )  # fmt: skip
 
     def close(self) -> None:
         """Free renderer, networks and files."""
@@ -184,7 +211,7 @@ class Stage:
             self._scenes[key] = Scene.load(objects.glb, objects.playback, objects.scene)
         return self._scenes[key]
 
-    def _session(self, settings: Settings, plate: Plate, view: View, *, quick: bool) -> Session:
+    def _session(self, settings: Settings, plate: Plate, view: View, kind: Picturing) -> Session:
         """A session for the shot: one that is kept, with the object where it is now, or a new one.
 
         Its nodes are new, so that nothing of another place stays; but the light while dragging.
@@ -192,12 +219,12 @@ class Stage:
         unplaced = replace(
             settings, scene=replace(settings.scene, placing=None, on_ground=None, at_frame=0)
         )
-        kept = self._bases.get(quick)
+        kept = self._bases.get(kind)
         if kept is None or kept[0] != unplaced or kept[1].context.objects.scene is not (
             self._scene(settings)
         ):  # fmt: skip
             if kept is not None:
-                self._bases.pop(quick)[2].close()
+                self._bases.pop(kind)[2].close()
             session = open_session(
                 settings.scene, lens_request(settings, plate.frames.info), view,
                 Profiler(settings.budget_ms), plate.preview,
@@ -205,16 +232,16 @@ class Stage:
             )  # fmt: skip
             stack = ExitStack()
             stack.enter_context(session.render_context())
-            self._bases[quick] = unplaced, session, stack
+            self._bases[kind] = unplaced, session, stack
             return session
-        return placed(kept[1], settings, view, hold_light=quick)
+        return placed(kept[1], settings, view, hold_light=kind == "drag")
 
     def _with_lens(
-        self, session: Session, preset: str, plate: Plate, frame: SourceFrame, *, quick: bool
+        self, session: Session, preset: str, plate: Plate, frame: SourceFrame, kind: Picturing
     ) -> tuple[Session, LensFit | None, str]:
         """The session with its lens: held, or found where the run finds it; else why it is not."""
         height = camera_height(session, plate.first()[0].time_s)
-        if quick and self._lens is not None and height > 0.0:
+        if kind == "drag" and self._lens is not None and height > 0.0:
             fit = self._lens.seen_from(height)
             session.executor.pin_fit(fit)
             return session, fit, ""
@@ -227,6 +254,6 @@ class Stage:
             found = find_lens(session.executor, plate, frame)
         if found is not None:
             session.executor.pin_fit(found)
-            if not quick and height > 0.0:
+            if kind == "rest" and height > 0.0:
                 self._lens = _Lens(found, height)
         return session, found, no_lens

@@ -3,74 +3,18 @@
 import itertools
 import json
 import subprocess
-import tomllib
 
 import cv2
 import numpy as np
 import pytest
-from support.browser import NODE_PACKAGES, driven
+from support.browser import NODE_PACKAGES
 from support.command import nlens
 from support.folders import ROOT
-from support.studio import WAIT_MS, changed_middle, opened, write_shot
+from support.studio import WAIT_MS, changed_middle, opened
+from support.studio_page import at_rest, drag, plate_seen, saved, seen
 
 pytestmark = pytest.mark.slow
 PAGE = ROOT / "nlens_video" / "studio" / "page"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with driven() as started:
-        yield started
-
-
-@pytest.fixture
-def shot(tmp_path):
-    return write_shot(tmp_path)
-
-
-@pytest.fixture
-def page(browser, shot):
-    """The page of a shot whose first picture is drawn; it must tell of no error."""
-    with opened(browser, shot) as (page, _):
-        yield page
-
-
-def at_rest(page, act):
-    """Do something, and wait for the picture at rest that follows."""
-    before = page.evaluate("document.body.dataset.drawn")
-    act()
-    page.wait_for_selector(f"body[data-kind=rest]:not([data-drawn='{before}'])", timeout=WAIT_MS)
-
-
-def seen(page):
-    """The picture as the page shows it, without what is drawn over it."""
-    page.locator("#show-guides").uncheck()
-    data = page.locator("#picture").screenshot()
-    page.locator("#show-guides").check()
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-
-
-def plate_seen(page):
-    page.get_by_text("Plate", exact=True).click()
-    plate = seen(page)
-    at_rest(page, lambda: page.get_by_text("Final", exact=True).click())
-    return plate
-
-
-def saved(page, shot):
-    page.locator("#save").click()
-    page.get_by_text("· saved", exact=True).wait_for()
-    return tomllib.loads(shot.read_text())
-
-
-def drag(page, handle, across, down):
-    box, frame = handle.bounding_box(), page.locator("#picture").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    for part in (0.3, 0.7, 1.0):
-        page.mouse.move(x + part * across * frame["width"], y + part * down * frame["height"])
-    page.mouse.up()
 
 
 @pytest.mark.needs_chromium

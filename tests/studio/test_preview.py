@@ -55,7 +55,7 @@ def test_dragged_picture_shows_the_object_where_the_one_at_rest_does(tmp_path, s
     state = ShotState(shot, tables)
     stage.draw(state.settings(tables), 1)
     tables["place"].update(at=[0.6, 0.7], yaw=40)
-    quick, rest = (stage.draw(state.settings(tables), 1, quick=quick) for quick in (True, False))
+    quick, rest = (stage.draw(state.settings(tables), 1, kind) for kind in ("drag", "rest"))
     assert quick.guides == rest.guides
     apart = np.abs(quick.picture.srgb() - rest.picture.srgb()).max(axis=2)
     assert np.quantile(apart, 0.99) < 0.1
@@ -69,7 +69,7 @@ def test_lens_that_is_held_while_dragging_is_that_of_the_new_place(tmp_path, sta
     state = ShotState(shot, tables)
     before = stage.draw(state.settings(tables), 0)
     tables["place"].update(at=[0.4, 0.6], size=0.2)
-    held = stage.draw(state.settings(tables), 0, quick=True).fit
+    held = stage.draw(state.settings(tables), 0, "drag").fit
     found = stage.draw(state.settings(tables), 0).fit
     assert held.slope != before.fit.slope
     assert held.slope == pytest.approx(found.slope, rel=0.15)

@@ -30,14 +30,18 @@ TABLES = {
 WAIT_MS = 120_000
 
 
-def write_shot(folder: Path, frames: int = 4) -> Path:
-    """Plate, object, lens and shot file in a folder; returns the shot file."""
+def write_shot(folder: Path, frames: int = 4, **tables: dict[str, object]) -> Path:
+    """Plate, object, lens and shot file in a folder; returns the shot file.
+
+    `tables` are in place of those of `TABLES`; an empty one takes its table away.
+    """
     from nlens_video.options.shot_writer import save_tables
 
     shots.write_video(folder / "in.mp4", frames=frames)
     shots.cube_glb(folder / "bare.glb", camera=False, sun=False)
     shots.fit_json(folder / "fit.json")
-    save_tables(folder / "shot.toml", TABLES)
+    held = {name: table for name, table in {**TABLES, **tables}.items() if table}
+    save_tables(folder / "shot.toml", held)
     return folder / "shot.toml"
 
 

@@ -2,7 +2,8 @@
 
 import { rounded } from "./ground.js";
 import { Live } from "./live.js";
-import { showEffects, showNotes, switched } from "./panel.js";
+import { showEffects, showNotes, showTimes, switched } from "./panel.js";
+import { RegionPen } from "./region.js";
 import { post, request } from "./server.js";
 import { Shot } from "./shot.js";
 import { Stage } from "./stage.js";
@@ -64,11 +65,26 @@ function changed(kind) {
   ask(kind);
 }
 
+/** @type {string[]} kinds of pictures that are still to be asked for */
+let wanted = [];
+
 /** @param {string} kind */
 function ask(kind) {
-  if (stage.view === "focus") live.ask(shot.tables, frame, "focus");
-  else if (stage.view !== "plate") live.ask(shot.tables, frame, kind);
-  if (kind !== "drag") busy("Drawing …");
+  const { view } = stage;
+  if (kind === "drag") {
+    if (view === "final" || view === "sharp") live.ask(shot.tables, frame, kind);
+    return;
+  }
+  const [, other] = stage.compared;
+  const sharp = view === "sharp" || other === "sharp";
+  wanted = [...(sharp ? ["sharp"] : []), ...{ focus: ["focus"], plate: [] }[view] ?? ["rest"]];
+  busy(wanted.length ? "Drawing …" : "");
+  askNext();
+}
+
+function askNext() {
+  const next = wanted.shift();
+  if (next) live.ask(shot.tables, frame, next);
 }
 
 /** @param {string} words */
@@ -84,18 +100,19 @@ function trouble(words) {
 
 /** @param {import("./live.js").About} said @param {Blob | null} data */
 async function onPicture(said, data) {
-  if (said.kind !== "drag") busy("");
+  if (said.kind !== "drag" && !wanted.length) busy("");
   if (said.error !== undefined || !data) {
     trouble(said.error ?? "there is no picture");
-    stage.final = null;
+    stage.pictures = { plate: stage.pictures["plate"] ?? null };
     stage.draw();
     return;
   }
   const picture = await createImageBitmap(data);
   trouble("");
-  stage.final = picture;
+  if (said.kind === "drag") stage.pictures["sharp"] = null;
+  stage.pictures[{ focus: "focus", sharp: "sharp" }[said.kind] ?? "final"] = picture;
   if (said.kind === "focus") {
-    showRamp(said);
+    showFocus(said);
   } else {
     last = said;
     if (shot.held === null || !stage.guides) stage.guides = said["guides"];
@@ -104,6 +121,7 @@ async function onPicture(said, data) {
   }
   stage.draw();
   stage.overlay();
+  if (said.kind !== "drag") askNext();
   document.body.dataset["drawn"] = String(said.number);
   document.body.dataset["kind"] = said.kind;
   document.body.dataset["took"] = String(Math.round(said["took_ms"]));
@@ -118,12 +136,17 @@ function describe(said) {
     changed("rest");
   });
   showNotes(said.notes);
+  showTimes(said.nodes, said.budget_ms);
   one("picture").setAttribute("aria-label", `Frame ${frame} with the object`);
   fill();
 }
 
-/** @param {any} said */
-function showRamp(said) {
+/** @param {any} said of the plate's blur */
+function showFocus(said) {
+  trouble(said.no_lens ? `A render stops here: ${said.no_lens}` : "");
+  one("lens").textContent = said.lens || "no lens is found";
+  one("plot").innerHTML = said.plot;
+  one("plot-figure").hidden = !said.plot || stage.view !== "focus";
   one("ramp").replaceChildren(...said.ramp.map((/** @type {number[]} */ color) => {
     const part = document.createElement("i");
     part.style.background = `rgb(${color.join(" ")})`;
@@ -168,7 +191,7 @@ async function showPlate() {
   const number = frame;
   const answer = await fetch(`frame/${number}`);
   if (!answer.ok || number !== frame) return;
-  stage.plate = await createImageBitmap(await answer.blob());
+  stage.pictures["plate"] = await createImageBitmap(await answer.blob());
   stage.draw();
 }
 
@@ -203,6 +226,10 @@ function fill() {
   if (around) setUnlessTyping("around-turn", shot.get("light", "env-rotation") ?? 0);
   field("shadow").value = String(shot.get("light", "shadow-strength") ?? "");
   field("preset").value = shot.get("quality", "preset") ?? "standard";
+  const region = shot.get("lens", "fit-region") ?? null;
+  stage.region = region;
+  setUnlessTyping("region", region?.join(", ") ?? "");
+  one("clear-region").hidden = !region;
   setUnlessTyping("output", shot.get("output", "file") ?? "");
   field("undo").disabled = !shot.past.length;
   field("redo").disabled = !shot.future.length;
@@ -309,6 +336,37 @@ field("output").addEventListener("change", () => {
   if (value) shot.set("output", { file: value });
   changed("rest");
 });
+const pen = new RegionPen((numbers) => {
+  drawing(false);
+  if (numbers) setRegion(numbers);
+});
+
+/** @param {boolean} on */
+function drawing(on) {
+  one("draw-region").setAttribute("aria-pressed", String(on));
+  one("drawing").textContent = on ? "Drag a box over the ground, or click the corners of a polygon and then its first one again. Escape gives up." : "";
+}
+
+/** @param {number[] | undefined} numbers */
+function setRegion(numbers) {
+  shot.set("lens", { "fit-region": numbers });
+  changed("rest");
+}
+one("draw-region").addEventListener("click", () => {
+  const on = one("draw-region").getAttribute("aria-pressed") !== "true";
+  if (!on) {
+    pen.end(null);
+    return;
+  }
+  drawing(true);
+  pen.start();
+  one("stage").scrollIntoView({ block: "nearest" });
+});
+one("clear-region").addEventListener("click", () => setRegion(undefined));
+field("region").addEventListener("change", () => {
+  const numbers = field("region").value.split(/[\s,;]+/).filter(Boolean).map(Number);
+  setRegion(numbers.length ? numbers.map((value) => (Number.isFinite(value) ? value : -1)) : undefined);
+});
 one("undo").addEventListener("click", () => step("undo"));
 one("redo").addEventListener("click", () => step("redo"));
 
@@ -334,16 +392,19 @@ document.addEventListener("keydown", (event) => {
 for (const radio of document.querySelectorAll('input[name="view"]')) {
   radio.addEventListener("change", () => {
     const { value } = /** @type {HTMLInputElement} */ (radio);
-    if (stage.view === "focus" || value === "focus") stage.final = null;
     stage.view = value;
-    one("wipe").hidden = stage.view !== "wipe";
     one("legend").hidden = stage.view !== "focus";
+    one("plot-figure").hidden = stage.view !== "focus" || !one("plot").childElementCount;
     stage.draw();
     stage.overlay();
     ask("rest");
-    if (stage.view === "plate") busy("");
   });
 }
+field("compare").addEventListener("change", () => {
+  stage.compare = field("compare").value;
+  stage.draw();
+  ask("rest");
+});
 field("wipe").addEventListener("input", () => {
   stage.wipe = field("wipe").valueAsNumber / 100;
   stage.draw();
@@ -355,7 +416,7 @@ field("show-guides").addEventListener("change", () => {
 field("frame").addEventListener("input", () => {
   frame = field("frame").valueAsNumber;
   one("frame-number").textContent = String(frame);
-  stage.final = null;
+  stage.pictures = {};
   void showPlate();
   ask("rest");
 });

@@ -3,6 +3,8 @@
 /** @param {string} id @returns {HTMLElement} */
 const one = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
+const LEAST_MS = 1; // of a node that has a bar of its own
+
 /**
  * The effects with the planner's reasons.
  * @param {{name: string, on: boolean, reason: string}[]} effects
@@ -41,6 +43,41 @@ export function switched(given, name, on) {
   if (["auto", "all", "none"].includes(words[0] ?? "")) return [...words, `${on ? "+" : "-"}${name}`].join(",");
   if (on) words.push(name);
   return words.filter(Boolean).join(",") || "none";
+}
+
+/**
+ * Time of each node, the longest bar being the budget or what is longer.
+ * @param {{name: string, once: boolean, ms: number}[]} nodes
+ * @param {number} budget_ms
+ */
+export function showTimes(nodes, budget_ms) {
+  const frame = nodes.filter((node) => !node.once);
+  const sum = frame.reduce((all, node) => all + node.ms, 0);
+  const longest = Math.max(budget_ms, sum);
+  one("time-section").hidden = !nodes.length;
+  one("time-sum").textContent = `${sum.toFixed(0)} ms; the budget of a frame is ${budget_ms.toFixed(0)} ms`;
+  one("time-sum").classList.toggle("over", sum > budget_ms);
+  const named = nodes.filter((node) => node.ms >= LEAST_MS);
+  const rest = nodes.filter((node) => node.ms < LEAST_MS && !node.once).reduce((all, node) => all + node.ms, 0);
+  const rows = [
+    { name: "all nodes of a frame", ms: sum, once: false },
+    ...named.filter((node) => !node.once),
+    { name: "others", ms: rest, once: false },
+    ...named.filter((node) => node.once),
+  ];
+  one("times").replaceChildren(...rows.map((node, at) => {
+    const row = document.createElement("li");
+    const name = document.createElement("span");
+    const bar = document.createElement("i");
+    const ms = document.createElement("span");
+    name.textContent = node.once ? `${node.name.replaceAll("-", " ")}, once a shot` : node.name.replaceAll("-", " ");
+    bar.style.setProperty("--part", `${Math.min(100, (100 * node.ms) / longest)}%`);
+    if (!at) bar.style.setProperty("--budget", `${(100 * budget_ms) / longest}%`);
+    bar.className = node.once ? "once" : at ? "" : sum > budget_ms ? "sum over" : "sum";
+    ms.textContent = ` ${node.ms < 10 ? node.ms.toFixed(1) : node.ms.toFixed(0)} ms`;
+    row.append(name, ms, bar);
+    return row;
+  }));
 }
 
 /** @param {string[]} notes */

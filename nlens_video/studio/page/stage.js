@@ -1,6 +1,7 @@
 // The picture, the lines over it, and the handles that move, scale and turn the object.
 
 import { atDistance, clampSize, movedTo } from "./ground.js";
+import { corners } from "./region.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 /** @typedef {{at: [number, number] | null, size: number, outline: number[] | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
@@ -25,15 +26,17 @@ export class Stage {
     /** @type {HTMLCanvasElement} */
     this.canvas = one("picture");
     /** @type {SVGElement} */
-    this.lines = one("lines");
+    this.lines = one("drawn");
     /** @type {Guides | null} */
     this.guides = null;
-    /** @type {ImageBitmap | null} */
-    this.final = null;
-    /** @type {ImageBitmap | null} */
-    this.plate = null;
+    /** @type {{[view: string]: ImageBitmap | null}} */
+    this.pictures = {};
     this.view = "final";
+    /** @type {string} `wipe` or `beside`, and the view that is compared; empty for none */
+    this.compare = "";
     this.wipe = 0.5;
+    /** @type {number[] | null} on whose ground the lens is fitted */
+    this.region = null;
     this.shown = true;
     /** @type {number | undefined} */
     this.wheelTimer = undefined;
@@ -51,23 +54,40 @@ export class Stage {
   shape(aspect) {
     this.element.style.aspectRatio = String(aspect);
     this.element.style.maxWidth = `calc((100vh - 12rem) * ${aspect})`;
-    this.lines.setAttribute("viewBox", "0 0 1 1");
-    this.lines.setAttribute("preserveAspectRatio", "none");
+    /** @type {HTMLElement} */ (one("beside")).style.aspectRatio = String(aspect);
+  }
+
+  /** How the picture is compared and with what; empty where it is not. @returns {string[]} */
+  get compared() {
+    const [how = "", what = ""] = this.compare.split(" ");
+    return how && what !== this.view ? [how, what] : ["", ""];
+  }
+
+  /** What there is of a view: without one that is not drawn yet, another. @param {string} view */
+  picture(view) {
+    const { plate = null, final = null } = this.pictures;
+    if (view === "plate") return plate;
+    return this.pictures[view] ?? (view === "focus" ? null : final) ?? plate;
   }
 
   draw() {
-    const picture = this.view === "plate" ? this.plate : (this.final ?? this.plate);
+    const [how, what] = this.compared;
+    const other = what ? this.picture(what) : null;
+    const beside = /** @type {HTMLCanvasElement} */ (one("beside"));
+    beside.hidden = how !== "beside";
+    one("wipe").toggleAttribute("hidden", how !== "wipe");
+    one("pair").classList.toggle("two", how === "beside");
+    const picture = this.picture(this.view);
     if (!picture) return;
     const { canvas } = this;
-    if (canvas.width !== picture.width || canvas.height !== picture.height) {
-      canvas.width = picture.width;
-      canvas.height = picture.height;
-    }
-    const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    const pen = fitted(canvas, picture);
     pen.drawImage(picture, 0, 0);
-    if (this.view === "wipe" && this.plate) {
+    if (how === "beside" && other) {
+      fitted(beside, other).drawImage(other, 0, 0);
+      beside.setAttribute("aria-label", what === "plate" ? "The plate" : "The object without lens");
+    } else if (how === "wipe" && other) {
       const edge = Math.round(canvas.width * this.wipe);
-      if (edge > 0) pen.drawImage(this.plate, 0, 0, (this.plate.width * edge) / canvas.width, this.plate.height, 0, 0, edge, canvas.height);
+      if (edge > 0) pen.drawImage(other, 0, 0, (other.width * edge) / canvas.width, other.height, 0, 0, edge, canvas.height);
       pen.fillStyle = "#fff";
       pen.fillRect(edge - 1, 0, 2, canvas.height);
     }
@@ -76,7 +96,9 @@ export class Stage {
   overlay() {
     this.lines.replaceChildren();
     const guides = this.guides;
-    const seen = this.shown && (this.view === "final" || this.view === "wipe");
+    const seen = this.shown && (this.view === "final" || this.view === "sharp");
+    const region = this.shown && this.region ? corners(this.region) : [];
+    one("region-shape").setAttribute("points", region.map((corner) => corner.join()).join(" "));
     const place = this.place();
     const handles = seen && place !== null && guides?.keyed;
     for (const id of ["move", "scale", "turn"]) one(id).toggleAttribute("hidden", !handles);
@@ -193,6 +215,15 @@ function nudged(place, key, many, id, horizon) {
   if (key === "ArrowUp") return movedTo(place, [x, y - step], horizon);
   if (key === "ArrowDown") return movedTo(place, [x, y + step], horizon);
   return null;
+}
+
+/** @param {HTMLCanvasElement} canvas @param {ImageBitmap} picture */
+function fitted(canvas, picture) {
+  if (canvas.width !== picture.width || canvas.height !== picture.height) {
+    canvas.width = picture.width;
+    canvas.height = picture.height;
+  }
+  return /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
 }
 
 /** @param {string} id @param {number} x @param {number} y */

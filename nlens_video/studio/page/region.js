@@ -1,0 +1,125 @@
+// A box or a polygon drawn on the picture: the part of the frame on whose ground the lens is fitted.
+
+/** @typedef {[number, number]} Point */
+
+const DRAGGED_PX = 6; // a shorter way is a click, which sets a corner
+const CLOSING_PX = 14; // a click so near to the first corner closes the polygon
+const DIGITS = 3;
+
+/** @template {Element} T @param {string} id @returns {T} */
+const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
+
+export class RegionPen {
+  /** @param {(numbers: number[] | null) => void} onRegion takes the drawn region, null where drawing was given up */
+  constructor(onRegion) {
+    this.onRegion = onRegion;
+    /** @type {HTMLElement} */
+    this.pen = one("pen");
+    /** @type {SVGPolygonElement} */
+    this.sketch = one("sketch");
+    /** @type {Point[]} */
+    this.corners = [];
+    /** @type {{x: number, y: number} | null} */
+    this.down = null;
+    this.pen.addEventListener("pointerdown", (event) => this.press(event));
+    this.pen.addEventListener("pointermove", (event) => this.move(event));
+    this.pen.addEventListener("pointerup", (event) => this.lift(event));
+    this.pen.addEventListener("dblclick", () => this.close());
+    document.addEventListener("keydown", (event) => {
+      if (this.pen.hidden) return;
+      if (event.key === "Escape") this.end(null);
+      else if (event.key === "Enter") this.close();
+    });
+  }
+
+  start() {
+    this.corners = [];
+    this.down = null;
+    this.pen.hidden = false;
+    this.show([]);
+  }
+
+  /** @param {number[] | null} numbers */
+  end(numbers) {
+    this.pen.hidden = true;
+    this.show([]);
+    this.onRegion(numbers);
+  }
+
+  close() {
+    if (this.corners.length > 2) this.end(this.corners.flat());
+  }
+
+  /** @param {PointerEvent} event */
+  press(event) {
+    if (event.button) return;
+    this.pen.setPointerCapture(event.pointerId);
+    this.down = { x: event.clientX, y: event.clientY };
+  }
+
+  /** @param {PointerEvent} event */
+  move(event) {
+    const { down } = this;
+    if (down && !this.corners.length && away(down, event) > DRAGGED_PX) {
+      this.show(corners(this.box(down, event)));
+    } else if (this.corners.length) {
+      this.show([...this.corners, this.at(event)]);
+    }
+  }
+
+  /** @param {PointerEvent} event */
+  lift(event) {
+    const { down } = this;
+    this.down = null;
+    if (!down) return;
+    if (!this.corners.length && away(down, event) > DRAGGED_PX) {
+      const box = this.box(down, event);
+      if ((box[0] ?? 0) < (box[2] ?? 0) && (box[1] ?? 0) < (box[3] ?? 0)) this.end(box);
+      return;
+    }
+    const point = this.at(event);
+    const [first] = this.corners;
+    const frame = this.pen.getBoundingClientRect();
+    if (first && Math.hypot((first[0] - point[0]) * frame.width, (first[1] - point[1]) * frame.height) < CLOSING_PX) {
+      this.close();
+      return;
+    }
+    this.corners.push(point);
+    this.show(this.corners);
+  }
+
+  /** Fractions of the frame. @param {{clientX: number, clientY: number}} event @returns {Point} */
+  at(event) {
+    const frame = this.pen.getBoundingClientRect();
+    return [part((event.clientX - frame.left) / frame.width), part((event.clientY - frame.top) / frame.height)];
+  }
+
+  /** @param {{x: number, y: number}} down @param {PointerEvent} event @returns {number[]} */
+  box(down, event) {
+    const [x0, y0] = this.at({ clientX: down.x, clientY: down.y });
+    const [x1, y1] = this.at(event);
+    return [Math.min(x0, x1), Math.min(y0, y1), Math.max(x0, x1), Math.max(y0, y1)];
+  }
+
+  /** @param {Point[]} points */
+  show(points) {
+    this.sketch.setAttribute("points", points.map((point) => point.join()).join(" "));
+  }
+}
+
+/** The corners of a region as the shot has it. @param {number[]} numbers @returns {Point[]} */
+export function corners(numbers) {
+  const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = numbers;
+  if (numbers.length === 4) return [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
+  return numbers.flatMap((x, at) => (at % 2 ? [] : [/** @type {Point} */ ([x, numbers[at + 1] ?? 0])]));
+}
+
+/** @param {number} value */
+function part(value) {
+  return Number(Math.min(1, Math.max(0, value)).toFixed(DIGITS));
+}
+
+/** @param {{x: number, y: number}} down @param {PointerEvent} event */
+function away(down, event) {
+  return Math.hypot(event.clientX - down.x, event.clientY - down.y);
+}

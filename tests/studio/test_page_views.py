@@ -1,0 +1,115 @@
+"""Views of the studio's page: sharp, compared, the blur of the plate and the fit of the lens."""
+
+import json
+
+import numpy as np
+import pytest
+from support.command import nlens
+from support.studio import opened, write_shot
+from support.studio_page import at_rest, canvas, plate_seen, saved, seen, view
+
+pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
+
+
+@pytest.fixture
+def blurred(browser, shot):
+    """The page of a shot whose object is far out of focus."""
+    lens = json.loads((shot.parent / "fit.json").read_text())
+    (shot.parent / "fit.json").write_text(json.dumps({**lens, "intercept": -30.0}))
+    with opened(browser, shot) as (page, _):
+        yield page
+
+
+def differs(one, other, levels=30):
+    """Share of the pixels that differ by more than some levels."""
+    return (np.abs(one.astype(np.int16) - other).max(axis=2) > levels).mean()
+
+
+def test_sharp_is_the_object_without_its_lens(blurred):
+    page = blurred
+    plate, final = plate_seen(page), seen(page)
+    at_rest(page, lambda: view(page, "Sharp"))
+    sharp = seen(page)
+    assert 0.001 < differs(sharp, final) < differs(sharp, plate)
+    assert differs(final, plate, 6) > 1.1 * differs(sharp, plate, 6)  # blur reaches farther
+
+
+def test_wipe_and_beside_compare_final_sharp_and_plate(blurred):
+    page = blurred
+    plate, final = plate_seen(page), seen(page)
+    at_rest(page, lambda: view(page, "Sharp"))
+    sharp = seen(page)
+    at_rest(page, lambda: view(page, "Final"))
+    middle = final.shape[1] // 2
+    for name, other in (("plate", plate), ("sharp", sharp)):
+        at_rest(page, lambda: page.locator("#compare").select_option(f"wipe {name}"))  # noqa: B023
+        page.locator("#wipe").evaluate("one => { one.style.opacity = 0; }")
+        wiped = seen(page)
+        np.testing.assert_array_equal(wiped[:, : middle - 4], other[:, : middle - 4])
+        np.testing.assert_array_equal(wiped[:, middle + 4 :], final[:, middle + 4 :])
+        at_rest(page, lambda: page.locator("#compare").select_option(f"beside {name}"))  # noqa: B023
+        left, right = canvas(page, "#beside"), seen(page)
+        assert left.shape[1] < 0.55 * final.shape[1]
+        assert differs(left, right[: left.shape[0], : left.shape[1]]) > 0.001
+
+
+def test_region_that_is_drawn_is_the_one_that_the_lens_is_fitted_on(browser, tmp_path):
+    shot = write_shot(tmp_path, lens={})
+    with opened(browser, shot) as (page, _):
+        whole = page.locator("#lens").text_content()
+        at_rest(page, lambda: view(page, "Focus"), "focus")
+        points = page.locator("#plot path.plane").count()
+        assert points > 0
+        assert page.locator("#plot .fit").count() == 1
+
+        def at(x, y):
+            box = page.locator("#picture").bounding_box()
+            return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+        page.locator("#draw-region").click()
+        page.mouse.move(*at(0.1, 0.55))
+        page.mouse.down()
+        page.mouse.move(*at(0.6, 0.9), steps=4)
+        at_rest(page, page.mouse.up, "focus")
+        part = page.locator("#lens").text_content()
+        assert part != whole
+        assert saved(page, shot)["lens"]["fit-region"] == pytest.approx(
+            [0.1, 0.55, 0.6, 0.9], abs=2e-3
+        )
+        at_rest(page, lambda: view(page, "Final"))
+        assert page.locator("#lens").text_content() == part
+        fit = nlens("fit", shot, tmp_path / "found.json")
+        assert fit.returncode == 0, fit.stderr
+        slope = json.loads((tmp_path / "found.json").read_text())["slope"]
+        assert f"coc_px = {slope:.3g}" in part
+
+        page.locator("#draw-region").click()
+        for x, y in ((0.1, 0.6), (0.9, 0.6), (0.5, 0.9)):
+            page.mouse.click(*at(x, y))
+        at_rest(page, lambda: page.keyboard.press("Enter"))
+        assert len(saved(page, shot)["lens"]["fit-region"]) == 6
+        page.locator("#draw-region").click()
+        page.keyboard.press("Escape")
+        assert len(saved(page, shot)["lens"]["fit-region"]) == 6
+        at_rest(page, lambda: page.locator("#clear-region").click())
+        assert "lens" not in saved(page, shot)
+        assert page.locator("#lens").text_content() == whole
+
+
+def test_region_by_keys_and_one_that_is_wrong(page, shot):
+    page.locator("#region").fill("0.2 0.5 0.9 0.95")
+    at_rest(page, lambda: page.keyboard.press("Tab"))
+    assert saved(page, shot)["lens"]["fit-region"] == [0.2, 0.5, 0.9, 0.95]
+    page.locator("#region").fill("0.9, 0.5, x")
+    page.keyboard.press("Tab")
+    page.get_by_text("a region lies in the frame").wait_for()
+
+
+def test_times_of_the_nodes_are_shown_against_the_budget(browser, tmp_path):
+    shot = write_shot(tmp_path, quality={"preset": "draft", "budget-ms": 25})
+    with opened(browser, shot) as (page, _):
+        assert "the budget of a frame is 25 ms" in page.locator("#time-sum").text_content()
+        rows = page.locator("#times li").all_text_contents()
+        assert any(row.startswith("render") for row in rows)
+        shown = [float(row.split()[-2]) for row in rows if "once" not in row]
+        assert sum(shown[1:]) == pytest.approx(shown[0], abs=0.6 * len(shown))
