@@ -26,11 +26,11 @@ import cv2
 import numpy as np
 from bench_demo import SAMPLES, transcode
 
+from nlens_video.core.objects import Playback
 from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
-    Playback,
     Settings,
     SourceSettings,
 )

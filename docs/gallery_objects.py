@@ -109,6 +109,13 @@ def unlit_chick(path: Path) -> None:
     object_chick.build([]).save(path)
 
 
+def still_chick(path: Path) -> None:
+    """The chick without a light, that stays where it is."""
+    made = object_chick.build([])
+    made.gltf.animations = []
+    made.save(path)
+
+
 def chick_alone(path: Path) -> None:
     """The chick with its lights, without a camera."""
     made = object_chick.build(lights("in2"))

@@ -21,6 +21,7 @@ from nlens_video import Compositor
 from nlens_video.cli.solve_command import solve_camera
 from nlens_video.core.color import ColorTags
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.objects import FurtherObject, PlaceKey, PlaceKeys
 from nlens_video.core.placement import GroundPlacing
 from nlens_video.core.settings import (
     LightSettings,
@@ -33,6 +34,7 @@ from nlens_video.core.settings import (
 )
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.effect_plan import LensRequest
@@ -92,6 +94,38 @@ def two_objects(folder: Path) -> list[Panel]:
     sharp = composite(plate, ObjectSettings(glb=glb), 0, effects="shadow")
     lens = composite(plate, ObjectSettings(glb=glb, footprint="near"), 0)
     return [("sharp", sharp.crop(crop)), ("through the plate's lens", lens.crop(crop))]
+
+
+def keyed(folder: Path) -> list[Panel]:
+    """A second object that walks round the first one by keys, and its path on the ground."""
+    chick, plate = folder / "chick.glb", SAMPLES / "in.mp4"
+    objects.still_chick(chick)
+    places = ((0.0, 0.36, 0.7), (1.5, 0.3, 0.5), (3.0, 0.68, 0.5), (4.5, 0.72, 0.78))
+    turns = (150.0, 120.0, 60.0, -30.0)
+    keys = tuple(
+        PlaceKey(time_s=t, at=(x, y), yaw_deg=yaw)
+        for (t, x, y), yaw in zip(places, turns, strict=True)
+    )
+    other = FurtherObject(
+        glb=chick, placing=GroundPlacing(size=0.22), keys=PlaceKeys(keys=keys)
+    )  # fmt: skip
+    scene = ObjectSettings(glb=SAMPLES / "anim.glb", others=(other,))
+    staged = stage(scene, load_scene(scene), View(width=960, height=512))
+    camera = staged.view.camera_at(staged.scene, 0.0)
+    motion = staged.scene.parts[1].motion
+    assert motion is not None
+    points = np.array([motion.place_at(t) for t in np.linspace(0.0, 4.5, 91)])
+    path = [(float(x), float(y)) for x, y in camera.pixels(camera.to_camera(points))]
+    panels = []
+    for moment in (0.25, 2.375, 4.25):
+        shown = composite(plate, scene, round(24 * moment), fit=SAMPLES / "in.json")
+        draw = ImageDraw.Draw(shown)
+        if not panels:
+            draw.line(path, fill="white", width=2)
+            for _, x, y in places:
+                draw.ellipse((960 * x - 4, 512 * y - 4, 960 * x + 4, 512 * y + 4), fill="white")
+        panels.append((f"{moment:.1f} s", shown.crop((150, 60, 810, 512))))
+    return panels
 
 
 def materials(folder: Path) -> list[Panel]:
@@ -361,6 +395,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "skinned": skinned,
     "morph": morph,
     "two_objects": two_objects,
+    "keyed": keyed,
     "plate_light": plate_light,
     "environment": environment,
     "materials": materials,

@@ -137,13 +137,32 @@ def _at_height(
 def _on_ground(
     at: tuple[float, float], solved: SolvedCamera, camera: Camera
 ) -> tuple[Float64, float]:
-    """Direction of a place of the frame in camera axes (3,), with z = -1; the ground's depth."""
+    return ground_seen_at(at, camera, solved.ground_y, solved.distortion_k1)
+
+
+def ground_seen_at(
+    at: tuple[float, float], camera: Camera, ground_y: float, distortion_k1: float = 0.0
+) -> tuple[Float64, float]:
+    """Where a camera sees the ground at a place of its frame.
+
+    Args:
+        at: column and row [frame width, frame height].
+        camera: of that moment.
+        ground_y: height of the ground [scene unit].
+        distortion_k1: of the lens, as of `SolvedCamera` [1].
+
+    Returns:
+        The direction in camera axes (3,), with z = -1, and the ground's depth [scene unit].
+
+    Raises:
+        SceneError: the place lies above the horizon.
+    """
     shown = np.array([[at[0] * camera.width, at[1] * camera.height]])
-    column, row = undistorted(shown, camera, solved.distortion_k1)[0]
+    column, row = undistorted(shown, camera, distortion_k1)[0]
     ray = np.array([(column - camera.cx) / camera.fx, -(row - camera.cy) / camera.fy, -1.0])
     pose = camera.world_from_camera
     fall = float(pose[1, :3] @ ray)
-    depth = (solved.ground_y - float(pose[1, 3])) / fall if fall < 0.0 else -1.0
+    depth = (ground_y - float(pose[1, 3])) / fall if fall < 0.0 else -1.0
     if not depth > 0.0:
         raise SceneError(
             f"--at {at[0]:g},{at[1]:g} lies above the horizon of the solved camera, where no "

@@ -180,6 +180,10 @@ def _named_inside(args: Namespace) -> Iterator[Use]:
     if scene is not None:
         for path in _beside_scene(Path(scene)):
             yield Use("a file of the scene", str(path), NamedFiles(path))
+    for other in getattr(args, "others", None) or ():
+        yield Use("an object", str(other.glb), NamedFiles(other.glb))
+        for path in _beside_scene(other.glb):
+            yield Use("a file of the scene", str(path), NamedFiles(path))
     plate_path = None if plate is None else local_path(plate)
     if plate_path is not None and plate_path.suffix.lower() in _LISTS:
         for path in _listed(plate_path):

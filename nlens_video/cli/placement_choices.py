@@ -5,8 +5,9 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, replace
 
+from nlens_video.core.objects import ALL
 from nlens_video.core.placement import Placement
-from nlens_video.core.settings import ALL, ObjectSettings
+from nlens_video.core.settings import ObjectSettings
 
 _HORIZON_STEP, _SIZE_FACTOR, _YAW_STEP = 0.12, 1.5, 45.0
 _ASIDE, _ALONG = 0.2, 0.3  # of the frame's width; of the way to the lower border

@@ -28,6 +28,7 @@ from nlens_video.core.settings import (
     Settings,
     SourceSettings,
 )
+from nlens_video.graph.base.objects_on_ground import load_scene
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.options import to_settings
@@ -35,7 +36,6 @@ from nlens_video.report.camera import CameraFindings, PlatePicture, write_camera
 from nlens_video.report.findings import EvenPick
 from nlens_video.report.html import to_8_bit
 from nlens_video.run.open_run import opened
-from nlens_video.scene.scene import Scene
 from nlens_video.solve.evidence import Reprojection, line_groups, reproject
 from nlens_video.solve.focal import KnownFov
 from nlens_video.solve.free_place import chosen_place
@@ -143,8 +143,7 @@ def solved_camera(settings: Settings, console: Console) -> Iterator[Settings]:
         UsageError, InputError: as `solve_camera`.
         SceneError: the scene cannot be used.
     """
-    scene = settings.scene
-    Scene.load(scene.glb, scene.playback, scene.scene)  # a file that is wrong is told at once
+    load_scene(settings.scene)  # a file that is wrong is told at once
     with TemporaryDirectory(prefix="nlens-video-camera-") as folder:
         path = Path(folder) / "camera.json"
         with console.progress_bar("tracking") as on_progress:

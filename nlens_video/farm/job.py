@@ -186,6 +186,7 @@ def absolute(settings: Settings) -> Settings:
         scene=replace(
             scene,
             glb=scene.glb.absolute(),
+            others=tuple(replace(one, glb=one.glb.absolute()) for one in scene.others),
             camera_from=_path(scene.camera_from),
             layers=None if scene.layers is None else _absolute_spec(scene.layers),
             light=replace(light, env=_path(light.env)),

@@ -16,8 +16,9 @@ from nlens_video.graph.adaptive_quality import (
 )
 from nlens_video.graph.base.context import CocEstimator, NodeContext
 from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
-from nlens_video.graph.base.view import View, choose_camera
+from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import Built, Graph, build, open_dependencies
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
@@ -115,13 +116,13 @@ def open_session(
     """Load the scene, choose the backends and build the graph.
 
     Args:
-        objects: the object.
+        objects: the objects.
         lens: how the lens is found and simulated.
         view: the frame that sees it.
         profiler: times the nodes.
         plate: the shot's first pictures, on which effects of its camera are measured.
         pipeline: what runs; default: that of the lens' preset.
-        scene: the object's file, where another session has loaded it.
+        scene: the objects' files, where another session has loaded them.
         estimate_coc: F, where another session has it; default: one of its own.
 
     Raises:
@@ -135,8 +136,9 @@ def open_session(
     device = choose(lens.device)
     pipeline = pipeline or load_pipeline(lens.preset)
     if scene is None:
-        scene = Scene.load(objects.glb, objects.playback, objects.scene)
-    view, placed_note = choose_camera(objects, scene, view)
+        scene = load_scene(objects)
+    staged = stage(objects, scene, view)
+    objects, scene, view = staged.objects, staged.scene, staged.view
     context, effects = open_dependencies(
         objects, lens, view, device, scene, pipeline, plate, profiler, estimate_coc
     )
@@ -163,7 +165,7 @@ def open_session(
         decisions=effects.decisions,
         device=device,
         quality=quality,
-        opening_notes=(*placed_note, *scene.warnings, *effects.notes, *graph.notes),
+        opening_notes=(*staged.notes, *scene.warnings, *effects.notes, *graph.notes),
     )
 
 

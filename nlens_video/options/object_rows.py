@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from nlens_video.core.settings import ALL, REFLECTANCE
+from nlens_video.core.objects import ALL
+from nlens_video.core.settings import REFLECTANCE
 from nlens_video.options import files
 from nlens_video.options import readers as read
 from nlens_video.options.commands import PLACED, SEEN, SHOT, SOLVED
+from nlens_video.options.object_tables import INTERPOLATIONS, key_word, object_word
 from nlens_video.options.option import Option
 
 _SMALL = read.between(-1e4, 1e4, "a number of usual size")
@@ -29,6 +31,10 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--footprint-node --footprint", SHOT, "NODE",
                help="fit under this object (default: all)",
                dest="footprint", feeds="scene.footprint", parameter=True),
+        Option("--object", SHOT, "TABLE", object_word, repeats=True, dest="others",
+               feeds="scene.others",
+               help="one more, as [[object]] of a shot file has it: '{file = \"b.glb\", at = [0.7, "
+               "0.8], size = 0.2}'; may be repeated"),
     ),
     "its animation (a moving camera keeps the plate's time)": (
         Option("--animation", PLACED, "NAME",
@@ -57,6 +63,11 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--yaw", PLACED, "D", read.number,
                "turn about the vertical in degrees (default 0: its front faces the viewer)",
                feeds="placing.yaw_deg", parameter=True),
+        Option("--key", SHOT, "TABLE", key_word, repeats=True, dest="keys",
+               help="its at, size, height or yaw at a moment: '{time = 2, at = [0.7, 0.8]}', or "
+               "frame = 48; may be repeated"),
+        Option("--interpolation", SHOT, choices=INTERPOLATIONS, default="smooth",
+               help="between keys: smooth, never beyond their values, or linear"),
         Option("--fov", SEEN, "DEG", read.between(1, 170, "an angle from 1 to 170 degrees"),
                "the plate's field of view across the frame, 1 to 170",
                feeds="scene.fov_deg", parameter=True),

@@ -27,6 +27,7 @@ class Option:
         nargs: as argparse has it.
         const: the value of `nargs="?"` where the option is given alone.
         required: whether it must be given.
+        repeats: whether it may be given more than once: its value is then a list.
         dest: the attribute of the parsed arguments, where it is not the first name.
         feeds: the setting that it becomes, such as `source.input_rate`; see `to_settings`.
         parameter: whether a `Compositor` takes it, under the name of the attribute.
@@ -45,6 +46,7 @@ class Option:
     nargs: str | None = None
     const: object = None
     required: bool = False
+    repeats: bool = False
     dest: str = ""
     feeds: str = ""
     parameter: bool = False
@@ -81,6 +83,9 @@ class Option:
                 keywords[name] = getattr(self, name)
         else:
             keywords["action"] = "store_true"
+        if self.repeats:
+            del keywords["nargs"], keywords["const"]
+            keywords["action"] = "append"
         if self.flags:
             keywords |= {"dest": self.attribute, "required": self.required}
         group.add_argument(*(self.flags or [self.attribute]), **keywords)

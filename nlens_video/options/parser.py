@@ -215,13 +215,13 @@ def _with_shot_file(argv: list[str], command: str) -> list[str]:
 
 
 def _given(parser: Parser, argv: list[str]) -> argparse.Namespace:
-    """What a command line gives, as texts; True for an option without a value."""
+    """What a command line gives, as texts or lists of them; True for an option without a value."""
     for action in parser._actions:
         action.default = argparse.SUPPRESS
         action.type = str
     given = vars(parser.parse_args(argv))
     return argparse.Namespace(
-        **{name: value if isinstance(value, str) else True for name, value in given.items()}
+        **{name: one if isinstance(one, str | list) else True for name, one in given.items()}
     )
 
 

@@ -8,18 +8,19 @@ the same. Its paths are relative to its own folder.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from nlens_video.core.errors import UsageError
 from nlens_video.options.option import Option
+from nlens_video.options.shot_objects import LISTED, Tables, apart, file_of, is_listed
 from nlens_video.options.table import ROWS
+from nlens_video.options.toml_words import meant, word_of
 from nlens_video.video.named_files import local_path
 
-VERSION = 1
+VERSION, LISTS = 1, 2
+"""Version of files with one `[object]`, and of those with `[[object]]`."""
 TABLES: dict[str, tuple[str, ...]] = {
     "plate": (
         "input", "range", "input_format", "input_size", "input_rate", "input_transfer", "reconnect",
@@ -44,8 +45,6 @@ TABLES: dict[str, tuple[str, ...]] = {
 """Attributes of the options that a shot file holds, by table."""
 _TABLE_OF = {attribute: table for table, held in TABLES.items() for attribute in held}
 _POSITIONALS = ("input", "glb", "output")
-Tables = dict[str, Any]
-"""Content of a shot file: by table, then by key."""
 Given = dict[str, tuple[Option, str]]
 """By attribute: the row, and the word that follows it; empty where none does."""
 
@@ -102,7 +101,8 @@ def words_by(
     Raises:
         UsageError: they are not those of a shot file.
     """
-    given = given_by(tables, path)
+    plain, listed = apart(tables, path, rows_of)
+    given = given_by(plain, path)
     named = _POSITIONALS[:2] if command == "fit" else _POSITIONALS
     for attribute in named:
         if attribute not in given:
@@ -114,6 +114,9 @@ def words_by(
         for attribute, (row, word) in given.items()
         if attribute not in again and command in row.commands
         for flag in [flag for flag in row.flags if flag.startswith("--")][:1]
+    ]
+    options += [
+        f"--{LISTED[attribute]}={word}" for attribute, word in listed if attribute not in again
     ]
     first = next((at for at, word in enumerate(words) if word.startswith("--")), len(words))
     return [*(given[one][1] for one in named), *words[:first], *options, *words[first:]]
@@ -139,9 +142,11 @@ def read_tables(path: Path) -> Tables:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"{path}: cannot be read as a shot file ({reason})") from error
     version = tables.pop("version", None)
-    if version is None or isinstance(version, bool) or version != VERSION:
+    if isinstance(version, bool) or version not in (VERSION, LISTS):
         said = "says no version" if version is None else f"has version {version}"
         raise UsageError(f"{path}: {said}; a shot file begins with version = {VERSION}")
+    if is_listed(tables) and version != LISTS:
+        raise UsageError(f"{path}: has [[object]]; then it begins with version = {LISTS}")
     return tables
 
 
@@ -151,11 +156,14 @@ def files_by(tables: Tables, path: Path) -> dict[str, Path]:
     Raises:
         UsageError: they are not those of a shot file.
     """
+    plain, _ = apart(tables, path, rows_of)
     places = {
         attribute: (row, place_of(row, word))
-        for attribute, (row, word) in given_by(tables, path).items()
+        for attribute, (row, word) in given_by(plain, path).items()
     }
-    return {
+    others = tables["object"][1:] if is_listed(tables) else []
+    found = {f"object {number}": file_of(one, path) for number, one in enumerate(others, 2)}
+    return found | {
         attribute: place
         for attribute, (row, place) in places.items()
         if place is not None and (place.suffix or row.type is None or place.exists()
@@ -164,7 +172,11 @@ def files_by(tables: Tables, path: Path) -> dict[str, Path]:
 
 
 def given_by(tables: Tables, path: Path) -> Given:
-    """The row and the word of each key, by the option's attribute; arguments as `words_by`.
+    """The row and the word of each key, by the option's attribute.
+
+    Args:
+        tables: as of `words_by`, with a single object.
+        path: as of `words_by`.
 
     Raises:
         UsageError: they are not those of a shot file.
@@ -172,7 +184,7 @@ def given_by(tables: Tables, path: Path) -> Given:
     given: Given = {}
     for table, entries in tables.items():
         if table not in TABLES:
-            raise UsageError(f"{path}: there is no table [{table}]; {_meant(table, TABLES)}")
+            raise UsageError(f"{path}: there is no table [{table}]; {meant(table, TABLES)}")
         if not isinstance(entries, dict):
             raise UsageError(f"{path}: {table} is no table; begin it with the line [{table}]")
         for key, value in entries.items():
@@ -202,29 +214,7 @@ def _row(path: Path, table: str, key: str) -> Option:
     other = next((one for one in TABLES if key != "file" and key in rows_of(one)), None)
     if other is not None:
         raise UsageError(f"{path}: [{table}] {key}: belongs into [{other}]")
-    raise UsageError(f"{path}: there is no {key} in [{table}]; {_meant(key, rows)}")
-
-
-def _meant(given: str, names: Iterable[str]) -> str:
-    near = get_close_matches(given, list(names), n=1)
-    return f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
-
-
-def word_of(value: object) -> str | None:
-    """A value as a word of a command line, empty for true and false; None: it cannot be one."""
-    if isinstance(value, bool):
-        return ""
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, list):
-        words = [repr(one) for one in value if is_number(one)]
-        return ",".join(words) if words and len(words) == len(value) else None
-    return value if isinstance(value, str) and value else None
-
-
-def is_number(value: object) -> bool:
-    """Whether a value of TOML is a number."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    raise UsageError(f"{path}: there is no {key} in [{table}]; {meant(key, rows)}")
 
 
 def _from_here(row: Option, word: str, folder: Path, *, device: bool) -> str:

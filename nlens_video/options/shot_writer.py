@@ -10,18 +10,19 @@ from typing import Any
 
 from nlens_video.options.option import Option
 from nlens_video.options.shot_file import (
+    LISTS,
     TABLES,
     VERSION,
-    Tables,
-    given_by,
-    is_number,
     keys_of,
     place_of,
     read_tables,
     rows_of,
-    word_of,
+    words_by,
 )
+from nlens_video.options.shot_objects import LISTED, Tables, is_listed
+from nlens_video.options.toml_words import is_number, table_of, word_of
 from nlens_video.video.atomic_files import replacing
+from nlens_video.video.named_files import local_path
 
 
 def save(path: Path, given: argparse.Namespace) -> None:
@@ -36,19 +37,42 @@ def save(path: Path, given: argparse.Namespace) -> None:
     """
     import tomlkit
 
+    tables: Tables = {table: _entries(table, given, path) for table in TABLES}
+    several = any(getattr(given, attribute, None) is not None for attribute in LISTED)
+    if several:
+        tables["object"] |= tables.pop("place") | _words_of_motion(given)
+        others = (table_of(word) for word in getattr(given, "others", []))
+        named = ({**one, "file": _beside(str(one["file"]), path)} for one in others)
+        listed = {"object": [tables["object"], *named]}
+        tables = {table: listed.get(table, held) for table, held in tables.items()}
     document = tomlkit.document()
-    document.add("version", tomlkit.item(VERSION))
-    for table in TABLES:
-        entries = tomlkit.table()
-        for key, row in rows_of(table).items():
-            value = getattr(given, row.attribute, None)
-            if value is None or key != keys_of(row)[0] or not _fits(row, value):
-                continue
-            entries.add(key, value if value is True else _plain(_named_from(row, value, path)))
+    document.add("version", tomlkit.item(LISTS if several else VERSION))
+    for table, entries in tables.items():
         if entries:
-            document.add(table, entries)
+            document.add(table, tomlkit.item(entries))
     with replacing(path) as partial:
         partial.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _entries(table: str, given: argparse.Namespace, path: Path) -> dict[str, Any]:
+    """What a command line gives of a table."""
+    entries: dict[str, Any] = {}
+    for key, row in rows_of(table).items():
+        value = getattr(given, row.attribute, None)
+        if value is None or key != keys_of(row)[0] or not _fits(row, value):
+            continue
+        entries[key] = value if value is True else _plain(_named_from(row, value, path))
+    return entries
+
+
+def _words_of_motion(given: argparse.Namespace) -> dict[str, Any]:
+    """The keys of the first object, and how it moves between them."""
+    found: dict[str, Any] = {}
+    if getattr(given, "interpolation", None) is not None:
+        found["interpolation"] = given.interpolation
+    if getattr(given, "keys", None) is not None:
+        found["key"] = [table_of(word) for word in given.keys]
+    return found
 
 
 def save_tables(path: Path, tables: Tables) -> None:
@@ -64,13 +88,16 @@ def save_tables(path: Path, tables: Tables) -> None:
     """
     import tomlkit
 
-    given_by(tables, path)
+    words_by(tables, path)
     document = tomlkit.document()
     if path.exists():
         read_tables(path)
         document = tomlkit.parse(path.read_text(encoding="utf-8"))
-    document["version"] = VERSION
+    document["version"] = LISTS if is_listed(tables) else VERSION
     for table in TABLES:
+        if isinstance(tables.get(table), list) or isinstance(document.get(table), list):
+            _replace(document, table, tables.get(table))
+            continue
         entries = tables.get(table, {})
         if table not in document and entries:
             document.add(table, tomlkit.table())
@@ -84,6 +111,18 @@ def save_tables(path: Path, tables: Tables) -> None:
             del document[table]
     with replacing(path) as partial:
         partial.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _replace(document: Any, table: str, entries: object) -> None:  # noqa: ANN401  tomlkit's own
+    """Put a list of tables, or what replaces one, into a document unless it is there already."""
+    import tomlkit
+
+    if table in document and document[table] == entries:
+        return
+    if table in document:
+        del document[table]
+    if entries:
+        document.add(table, tomlkit.item(entries))
 
 
 def _fits(row: Option, value: object) -> bool:
@@ -114,4 +153,14 @@ def _named_from(row: Option, word: str, path: Path) -> str:
     place = place_of(row, word)
     if place is None or (row.files[0].role == "reads" and not place.exists()):
         return word
+    return _from_folder(place, path)
+
+
+def _beside(name: str, path: Path) -> str:
+    """The file of an object as a shot file names it."""
+    place = local_path(name)
+    return name if place is None else _from_folder(place, path)
+
+
+def _from_folder(place: Path, path: Path) -> str:
     return os.path.relpath(place.parent.resolve() / place.name, path.parent.resolve())

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from nlens_video.core.errors import UsageError
+from nlens_video.core.objects import NO_KEYS, PlaceKeys, Playback
 from nlens_video.core.optics import LensOverrides, parse_aperture
 from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.core.scale import ScaleSettings
@@ -14,7 +15,6 @@ from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
-    Playback,
     RealSettings,
     Settings,
     SourceSettings,
@@ -71,9 +71,12 @@ def object_settings(args: argparse.Namespace) -> ObjectSettings:
             raise UsageError(f"--env-{name} needs a map; give --env-map MAP.hdr too")
     if "holdout" in real and real["occlusion"] == "auto":
         raise UsageError("--holdout gives the foreground; leave --occlusion auto out")
-    placing, on_ground = _placings(args)
+    keys = _place_keys(args)
+    placing, on_ground = _placings(args, keys)
+    scene = _given(args, "scene")
     return ObjectSettings(
-        **_given(args, "scene"),
+        **{**scene, "others": tuple(scene.get("others", ()))},
+        keys=keys,
         playback=Playback(**_given(args, "playback")),
         placing=placing,
         on_ground=on_ground,
@@ -123,9 +126,36 @@ def _given(args: argparse.Namespace, owner: str) -> dict[str, Any]:
     return {field: value for field, value in values.items() if value is not None}
 
 
-def _placings(args: argparse.Namespace) -> tuple[Placement | None, GroundPlacing | None]:
-    """Where the object stands: under a horizon that is given, or on a solved ground."""
+def _place_keys(args: argparse.Namespace) -> PlaceKeys:
+    """The keys of the first object.
+
+    Raises:
+        UsageError: they contradict each other, or what is given for all of the shot.
+    """
+    given = getattr(args, "keys", None)
+    if not given:
+        return NO_KEYS
+    keys = PlaceKeys(keys=tuple(given), interpolation=args.interpolation)
+    keys.check_beside(
+        [name for name in ("at", "size", "height", "yaw") if getattr(args, name) is not None]
+    )
+    if args.at_frame and keys.of("at"):
+        raise UsageError("--at-frame is the moment of --at, which keys give; leave it out")
+    return keys
+
+
+def _placings(
+    args: argparse.Namespace, keys: PlaceKeys
+) -> tuple[Placement | None, GroundPlacing | None]:
+    """Where the object stands, at its first key: under a given horizon, or on a solved ground."""
     place, ground = _given(args, "placing"), _given(args, "ground")
+    for key in keys.of("at")[:1]:
+        place["at"] = key.at
+    for key in keys.of("yaw")[:1]:
+        place["yaw_deg"] = key.yaw_deg
+    for key in keys.of("size")[:1]:
+        place |= {} if key.size is None else {"size": key.size}
+        ground |= {} if key.height_m is None else {"height_m": key.height_m}
     file = getattr(args, "camera_from", None)
     if file is not None and args.fov is not None:
         raise UsageError("--camera-from gives the field of view; leave --fov out")

@@ -6,12 +6,11 @@ from pathlib import Path
 
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import OCCLUSION, EffectRequest
-from nlens_video.graph.base.view import choose_camera
+from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.foreground_file import write_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.open_run import opened, read_again, view_of
-from nlens_video.scene.scene import Scene
 from nlens_video.video.atomic_files import replacing
 
 
@@ -42,9 +41,10 @@ def foreground_pass(settings: Settings, path: Path) -> bool:
     if again is None:
         return False
     objects = settings.scene
-    scene = Scene.load(objects.glb, objects.playback, objects.scene)
-    view, _ = choose_camera(objects, scene, view_of(settings, info))
-    found, finding = find_moving_foreground(again, scene, view, objects.ground_y)
+    staged = stage(objects, load_scene(objects), view_of(settings, info))
+    found, finding = find_moving_foreground(
+        again, staged.scene, staged.view, staged.objects.ground_y
+    )
     with replacing(path) as partial:
         write_foreground(partial, found, finding)
     return True

@@ -22,7 +22,7 @@ from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
-from nlens_video.run.lens_request import lens_request
+from nlens_video.run.lens_request import frame_s, lens_request
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
@@ -231,6 +231,7 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
     size = info.width, info.height
     focal = tagged_focal(info)
     return View(
+        frame_s=frame_s(info),
         width=info.width,
         height=info.height,
         pixel_aspect=info.pixel_aspect,

@@ -12,7 +12,8 @@ from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import EffectRequest
-from nlens_video.graph.base.view import View, bounds_near_frame, choose_camera
+from nlens_video.graph.base.objects_on_ground import load_scene, stage
+from nlens_video.graph.base.view import View, bounds_near_frame
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.lens_request import frame_s
 from nlens_video.run.open_run import view_of
@@ -118,8 +119,8 @@ def check_shot(settings: Settings, info: SourceInfo) -> None:
     if known is not None and _ESTIMATE * first - 2 > known:
         raise UsageError(f"{_no_such_frames(settings)}; it has about {known}")
     objects = settings.scene
-    scene = Scene.load(objects.glb, objects.playback, objects.scene)
-    view, _ = choose_camera(objects, scene, view_of(settings, info))
+    staged = stage(objects, load_scene(objects), view_of(settings, info))
+    scene, view = staged.scene, staged.view
     _check_files(objects)
     if objects.footprint is not None:
         scene.triangles(0.0, objects.footprint)

@@ -1,9 +1,9 @@
-"""The virtual scene: a glTF file, its camera, triangles and lights at any time."""
+"""The virtual scene: glTF files, their camera, triangles and lights at any time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,44 +11,37 @@ import numpy as np
 
 from nlens_video.core.errors import MissingCameraError, Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
-from nlens_video.core.settings import ONCE, Playback
+from nlens_video.core.objects import ONCE, Playback
 from nlens_video.scene.camera import Camera, Perspective, read_cameras, rigid
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.animation_reader import read_animations
 from nlens_video.scene.gltf.animations import Animation, Animations, listed
 from nlens_video.scene.gltf.document import Document, read_document
 from nlens_video.scene.gltf.materials import read_materials
-from nlens_video.scene.gltf.meshes import TriangleMesh, read_meshes
-from nlens_video.scene.gltf.nodes import Hierarchy, Skin, read_hierarchy, read_skins
-from nlens_video.scene.illumination import Light, pose_light, read_lights
-from nlens_video.scene.posed import Hull, Instance, PosedScene
+from nlens_video.scene.gltf.meshes import read_meshes
+from nlens_video.scene.gltf.nodes import Hierarchy, read_hierarchy, read_skins
+from nlens_video.scene.illumination import read_lights
+from nlens_video.scene.object_motion import ObjectMotion
+from nlens_video.scene.posed import PosedScene
+from nlens_video.scene.scene_part import MAX_VERTICES, Moved, ScenePart, read_instances
 
-# A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
-MAX_VERTICES = 5_000_000
 _MOMENTS = 4  # kept: the frame's own, and the shutter opening and closing
-_Moved = tuple[Float64, dict[int, Float64]]  # world matrices of nodes; animated morph weights
 
 
 @dataclass(slots=True)
 class Scene:
-    """A loaded scene. It holds all of the file; posing it allocates only the posed vertices.
+    """Loaded files. It holds all of them; posing it allocates only the posed vertices.
 
     Attributes:
-        path: where it came from.
+        parts: what each file brings; the world and the cameras are those of the first.
     """
 
-    path: Path
-    _playback: Playback
+    parts: tuple[ScenePart, ...]
     _hierarchy: Hierarchy
-    _animation: Animation
     _camera_motion: Animation
-    _instances: tuple[Instance, ...]
     _cameras: tuple[Perspective, ...]
-    _lights: tuple[tuple[int, Light], ...]
-    _node_names: tuple[str, ...]
     _warnings: list[str] = field(default_factory=list)
-    _hull: Hull | None = field(init=False, default=None)
-    _moved: Callable[[float], _Moved] = field(init=False)
+    _moved: Callable[[float], tuple[Moved, ...]] = field(init=False)
     _posed: Callable[[float], PosedScene] = field(init=False)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
@@ -83,33 +76,63 @@ class Scene:
         accessors = AccessorReader(document)
         hierarchy = read_hierarchy(document, scene)
         meshes = read_meshes(document, accessors, read_materials(document))
-        instances = _instances(document, hierarchy, meshes, read_skins(document, accessors))
+        instances = read_instances(document, hierarchy, meshes, read_skins(document, accessors))
         morphs = {i.node: len(i.weights) for i in instances}
         animations = read_animations(document, accessors, hierarchy, morphs)
         _name_alternatives(document, animations, playback)
         cameras = read_cameras(document, hierarchy.visible)
-        return cls(
+        part = ScenePart(
             path,
             playback,
             hierarchy,
             animations.chosen(playback.animation),
-            animations.of_cameras(hierarchy.with_ancestors(camera.node for camera in cameras)),
             instances,
-            cameras,
             tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
             tuple(node.name for node in document.items("nodes")),
-            document.warnings,
         )
+        carrying = hierarchy.with_ancestors(camera.node for camera in cameras)
+        return cls((part,), hierarchy, animations.of_cameras(carrying), cameras, document.warnings)
+
+    def joined(self, others: Sequence[Scene]) -> Scene:
+        """One scene of this one's files and those of others, in this one's world.
+
+        Raises:
+            SceneError: too much for one picture.
+        """
+        if not others:
+            return self
+        parts = (*self.parts, *(part for other in others for part in other.parts))
+        if sum(part.vertices for part in parts) > MAX_VERTICES:
+            raise SceneError(
+                f"more than {MAX_VERTICES} vertices in all objects; simplify their files"
+            )
+        lines = [line for scene in (self, *others) for line in scene.warnings]
+        return replace(self, parts=parts, _warnings=list(dict.fromkeys(lines)))
+
+    def only(self, number: int) -> Scene:
+        """What one of the files brings, as it has it."""
+        part = self.parts[number]
+        if self.parts == (part,) and part.motion is None:
+            return self
+        return replace(self, parts=(replace(part, motion=None),))
+
+    def with_motions(self, motions: Sequence[ObjectMotion | None]) -> Scene:
+        """The same files, each standing or moving as a whole; None: as the file has it."""
+        parts = (
+            replace(part, motion=motion)
+            for part, motion in zip(self.parts, motions, strict=True)
+        )  # fmt: skip
+        return replace(self, parts=tuple(parts))
 
     @property
-    def duration_s(self) -> float:
-        """Time of the last key of the animation, 0 where nothing moves [s]."""
-        return self._animation.duration_s
+    def path(self) -> Path:
+        """The first file."""
+        return self.parts[0].path
 
     @property
     def moves(self) -> bool:
         """Whether anything in it, the camera included, changes with time."""
-        return max(self._animation.duration_s, self._camera_motion.duration_s) > 0.0
+        return self._camera_motion.duration_s > 0.0 or any(part.moves for part in self.parts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -124,7 +147,7 @@ class Scene:
     @property
     def light_count(self) -> int:
         """Punctual lights of the scene."""
-        return len(self._lights)
+        return sum(len(part.lights) for part in self.parts)
 
     def triangles(self, time_s: float, node: str | None = None) -> Float64:
         """World-space triangles (T, 3, 3) at a moment of the plate [scene unit].
@@ -136,42 +159,33 @@ class Scene:
         Raises:
             SceneError: no such node carries a mesh.
         """
-        carried = self._carried_by(node) if node is not None else None
-        parts = [
-            mesh.positions.astype(np.float64)[mesh.faces]
-            for instance, mesh in zip(self._instances, self.pose(time_s).meshes, strict=True)
-            if carried is None or instance.node in carried
-        ]
+        parts: list[Float64] = []
+        for part, moved in zip(self.parts, self._moved(time_s), strict=True):
+            carried = None if node is None else part.carried_by(node)
+            for instance, mesh in zip(part.instances, part.meshes(moved), strict=True):
+                if carried is None or instance.node in carried:
+                    parts.append(mesh.positions.astype(np.float64)[mesh.faces])
         if not parts:
-            drawn = dict.fromkeys(self._node_names[instance.node] for instance in self._instances)
-            known = listed([name for name in drawn if name])
+            known = listed([name for part in self.parts for name in part.drawn_names()])
             there = f"expected one of {known}" if known else "its objects have no names"
             raise SceneError(f"{self.path}: no object is named '{node}'; {there}")
         return np.concatenate(parts)
-
-    def _carried_by(self, name: str) -> frozenset[int]:
-        named = (index for index, own in enumerate(self._node_names) if own == name)
-        return self._hierarchy.with_descendants(named)
 
     def hull(self, time_s: float) -> Float64:
         """Points (N, 3) whose convex hull holds all triangles at a moment; cheaper than `pose`.
 
         Unless it `morphs`, a vertex is the same mean of them at all moments.
         """
-        world, weights = self._moved(time_s)
-        if self._hull is None or self.morphs:
-            self._hull = Hull.of(self._instances, weights)
-        return self._hull.at(world)
+        moved = zip(self.parts, self._moved(time_s), strict=True)
+        return np.concatenate([part.hull(one) for part, one in moved])
 
     @property
     def morphs(self) -> bool:
         """Whether morph weights are animated."""
-        return self._animation.morphs
+        return any(part.animation.morphs for part in self.parts)
 
-    def _move(self, time_s: float) -> _Moved:
-        moment = self._playback.moment(time_s, self._animation.duration_s)
-        world = self._hierarchy.world(self._animation.apply(self._hierarchy.rest, moment))
-        return world, self._animation.weights(moment)
+    def _move(self, time_s: float) -> tuple[Moved, ...]:
+        return tuple(part.moved(time_s) for part in self.parts)
 
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a moment of the plate [s].
@@ -181,10 +195,10 @@ class Scene:
         return self._posed(time_s)
 
     def _pose(self, time_s: float) -> PosedScene:
-        world, weights = self._moved(time_s)
-        meshes = tuple(i.place(world, weights.get(i.node)) for i in self._instances)
-        lights = tuple(pose_light(light, world[node]) for node, light in self._lights)
-        return PosedScene(time_s, meshes, lights)
+        pairs = list(zip(self.parts, self._moved(time_s), strict=True))
+        meshes = tuple(mesh for part, moved in pairs for mesh in part.meshes(moved))
+        lights = [light for part, moved in pairs for light in part.posed_lights(time_s, moved)]
+        return PosedScene(time_s, meshes, tuple(lights))
 
     def camera(
         self,
@@ -269,32 +283,3 @@ def _name_alternatives(document: Document, animations: Animations, playback: Pla
             f"{listed(played)} {'plays' if len(played) == 1 else 'play'}; {listed(left_out, 4)} "
             "would move the same parts: choose with --animation NAME"
         )
-
-
-def _instances(
-    document: Document,
-    hierarchy: Hierarchy,
-    meshes: tuple[TriangleMesh, ...],
-    skins: tuple[Skin, ...],
-) -> tuple[Instance, ...]:
-    found: list[Instance] = []
-    vertices = 0
-    for index, node in enumerate(document.items("nodes")):
-        number = node.reference("mesh", len(meshes))
-        skin = node.reference("skin", len(skins))
-        if number is None or index not in hierarchy.visible:
-            continue
-        mesh = meshes[number]
-        vertices += sum(len(geometry.positions) for geometry in mesh.geometries)
-        if vertices > MAX_VERTICES:
-            raise SceneError(
-                f"more than {MAX_VERTICES} vertices after instancing; simplify the scene"
-            )
-        weights = node.numbers("weights") or mesh.weights
-        for geometry in mesh.geometries:
-            targets = 0 if geometry.targets is None else len(geometry.targets)
-            rest = np.array((*weights, *np.zeros(targets))[:targets])
-            found.append(Instance(geometry, index, None if skin is None else skins[skin], rest))
-    if not found:
-        raise SceneError("no triangles in its scene; expected an object to draw")
-    return tuple(found)

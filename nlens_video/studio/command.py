@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
-from nlens_video.scene.scene import Scene
+from nlens_video.graph.base.objects_on_ground import load_scene
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Solve
 
@@ -47,8 +47,7 @@ def serve(
             f"nlens-video studio needs {error.name}; pip install 'nlens-video[studio]'"
         ) from error
     state = ShotState.opened(_chosen(shot, plate, glb), plate, glb)
-    scene = state.settings(state.tables).scene
-    Scene.load(scene.glb, scene.playback, scene.scene)  # a file that is wrong is told at once
+    load_scene(state.settings(state.tables).scene)  # a file that is wrong is told at once
     token = new_token()
     with _listen(port) as listening, closing(Studio(state, token, solve)) as studio:
         port = listening.getsockname()[1]

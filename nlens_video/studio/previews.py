@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from nlens_video.core.errors import NlensError
-from nlens_video.options.shot_file import Tables
+from nlens_video.options.shot_objects import Tables
 from nlens_video.studio.plate_frames import to_jpeg
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Drawn, Stage

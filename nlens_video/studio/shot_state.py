@@ -11,7 +11,8 @@ from pathlib import Path
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import Settings
 from nlens_video.options.parser import Parser, parser_of
-from nlens_video.options.shot_file import Tables, files_by, read_tables, words_by
+from nlens_video.options.shot_file import files_by, read_tables, words_by
+from nlens_video.options.shot_objects import Tables, first_object
 from nlens_video.options.shot_writer import save_tables
 from nlens_video.options.table import ROWS
 from nlens_video.options.to_settings import settings
@@ -52,9 +53,10 @@ class ShotState:
         if not path.exists() and (plate is None or glb is None):
             raise UsageError(f"{path}: there is no such shot file; give IN and ANIM.glb too")
         tables = read_tables(path) if path.exists() else {}
-        for table, name in (("plate", plate), ("object", glb)):
-            if name is not None:
-                tables.setdefault(table, {})["file"] = _from(path.parent, str(name))
+        if plate is not None:
+            tables.setdefault("plate", {})["file"] = _from(path.parent, str(plate))
+        if glb is not None:
+            first_object(tables)["file"] = _from(path.parent, str(glb))
         state = cls(path, tables)
         if "file" not in tables.get("output", {}) and "file" in tables.get("plate", {}):
             tables.setdefault("output", {})["file"] = _result_name(str(tables["plate"]["file"]))

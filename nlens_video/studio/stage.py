@@ -10,13 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.core.objects import FurtherObject
+from nlens_video.core.settings import ObjectSettings, Settings, SourceSettings
+from nlens_video.graph.base.objects_on_ground import load_scene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.session import Session, open_session
@@ -204,11 +207,11 @@ class Stage:
 
     def _scene(self, settings: Settings) -> Scene:
         objects = settings.scene
-        key = objects.glb, objects.glb.stat().st_mtime_ns if objects.glb.exists() else 0, \
-            objects.playback, objects.scene  # fmt: skip
+        each: tuple[ObjectSettings | FurtherObject, ...] = (objects, *objects.others)
+        key = tuple((one.glb, _written_at(one.glb), one.playback, one.scene) for one in each)
         if key not in self._scenes:
             self._scenes.clear()
-            self._scenes[key] = Scene.load(objects.glb, objects.playback, objects.scene)
+            self._scenes[key] = load_scene(objects)
         return self._scenes[key]
 
     def _session(self, settings: Settings, plate: Plate, view: View, kind: Picturing) -> Session:
@@ -257,3 +260,8 @@ class Stage:
             if kind == "rest" and height > 0.0:
                 self._lens = _Lens(found, height)
         return session, found, no_lens
+
+
+def _written_at(path: Path) -> int:
+    """When a file was last written, 0 where it is not there [ns]."""
+    return path.stat().st_mtime_ns if path.exists() else 0

@@ -1,6 +1,7 @@
 """Shot files on the command line: saved, rendered, guarded like any file that is read."""
 
 import json
+import re
 
 import pytest
 from support import shots
@@ -9,7 +10,10 @@ from support.documents import ROOT
 
 from nlens_video.cli.farm_commands import read_shot_list
 from nlens_video.cli.main import main
+from nlens_video.farm.job import absolute
+from nlens_video.options.parser import parse
 from nlens_video.options.shot_file import TABLES
+from nlens_video.options.to_settings import settings
 
 
 @pytest.fixture
@@ -64,6 +68,27 @@ def test_list_of_shots_takes_shot_files(still, tmp_path):
     listed.write_text(f'[[shot]]\nshot = "{kept}"\noptions = ["--preset", "realtime"]\n')
     (run,) = read_shot_list(listed)
     assert (run.source.spec, run.preset) == (str(tmp_path / "in.png"), "realtime")
+
+
+def test_list_of_shots_takes_shots_of_several_objects(still, tmp_path, monkeypatch):
+    kept, listed = tmp_path / "a.toml", tmp_path / "jobs.toml"
+    kept.write_text('version = 2\n[plate]\nfile="in.png"\n[[object]]\nfile="anim.glb"\n'
+                    '[[object]]\nfile="anim.glb"\n[output]\nfile="out.png"\n')  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    listed.write_text('[[shot]]\nshot = "a.toml"\n')
+    (run,) = read_shot_list(listed)
+    (other,) = absolute(run).scene.others
+    assert other.glb == tmp_path / "anim.glb"
+
+
+def test_shot_files_on_their_page_can_be_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "shots.md").read_text()
+    blocks = re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S)
+    assert len(blocks) == 2
+    for block in blocks:
+        (tmp_path / "shot.toml").write_text(block)
+        settings(parse(["shot.toml"]))
 
 
 def test_page_about_shot_files_shows_every_table():

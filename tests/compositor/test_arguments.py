@@ -13,6 +13,8 @@ from nlens_video import Compositor
 from nlens_video.compositor.arguments import PARAMETERS, in_python
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.objects import FurtherObject, PlaceKey, PlaceKeys
+from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.options.parser import parser_of
 
@@ -24,6 +26,7 @@ FILES_AND_STREAMS = {
     "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
     "marker", "person_height", "person",
 }  # fmt: skip
+OF_SEVERAL_OBJECTS = {"others", "keys", "interpolation"}  # in `ObjectSettings`
 TALK = {
     "help", "version", "verbose", "quiet", "json", "no_progress", "progress_lines", "plan",
 }  # fmt: skip
@@ -43,7 +46,7 @@ def bgr():
 def test_every_command_line_option_about_frames_is_a_parameter():
     signature = inspect.signature(Compositor)
     options = {action.dest for action in parser_of("render")._actions}
-    missing = options - FILES_AND_STREAMS - TALK - set(signature.parameters)
+    missing = options - FILES_AND_STREAMS - TALK - OF_SEVERAL_OBJECTS - set(signature.parameters)
     assert missing == set()
     assert set(signature.parameters) >= set(PARAMETERS)
     assert all(
@@ -126,3 +129,21 @@ def test_object_keywords_and_object_settings_exclude_each_other(bare):
 )
 def test_command_line_flags_in_messages_become_keyword_names(message, expected):
     assert in_python(message) == expected
+
+
+def test_compositor_draws_several_objects_that_move_by_keys(bare):
+    keys = PlaceKeys(
+        keys=(PlaceKey(time_s=0.0, at=(0.2, 0.8)), PlaceKey(time_s=1.0, at=(0.8, 0.8)))
+    )
+    objects = ObjectSettings(
+        glb=bare,
+        placing=Placement(at=(0.5, 0.95), size=0.1, horizon=0.2),
+        others=(FurtherObject(glb=bare, placing=GroundPlacing(size=0.3), keys=keys),),
+    )
+    grey = np.full((shots.HEIGHT, shots.WIDTH, 3), 119, np.uint8)
+    with Compositor(objects, preset="draft", effects="none") as lens:
+        for time_s, x in ((0.0, 0.2), (0.5, 0.5), (1.0, 0.8)):
+            changed = (lens.process(grey, time=time_s) != 119).any(axis=2)
+            band = changed[int(0.6 * shots.HEIGHT) : int(0.7 * shots.HEIGHT)]
+            columns = np.flatnonzero(band.any(axis=0))
+            assert columns.mean() / shots.WIDTH == pytest.approx(x, abs=0.03)

@@ -9,8 +9,8 @@ from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.objects import Playback
 from nlens_video.core.optics import Shutter
-from nlens_video.core.settings import Playback
 from nlens_video.effects.motion_blur import Motion
 from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import CasterCache, Casters

@@ -128,6 +128,30 @@ OBJECT = {
     "camera_from": option("--camera-from", "camera.json", nonsense=(*NO_FILE, "in.png", "fit.json"),
                           codes=(2, 4, 6)),
     "at_frame": option("--at-frame", "0", nonsense=(*NOT_NUMBERS, "-1", "1.5")),
+    "others": option(
+        "--object", '{{file = "bare.glb", at = [0.7, 0.8], size = 0.2}}',
+        nonsense=(
+            "", "bare.glb", "{{}}", '{{file = ""}}', '{{file = "bare.glb", colour = 1}}',
+            '{{file = "bare.glb", at = [0.7, 0.8]}}', '{{file = "bare.glb", loop = 1}}',
+            '{{file = "bare.glb", at = 0.7, size = 0.2}}', '{{file = "bare.glb", at = [nan, 0.8]}}',
+            '{{file = "bare.glb", at = [0.7, 0.8], size = 0}}',
+            '{{file = "bare.glb", size = 0.2, key = {{time = 0, at = [0.7, 0.8]}}}}',
+        ),
+    ),
+    "keys": option(
+        "--key", "{{time = 0, at = [0.5, 0.8]}}", "--key", "{{frame = 1, at = [0.6, 0.8]}}",
+        words=("render", "in.png", "bare.glb", "{tmp}/out.png", "--size", "0.3", "--horizon", "0.3",
+               "--plan"), code=2,  # times and frames
+        nonsense=(
+            "", "3", "{{}}", "{{time = 0}}", "{{at = [0.5, 0.8]}}", "{{time = -1, yaw = 0}}",
+            "{{time = 0, frame = 0, yaw = 0}}", "{{time = nan, yaw = 0}}",
+            "{{time = inf, yaw = 0}}",
+            "{{frame = 1.5, yaw = 0}}", "{{frame = -1, yaw = 0}}", "{{time = 0, size = -1}}",
+            "{{time = 0, size = 0.1, height = 0.1}}", "{{time = 0, at = [500, 300]}}",
+            "{{time = 0, turn = 90}}",
+        ),
+    ),
+    "interpolation": option("--interpolation", "linear", nonsense=("", "cubic")),
     "scene": option("--scene", "0", nonsense=("", "nosuch", "99", "-1"), codes=(2, 4)),
     "layers": option("--layers", "layers.exr", nonsense=(*NO_FILE, "in.png"), codes=(2, 3, 6)),
     "ground_y": option("--ground-y", "-0.1", nonsense=NOT_NUMBERS),

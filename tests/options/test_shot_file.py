@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from nlens_video.core.errors import UsageError
 from nlens_video.options.parser import parse
 from nlens_video.options.shot_file import TABLES
+from nlens_video.options.shot_objects import LISTED
 from nlens_video.options.shot_writer import save
 from nlens_video.options.table import ROWS
 from nlens_video.options.to_settings import settings as settings_of
@@ -59,7 +60,7 @@ def test_every_option_of_a_run_is_in_one_table_or_left_out_on_purpose():
     held = [attribute for table in TABLES.values() for attribute in table]
     assert len(held) == len(set(held))
     of_a_run = {row.attribute for row in ROWS if "render" in row.commands}
-    assert set(held) | NOT_OF_THE_SHOT == of_a_run
+    assert set(held) | set(LISTED) | NOT_OF_THE_SHOT == of_a_run
 
 
 def test_shot_file_means_what_the_command_line_means(tmp_path):
@@ -156,7 +157,7 @@ def parse_env(word):
     [
         ("version 1", "cannot be read as a shot file"),
         ("[plate]\n", "says no version; a shot file begins with version = 1"),
-        ("version = 2\n", "has version 2"),
+        ("version = 3\n", "has version 3"),
         ("version = true\n", "has version True"),
         ("version = 1\n[plat]\n", "there is no table [plat]; did you mean plate?"),
         ("version = 1\n[xyz]\n", "there is no table [xyz]; there are plate, object"),

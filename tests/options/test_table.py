@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 
+from nlens_video.core.objects import Playback
 from nlens_video.core.optics import LensOverrides
 from nlens_video.core.placement import GroundPlacing, Placement
 from nlens_video.core.scale import ScaleSettings
@@ -11,7 +12,6 @@ from nlens_video.core.settings import (
     LightSettings,
     ObjectSettings,
     OutputSettings,
-    Playback,
     RealSettings,
     Settings,
     SourceSettings,

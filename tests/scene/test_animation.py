@@ -27,7 +27,7 @@ def first(scene, time_s):
 def test_linear_translation_is_halfway_between_keys(tmp_path):
     scene = moved(GlbBuilder(), tmp_path, "translation", [1, 3], [[0, 0, 0], [4, 2, -6]], "LINEAR")
     np.testing.assert_allclose(first(scene, 2.0), [1, 0, -3], atol=1e-6)
-    assert scene.duration_s == 3.0
+    assert scene.parts[0].animation.duration_s == 3.0
 
 
 @pytest.mark.parametrize("interpolation", ["LINEAR", "STEP"])

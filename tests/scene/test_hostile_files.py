@@ -15,7 +15,7 @@ from support.glb_builder import GlbBuilder
 from support.rich_glb import NORMALS, rich
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.settings import Playback
+from nlens_video.core.objects import Playback
 from nlens_video.scene import Scene
 from nlens_video.scene.gltf import document
 
@@ -150,7 +150,7 @@ def test_shared_accessors_count_for_each_use_in_the_limit(tmp_path, tight):
 
 
 def test_number_of_mesh_instances_is_limited(tmp_path, monkeypatch):
-    from nlens_video.scene import scene as gltf
+    from nlens_video.scene import scene_part as gltf
 
     monkeypatch.setattr(gltf, "MAX_VERTICES", 4000)
     builder = GlbBuilder()

@@ -7,7 +7,7 @@ import pytest
 from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.settings import Playback
+from nlens_video.core.objects import Playback
 from nlens_video.scene import Scene
 
 YFOV = "/cameras/{}/perspective/yfov"

@@ -44,6 +44,7 @@ class View:
         solved: the plate's cameras, None where they are not known.
         cameras: those, in the world of the file, None before `choose_camera`.
         overscan_px: how far beyond the frame the object is rendered, without its blur [px].
+        frame_s: from one frame to the next on average, 0 for a still or where unknown [s].
     """
 
     width: int
@@ -55,6 +56,7 @@ class View:
     solved: SolvedCamera | None = None
     cameras: PlacedCamera | None = None
     overscan_px: int = 0
+    frame_s: float = 0.0
 
     @property
     def unit_m(self) -> float | None:
@@ -113,9 +115,15 @@ class ScreenBounds:
 
 
 def choose_camera(
-    objects: ObjectSettings, scene: Scene, view: View
+    objects: ObjectSettings, scene: Scene, view: View, moment: float | None = None
 ) -> tuple[View, tuple[str, ...]]:
     """The file's camera, or one that sees the object, as it is at time 0, where it is placed.
+
+    Args:
+        objects: the object.
+        scene: its file alone.
+        view: the frame, with the plate's solved camera if there is one.
+        moment: that its place in the frame is of; None: that of `at_frame` [s].
 
     Returns:
         The view with that camera, and a note on it.
@@ -125,7 +133,7 @@ def choose_camera(
         UsageError: layers were rendered through another camera.
     """
     if view.solved is not None:
-        return _with_solved_camera(objects, scene, view, view.solved)
+        return _with_solved_camera(objects, scene, view, view.solved, moment)
     placing = objects.placing
     if objects.on_ground is not None:
         placing = objects.on_ground.under()
@@ -163,7 +171,7 @@ def _placed_by_eye(
 
 
 def _with_solved_camera(
-    objects: ObjectSettings, scene: Scene, view: View, solved: SolvedCamera
+    objects: ObjectSettings, scene: Scene, view: View, solved: SolvedCamera, moment: float | None
 ) -> tuple[View, tuple[str, ...]]:
     """The plate's cameras in the file's world, and a note on where the object stands."""
     if objects.layers is not None:
@@ -176,7 +184,9 @@ def _with_solved_camera(
         raise UsageError(f"--at-frame {objects.at_frame}: the camera file has no such frame")
     vertices = scene.pose(0.0).vertices()
     contact = contact_point(vertices, objects.ground_y)
-    time_s = keys[0] if keys else solved.keys[0].pts_s
+    time_s = moment
+    if time_s is None:
+        time_s = keys[0] if keys else solved.keys[0].pts_s
     wish = wish or GroundPlacing()
     try:
         cameras, said = stand_on_ground(vertices, contact, wish, solved, time_s)

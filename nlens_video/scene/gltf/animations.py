@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
-from nlens_video.core.settings import ALL
+from nlens_video.core.objects import ALL
 from nlens_video.scene.gltf.animation_kernels import sample
 
 TrackKey = tuple[int, str]

@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from support import shots
 
 from nlens_video import Compositor
-from nlens_video.core.settings import ObjectSettings, Playback
+from nlens_video.core.objects import Playback
+from nlens_video.core.settings import ObjectSettings
 
 SIZE = (160, 90)
 FPS, PERIOD_S = 32, 2.0  # moments that floats hold exactly: the object is back every 64 frames

@@ -1,0 +1,145 @@
+"""The objects and lights of one glTF file, which may move as a whole in a scene of several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float64
+from nlens_video.core.objects import Playback
+from nlens_video.scene.gltf.animations import Animation
+from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.meshes import TriangleMesh
+from nlens_video.scene.gltf.nodes import Hierarchy, Skin
+from nlens_video.scene.illumination import Light, PosedLight, pose_light
+from nlens_video.scene.object_motion import ObjectMotion
+from nlens_video.scene.posed import Hull, Instance, PosedMesh
+
+# A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
+MAX_VERTICES = 5_000_000
+Moved = tuple[Float64, dict[int, Float64]]
+"""World matrices of all nodes (N, 4, 4); animated morph weights by node."""
+
+
+@dataclass(slots=True)
+class ScenePart:
+    """What one file brings.
+
+    Attributes:
+        path: the file.
+        playback: which of its animations play, and when.
+        hierarchy: its nodes.
+        animation: what plays.
+        instances: its meshes, where its nodes place them.
+        lights: its lights with the nodes that carry them.
+        node_names: names of all its nodes, possibly empty.
+        motion: how the whole stands in a world that it shares; None where it is that world.
+    """
+
+    path: Path
+    playback: Playback
+    hierarchy: Hierarchy
+    animation: Animation
+    instances: tuple[Instance, ...]
+    lights: tuple[tuple[int, Light], ...]
+    node_names: tuple[str, ...]
+    motion: ObjectMotion | None = None
+    _hull: Hull | None = field(init=False, default=None)
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything in it changes with time."""
+        return self.animation.duration_s > 0.0 or (self.motion is not None and self.motion.moves)
+
+    @property
+    def vertices(self) -> int:
+        """Vertices of all instances."""
+        return sum(len(instance.geometry.positions) for instance in self.instances)
+
+    def moved(self, time_s: float) -> Moved:
+        """Its nodes in the world at a moment of the plate [s]."""
+        moment = self.playback.moment(time_s, self.animation.duration_s)
+        world = self.hierarchy.world(self.animation.apply(self.hierarchy.rest, moment))
+        if self.motion is not None:
+            world = self.motion.at(time_s) @ world
+        return world, self.animation.weights(moment)
+
+    def meshes(self, moved: Moved) -> tuple[PosedMesh, ...]:
+        """Its primitives as `moved` has them."""
+        world, weights = moved
+        return tuple(one.place(world, weights.get(one.node)) for one in self.instances)
+
+    def posed_lights(self, time_s: float, moved: Moved) -> tuple[PosedLight, ...]:
+        """Its lights as `moved` has them at that time [s].
+
+        A lamp whose file is scaled keeps its light on what stands around it there: intensity goes
+        with the square of the distance.
+        """
+        world, _ = moved
+        scale = 1.0 if self.motion is None else float(self.motion.scale.at(time_s)[0])
+        return tuple(
+            pose_light(light if scale == 1.0 else _scaled(light, scale), world[node])
+            for node, light in self.lights
+        )
+
+    def hull(self, moved: Moved) -> Float64:
+        """Points (N, 3) whose convex hull holds all triangles; see `Scene.hull`."""
+        world, weights = moved
+        if self._hull is None or self.animation.morphs:
+            self._hull = Hull.of(self.instances, weights)
+        return self._hull.at(world)
+
+    def carried_by(self, name: str) -> frozenset[int]:
+        """The nodes of a name, and all that they carry."""
+        named = (index for index, own in enumerate(self.node_names) if own == name)
+        return self.hierarchy.with_descendants(named)
+
+    def drawn_names(self) -> Iterable[str]:
+        """Names of nodes that carry a mesh."""
+        names = dict.fromkeys(self.node_names[instance.node] for instance in self.instances)
+        return (name for name in names if name)
+
+
+def _scaled(light: Light, scale: float) -> Light:
+    if light.kind == "directional":
+        return light
+    reach = None if light.range is None else scale * light.range
+    return replace(light.scaled(scale * scale), range=reach)
+
+
+def read_instances(
+    document: Document,
+    hierarchy: Hierarchy,
+    meshes: tuple[TriangleMesh, ...],
+    skins: tuple[Skin, ...],
+) -> tuple[Instance, ...]:
+    """The meshes of a file where its visible nodes place them.
+
+    Raises:
+        SceneError: there is none, or too much of it.
+    """
+    found: list[Instance] = []
+    vertices = 0
+    for index, node in enumerate(document.items("nodes")):
+        number = node.reference("mesh", len(meshes))
+        skin = node.reference("skin", len(skins))
+        if number is None or index not in hierarchy.visible:
+            continue
+        mesh = meshes[number]
+        vertices += sum(len(geometry.positions) for geometry in mesh.geometries)
+        if vertices > MAX_VERTICES:
+            raise SceneError(
+                f"more than {MAX_VERTICES} vertices after instancing; simplify the scene"
+            )
+        weights = node.numbers("weights") or mesh.weights
+        for geometry in mesh.geometries:
+            targets = 0 if geometry.targets is None else len(geometry.targets)
+            rest = np.array((*weights, *np.zeros(targets))[:targets])
+            found.append(Instance(geometry, index, None if skin is None else skins[skin], rest))
+    if not found:
+        raise SceneError("no triangles in its scene; expected an object to draw")
+    return tuple(found)
