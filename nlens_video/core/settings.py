@@ -33,6 +33,8 @@ class SourceSettings:
         input_transfer: name in `color.TRANSFERS` that replaces the plate's tag.
         frames: first index and the one past the last, None for an open end.
         reconnect_s: how long to try to open a lost device or URL again, 0 not at all [s].
+        ignored_lines: ends of line segments that tell nothing of the camera, x0, y0, x1, y1 of one
+            after the other [frame width, frame height].
     """
 
     spec: str
@@ -42,6 +44,7 @@ class SourceSettings:
     input_transfer: str | None = None
     frames: tuple[int, int | None] = (0, None)
     reconnect_s: float = 0.0
+    ignored_lines: tuple[float, ...] = ()
 
     @property
     def one_frame(self) -> bool:

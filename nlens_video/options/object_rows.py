@@ -86,6 +86,11 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
                "a point on that person in the first frame, or X0,Y0,X1,Y1 from head to feet",
                feeds="scale.person"),
     ),
+    "what tells the plate's camera": (
+        Option("--ignore-lines", SOLVED, "X0,Y0,X1,Y1", read.segments,
+               "solve without the lines along this one, or along several, in the first frame",
+               feeds="source.ignored_lines"),
+    ),
     "its light, beside the lights of its file": (
         Option("--env-map --env", SHOT, "MAP.hdr", read.light_around,
                "light from around: an equirectangular map; plate (default): by the plate",

@@ -140,6 +140,16 @@ def region(text: str) -> Region:
         ) from None
 
 
+def segments(text: str) -> tuple[float, ...]:
+    """X0,Y0,X1,Y1 of the ends of a line segment, or of several; fractions of the frame."""
+    values = tuple(_float(part) for part in text.split(","))
+    if len(values) % 4 or not all(-1.0 <= value <= 2.0 for value in values):
+        raise argparse.ArgumentTypeError(
+            f"{text[:60]!r} is not X0,Y0,X1,Y1 of the ends of each line, fractions of the frame"
+        )
+    return values
+
+
 _UNITS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0, "": 1.0}
 
 

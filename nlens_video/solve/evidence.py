@@ -59,6 +59,30 @@ class Reprojection:
         return frames, low, np.array([np.quantile(errors, 0.9) for errors in shown])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateLines:
+    """Line segments of a plate's first picture.
+
+    Attributes:
+        ends: (N, 2, 2) [frame width, frame height].
+        groups: as of `line_groups` (N,).
+    """
+
+    ends: Float64
+    groups: Ints
+
+    @classmethod
+    def of(cls, segments: Segments, size: tuple[int, int], camera: Camera) -> PlateLines:
+        """The segments of a picture.
+
+        Args:
+            segments: of it.
+            size: its columns and rows [px].
+            camera: that sees it.
+        """
+        return cls(segments.ends / size, line_groups(segments, camera))
+
+
 def reproject(seen: Observations, times_s: list[float], solved: SolvedCamera) -> Reprojection:
     """Find each track's point by the solved cameras, and compare it with where it was seen.
 

@@ -55,6 +55,8 @@ class ShotSolver:
         every: keyframes lie at least this many frames apart, 0 for a number by the shot's length.
         coc: reads the blur of the first picture, which tells of the ground; None for lines alone.
         lines: whether line segments tell the camera too; else the blur alone.
+        ignored: ends of segments of the first picture (N, 2, 2), along which no line tells the
+            camera [px].
     """
 
     size: tuple[int, int]
@@ -63,6 +65,7 @@ class ShotSolver:
     every: int = 0
     coc: Callable[[], CocMap] | None = None
     lines: bool = True
+    ignored: Float64 = field(default_factory=lambda: np.zeros((0, 2, 2)))
     _tracker: Tracker = field(default_factory=Tracker)
     _times: list[float] = field(default_factory=list)
     _lines: Segments | None = None
@@ -84,7 +87,8 @@ class ShotSolver:
         """Line segments of the first picture; of several's median where the camera is still."""
         if self._lines is None and self.lines:
             pictures = list(self._pictures.values())[: 1 if self._tracker.moves else None]
-            self._lines = find_segments(np.median(pictures, axis=0).astype(np.uint8))
+            found = find_segments(np.median(pictures, axis=0).astype(np.uint8))
+            self._lines = found.without(self.ignored, self.size[0])
         return self._lines or NO_SEGMENTS
 
     def add(self, luma: npt.NDArray[np.uint8], pts_s: float) -> None:
@@ -184,7 +188,9 @@ class ShotSolver:
     def _segments(self, turned: dict[int, Float64], focal: float) -> list[Segments]:
         """Line segments of some pictures in the axes of the first frame."""
         return [
-            turned_segments(find_segments(self._pictures[frame]), turn, focal, self.size)
+            turned_segments(find_segments(self._pictures[frame]), turn, focal, self.size).without(
+                self.ignored, self.size[0]
+            )
             for frame, turn in turned.items()
         ]
 

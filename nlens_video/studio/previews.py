@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from nlens_video.core.errors import NlensError
 from nlens_video.options.shot_objects import Tables
+from nlens_video.solve.evidence import PlateLines
 from nlens_video.studio.plate_frames import to_jpeg
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Drawn, Stage
@@ -182,7 +183,14 @@ def _about(drawn: Drawn) -> dict[str, Any]:
             {"name": one.effect, "on": one.wanted, "reason": one.reason}
             for one in drawn.session.decisions
         ],
+        "lines": [] if drawn.lines is None else _rounded(drawn.lines),
         "notes": [str(note) for note in drawn.notes],
         "no_lens": drawn.no_lens,
         "lens": "" if drawn.fit is None else drawn.fit.describe(),
     }
+
+
+def _rounded(lines: PlateLines) -> list[list[float]]:
+    """x0, y0, x1, y1 of each line, in fractions of the frame, and the number of its group."""
+    ends = lines.ends.reshape(-1, 4).clip(0.0, 1.0).round(4)
+    return [[*row, group] for row, group in zip(ends.tolist(), lines.groups.tolist(), strict=True)]

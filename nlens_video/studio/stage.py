@@ -26,6 +26,7 @@ from nlens_video.graph.session import Session, open_session
 from nlens_video.run.lens_request import lens_request
 from nlens_video.run.open_run import view_of
 from nlens_video.scene.scene import Scene
+from nlens_video.solve.evidence import PlateLines
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.studio.guides import Guides, guides
 from nlens_video.studio.inspection import Inspection
@@ -43,7 +44,7 @@ from nlens_video.video.info import SourceFrame
 Picturing = Literal["drag", "rest", "sharp"]
 """How a frame is drawn: while something is dragged, as it is rendered, or without a lens."""
 OnProgress = Callable[[int, int | None], None]
-Solve = Callable[[Settings, OnProgress], SolvedCamera]
+Solve = Callable[[Settings, OnProgress], tuple[SolvedCamera, PlateLines]]
 """Solves a plate's camera; is told the frames so far and in all."""
 
 
@@ -59,6 +60,7 @@ class Drawn:
         notes: for the user.
         no_lens: why a render would stop, empty where it would not.
         fit: the lens, None where the object is out of view.
+        lines: what the plate's camera was solved from, None where it was not solved.
     """
 
     picture: Picture
@@ -68,6 +70,7 @@ class Drawn:
     notes: tuple[str, ...]
     no_lens: str
     fit: LensFit | None
+    lines: PlateLines | None
 
 
 @dataclass(slots=True)
@@ -99,9 +102,10 @@ class Stage:
     check: Callable[[], None] = lambda: None
     _plate: Plate | None = None
     _bases: dict[Picturing, tuple[Settings, Session, ExitStack]] = field(default_factory=dict)
-    _cameras: dict[object, SolvedCamera] = field(default_factory=dict)
+    _cameras: dict[object, tuple[SolvedCamera, PlateLines]] = field(default_factory=dict)
     _scenes: dict[object, Scene] = field(default_factory=dict)
     _lens: _Lens | None = None
+    _lines: PlateLines | None = None
 
     def draw(self, settings: Settings, index: int, kind: Picturing = "rest") -> Drawn:
         """Draw a frame of a shot.
@@ -143,6 +147,7 @@ class Stage:
             notes=session.notes,
             no_lens=no_lens,
             fit=fit,
+            lines=self._lines,
         )
 
     def inspect(self, settings: Settings) -> Inspection:
@@ -179,6 +184,7 @@ class Stage:
             self._plate.frames.close()
 
     def _plate_of(self, source: SourceSettings) -> Plate:
+        source = replace(source, ignored_lines=())  # of which the frames know nothing
         if self._plate is None or self._plate.source != source:
             self.close()
             self._plate, self._lens = Plate.opened(source), None
@@ -187,6 +193,7 @@ class Stage:
     def _view(self, settings: Settings, plate: Plate) -> View:
         """How the reduced frames see the scene, before the object is placed."""
         view = view_of(settings, plate.frames.info)
+        self._lines = None
         scene = self._scene(settings)
         unplaced = settings.scene.placing is None and settings.scene.on_ground is None
         if settings.needs_camera or (
@@ -203,7 +210,8 @@ class Stage:
         if key not in self._cameras:
             self._cameras.clear()
             self._cameras[key] = self.solve(settings, self.on_progress)
-        return self._cameras[key]
+        camera, self._lines = self._cameras[key]
+        return camera
 
     def _scene(self, settings: Settings) -> Scene:
         objects = settings.scene

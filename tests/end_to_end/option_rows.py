@@ -110,8 +110,16 @@ SCALE = {
         *PERSON, nonsense=("", "0.5,1.8", "0.5,0.9,0.4,0.2", "40,20,50,90", "a,b,c,d")
     ),
 }
+LINES = {
+    "ignore_lines": option(
+        "--ignore-lines", "0.1,0.2,0.5,0.6,0,0,1,1",
+        nonsense=(*NOT_NUMBERS, "0.5", "0,0,1", "0,0,9,1"),
+    ),
+}  # fmt: skip
 SCALE_ELSEWHERE = {
-    name: replace(row, elsewhere="tests/cli/test_solve_scale.py") for name, row in SCALE.items()
+    name: replace(row, elsewhere=f"tests/cli/test_solve_{test}.py")
+    for test, rows in (("scale", SCALE), ("ignored_lines", LINES))
+    for name, row in rows.items()
 }
 ENV = ("--env", "map.hdr")
 LIGHT = {

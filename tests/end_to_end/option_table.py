@@ -12,6 +12,7 @@ from end_to_end.option_rows import (
     JOB,
     LENGTHS,
     LENS,
+    LINES,
     NO_FILE,
     NO_TARGET,
     NOT_NUMBERS,
@@ -104,8 +105,8 @@ COMMANDS = {
         words=("solve", "in.png", "{tmp}/camera.json", "--no-progress"),
         places={"input": 1, "output": 2},
         rows={
-            **TALK, "input": INPUT, **PLATE, **RANGE, **SCALE, "overwrite": SHOWN["overwrite"],
-            "no_progress": SHOWN["no_progress"],
+            **TALK, "input": INPUT, **PLATE, **RANGE, **SCALE, **LINES,
+            "overwrite": SHOWN["overwrite"], "no_progress": SHOWN["no_progress"],
             "output": Row(sense=("{tmp}/camera.chan",), nonsense=(*NO_TARGET, "camera.txt"),
                           codes=(2, 6)),
             "fov": option("--fov", "50", nonsense=(*NOT_NUMBERS, "0", "180", "-40")),

@@ -9,7 +9,7 @@ from support import shots
 from support.command import nlens
 from support.studio import TABLES, write_shot
 
-from nlens_video.cli.solve_command import camera_of_run
+from nlens_video.cli.solve_command import camera_and_lines
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import SourceSettings
 from nlens_video.studio.plate_frames import PlateFrames
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture
 def stage():
-    made = Stage(camera_of_run)
+    made = Stage(camera_and_lines)
     yield made
     made.close()
 

@@ -23,6 +23,7 @@ _MOST = 900  # that are looked at
 _BINS, _MOST_PER_BIN = 18, 60  # one direction, such as the grain of wood, must not stand for all
 _PARALLEL = 0.06  # sine of the angle between segments of one edge
 _SAME_PX = 1.0
+_ALONG = 0.01
 _BORDER, _EVEN = 0.008, 6.0  # of the frame's width or height; deviation along it [8-bit]
 _ERROR_PX, _BLURRED = 0.35, 0.8  # of an end, and its growth with the scale; from known cameras
 
@@ -43,6 +44,23 @@ class Segments:
     def lengths(self) -> Float64:
         """Lengths (N,) [px]."""
         return np.asarray(np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1))
+
+    def without(self, others: Float64, width: int) -> Segments:
+        """Those that do not lie along one of some other segments.
+
+        Args:
+            others: their ends (M, 2, 2) [px].
+            width: of the frame; both ends of a segment along another are nearer to that than a
+                hundredth of it [px].
+        """
+        kept = np.ones(len(self.ends), bool)
+        for first, last in others:
+            way = last - first
+            share = (self.ends - first) @ way / max(float(way @ way), 1e-9)
+            nearest = first + np.clip(share, 0.0, 1.0)[..., None] * way
+            apart = np.linalg.norm(self.ends - nearest, axis=2)
+            kept &= (apart > _ALONG * width).any(axis=1)
+        return Segments(self.ends[kept], self.error_px[kept])
 
 
 NO_SEGMENTS = Segments(np.zeros((0, 2, 2)), np.zeros(0))

@@ -1,5 +1,6 @@
 // The page: joins shot, picture, panel and server.
 
+import { HandLines, PlateLines, cameraOfPairs, linesOf } from "./camera.js";
 import { rounded } from "./ground.js";
 import { Live } from "./live.js";
 import { showEffects, showNotes, showTimes, switched } from "./panel.js";
@@ -16,14 +17,24 @@ const one = (id) => /** @type {T} */ (document.getElementById(id));
 const field = (id) => /** @type {HTMLInputElement} */ (one(id));
 
 const THUMBNAILS = 12;
+const LEAST_BELOW = 0.03; // of the object below the horizon
 const about = await request("shot");
 const shot = new Shot(about.tables);
 if (!about.saved) shot.saved = "";
+const fovBefore = shot.get("camera", "fov"); // lines by hand give another
 let frame = 0;
 /** @type {any} of the last picture */
 let last = null;
 
-const stage = new Stage(place, onPlace);
+const found = new PlateLines((numbers) => {
+  shot.set("camera", { "ignore-lines": numbers.length ? numbers : undefined });
+  changed("rest");
+});
+const hand = new HandLines(onHandLines);
+const stage = new Stage(place, onPlace, onHorizon, (visible) => {
+  found.draw(visible);
+  hand.draw(visible);
+});
 const live = new Live(onPicture, onTold, (connected) => {
   if (!connected) busy("The server has ended, or does not answer.");
   else refresh();
@@ -116,7 +127,7 @@ async function onPicture(said, data) {
   } else {
     last = said;
     if (shot.held === null || !stage.guides) stage.guides = said["guides"];
-    else stage.guides = { ...said["guides"], at: stage.guides.at };
+    else stage.guides = { ...said["guides"], at: stage.guides.at, horizon: stage.guides.horizon };
     if (said.kind === "rest") describe(said);
   }
   stage.draw();
@@ -137,6 +148,8 @@ function describe(said) {
   });
   showNotes(said.notes);
   showTimes(said.nodes, said.budget_ms);
+  found.found = said.lines;
+  one("found").hidden = !said.lines.length && !found.ignored.length;
   one("picture").setAttribute("aria-label", `Frame ${frame} with the object`);
   fill();
 }
@@ -216,6 +229,7 @@ function fill() {
   field("own-horizon").checked = horizon !== undefined;
   one("horizon-row").hidden = horizon === undefined;
   if (horizon !== undefined) setUnlessTyping("horizon", horizon);
+  found.ignored = linesOf(shot.get("camera", "ignore-lines") ?? []);
   const sun = shot.get("light", "sun");
   field("sun").checked = sun !== undefined;
   one("sun-rows").hidden = sun === undefined;
@@ -271,25 +285,48 @@ one("take").addEventListener("click", () => {
   onPlace({ at, size: guides.size > 0 ? guides.size : 0.35, yaw: 0 }, true);
 });
 field("own-horizon").addEventListener("change", () => {
-  const now = place();
   const known = stage.guides?.horizon;
-  const row = Math.min(known ? (known[0] + known[1]) / 2 : 0.45, (now?.at[1] ?? 0.8) - 0.05);
-  shot.hold();
-  shot.set("camera", { horizon: field("own-horizon").checked ? rounded(row, 3) : undefined });
+  if (field("own-horizon").checked) {
+    onHorizon(known ? (known[0] + known[1]) / 2 : 0.45, true);
+  } else {
+    shot.set("camera", { horizon: undefined, fov: fovBefore });
+    changed("rest");
+  }
+});
+field("horizon").addEventListener("input", () => onHorizon(field("horizon").valueAsNumber, false));
+field("horizon").addEventListener("change", () => onHorizon(field("horizon").valueAsNumber, true));
+
+/** The horizon at a row, above the object; the object is placed then. @param {number} row @param {boolean} done @param {number} [fov] */
+function onHorizon(row, done, fov) {
+  const now = place();
   const at = shot.get("place", "at") ?? now?.at ?? [0.5, 0.8];
-  shot.set("place", { at, size: shot.get("place", "size") ?? now?.size ?? 0.35 });
-  shot.release();
-  changed("rest");
-});
-field("horizon").addEventListener("input", () => {
   shot.hold();
-  const lowest = (shot.get("place", "at")?.[1] ?? 0.8) - 0.03;
-  shot.set("camera", { horizon: Math.min(lowest, field("horizon").valueAsNumber) });
-  changed("drag");
+  const horizon = rounded(Math.max(-0.5, Math.min(row, at[1] - LEAST_BELOW)), 3);
+  const wider = fov === undefined ? {} : { fov: rounded(fov, 2) };
+  shot.set("camera", { horizon, ...wider });
+  shot.set("place", { at, size: shot.get("place", "size") ?? now?.size ?? 0.35 });
+  if (done) shot.release();
+  if (stage.guides) stage.guides.horizon = [horizon, horizon];
+  changed(done ? "rest" : "drag");
+}
+
+/** @param {import("./camera.js").Line[]} lines @param {boolean} done */
+function onHandLines(lines, done) {
+  const found = cameraOfPairs(lines, about.plate.aspect);
+  const words = !found ? "Lines of a pair must not be parallel here."
+    : `Horizon at ${found.horizon.toFixed(2)}, ${found.fov === null ? "no field of view: the pairs are not at right angles" : `${found.fov.toFixed(1)} degrees across`}.`;
+  one("hand-found").textContent = words;
+  if (found) onHorizon(found.horizon, done, found.fov ?? undefined);
+  else stage.overlay();
+}
+field("hand").addEventListener("change", () => {
+  hand.shown = field("hand").checked;
+  one("hand-help").hidden = !hand.shown;
+  stage.overlay();
 });
-field("horizon").addEventListener("change", () => {
-  shot.release();
-  changed("rest");
+field("show-found").addEventListener("change", () => {
+  found.shown = field("show-found").checked;
+  stage.overlay();
 });
 field("sun").addEventListener("change", () => {
   shot.set("light", { sun: field("sun").checked ? [60, 40, 2] : undefined });

@@ -8,6 +8,7 @@ import { corners } from "./region.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const TURN_DEG = 0.5; // a pixel of a drag
+const HORIZON_COLUMN = 0.03; // of the horizon's handle
 const WHEEL = 0.0012; // logarithm of the distance by a unit of the wheel
 
 /** @template {Element} T @param {string} id @returns {T} */
@@ -17,8 +18,12 @@ export class Stage {
   /**
    * @param {() => Place | null} place where the object stands
    * @param {(place: Place, done: boolean) => void} onPlace
+   * @param {(row: number, done: boolean) => void} onHorizon
+   * @param {(visible: boolean) => void} onOverlay draws further guides
    */
-  constructor(place, onPlace) {
+  constructor(place, onPlace, onHorizon, onOverlay) {
+    this.onHorizon = onHorizon;
+    this.onOverlay = onOverlay;
     this.place = place;
     this.onPlace = onPlace;
     /** @type {HTMLElement} */
@@ -44,6 +49,7 @@ export class Stage {
     this.drag(one("move"), this.moving.bind(this));
     this.drag(one("scale"), this.scaling.bind(this));
     this.drag(one("turn"), this.turning.bind(this));
+    this.dragHorizon(one("horizon-handle"));
     this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     for (const id of ["move", "scale", "turn"]) {
       one(id).addEventListener("keydown", (event) => this.key(/** @type {KeyboardEvent} */ (event), id));
@@ -99,6 +105,13 @@ export class Stage {
     const seen = this.shown && (this.view === "final" || this.view === "sharp");
     const region = this.shown && this.region ? corners(this.region) : [];
     one("region-shape").setAttribute("points", region.map((corner) => corner.join()).join(" "));
+    const row = seen && guides?.horizon ? (guides.horizon[0] + guides.horizon[1]) / 2 : null;
+    one("horizon-handle").toggleAttribute("hidden", row === null);
+    if (row !== null) {
+      put("horizon-handle", HORIZON_COLUMN, guides?.horizon?.[0] ?? row);
+      one("horizon-handle").setAttribute("aria-valuenow", String(Math.round(100 * row)));
+    }
+    this.onOverlay(this.shown && this.view !== "focus");
     const place = this.place();
     const handles = seen && place !== null && guides?.keyed;
     for (const id of ["move", "scale", "turn"]) one(id).toggleAttribute("hidden", !handles);
@@ -149,6 +162,34 @@ export class Stage {
       };
       element.addEventListener("pointermove", move);
       element.addEventListener("lostpointercapture", up, { once: true });
+    });
+  }
+
+  /** @param {HTMLElement} handle */
+  dragHorizon(handle) {
+    handle.addEventListener("pointerdown", (down) => {
+      const known = this.guides?.horizon;
+      if (!known || down.button) return;
+      handle.setPointerCapture(down.pointerId);
+      const start = (known[0] + known[1]) / 2;
+      let row = start;
+      /** @param {PointerEvent} event */
+      const move = (event) => {
+        row = start + (event.clientY - down.clientY) / this.element.getBoundingClientRect().height;
+        this.onHorizon(row, false);
+      };
+      handle.addEventListener("pointermove", move);
+      handle.addEventListener("lostpointercapture", () => {
+        handle.removeEventListener("pointermove", move);
+        this.onHorizon(row, true);
+      }, { once: true });
+    });
+    handle.addEventListener("keydown", (event) => {
+      const known = this.guides?.horizon;
+      const way = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+      if (!known || !way) return;
+      event.preventDefault();
+      this.onHorizon((known[0] + known[1]) / 2 + way * (event.shiftKey ? 0.02 : 0.002), true);
     });
   }
 

@@ -1,0 +1,218 @@
+// Guides of the plate's camera: the horizon, the lines that its solve found, and lines by hand.
+
+/** @typedef {[number, number]} Point */
+/** @typedef {[number, number, number, number]} Line */
+/** @typedef {number[]} Found x0, y0, x1, y1 and the number of its direction */
+
+const SVG = "http://www.w3.org/2000/svg";
+const VERTICAL = 0;
+const CLUTTER = -1;
+const LEFT_OUT = -2;
+const SAME = 0.002; // between ends of one line, of the frame
+
+/** @template {Element} T @param {string} id @returns {T} */
+const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
+
+/** Lines of a shot, four numbers each. @param {number[]} numbers @returns {Line[]} */
+export function linesOf(numbers) {
+  return numbers.flatMap((_, at) => (at % 4 ? [] : [/** @type {Line} */ (numbers.slice(at, at + 4))]));
+}
+
+export class PlateLines {
+  /** @param {(numbers: number[]) => void} onIgnored takes the lines that the solve leaves out */
+  constructor(onIgnored) {
+    this.onIgnored = onIgnored;
+    /** @type {Found[]} */
+    this.found = [];
+    /** @type {Line[]} */
+    this.ignored = [];
+    this.shown = false;
+    one("all-lines").addEventListener("click", () => this.onIgnored([]));
+  }
+
+  /** Draw them, and list their directions. @param {boolean} visible */
+  draw(visible) {
+    const held = one("found-lines");
+    held.replaceChildren();
+    one("all-lines").toggleAttribute("hidden", !this.ignored.length);
+    this.list();
+    if (!visible || !this.shown) return;
+    for (const line of [...this.found, ...this.ignored.map((ends) => [...ends, LEFT_OUT])]) {
+      const [x0 = 0, y0 = 0, x1 = 0, y1 = 0, group = CLUTTER] = line;
+      const drawn = document.createElementNS(SVG, "g");
+      drawn.setAttribute("class", `found ${nameOf(group)}`);
+      for (const part of ["touch", "seen"]) {
+        const stroke = document.createElementNS(SVG, "line");
+        Object.entries({ x1: x0, y1: y0, x2: x1, y2: y1, class: part }).forEach(([key, value]) => stroke.setAttribute(key, String(value)));
+        drawn.append(stroke);
+      }
+      drawn.addEventListener("click", () => this.toggle([/** @type {Line} */ (line.slice(0, 4))]));
+      held.append(drawn);
+    }
+  }
+
+  list() {
+    const focused = document.activeElement?.id;
+    const groups = [...new Set(this.found.map((line) => line[4] ?? CLUTTER))].sort((a, b) => (a < 0 ? 99 : a) - (b < 0 ? 99 : b));
+    one("directions").replaceChildren(...groups.map((group) => {
+      const row = document.createElement("li");
+      const label = document.createElement("label");
+      const box = document.createElement("input");
+      const lines = this.found.filter((line) => line[4] === group).map((line) => /** @type {Line} */ (line.slice(0, 4)));
+      label.className = `check ${nameOf(group)}`;
+      box.type = "checkbox";
+      box.checked = true;
+      box.id = `direction-${group}`;
+      box.addEventListener("change", () => this.toggle(lines));
+      const mark = document.createElement("i");
+      label.append(box, mark, ` ${wordsOf(group)}: ${lines.length} lines`);
+      row.append(label);
+      return row;
+    }));
+    if (this.ignored.length) {
+      const row = document.createElement("li");
+      row.className = "quiet";
+      row.textContent = `${this.ignored.length} left out; click on one to take it again.`;
+      one("directions").append(row);
+    }
+    if (focused?.startsWith("direction-")) document.getElementById(focused)?.focus();
+  }
+
+  /** Leave lines out, or take them again. @param {Line[]} lines */
+  toggle(lines) {
+    const again = this.ignored.filter((other) => lines.some((line) => alike(line, other)));
+    const kept = this.ignored.filter((other) => !again.includes(other));
+    this.found = this.found.filter((one) => !lines.some((line) => alike(line, one)));
+    this.onIgnored(again.length ? kept.flat() : [...kept, ...lines].flat());
+  }
+}
+
+/** @param {Line} one @param {number[]} other */
+function alike(one, other) {
+  return one.every((value, at) => Math.abs(value - (other[at] ?? 0)) < SAME);
+}
+
+/** @param {number} group */
+function nameOf(group) {
+  return { [VERTICAL]: "upright", [CLUTTER]: "clutter", [LEFT_OUT]: "left-out" }[group] ?? `level-${group}`;
+}
+
+/** @param {number} group */
+function wordsOf(group) {
+  return { [VERTICAL]: "upright", [CLUTTER]: "of no direction" }[group] ?? `level, direction ${group}`;
+}
+
+/**
+ * Row of the horizon in the middle of the frame, and the field of view, from two pairs of lines
+ * that are level and at right angles to each other in the scene.
+ * @param {Line[]} pairs four lines, two of each direction
+ * @param {number} aspect width by height of the frame
+ * @returns {{horizon: number, fov: number | null} | null} null where lines of a pair are parallel
+ */
+export function cameraOfPairs(pairs, aspect) {
+  const [a, b, c, d] = pairs;
+  if (!a || !b || !c || !d) return null;
+  const first = meeting(a, b);
+  const second = meeting(c, d);
+  if (!first || !second || Math.abs(first[0] - second[0]) < 1e-6) return null;
+  const slope = (second[1] - first[1]) / (second[0] - first[0]);
+  const horizon = first[1] + slope * (0.5 - first[0]);
+  // at right angles: (v1 - c) · (v2 - c) = -f², in units of the frame's width
+  const across = (first[0] - 0.5) * (second[0] - 0.5);
+  const down = ((first[1] - 0.5) * (second[1] - 0.5)) / aspect ** 2;
+  const square = -(across + down);
+  const fov = square > 0 ? (360 / Math.PI) * Math.atan(0.5 / Math.sqrt(square)) : null;
+  return { horizon, fov: fov !== null && fov > 1 && fov < 170 ? fov : null };
+}
+
+/** Where two lines meet. @param {Line} one @param {Line} other @returns {Point | null} */
+function meeting(one, other) {
+  const [a, b, c] = through(one);
+  const [d, e, f] = through(other);
+  const scale = a * e - b * d;
+  if (Math.abs(scale) < 1e-9) return null;
+  return [(b * f - c * e) / scale, (c * d - a * f) / scale];
+}
+
+/** a x + b y + c = 0. @param {Line} line @returns {[number, number, number]} */
+function through([x0, y0, x1, y1]) {
+  return [y0 - y1, x1 - x0, x0 * y1 - x1 * y0];
+}
+
+const START = /** @type {Line[]} */ ([
+  [0.3, 0.9, 0.42, 0.6], [0.75, 0.9, 0.6, 0.6],
+  [0.15, 0.7, 0.85, 0.62], [0.1, 0.95, 0.9, 0.8],
+]);
+
+/** Two pairs of lines, the ends of which are dragged. */
+export class HandLines {
+  /** @param {(lines: Line[], done: boolean) => void} onLines */
+  constructor(onLines) {
+    this.onLines = onLines;
+    /** @type {Line[]} */
+    this.lines = START.map((line) => /** @type {Line} */ ([...line]));
+    this.shown = false;
+    /** @type {HTMLButtonElement[]} */
+    this.ends = this.lines.flatMap((_, at) => [0, 1].map((end) => this.handle(at, end)));
+    one("hand-ends").append(...this.ends);
+  }
+
+  /** @param {boolean} visible */
+  draw(visible) {
+    const held = one("hand-lines");
+    held.replaceChildren();
+    const shown = visible && this.shown;
+    one("hand-ends").toggleAttribute("hidden", !shown);
+    if (!shown) return;
+    this.lines.forEach(([x0, y0, x1, y1], at) => {
+      const line = document.createElementNS(SVG, "line");
+      Object.entries({ x1: x0, y1: y0, x2: x1, y2: y1, class: at < 2 ? "hand first" : "hand second" }).forEach(([key, value]) => line.setAttribute(key, String(value)));
+      held.append(line);
+    });
+    this.ends.forEach((handle, at) => {
+      const line = this.lines[at >> 1] ?? [0, 0, 0, 0];
+      handle.style.left = `${100 * (line[2 * (at % 2)] ?? 0)}%`;
+      handle.style.top = `${100 * (line[2 * (at % 2) + 1] ?? 0)}%`;
+    });
+  }
+
+  /** @param {number} at of the line @param {number} end 0 or 1 */
+  handle(at, end) {
+    const handle = document.createElement("button");
+    handle.type = "button";
+    handle.className = `handle end ${at < 2 ? "first" : "second"}`;
+    handle.setAttribute("aria-label", `End ${end + 1} of line ${1 + (at % 2)} of the ${at < 2 ? "first" : "second"} pair. Arrow keys move it, with Shift farther.`);
+    handle.addEventListener("pointerdown", (down) => {
+      if (down.button) return;
+      handle.setPointerCapture(down.pointerId);
+      /** @param {PointerEvent} event */
+      const move = (event) => {
+        const frame = one("stage").getBoundingClientRect();
+        this.put(at, end, (event.clientX - frame.left) / frame.width, (event.clientY - frame.top) / frame.height, false);
+      };
+      handle.addEventListener("pointermove", move);
+      handle.addEventListener("lostpointercapture", () => {
+        handle.removeEventListener("pointermove", move);
+        this.onLines(this.lines, true);
+      }, { once: true });
+    });
+    handle.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      const line = this.lines[at];
+      if (!way || !line) return;
+      event.preventDefault();
+      const step = event.shiftKey ? 0.02 : 0.002;
+      this.put(at, end, (line[2 * end] ?? 0) + step * (way[0] ?? 0), (line[2 * end + 1] ?? 0) + step * (way[1] ?? 0), true);
+    });
+    return handle;
+  }
+
+  /** @param {number} at @param {number} end @param {number} x @param {number} y @param {boolean} done */
+  put(at, end, x, y, done) {
+    const line = this.lines[at];
+    if (!line) return;
+    line[2 * end] = Math.min(1, Math.max(0, x));
+    line[2 * end + 1] = Math.min(1, Math.max(0, y));
+    this.onLines(this.lines, done);
+  }
+}
