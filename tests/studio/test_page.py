@@ -111,6 +111,22 @@ def test_render_in_the_page_survives_its_tab(browser, shot):
 
 
 @pytest.mark.needs_chromium
+def test_tab_closed_while_its_picture_is_drawn_harms_no_other(browser, shot):
+    with opened(browser, shot) as (page, server):
+        page.locator("#preset").select_option("standard")
+        page.locator("#turn").press("ArrowRight")
+        page.close()
+        other = browser.new_page()
+        other.goto(server.address)
+        other.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+        before = seen(other)
+        at_rest(other, lambda: drag(other, other.locator("#move"), 0.2, 0.0))
+        assert (seen(other) != before).any()
+        other.close(run_before_unload=False)
+        assert server.stop() == (0, "")
+
+
+@pytest.mark.needs_chromium
 def test_no_request_leaves_the_machine_and_each_control_has_a_name(browser, shot):
     asked = []
     with opened(browser, shot) as (page, server):
