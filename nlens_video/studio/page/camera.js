@@ -35,6 +35,7 @@ export class PlateLines {
     const held = one("found-lines");
     held.replaceChildren();
     one("all-lines").toggleAttribute("hidden", !this.ignored.length);
+    one("directions").toggleAttribute("hidden", !this.shown);
     this.list();
     if (!visible || !this.shown) return;
     for (const line of [...this.found, ...this.ignored.map((ends) => [...ends, LEFT_OUT])]) {

@@ -165,7 +165,7 @@ function showFocus(said) {
     part.style.background = `rgb(${color.join(" ")})`;
     return part;
   }));
-  one("top").textContent = `blurred over ${said.top_px.toFixed(1)} px`;
+  one("top").textContent = `${said.top_px.toFixed(1)} px and more`;
 }
 
 /** @param {any} said of the server by itself */

@@ -8,7 +8,7 @@ import { corners } from "./region.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const TURN_DEG = 0.5; // a pixel of a drag
-const HORIZON_COLUMN = 0.03; // of the horizon's handle
+const HORIZON_COLUMN = 0.05; // of the horizon's handle
 const WHEEL = 0.0012; // logarithm of the distance by a unit of the wheel
 
 /** @template {Element} T @param {string} id @returns {T} */
