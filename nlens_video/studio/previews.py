@@ -142,7 +142,7 @@ class Previews:
                 picture, more = self._stage.inspect(settings).drawn()
             else:
                 drawn = self._stage.draw(settings, wish.frame, wish.kind)
-                picture, more = to_jpeg(drawn.picture), _about(drawn)
+                picture, more = to_jpeg(drawn.picture), _about(drawn, quick=wish.kind == "drag")
         except NlensError as error:
             return Answer({**said, "error": str(error)})
         except MemoryError:
@@ -170,7 +170,7 @@ class Previews:
             self._tell({"progress": "Solving the plate's camera", "done": done, "of": total})
 
 
-def _about(drawn: Drawn) -> dict[str, Any]:
+def _about(drawn: Drawn, *, quick: bool) -> dict[str, Any]:
     return {
         "guides": asdict(drawn.guides),
         "nodes": [
@@ -183,7 +183,7 @@ def _about(drawn: Drawn) -> dict[str, Any]:
             {"name": one.effect, "on": one.wanted, "reason": one.reason}
             for one in drawn.session.decisions
         ],
-        "lines": [] if drawn.lines is None else _rounded(drawn.lines),
+        "lines": [] if quick or drawn.lines is None else _rounded(drawn.lines),
         "notes": [str(note) for note in drawn.notes],
         "no_lens": drawn.no_lens,
         "lens": "" if drawn.fit is None else drawn.fit.describe(),
