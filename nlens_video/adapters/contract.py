@@ -45,7 +45,7 @@ class Frame:
         time_s: since the stream's first frame; None: `number` / `fps` [s].
         number: position in the stream; None: frames so far [1].
         centred_chroma: whether chroma at half the width lies between two luma columns.
-        pixel_aspect: width of a pixel by its height [1].
+        pixel_aspect: width of a pixel by its height; None: as `open` was told [1].
     """
 
     pixel_format: str
@@ -56,7 +56,7 @@ class Frame:
     time_s: float | None = None
     number: int | None = None
     centred_chroma: bool = False
-    pixel_aspect: float = 1.0
+    pixel_aspect: float | None = None
 
 
 def open(glb: str | Path | ObjectSettings, **options: Any) -> Compositor:  # noqa: ANN401

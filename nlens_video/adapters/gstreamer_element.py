@@ -46,7 +46,7 @@ _MEGA = 1_000_000
 _EXACT_S = 1e-6  # a time this near to that of a frame's number is taken for it: GStreamer rounds
 _TOLD_EVERY = 30  # frames
 _GREW = 1.25  # times that were told before are told again when they grew by so much
-_OF_CAPS = {"fps"}  # options that the stream tells itself
+_OF_CAPS = {"fps", "pixel_aspect"}  # options that the stream tells itself
 _OBJECTS = {"optics", "shutter_deg"}  # options that other options give as text
 
 

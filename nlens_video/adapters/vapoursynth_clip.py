@@ -187,6 +187,6 @@ def _tags(props: Any) -> FrameTags:  # noqa: ANN401
     )
 
 
-def _pixel_aspect(props: Any) -> float:  # noqa: ANN401
-    across, down = int(props.get("_SARNum", 1)), int(props.get("_SARDen", 1))
-    return across / down if across > 0 and down > 0 else 1.0
+def _pixel_aspect(props: Any) -> float | None:  # noqa: ANN401
+    across, down = int(props.get("_SARNum", 0)), int(props.get("_SARDen", 0))
+    return across / down if across > 0 and down > 0 else None

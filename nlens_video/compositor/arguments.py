@@ -30,13 +30,14 @@ _OF_THE_OBJECT = ("scene", "playback", "placing", "light", "real")
 """Settings that `ObjectSettings` hold."""
 
 
-def check_settings(*, fps: float, budget_ms: float, track_focus: str) -> None:
+def check_settings(fps: float, pixel_aspect: float, budget_ms: float, track_focus: str) -> None:
     """Check what no option of the command line checks.
 
     Raises:
         UsageError: a value out of its range.
     """
-    for name, value in (("fps", fps), ("budget_ms", budget_ms)):
+    numbers = (("fps", fps), ("pixel_aspect", pixel_aspect), ("budget_ms", budget_ms))
+    for name, value in numbers:
         if not isinstance(value, int | float) or not 0.0 < value < math.inf:
             raise UsageError(f"{name}={value!r}: expected a finite number above 0")
     if track_focus not in ("auto", "off"):

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import Picture
 
 R = TypeVar("R")
-_CHECKED = ("fit", "aperture", "budget_ms")
-"""Parameters that take more than the option's text, or are checked apart."""
+_CHECKED = ("fit", "aperture", "budget_ms")  # take more than an option's text, or checked apart
 
 
 class Compositor:
@@ -61,6 +60,7 @@ class Compositor:
             `reflect` say.
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
+        pixel_aspect: width of a pixel by its height, for frames that do not tell it [1].
         effects: `auto`, `all`, `none`, names, or `auto,+shadow,-grain`.
         fit: the lens, when it is known beforehand; a fit or the path of a saved one.
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
@@ -115,6 +115,7 @@ class Compositor:
         *,
         preset: str = "standard",
         fps: float = 30.0,
+        pixel_aspect: float = 1.0,
         effects: str = "auto",
         fit: LensFit | str | Path | None = None,
         fallback: Fallback = "none",
@@ -157,12 +158,13 @@ class Compositor:
     ) -> None:
         given = locals()  # by the names of the command line's options
         with naming_parameters():
-            check_settings(fps=fps, budget_ms=budget_ms, track_focus=track_focus)
+            check_settings(fps, pixel_aspect, budget_ms, track_focus)
             args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
             request = as_lens(
                 args, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
             )
-            self._loop = FrameLoop(as_objects(glb, args), request, fps, Profiler(budget_ms))
+            objects, profiler = as_objects(glb, args), Profiler(budget_ms)
+            self._loop = FrameLoop(objects, request, fps, pixel_aspect, profiler)
         self._thread = OwnThread(self._loop.close)
 
     def process(
@@ -179,13 +181,11 @@ class Compositor:
                 float32; may be `frame` itself, which is changed then. Saves an allocation.
 
         Returns:
-            `out`, or a new array (or a tensor on the same device) of the same shape, type and
-            channel order.
+            `out`, or a new array (or tensor on the same device) of the frame's shape and type.
 
         Raises:
             InputError: a shape or type that no picture has, or floats of another range.
-            UsageError: neither array nor tensor, another size than before, not a time, or an `out`
-                that cannot take the result.
+            UsageError: no array or tensor, another size than before, no time, or an unfit `out`.
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """
@@ -221,7 +221,7 @@ class Compositor:
 
     def composite(
         self, picture: Picture, time: float | None = None, number: int | None = None,
-        pixel_aspect: float = 1.0,
+        pixel_aspect: float | None = None,
     ) -> None:  # fmt: skip
         """Composite a picture in place, whatever memory it lies in; adapters call it.
 
@@ -229,7 +229,7 @@ class Compositor:
             picture: its samples are changed.
             time: of the frame in the animation [s]; default: its number / fps.
             number: position in its stream, by which grain differs [1]; default: frames so far.
-            pixel_aspect: width of a pixel by its height [1].
+            pixel_aspect: width of a pixel by its height [1]; default: the compositor's.
 
         Raises:
             NlensError: as `process`.

@@ -39,6 +39,7 @@ class FrameLoop:
         objects: the object.
         lens: how the lens is found and simulated.
         fps: frames per second, for frames that come without a time [1/s].
+        pixel_aspect: width of a pixel by its height, for frames that come without one [1].
         profiler: times the nodes.
         last: the last composite.
     """
@@ -46,6 +47,7 @@ class FrameLoop:
     objects: ObjectSettings
     lens: LensRequest
     fps: float
+    pixel_aspect: float
     profiler: Profiler
     last: Picture | None = None
     _session: Session | None = None
@@ -92,7 +94,7 @@ class FrameLoop:
 
     def composite(
         self, picture: Picture, time: float | None, number: int | None = None,
-        pixel_aspect: float = 1.0,
+        pixel_aspect: float | None = None,
     ) -> None:  # fmt: skip
         """Composite in place.
 
@@ -100,9 +102,10 @@ class FrameLoop:
             picture: the frame.
             time: of the animation; None: its number / fps [s].
             number: position of the frame in its stream; None: frames so far.
-            pixel_aspect: width of a pixel by its height, as it is on the first frame [1].
+            pixel_aspect: width of a pixel by its height; that of the first frame counts; None: as
+                it was given [1].
         """
-        session = self._open(picture, pixel_aspect)
+        session = self._open(picture, pixel_aspect or self.pixel_aspect)
         index = self._count if number is None else number
         time_s = index / self.fps if time is None else time
         frame = SourceFrame(index=index, time_s=time_s, picture=picture)

@@ -22,14 +22,15 @@ class VideoCapture:
 
     Methods, backends and properties are OpenCV's. A frame is composited when it is retrieved, so
     frames that are grabbed only cost what they cost there. Where a file is set to another position,
-    the animation follows; a camera's animation follows the clock.
+    the animation follows; a camera's animation follows the clock. Pixels that are not square are
+    honoured where the backend tells of them, as OpenCV's FFmpeg does.
 
     Args:
         source: file, URL, pattern of pictures, GStreamer pipeline or number of a camera.
         glb: the animated object, as a `Compositor` takes it.
         api: OpenCV's backend, such as `cv2.CAP_FFMPEG`.
         params: OpenCV's parameters for opening, pairs of property and value.
-        options: of a `Compositor`; `fps` is the source's own where it tells it.
+        options: of a `Compositor`; the source tells its own `fps` and `pixel_aspect`, where it can.
 
     Raises:
         UsageError: an option is out of range, or contradicts another.
@@ -53,7 +54,20 @@ class VideoCapture:
     def _made(self) -> Compositor:
         rate = self._capture.get(cv2.CAP_PROP_FPS)
         told = {"fps": rate} if np.isfinite(rate) and rate > 0.0 else {}
+        told["pixel_aspect"] = self._pixel_aspect()
         return Compositor(self._glb, **{**told, **self._options})
+
+    def _pixel_aspect(self) -> float:
+        """Width of a pixel by its height, as retrieved: OpenCV turns pictures, not their ratio."""
+        across, down = (
+            self._capture.get(one) for one in (cv2.CAP_PROP_SAR_NUM, cv2.CAP_PROP_SAR_DEN)
+        )
+        if not (across > 0.0 and down > 0.0):
+            return 1.0
+        turned = self._capture.get(cv2.CAP_PROP_ORIENTATION_AUTO) and (
+            self._capture.get(cv2.CAP_PROP_ORIENTATION_META) % 180
+        )
+        return down / across if turned else across / down
 
     @property
     def compositor(self) -> Compositor:

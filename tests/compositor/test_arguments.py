@@ -99,6 +99,7 @@ def test_object_without_a_camera_is_placed_by_keywords(bare):
         ({"vignetting": -1}, "vignetting=-1"),
         ({"distortion": (0.1, 0.2, 0.3)}, "distortion=(0.1, 0.2, 0.3)"),
         ({"track_focus": "on"}, "track_focus='on': expected one of auto, off"),
+        ({"pixel_aspect": 0}, "pixel_aspect=0: expected a finite number above 0"),
         ({"fps": "30"}, "fps='30': expected a finite number above 0"),
         ({"holdout": "m.png", "occlusion": "auto"}, "leave occlusion"),
         ({"camera": ""}, "camera='': is empty"),

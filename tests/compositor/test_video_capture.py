@@ -3,10 +3,13 @@
 import threading
 from fractions import Fraction
 
+import av
 import cv2
 import numpy as np
 import pytest
 from support import shots
+from support.clips import write_clip
+from support.conformance import OPTIONS as OPTIONS_OF_PLATES
 from support.conformance import (
     RATE,
     Composited,
@@ -15,6 +18,7 @@ from support.conformance import (
     by_command_line,
     write_plate,
 )
+from support.programs import made
 
 import nlens_video
 from nlens_video import Compositor, VideoCapture
@@ -60,26 +64,73 @@ def test_frames_are_those_of_opencv_composited(capture, files):
     assert capture.read() == (False, None)
 
 
+def conforming(plate, options):
+    """What the capture makes of a plate in bgr0, whose fourth byte is no sample."""
+    options = dict(options)
+    made, times = [], []
+    with VideoCapture(plate.path, options.pop("glb", plate.glb), **options) as capture:
+        while (read := capture.read())[0]:
+            made.append(as_bgr0(read[1]))
+            times.append(Fraction(len(times), RATE))
+    return Composited(made, times)
+
+
+def as_bgr0(frame):
+    blank = np.zeros((*frame.shape[:2], 4), np.uint8)
+    blank[..., :3] = frame
+    return [blank.reshape(len(blank), -1)]
+
+
+def of_command_line(plate):
+    expected = by_command_line(plate)
+    for planes in expected.planes:
+        planes[0][:, 3::4] = 0
+    return expected
+
+
 @pytest.mark.slow
 def test_frames_and_errors_are_those_of_the_command_line(tmp_path):
     plate = write_plate(tmp_path, "packed")
+    assert_conforms(conforming, plate, of_command_line(plate))
+    assert_same_errors(conforming, plate, (NlensError, TypeError), host_checks_names=True)
 
-    def composite(plate, options):
-        options = dict(options)
-        made, times = [], []
-        with VideoCapture(plate.path, options.pop("glb", plate.glb), **options) as capture:
-            while (read := capture.read())[0]:
-                blank = np.zeros((*read[1].shape[:2], 4), np.uint8)
-                blank[..., :3] = read[1]
-                made.append([blank.reshape(len(blank), -1)])
-                times.append(Fraction(len(times), RATE))
-        return Composited(made, times)
 
-    expected = by_command_line(plate)
-    for planes in expected.planes:  # the fourth byte of bgr0 is no sample
-        planes[0][:, 3::4] = 0
-    assert_conforms(composite, plate, expected)
-    assert_same_errors(composite, plate, (NlensError, TypeError), host_checks_names=True)
+@pytest.mark.slow
+@pytest.mark.needs_programs("ffmpeg")
+def test_pixels_that_are_not_square_are_honoured(tmp_path):
+    plate = write_plate(tmp_path, "packed")
+    wide = made("-i", plate.path, "-c", "copy", "-aspect", "8:3", tmp_path / "wide.mkv")
+    wide.replace(plate.path)
+    expected = of_command_line(plate)
+    assert_conforms(conforming, plate, expected)
+    square = conforming(plate, {**OPTIONS_OF_PLATES, "fit": plate.fit, "pixel_aspect": 1.0})
+    assert any(np.any(a[0] != b[0]) for a, b in zip(square.planes, expected.planes, strict=True))
+
+    def by_hand(plate, options):
+        """A loop that tells the compositor what OpenCV's frames do not say."""
+        with Compositor(plate.glb, fps=RATE, pixel_aspect=1.5, **options) as lens:
+            frames = [frame.to_ndarray(format="bgr24") for frame in plate.frames()]
+            made = [as_bgr0(lens.process(frame)) for frame in frames]
+        return Composited(made, expected.times)
+
+    assert_conforms(by_hand, plate, expected)
+
+
+@pytest.mark.needs_programs("ffmpeg")
+def test_ratio_of_pixels_is_turned_with_the_picture(files, tmp_path):
+    frames = [
+        av.VideoFrame.from_ndarray(np.zeros((32, 64, 3), np.uint8), "rgb24") for _ in range(2)
+    ]
+    square = write_clip(
+        tmp_path / "square.mp4", [one.reformat(format="yuv420p") for one in frames], rotation=90,
+        codec="mpeg4",
+    )  # fmt: skip
+    tall = made("-i", square, "-c:v", "copy", "-aspect", "4:1", tmp_path / "tall.mp4")
+    with VideoCapture(tall, files[1], **OPTIONS) as capture:
+        assert capture.read()[1].shape == (64, 32, 3)
+        assert capture._pixel_aspect() == pytest.approx(0.5, rel=1e-3)
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+        assert capture._pixel_aspect() == pytest.approx(2.0, rel=1e-3)
 
 
 def test_object_is_in_the_frames_and_moves(capture, files):
