@@ -2,6 +2,7 @@
 # make test    install everything and run all tests
 # make native  compile the C++ kernels into the checkout again, after a change
 # make sanitize  the tests of the C++ kernels under the sanitizers of the compiler
+# make adapters  the tests of GStreamer, VapourSynth and Blender, with those programs installed
 # make check   format check, lint, types and the quick tests, in under two minutes
 # make lint    format check, lint, types
 # make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
@@ -60,7 +61,7 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
-.PHONY: native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
+.PHONY: adapters native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -116,6 +117,31 @@ lint: system $(VENV)/.installed-test
 
 check: programs lint
 	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest -q -n 2 -m "not slow"
+
+# GStreamer's loader runs the system's Python, VapourSynth's wheels begin with 3.12, and each release
+# of bpy has wheels for one Python alone: three environments.
+PYTHON_VAPOURSYNTH ?= python3.12
+PYTHON_BPY ?= python3.11
+HOSTS := blender xvfb gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-x gstreamer1.0-plugins-bad gstreamer1.0-plugins-ugly gir1.2-gst-rtsp-server-1.0 gir1.2-gst-plugins-bad-1.0
+
+adapters: programs $(VENV)/.installed-test .venv-vapoursynth/.installed .venv-bpy/.installed
+	@missing=""; for one in $(HOSTS); do dpkg -s $$one >/dev/null 2>&1 || missing="$$missing $$one"; done; $(INSTALL_MISSING)
+	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_GSTREAMER_PYTHON=1 REQUIRE_GSTREAMER_NETWORK=1 REQUIRE_BLENDER=1 REQUIRE_BPY=1 \
+	  $(BIN)/python -m pytest -q tests/adapters --deselect tests/adapters/test_vapoursynth.py
+	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_VAPOURSYNTH=1 .venv-vapoursynth/bin/python -m pytest -q tests/adapters/test_vapoursynth.py
+
+.venv-vapoursynth/.installed: $(SOURCES) | system
+	@command -v $(PYTHON_VAPOURSYNTH) >/dev/null && $(PYTHON_VAPOURSYNTH) -c 'import sys; sys.exit(sys.version_info < (3, 12))' || { echo "VapourSynth's wheels begin with Python 3.12. Name one: make adapters PYTHON_VAPOURSYNTH=…" >&2; exit 1; }
+	@echo "Installing VapourSynth into .venv-vapoursynth"
+	@$(PYTHON_VAPOURSYNTH) -m venv .venv-vapoursynth
+	@.venv-vapoursynth/bin/python -m pip --disable-pip-version-check -q install -c constraints.txt -e '.[vapoursynth]' pytest hypothesis
+	@touch $@
+
+.venv-bpy/.installed:
+	@echo "Installing bpy into .venv-bpy"
+	@$(PYTHON_BPY) -m venv .venv-bpy
+	@.venv-bpy/bin/python -m pip --disable-pip-version-check -q install bpy || { echo "bpy has wheels for Python 3.11 and 3.13. Name one: make adapters PYTHON_BPY=…" >&2; exit 1; }
+	@touch $@
 
 test: programs lint
 	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest

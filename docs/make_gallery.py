@@ -274,7 +274,8 @@ def wall(folder: Path) -> list[Panel]:
         )
     )
     depth = folder / "depth.exr"
-    write_layers(depth, {"Z": read_exr(next((folder / "aov").iterdir())).channels["object.Z"]})
+    of_object = read_exr(next((folder / "aov").iterdir())).channels
+    write_layers(depth, {"Z": of_object["object.Depth.Z"]})
     scene = ObjectSettings(glb=SAMPLES / "anim2.glb")
     known = replace(scene, real=RealSettings(holdout=str(depth)))
     crop = (10, 190, 490, 510)

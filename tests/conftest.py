@@ -7,6 +7,7 @@ import importlib.util
 import os
 import shutil
 import signal
+import subprocess
 from pathlib import Path
 
 import hypothesis
@@ -14,6 +15,7 @@ import pytest
 from support.browser import NODE_PACKAGES, browser_path
 from support.disks import why_no_mount
 from support.folders import ROOT, TESTS
+from support.hosts import bpy_python
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX Runtime themselves
 SHARED = ROOT.parent / "shared"
@@ -81,6 +83,12 @@ def _why_no_blender() -> str:
 
 
 @functools.cache
+def _why_no_bpy() -> str:
+    found = bpy_python().exists()
+    return "" if found else "no Python with bpy; make adapters, or name it in BPY_PYTHON"
+
+
+@functools.cache
 def _why_no_vapoursynth() -> str:
     found = importlib.util.find_spec("vapoursynth") is not None
     return "" if found else "no vapoursynth; Python 3.12, pip install nlens-video[vapoursynth]"
@@ -100,6 +108,23 @@ def _why_no_node_packages() -> str:
 
 
 @functools.cache
+def _why_no_gstreamer_network() -> str:
+    elements = ("rtspclientsink", "x264enc", "openh264dec", "webrtcbin", "nicesink")
+    lacking = []
+    for one in elements:  # --exists compares versions, and nice's own is below 1.0
+        run = subprocess.run(["gst-inspect-1.0", one], check=False, stdout=subprocess.DEVNULL)
+        lacking += [one] if run.returncode else []
+    lacking += [] if shutil.which("Xvfb") else ["Xvfb"]
+    found = list(Path("/usr/lib").glob("*/girepository-1.0/GstRtspServer-1.0.typelib"))
+    lacking += [] if found else ["GstRtspServer"]
+    packages = (
+        "gir1.2-gst-rtsp-server-1.0 gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-plugins-bad "
+        "gstreamer1.0-plugins-ugly gir1.2-gst-plugins-bad-1.0 gstreamer1.0-x xvfb"
+    )
+    return f"no {', '.join(lacking)}; apt-get install {packages}" if lacking else ""
+
+
+@functools.cache
 def _why_no_root() -> str:
     return "not root, who alone can run a program as another user" if os.geteuid() else ""
 
@@ -108,8 +133,10 @@ _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
     "needs_blender": ("REQUIRE_BLENDER", _why_no_blender),
+    "needs_bpy": ("REQUIRE_BPY", _why_no_bpy),
     "needs_vapoursynth": ("REQUIRE_VAPOURSYNTH", _why_no_vapoursynth),
     "needs_gstreamer_python": ("REQUIRE_GSTREAMER_PYTHON", _why_no_gstreamer_python),
+    "needs_gstreamer_network": ("REQUIRE_GSTREAMER_NETWORK", _why_no_gstreamer_network),
     "needs_chromium": ("REQUIRE_CHROMIUM", _why_no_chromium),
     "needs_node_packages": ("REQUIRE_NODE_PACKAGES", _why_no_node_packages),
     "needs_mount": ("REQUIRE_MOUNT", why_no_mount),

@@ -144,7 +144,11 @@ class AovLayers(Observer):
         self._executor = session.executor
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
-        """Write one file with the same channels on every frame, empty where there is no layer."""
+        """Write one file with the same channels on every frame, empty where there is no layer.
+
+        They are named layer.pass.channel, the only names of layers that Blender reads; those
+        without a layer are what other programs show at once.
+        """
         nothing = Box(0, 0, 0, 0)
         layer, defocused = state.values.layer, state.values.defocused
         blurred = state.values.blurred
@@ -155,10 +159,12 @@ class AovLayers(Observer):
         if blurred is None:
             blurred = BlurredLayer(box=nothing, rgba=_empty(4))
         for at, name in enumerate("RGBA"):
-            channels[f"object.{name}"] = self._on_frame(layer.box, layer.rgba[..., at], 0.0)
+            channels[f"object.Combined.{name}"] = self._on_frame(
+                layer.box, layer.rgba[..., at], 0.0
+            )
             channels[name] = self._on_frame(blurred.box, blurred.rgba[..., at], 0.0)
-        channels["object.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
-        channels["object.coc_px"] = self._on_frame(layer.box, coc, 0.0)
+        channels["object.Depth.Z"] = self._on_frame(layer.box, layer.depth, np.inf)
+        channels["object.coc_px.V"] = self._on_frame(layer.box, coc, 0.0)
         write_layers(self._folder / f"{state.frame.number:06d}.exr", channels)
 
     def _plate(self) -> dict[str, Float32]:
@@ -167,9 +173,9 @@ class AovLayers(Observer):
         coc, ground = self._executor.shot.plate_coc, self._executor.shot.ground
         none = np.zeros(size, np.float32)
         return {
-            "plate.coc_px": coc.coc_px if coc else none,
-            "plate.sigma_px": coc.sigma_px if coc else none,
-            "projection.mask": ground.mask.astype(np.float32) if ground else none,
+            "plate.coc_px.V": coc.coc_px if coc else none,
+            "plate.sigma_px.V": coc.sigma_px if coc else none,
+            "projection.mask.V": ground.mask.astype(np.float32) if ground else none,
         }
 
     def _on_frame(self, box: Box, values: Float32, empty: float) -> Float32:

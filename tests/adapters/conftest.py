@@ -1,9 +1,15 @@
 """Plates for the adapters, and what the command line makes of them: once a process."""
 
 import functools
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
 
 import pytest
 from support.conformance import by_command_line, write_plate
+from support.folders import ROOT
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +22,40 @@ def plates(tmp_path_factory):
 def expected(plates):
     """What the command line makes of it."""
     return functools.cache(lambda case: by_command_line(plates(case)))
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory):
+    """A user's environment and home, in which the element is installed as the page says."""
+    folder = tmp_path_factory.mktemp("gstreamer")
+    home, venv = folder / "home", folder / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", venv], check=True)
+    packages = venv / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
+    (packages / "ours.pth").write_text(f"{sysconfig.get_path('purelib')}\n{ROOT}\n")
+    home.mkdir()
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    environment = {
+        **inherited, "HOME": str(home), "GST_REGISTRY": str(folder / "registry"),
+        "PATH": f"{venv / 'bin'}:{os.defpath}", "VIRTUAL_ENV": str(venv),
+    }  # fmt: skip
+    run = subprocess.run(
+        ["python", "-m", "nlens_video.adapters.gstreamer_install"], env=environment, cwd=folder,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    link, plugin = map(Path, run.stdout.split())
+    assert link == packages / "gi" and plugin.is_relative_to(home)
+    return environment
+
+
+@pytest.fixture
+def launch(environment):
+    """Runs a line of gst-launch-1.0 in a folder."""
+
+    def run(line, folder):
+        return subprocess.run(
+            ["bash", "-c", line], env=environment, cwd=folder, capture_output=True, text=True,
+            check=False, timeout=120,
+        )  # fmt: skip
+
+    return run

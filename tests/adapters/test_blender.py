@@ -10,54 +10,12 @@ import numpy as np
 import pytest
 from support import shots
 from support.folders import ROOT
+from support.hosts import bpy_python
 
-pytestmark = [pytest.mark.slow, pytest.mark.needs_gl, pytest.mark.needs_blender]
-SCRIPT = """
-import bpy, json, sys, time
-from pathlib import Path
-archive, program, folder, what = sys.argv[-4:]
-bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.ops.preferences.addon_install(filepath=archive)
-bpy.ops.preferences.addon_enable(module="nlens_video_blender")
-bpy.context.preferences.addons["nlens_video_blender"].preferences.program = program
-scene = bpy.context.scene
-scene.render.fps, scene.frame_start, scene.frame_end = 25, 0, 11
-bpy.ops.nlens.import_camera(filepath=folder + "/anim.glb")
-plate = bpy.data.movieclips.load(folder + "/in.mp4")
-if what == "background":
-    behind = scene.camera.data.background_images.new()
-    behind.source, behind.clip = "MOVIE_CLIP", plate
-elif what != "no plate":
-    scene.active_clip = plate
-for one in scene.objects:
-    one.select_set(one.type == "MESH")
-settings = scene.nlens
-settings.preset, settings.fit, settings.result = "draft", folder + "/fit.json", folder + "/out.mp4"
-settings.words = "--track-focus off"
-if what == "wrong option":
-    settings.words = "--no-such-option"
-told = {}
-if what == "cancel":
-    from nlens_video_blender.job import Job
-    settings.words = ""
-    job = Job(program, folder + "/in.mp4", Path(folder, "anim.glb"), Path(folder, "cut.mkv"), [])
-    time.sleep(0.5)
-    job.cancel()
-    job.wait()
-    told = {"error": job.error, "left": Path(folder, "cut.mkv").exists()}
-else:
-    try:
-        told["result"] = sorted(bpy.ops.nlens.composite())
-    except RuntimeError as error:
-        told["error"] = str(error)
-    told["selected"] = sorted(one.type for one in scene.objects if one.select_get())
-    told["images"] = [one.name for one in bpy.data.images]
-    editor = scene.sequence_editor
-    strips = editor.sequences if editor else []
-    told["strips"] = [[one.name, one.frame_final_duration] for one in strips]
-    told["size"] = [scene.render.resolution_x, scene.render.resolution_y]
-print("TOLD" + json.dumps(told))
-"""
+from nlens_video.video.exr import read_exr, write_layers
+
+pytestmark = [pytest.mark.slow, pytest.mark.needs_gl]
+SCRIPT = (ROOT / "tests" / "support" / "blender_script.py").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -72,20 +30,32 @@ def files(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def blender(files):
-    """Runs the script in Blender; what it told."""
+BLENDERS = [
+    pytest.param("blender", marks=pytest.mark.needs_blender),
+    pytest.param("bpy", marks=pytest.mark.needs_bpy),
+]
+
+
+@pytest.fixture(params=BLENDERS)
+def blender(request, files):
+    """Runs the script in the system's Blender, or in the wheel from PyPI; what it told."""
+    script = files / "script.py"
+    script.write_text(SCRIPT)
+    start = {"blender": ["blender", "-b", "--factory-startup", "-P", script, "--"],
+             "bpy": [bpy_python(), script]}[request.param]  # fmt: skip
+    # Blender takes packages from the first Python of PATH; its glTF exporter needs numpy.
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = {
+        **os.environ, "PATH": path, "BLENDER_USER_SCRIPTS": str(files / request.param),
+    }  # fmt: skip
+    if request.param == "bpy":
+        environment.pop("PYTHONPATH", None)
 
     def run(what, program=None):
-        script = files / "script.py"
-        script.write_text(SCRIPT)
-        # Blender takes packages from the first Python of PATH; its glTF exporter needs numpy.
-        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
         words = (ROOT / "dist" / "nlens_video_blender.zip", program or files / "nlens-video", files)
         run = subprocess.run(
-            ["blender", "-b", "--factory-startup", "-P", script, "--", *words, what],
-            capture_output=True, text=True, check=False, timeout=300,
-            env={**os.environ, "PATH": path, "BLENDER_USER_SCRIPTS": str(files / "scripts")},
+            [*start, *words, what], capture_output=True, text=True, check=False, timeout=300,
+            env=environment,
         )  # fmt: skip
         if "No module named 'numpy'" in run.stdout + run.stderr:
             pytest.skip("Blender's Python has no numpy, which its glTF exporter needs")
@@ -125,3 +95,39 @@ def test_missing_plate_program_and_option_are_said(blender, files):
 def test_cancelled_run_leaves_nothing(blender):
     told = blender("cancel")
     assert not told["left"]
+
+
+@pytest.fixture(scope="module")
+def layers(files):
+    """What `--aov` writes of the shot."""
+    words = ["in.mp4", "anim.glb", "aov.mkv", "--fit", "fit.json", "--preset", "draft", "-y", "-q"]
+    subprocess.run([files / "nlens-video", *words, "--aov", "aov"], cwd=files, check=True)
+    (files / "other").mkdir()
+    write_layers(files / "other" / "000000.exr", {name: np.ones((4, 4)) for name in "RGBA"})
+    return [read_exr(path).channels for path in sorted((files / "aov").iterdir())]
+
+
+def test_layers_are_a_node_group_of_the_compositor(blender, files, layers):
+    told = blender("layers")
+    assert told["placed"] == ["Image", "Plate"], "the plate goes in, and the composite out"
+    behind = told["grey"]
+    for frame in (0, 7):
+        channels = layers[frame]
+        expected = {
+            "Image": np.stack([channels[c] + (1 - channels["A"]) * behind for c in "RGB"], 2),
+            "Object": np.stack([channels[f"object.Combined.{c}"] for c in "RGB"], 2),
+            "Object CoC": channels["object.coc_px.V"][..., None],
+            "Object Depth": channels["object.Depth.Z"][..., None],
+            "Plate CoC": channels["plate.coc_px.V"][..., None],
+            "Mask": channels["projection.mask.V"][..., None],
+        }
+        for name, values in expected.items():
+            made = read_exr(files / told["rendered"][name][str(frame)]).channels
+            pixels = np.stack([made[c] for c in "RGB"][: values.shape[2]], 2)
+            there = np.isfinite(values)
+            assert there.any() and np.allclose(pixels[there], values[there], atol=2e-3), name
+
+
+def test_files_of_something_else_are_no_layers(blender, layers):
+    assert "no layers in it; nlens-video writes them with --aov" in blender("no layers")["error"]
+    assert "not written by nlens-video --aov" in blender("other layers")["error"]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from . import job, plate
+from . import job, layers, plate
 
 bl_info = {
     "name": "nlens-video",
@@ -153,6 +153,30 @@ class NLENS_OT_import_camera(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
 
+class NLENS_OT_import_layers(bpy.types.Operator):
+    """Put the layers that `--aov` wrote into the compositor, as a node group over the plate."""
+
+    bl_idname = "nlens.import_layers"
+    bl_label = "Layers into the compositor"
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
+    filter_glob: bpy.props.StringProperty(default="*.exr", options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make the group of the chosen file's folder, and place it."""
+        try:
+            group = layers.add_group(context.scene, Path(bpy.path.abspath(self.filepath)))
+        except (ValueError, RuntimeError) as error:
+            self.report({"ERROR"}, str(error).strip())
+            return {"CANCELLED"}
+        layers.place(context.scene, group)
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for one of the files."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+
 class NLENS_PT_panel(bpy.types.Panel):
     """In the sidebar of the 3D view."""
 
@@ -175,10 +199,12 @@ class NLENS_PT_panel(bpy.types.Panel):
             layout.label(text="Escape cancels")
         else:
             layout.operator(NLENS_OT_composite.bl_idname, icon="RENDER_ANIMATION")
+        layout.operator(NLENS_OT_import_layers.bl_idname)
 
 
 _CLASSES = (
-    NlensPreferences, NlensSettings, NLENS_OT_composite, NLENS_OT_import_camera, NLENS_PT_panel,
+    NlensPreferences, NlensSettings, NLENS_OT_composite, NLENS_OT_import_camera,
+    NLENS_OT_import_layers, NLENS_PT_panel,
 )  # fmt: skip
 
 

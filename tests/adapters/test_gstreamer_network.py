@@ -1,0 +1,85 @@
+"""GStreamer's element between cameras, servers, calls and windows, by docs/gstreamer.md."""
+
+import os
+import re
+import signal
+import subprocess
+
+import pytest
+from support.folders import ROOT
+from support.programs import streams
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.needs_gl,
+    pytest.mark.needs_programs("gst-launch-1.0"),
+    pytest.mark.needs_gstreamer_python,
+    pytest.mark.needs_gstreamer_network,
+]
+PAGE = (ROOT / "docs" / "gstreamer.md").read_text(encoding="utf-8")
+CAMERA = "videotestsrc is-live=true pattern=ball ! video/x-raw,width=480,height=270,framerate=25/1"
+SUPPORT = ROOT / "tests" / "support"
+
+
+def line_with(element):
+    (line,) = re.findall(rf"^(?:gst-launch-1\.0|v4l2src) .*\b{element}\b.*", PAGE, re.M)
+    return line.replace("v4l2src", CAMERA)
+
+
+@pytest.fixture
+def rtsp(environment, tmp_path):
+    """The port of a server, and the file of what it is sent."""
+    recording = tmp_path / "live.mkv"
+    with subprocess.Popen(
+        ["python", SUPPORT / "gstreamer_rtsp.py", recording], env=environment, text=True,
+        stdout=subprocess.PIPE,
+    ) as server:  # fmt: skip
+        yield server.stdout.readline().strip(), recording
+        server.kill()
+
+
+def test_stream_of_an_rtsp_camera_reaches_an_rtsp_server(rtsp, environment, plates):
+    port, recording = rtsp
+    server = f"rtsp://127.0.0.1:{port}"
+    line = line_with("rtspclientsink").replace("rtsp://camera/stream", f"{server}/camera")
+    line = line.replace("rtsp://server/live", f"{server}/live")
+    words = ["timeout", "-s", "INT", "12", "bash", "-c", f"exec {line} -e -m"]
+    run = subprocess.run(
+        words, cwd=plates("bt709").folder, env=environment, capture_output=True, text=True,
+        check=False, timeout=60,
+    )  # fmt: skip
+    assert "nlens-timings" in run.stdout, run.stdout + run.stderr
+    (video,) = streams(recording)
+    assert (video["codec_name"], video["width"], video["height"]) == ("h264", 480, 270)
+
+
+def test_pictures_reach_the_other_side_of_a_call(environment, plates):
+    run = subprocess.run(
+        ["python", SUPPORT / "gstreamer_webrtc.py", line_with("webrtcbin name=rtc")],
+        cwd=plates("bt709").folder, env=environment, capture_output=True, text=True, check=False,
+        timeout=100,
+    )  # fmt: skip
+    assert run.returncode == 0 and int(run.stdout.split()[-1]) >= 20, run.stderr
+
+
+@pytest.fixture
+def screen():
+    """The number of a screen without a monitor."""
+    reading, writing = os.pipe()
+    with subprocess.Popen(
+        ["Xvfb", "-displayfd", str(writing), "-nolisten", "tcp"], pass_fds=[writing],
+        stderr=subprocess.DEVNULL,
+    ) as server, os.fdopen(reading) as told:  # fmt: skip
+        os.close(writing)
+        yield told.readline().strip()
+        server.send_signal(signal.SIGTERM)
+
+
+def test_a_window_shows_the_pictures_of_a_camera(screen, environment, plates):
+    line = line_with("autovideosink").replace("videotestsrc", "videotestsrc num-buffers=20")
+    run = subprocess.run(
+        ["bash", "-c", f"{line} -v"], cwd=plates("bt709").folder, capture_output=True, text=True,
+        check=False, env={**environment, "DISPLAY": f":{screen}"}, timeout=100,
+    )  # fmt: skip
+    assert run.returncode == 0 and "Got EOS" in run.stdout, run.stderr
+    assert re.search(r"GstXv?ImageSink", run.stdout), "a real window, no sink that throws away"
