@@ -160,7 +160,7 @@ hard: system $(VENV)/.installed-test
 	$(BIN)/python docs/make_hard.py
 
 bench: install
-	OPENBLAS_NUM_THREADS=1 MALLOC_ARENA_MAX=1 $(BIN)/python benchmarks/bench_demo.py
+	OPENBLAS_NUM_THREADS=1 MALLOC_ARENA_MAX=1 MALLOC_MMAP_THRESHOLD_=33554432 MALLOC_TRIM_THRESHOLD_=33554432 $(BIN)/python benchmarks/bench_demo.py
 	$(BIN)/python benchmarks/bench_scatter.py
 
 addon:

@@ -184,6 +184,12 @@ class HiddenLayer:
         return cls(box=Box(0, 0, 0, 0), rgba=none, coc_px=none[..., 0], front_rgba=none)
 
 
+def _largest(values: Float32, where: Bool) -> float:
+    """The largest size of some values, 0 for none; quicker than to pick them out first."""
+    kept = np.where(where, values, np.float32(0.0))
+    return float(max(kept.max(initial=0.0), -kept.min(initial=0.0)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DefocusedLayer:
     """A sharp layer and the CoC that the lens gives each of its pixels.
@@ -204,15 +210,17 @@ class DefocusedLayer:
     @property
     def largest_coc_px(self) -> float:
         """Largest CoC diameter of a pixel that has alpha, 0 for an empty layer [px]."""
-        return float(np.abs(self.coc_px[self.layer.rgba[..., 3] > 0]).max(initial=0.0))
+        covered = self.layer.rgba[..., 3] > 0
+        return _largest(self.coc_px, covered)
 
     @property
     def largest_step_px(self) -> float:
         """Largest difference of the CoC between neighbours that both have alpha [px]."""
         covered = self.layer.rgba[..., 3] > 0
         down, across = covered[1:] & covered[:-1], covered[:, 1:] & covered[:, :-1]
-        steps = np.diff(self.coc_px, axis=0)[down], np.diff(self.coc_px, axis=1)[across]
-        return max(float(np.abs(step).max(initial=0.0)) for step in steps)
+        coc = self.coc_px
+        steps = (coc[1:] - coc[:-1], down), (coc[:, 1:] - coc[:, :-1], across)
+        return max(_largest(step, both) for step, both in steps)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -91,7 +92,7 @@ class Camera:
     @property
     def camera_from_world(self) -> Float64:
         """Inverse of the pose (4, 4)."""
-        return np.asarray(np.linalg.inv(self.world_from_camera))
+        return _inverse(self.world_from_camera.astype(np.float64, copy=False).tobytes())
 
     def to_camera(self, world: Float64) -> Float64:
         """World points (N, 3) in camera space, x right, y up, looking along -z [scene unit]."""
@@ -141,6 +142,14 @@ class Camera:
             return np.zeros((len(y), len(x)))
         columns, rows = (x - self.cx) / self.fx, -(y - self.cy) / self.fy
         return np.asarray((up[0] * columns[None, :] + up[1] * rows[:, None] - up[2]) / below)
+
+
+@lru_cache(maxsize=64)  # grids, crops and moments share few poses
+def _inverse(pose: bytes) -> Float64:
+    """Inverse of a pose (4, 4), which is not to be written to."""
+    inverse = np.asarray(np.linalg.inv(np.frombuffer(pose).reshape(4, 4)))
+    inverse.flags.writeable = False
+    return inverse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -54,3 +54,18 @@ def test_products_of_matrices_take_one_thread_and_threads_share_one_heap(tmp_pat
 def test_what_the_environment_says_is_kept(tmp_path):
     threads, heaps = threads_and_heaps(tmp_path, OPENBLAS_NUM_THREADS="2", MALLOC_ARENA_MAX="4")
     assert threads == min(2, os.cpu_count()) and heaps > 2
+
+
+@pytest.mark.parametrize("given", [{}, {"MALLOC_TRIM_THRESHOLD_": "4096"}])
+def test_processes_that_are_started_keep_as_much_of_what_is_free(given):
+    kept = {k: v for k, v in os.environ.items() if "MALLOC" not in k}
+    print_it = (
+        "import os; from nlens_video.cli.library_defaults import set_library_defaults; "
+        "set_library_defaults(); "
+        "print(os.environ['MALLOC_MMAP_THRESHOLD_'], os.environ['MALLOC_TRIM_THRESHOLD_'])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", print_it], env={**kept, **given}, capture_output=True, text=True,
+        check=True, cwd=Path(__file__).parents[2],
+    )  # fmt: skip
+    assert run.stdout.split() == ["33554432", given.get("MALLOC_TRIM_THRESHOLD_", "33554432")]

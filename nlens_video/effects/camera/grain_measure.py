@@ -51,7 +51,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
         evidence = "noise in the smoothest parts of one picture"
     model = None
     value = 0.0
-    if used.sum() >= _LEAST_PIXELS and residual[used].any():
+    if used.sum() >= _LEAST_PIXELS and _any_of(residual, used):
         model = _model(residual, levels, used, persistence)
         value = 255.0 * float(np.sqrt(np.mean(np.square(model.deviation))))
     else:
@@ -65,17 +65,22 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 def _over_time(still: Sequence[Float32], same: Bool) -> tuple[Float32, Float32, Bool, float]:
     """Noise of still pictures, its level, the pixels that count, and the temporal correlation."""
-    mean = np.asarray(np.mean(still, axis=0), np.float32)
+    mean = still[0] + still[1]
+    for code in still[2:]:
+        mean += code
+    mean /= np.float32(len(still))
     red, green, blue = mean[..., 0], mean[..., 1], mean[..., 2]
     used = same & (np.minimum(np.minimum(red, green), blue) > _CLIPPED)
     used &= np.maximum(np.maximum(red, green), blue) < 1.0 - _CLIPPED
     first = [after - before for before, after in zip(still[:-1], still[1:], strict=True)]
     persistence = 0.0
     if len(still) > 2 and used[::2, ::2].any():
-        second = [after - before for before, after in zip(still[:-2], still[2:], strict=True)]
         few = np.s_[::2, ::2]
+        counted, codes = used[few], [code[few] for code in still]
+        second = [after - before for before, after in zip(codes[:-2], codes[2:], strict=True)]
         once, twice = (
-            np.mean([np.square(d[few][used[few]]).mean() for d in ds]) for ds in (first, second)
+            np.mean([np.square(d[counted]).mean() for d in ds])
+            for ds in ([difference[few] for difference in first], second)
         )
         persistence = float(np.clip(twice / max(once, 1e-12) - 1.0, 0.0, _MOST_PERSISTENCE))
     # the variance of a difference is twice that of the noise, less the correlated part
@@ -83,6 +88,17 @@ def _over_time(still: Sequence[Float32], same: Bool) -> tuple[Float32, Float32, 
     residual = np.concatenate([scale * difference for difference in first])
     count = len(first)
     return residual, np.concatenate([mean] * count), np.concatenate([used] * count), persistence
+
+
+def _any_of(residual: Float32, used: Bool) -> bool:
+    """Whether any of the pixels (H, W, 3) that are used is not 0."""
+    return any(bool((residual[..., c].astype(np.bool_) & used).any()) for c in range(3))
+
+
+def _below(residual: Float32, limit: Float32) -> Bool:
+    """Where all channels (..., 3) are smaller than a limit (3,); one by one, which is quicker."""
+    red, green, blue = (np.abs(residual[..., c]) < limit[c] for c in range(3))
+    return np.asarray(red & green & blue)
 
 
 def _in_space(code: Float32) -> tuple[Float32, Float32, Bool, float]:
@@ -148,12 +164,12 @@ def _model(residual: Float32, levels: Float32, used: Bool, persistence: float) -
     few = used[::2, ::2]
     noise, level = residual[::2, ::2][few], levels[::2, ::2][few]
     limit = _OUTLIER * np.sqrt(np.square(noise).mean(axis=0)) + 1e-6
-    inside = (np.abs(noise) < limit).all(axis=1)
+    inside = _below(noise, limit)
     noise, level = noise[inside], level[inside]
     deviation = np.stack([_by_level(noise[:, c], level[:, c], middles) for c in range(3)], axis=1)
     middle = _middle(used)
     residual, levels, used = residual[middle], levels[middle], used[middle]
-    used = used & (np.abs(residual) < limit).all(axis=2)
+    used = used & _below(residual, limit)
     at = [np.interp(levels[..., c], middles, deviation[:, c]) for c in range(3)]
     unit = np.where(used[..., None], residual / np.maximum(np.stack(at, axis=2), 1e-6), 0.0)
     covariance = unit[used].T @ unit[used] / max(1, int(used.sum()))

@@ -94,10 +94,11 @@ def visible_contact(hidden: Float32, directions: int) -> Float32:
 
 def surface_points(vertices: Float64, faces: Int32, count: int = _POINTS) -> Float64:
     """So many points (P, 3) of a surface, evenly by its area, and its lowest vertices."""
-    places = vertices[:, :3].astype(np.float32)
-    one, two = places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]]
+    places = np.ascontiguousarray(vertices[:, :3].T, dtype=np.float32)
+    first, second, third = (places.take(corner, axis=1) for corner in faces.T)
+    one, two = second - first, third - first
     # the area squared by Lagrange's identity, which is quicker than a cross product
-    square = (one * one).sum(1) * (two * two).sum(1) - ((one * two).sum(1)) ** 2
+    square = _dot(one, one) * _dot(two, two) - _dot(one, two) ** 2
     area = np.sqrt(np.maximum(square, 0.0), dtype=np.float64)
     sums = np.cumsum(area)
     number = np.arange(count)
@@ -109,8 +110,13 @@ def surface_points(vertices: Float64, faces: Int32, count: int = _POINTS) -> Flo
     spread = chosen[:, 0] + along[:, None] * (chosen[:, 1] - chosen[:, 0])
     spread += aside[:, None] * (chosen[:, 2] - chosen[:, 0])
     few = min(count // 4, len(vertices))
-    lowest = np.argpartition(places[:, 1], few - 1)[:few]
+    lowest = np.argpartition(places[1], few - 1)[:few]
     return np.concatenate([spread, vertices[lowest, :3]])
+
+
+def _dot(one: Float32, other: Float32) -> Float32:
+    """Dot products (N,) of vectors (3, N)."""
+    return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
 
 
 def smoothed(

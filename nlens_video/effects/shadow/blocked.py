@@ -10,7 +10,7 @@ import numpy as np
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.effects.shadow.apply import Grid
 from nlens_video.effects.shadow.casters import ClippedMesh, Occluder, project_along_light
-from nlens_video.effects.shadow.coverage import PROJECTIONS, Projection, mark_covered
+from nlens_video.effects.shadow.coverage import PROJECTIONS, Bits, Projection, mark_covered
 from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.kernels.thread_pool import parallel_for
 
@@ -48,7 +48,7 @@ def hidden_shares(
         for moment in range(len(occluders))
         for first in range(moment, len(one.lights), len(occluders) * PROJECTIONS)
     ]
-    done: dict[tuple[int, int, int], Float32] = {}
+    done: dict[tuple[int, int, int], Float32 | Bits] = {}
 
     def count(part: tuple[int, int, int]) -> None:
         number, moment, first = part
@@ -65,7 +65,7 @@ def hidden_shares(
     return [number / np.float32(one.count) for number, one in zip(counts, queries, strict=True)]
 
 
-def _counts(occluder: Occluder, query: Query, samples: Sequence[int]) -> Float32:
+def _counts(occluder: Occluder, query: Query, samples: Sequence[int]) -> Float32 | Bits:
     """Number of blocked samples (h, w) among some of a query, at most `PROJECTIONS`."""
     height, width = query.grid.shape
     view = query.grid.view(occluder.camera)
@@ -76,9 +76,11 @@ def _counts(occluder: Occluder, query: Query, samples: Sequence[int]) -> Float32
         for bit, (n, matrix) in enumerate(zip(above, matrices, strict=True))
     ]
     bits = np.zeros((height, width), np.uint8)
-    absorption = no_absorption(height, width)
     for below, alike in _by_mesh(occluder.opaque, query.lights[above], projections):
         mark_covered(bits, (below.vertices, below.faces, below.edges), alike)
+    if not occluder.transparent:
+        return np.bitwise_count(bits)
+    absorption = no_absorption(height, width)
     for number, (bit, matrix, at) in zip(above, projections, strict=True):
         light = query.lights[number]
         for whole, opacity in occluder.transparent:

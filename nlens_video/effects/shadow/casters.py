@@ -251,9 +251,11 @@ class Occluder:
         meshes = [mesh for mesh in (opaque, *(one for one, _ in transparent)) if len(mesh.faces)]
         if not meshes:
             return None
-        points = np.concatenate([mesh.vertices[:, :3] for mesh in meshes])
-        points = points[points[:, 1] >= ground_y]
-        bounds = np.stack([points.min(axis=0), points.max(axis=0)])
+        # coordinate by coordinate: NumPy is slow along an axis of three
+        x, y, z = np.concatenate([mesh.vertices[:, :3].T for mesh in meshes], axis=1)
+        above = y >= ground_y
+        kept = (x, y, z) if above.all() else (x[above], y[above], z[above])
+        bounds = np.array([[one.min() for one in kept], [one.max() for one in kept]])
         return cls(camera, opaque, transparent, ground_y, bounds)
 
     def reached(self, lights: Float64, seen: Box) -> Box:

@@ -65,7 +65,8 @@ def blur_reach(
         aperture: shape of the discs.
         detail: how finely they are drawn.
     """
-    largest = float(np.max(np.abs(coc_px), where=alpha > 0.0, initial=0.0))
+    covered = np.where(alpha > 0.0, coc_px, np.float32(0.0))
+    largest = float(max(covered.max(initial=0.0), -covered.min(initial=0.0)))
     return _reach(largest, pixel_aspect, _tables(aperture, pixel_aspect, detail), detail)
 
 
