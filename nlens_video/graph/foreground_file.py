@@ -139,6 +139,7 @@ def _things_arrays(found: MovingForeground) -> Arrays:
         ).reshape(-1, 3),
         "things.look": np.array([number[id(one.look)] for _, one in rows], np.int64),
         "looks": np.array([look.counts for look in looks], np.float32),
+        "looks.shape": np.array([look.shape for look in looks], np.float32),
         "cameras.frame": np.array(list(found.cameras), np.int64),
         "cameras.pose": np.array([one.world_from_camera for one in cameras]),
         "cameras.numbers": np.array([_numbers(one) for one in cameras]),
@@ -146,7 +147,10 @@ def _things_arrays(found: MovingForeground) -> Arrays:
 
 
 def _things(arrays: Arrays) -> tuple[dict[int, tuple[Ordered, ...]], dict[int, Camera]]:
-    looks = [Look(counts) for counts in arrays["looks"]]
+    looks = [
+        Look(counts, shape)
+        for counts, shape in zip(arrays["looks"], arrays["looks.shape"], strict=True)
+    ]
     things: dict[int, tuple[Ordered, ...]] = {}
     for frame, box, region, numbers, look in zip(
         *(

@@ -5,91 +5,38 @@ The plane of the ground gives the depth of the place where a thing meets it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections import deque
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlens_video.core.layers import Bool, Box, Float32
+from nlens_video.core.layers import Bool, Box, Float32, UInt8
+from nlens_video.effects.foreground.claims import (
+    area,
+    claimed,
+    joined,
+    may_hold,
+    overlap,
+    pieces_of,
+)
 from nlens_video.effects.foreground.looks import Look
+from nlens_video.effects.foreground.meeting import Member, Placed, place
 from nlens_video.effects.foreground.things import Seen
+from nlens_video.effects.foreground.track import Track
 
 _SMOOTH = 5  # frames before and after one in whose median its foot is
 _MARGIN = 0.025  # of a distance by which a thing must be past the object to change its order
 _FAR = 0.4  # distance of the object by that of a thing so far behind that no shadow meets it [1]
-_TRAVELS = 0.6  # of its own size, that a thing must go [1]
 _LONG = 8  # frames of a thing by which its steadiness is judged
-_JUMP = 0.08  # of its height, by which the foot of a thing that goes its way does not jump [1]
 _FADE = 1  # frames before and after a change of the order over which it fades
-_KNOWN = 6  # frames by which the motion of a thing is known
-_MOST_HIDDEN = 25  # frames for which things that meet are told apart by their motion
 _MISSING = 8  # frames that a thing may be lost for
-
-
-@dataclass(slots=True)
-class Track:
-    """A thing over the frames of a shot.
-
-    Attributes:
-        frames: numbers of the frames.
-        boxes: on the small picture.
-        regions: boxes around the connected regions that it is in.
-        feet: disparity of the ground where it stands [1 / scene unit].
-        contacts: disparity of the object's contact with the ground [1 / scene unit].
-        cut: on which of the frames its foot is below the frame.
-        hidden: frames since it was last seen apart from others [1].
-        look: its colours.
-    """
-
-    frames: list[int] = field(default_factory=list)
-    boxes: list[Box] = field(default_factory=list)
-    regions: list[Box] = field(default_factory=list)
-    feet: list[float] = field(default_factory=list)
-    contacts: list[float] = field(default_factory=list)
-    cut: list[bool] = field(default_factory=list)
-    hidden: int = 0
-    look: Look = field(default_factory=Look)
-
-    def add(
-        self, index: int, box: Box, region: Box, foot: float, contact: float, *, cut: bool = False
-    ) -> None:
-        """Take the thing on its next frame."""
-        self.frames.append(index)
-        self.boxes.append(box)
-        self.regions.append(region)
-        self.feet.append(foot)
-        self.contacts.append(contact)
-        self.cut.append(cut)
-
-    @property
-    def travels(self) -> bool:
-        """Whether it goes anywhere; what stirs in its place belongs to the background."""
-        boxes = np.array([(one.x0, one.y0, one.x1, one.y1) for one in self.boxes], float)
-        middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
-        sizes = np.median(boxes[:, 2:] - boxes[:, :2], axis=0)
-        return bool((np.ptp(middles, axis=0) > _TRAVELS * sizes).any())
-
-    @property
-    def jumps(self) -> int:
-        """Frames on which it jumps from the line on which it goes.
-
-        Its foot does, or its top while the frame's border cuts the foot.
-        """
-        tops, feet = np.array([(box.y0, box.y1) for box in self.boxes], float).T
-        height = float(np.median([box.height for box in self.boxes]))
-        cut = np.array(self.cut)
-        cut = cut[:-2] & cut[1:-1] & cut[2:]  # a foot that jumps to the border and back is no such
-        bends = np.where(cut, np.diff(tops, 2), np.diff(feet, 2))
-        return int((np.abs(bends) > _JUMP * height).sum())
-
-    def expected(self, index: int) -> Box:
-        """Where it will be on a frame if it goes on as it went."""
-        back = max(0, len(self.frames) - 1 - _KNOWN)
-        then, now = self.boxes[back], self.boxes[-1]
-        passed = max(1, self.frames[-1] - self.frames[back])
-        ahead = (index - self.frames[-1]) / passed
-        columns = 0.5 * (now.x0 + now.x1 - then.x0 - then.x1)
-        rows = 0.5 * (now.y0 + now.y1 - then.y0 - then.y1)
-        return now.moved(round(ahead * columns), round(ahead * rows))
+_REMEMBERED = 48  # frames before a thing was seen apart on which it is sought
+_CODES = 200.0  # of a root of light of 1, on frames that are remembered
+_LEAST_EVIDENCE = 8.0  # logarithm, for a thing among others on a frame before it was seen apart
+_UNSEEN = 6  # frames on which it may be hidden there
+_SAME = 0.1  # common area of a thing on two frames, by the smaller one's [1]
+_JUMP = 0.08  # of its height, by which the nearest thing's foot may be beside its region's [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +61,11 @@ class Ordered:
 
 
 class Tracks:
-    """Follows things from frame to frame by where they overlap."""
+    """Follows things from frame to frame, also while several make one region."""
 
     def __init__(self) -> None:
         self._tracks: list[Track] = []
+        self._recent: deque[_Frame] = deque(maxlen=_REMEMBERED)
 
     def add(
         self, index: int, seen: list[Seen], feet: list[float], contact: float,
@@ -133,34 +81,74 @@ class Tracks:
             feet: disparity of the ground where each stands [1 / scene unit].
             contact: that of the object's contact with the ground [1 / scene unit].
         """
+        if picture is None:
+            self._take(_Frame(index, seen, feet, contact, None))
+            return
+        codes = np.clip(picture[0] * _CODES + 0.5, 0, 255).astype(np.uint8)
+        frame = _Frame(index, seen, feet, contact, (codes, picture[1]))
+        self._take(frame)
+        for one in self._tracks:
+            if one.frames[-1] == index and one.known and not (one.new or one.traced):
+                one.traced = True
+                self._trace_back(one)
+        self._recent.append(frame)
+
+    def _take(self, frame: _Frame) -> None:
+        index, seen, picture = frame.index, frame.seen, frame.picture
         free = [one for one in self._tracks if 0 < index - one.frames[-1] <= _MISSING]
-        for thing, foot in sorted(
-            zip(seen, feet, strict=True), key=lambda pair: -_area(pair[0].box)
-        ):
-            parts = [one for one in free if _within(one, index, thing.box)]
+        claims = claimed([one for one in free if one.known], index, seen, picture)
+        pieces = pieces_of(claims, index, seen)
+        taken = {id(one) for parts in claims.values() for one in parts}
+        free = [one for one in free if id(one) not in taken]
+        alone = set(range(len(seen))) - {at for _, numbers in pieces for at in numbers}
+        for number in sorted(alone, key=lambda at: -area(seen[at].box)):
+            parts = claims.get(number, [])
             if len(parts) > 1:
-                for one in parts:
-                    free.remove(one)
-                    one.hidden += 1
-                    one.add(
-                        index, one.expected(index), thing.region, one.feet[-1], contact,
-                        cut=thing.cut,
-                    )  # fmt: skip
+                for one, at, stands in _together(parts, frame, seen[number]):
+                    foot = frame.feet[number] if stands else math.nan
+                    one.meet(index, seen[number], at, foot, frame.contact)
                 continue
-            near = [one for one in free if _overlap(one.boxes[-1], thing.box) > 0.1]
-            best = max(near, key=lambda one: _overlap(one.boxes[-1], thing.box), default=None)
-            met = [one for one in near if one.hidden]
-            if picture is not None and len(met) > 1:  # they part: by their looks
-                best = max(met, key=lambda one: _alike(one, thing.box, *picture))
-            if best is None:
-                best = Track()
-                self._tracks.append(best)
-            else:
-                free.remove(best)
-            best.hidden = 0
-            best.add(index, thing.box, thing.region, foot, contact, cut=thing.cut)
-            if picture is not None:
-                best.look.add(*picture, thing.box)
+            best = parts[0] if parts else self._last_at(seen[number].box, free)
+            own = [number, *(at for one, numbers in pieces if one is best for at in numbers)]
+            lowest = max(own, key=lambda at: seen[at].box.y1)
+            thing = joined([seen[at] for at in own])
+            best.add(index, thing, frame.feet[lowest], frame.contact, picture)
+        for one, numbers in pieces:
+            one.pieces[index] = [seen[at].region for at in numbers]
+
+    def _last_at(self, box: Box, free: list[Track]) -> Track:
+        """The thing that was last where one is, taken out of those that are free; or a new one."""
+        near = [one for one in free if overlap(one.boxes[-1], box) > _SAME]
+        best = max(near, key=lambda one: overlap(one.boxes[-1], box), default=None)
+        if best is None:
+            best = Track()
+            self._tracks.append(best)
+        else:
+            free.remove(best)
+        return best
+
+    def _trace_back(self, track: Track) -> None:
+        """Seek a thing in regions from which it parted, on the frames before it was seen apart."""
+        pending: list[tuple[_Frame, int, list[_At]]] = []
+        for frame in reversed(self._recent):
+            if frame.index >= track.frames[0]:
+                continue
+            number = frame.holding(track.expected(frame.index))
+            if number is None:
+                return
+            thing = frame.seen[number]
+            others = [one for one in self._tracks if one.is_in(frame.index, thing)]
+            if not others:
+                return
+            ways = _together([*others, track], frame, thing)
+            (evidence,) = (at.evidence for one, at, _ in ways if one is track)
+            pending.append((frame, number, ways))
+            if evidence > _LEAST_EVIDENCE:
+                for then, at, found in pending:
+                    _rewrite(then, at, found)
+                pending.clear()
+            elif len(pending) > _UNSEEN:
+                return
 
     def steadiness(self, place: Box, left: float = 0.0) -> float:
         """Share of the frames on which what travels through a place does not jump [1].
@@ -183,7 +171,7 @@ class Tracks:
         for track in self._tracks:
             if len(track.frames) < 3:
                 continue
-            feet = _smoothed(track.feet)
+            feet = _smoothed(_between(track))
             nearness = [foot / at for foot, at in zip(feet, track.contacts, strict=True)]
             if max(nearness) < _FAR or not track.travels:
                 continue
@@ -191,11 +179,19 @@ class Tracks:
             for at, (frame, box, region, before, foot) in enumerate(
                 zip(track.frames, track.boxes, track.regions, states, feet, strict=True)
             ):
-                last = track.boxes[max(0, at - 1)]
-                moved = max(abs(box.x0 - last.x0), abs(box.x1 - last.x1))
+                moved = abs(track.middles[at] - track.middles[max(0, at - 1)])
                 one = Ordered(box, region, before, foot, min(moved, 0.5 * box.width), track.look)
-                found.setdefault(frame, []).append(one)
+                beside = [replace(one, region=piece) for piece in track.pieces.get(frame, ())]
+                found.setdefault(frame, []).extend([one, *beside])
         return {frame: tuple(things) for frame, things in found.items()}
+
+
+def _between(track: Track) -> list[float]:
+    """Its feet; where none was seen, between those before and after."""
+    feet = np.array(track.feet)
+    known = ~np.isnan(feet)
+    frames = np.array(track.frames, float)
+    return [float(one) for one in np.interp(frames, frames[known], feet[known])]
 
 
 def _smoothed(values: list[float]) -> list[float]:
@@ -225,26 +221,57 @@ def _orders(nearness: list[float]) -> list[float]:
     ]
 
 
-def _alike(track: Track, box: Box, roots: Float32, mask: Bool) -> float:
-    """How well a track's look explains the things in a box."""
-    at = box.slices_in(Box(0, 0, *mask.shape[::-1]))
-    return float(np.log(track.look.likelihood(roots[at], box, box))[mask[at]].mean())
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What was seen on a frame, as of `Tracks.add`; roots of light as 8-bit codes (h, w, 3)."""
+
+    index: int
+    seen: list[Seen]
+    feet: list[float]
+    contact: float
+    kept: tuple[UInt8, Bool] | None
+
+    @property
+    def picture(self) -> tuple[Float32, Bool] | None:
+        """Roots of light and mask; what is learnt from them can be taken back."""
+        if self.kept is None:
+            return None
+        return self.kept[0].astype(np.float32) / np.float32(_CODES), self.kept[1]
+
+    def holding(self, box: Box) -> int | None:
+        """Number of the thing that may hold another one in a box; None if none does."""
+        for number, one in enumerate(self.seen):
+            if may_hold(one.box, box):
+                return number
+        return None
 
 
-def _area(box: Box) -> int:
-    return box.width * box.height
+_At = tuple[Track, Placed, bool]
+"""A thing where it meets others, and whether it stands where their region meets the ground."""
 
 
-def _within(track: Track, index: int, box: Box) -> bool:
-    """Whether a thing that was seen apart before is expected in a box around others too."""
-    if len(track.frames) - track.hidden < _KNOWN or track.hidden > _MOST_HIDDEN:
-        return False
-    expected = track.expected(index)
-    common = _area(expected.intersection(box))
-    return common > 0.6 * _area(expected) and expected.height > 0.4 * box.height
+def _together(parts: list[Track], frame: _Frame, thing: Seen) -> list[_At]:
+    """Where things are that make one region; the nearest stands where that meets the ground."""
+    parts = sorted(parts, key=lambda one: -one.last_foot)
+    expected, picture = [one.expected(frame.index) for one in parts], frame.picture
+    if picture is None:
+        placed = [Placed(box, 1.0, 0.0) for box in expected]
+    else:
+        members = [Member(one.look, box) for one, box in zip(parts, expected, strict=True)]
+        placed = place(members, *picture, thing.box)
+    stands = abs(placed[0].box.y1 - thing.box.y1) <= _JUMP * placed[0].box.height
+    return [
+        (one, at, stands and not number)
+        for number, (one, at) in enumerate(zip(parts, placed, strict=True))
+    ]
 
 
-def _overlap(one: Box, other: Box) -> float:
-    """Common area by the smaller one's [1]."""
-    common = _area(one.intersection(other))
-    return common / max(1, min(_area(one), _area(other)))
+def _rewrite(frame: _Frame, number: int, ways: list[_At]) -> None:
+    """Take things on a past frame on which they met unnoticed."""
+    thing, picture = frame.seen[number], frame.picture
+    for one, at, stands in ways:
+        if one.is_apart(frame.index) and picture is not None:
+            box = one.boxes[one.frames.index(frame.index)]
+            one.look.add(*picture, box, times=-1)
+        foot = frame.feet[number] if stands else math.nan
+        one.met(frame.index, thing, at, foot, frame.contact)

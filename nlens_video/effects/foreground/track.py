@@ -1,0 +1,193 @@
+"""One thing over the frames of a shot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from nlens_video.core.layers import Bool, Box, Float32
+from nlens_video.effects.foreground.looks import Look, middle
+from nlens_video.effects.foreground.meeting import Placed
+from nlens_video.effects.foreground.things import Seen
+
+_TRAVELS = 0.6  # of its own size, that a thing must go [1]
+_JUMP = 0.08  # of its height, by which the foot of a thing that goes its way does not jump [1]
+KNOWN = 6
+"""Frames by which the motion of a thing is known."""
+LEAST_APART = 2
+"""Frames that tell a thing's looks."""
+_GAIT = 16  # frames whose places tell a motion: more than a stride
+_MOST_HIDDEN = 25  # frames for which a thing is followed that none of it is seen of
+_HIDDEN = 0.3  # share of a thing below which it counts as not seen [1]
+
+
+@dataclass(slots=True)
+class Track:
+    """A thing over the frames of a shot.
+
+    Attributes:
+        frames: numbers of the frames.
+        boxes: on the small picture; while it meets others, around the middle of its upper half.
+        regions: boxes around the connected regions that it is in.
+        middles: column of the middle of its upper half [px].
+        feet: disparity of the ground where it stands [1 / scene unit]; not a number where another
+            thing may hide that place.
+        contacts: disparity of the object's contact with the ground [1 / scene unit].
+        cut: on which of the frames its foot is below the frame.
+        apart: on which it meets no other.
+        pieces: on a frame, regions of parts of it that are apart from the rest.
+        hidden: frames since so much of it was seen that tells where it is [1].
+        traced: whether it was sought on the frames before the first one.
+        look: its colours and its outline.
+    """
+
+    frames: list[int] = field(default_factory=list)
+    boxes: list[Box] = field(default_factory=list)
+    regions: list[Box] = field(default_factory=list)
+    middles: list[float] = field(default_factory=list)
+    feet: list[float] = field(default_factory=list)
+    contacts: list[float] = field(default_factory=list)
+    cut: list[bool] = field(default_factory=list)
+    apart: list[bool] = field(default_factory=list)
+    pieces: dict[int, list[Box]] = field(default_factory=dict)
+    hidden: int = 0
+    traced: bool = False
+    look: Look = field(default_factory=Look)
+
+    def add(
+        self, index: int, thing: Seen, foot: float, contact: float,
+        picture: tuple[Float32, Bool] | None,
+    ) -> None:  # fmt: skip
+        """Take the thing on its next frame, on which it meets no other."""
+        column = 0.5 * (thing.box.x0 + thing.box.x1 - 1)
+        if picture is not None:
+            column = middle(picture[1], thing.box)
+            self.look.add(*picture, thing.box)
+        self._add(index, thing.box, thing.region, column, foot, contact)
+        self.cut.append(thing.cut)
+        self.apart.append(True)
+        self.hidden = 0
+
+    def meet(self, index: int, thing: Seen, placed: Placed, foot: float, contact: float) -> None:
+        """Take it on a frame on which it meets others in one region."""
+        column = 0.5 * (placed.box.x0 + placed.box.x1 - 1)
+        self._add(index, placed.box, thing.region, column, foot, contact)
+        self.cut.append(thing.cut)
+        self.apart.append(False)
+        self.hidden = 0 if placed.seen > _HIDDEN else self.hidden + 1
+
+    def met(self, index: int, thing: Seen, placed: Placed, foot: float, contact: float) -> None:
+        """Take it on a frame before its first one, or on one on which it seemed to be apart.
+
+        Args:
+            index: of the frame.
+            thing: the region that it makes with others.
+            placed: where it is.
+            foot: disparity of the ground where it stands [1 / scene unit].
+            contact: that of the object's contact with the ground [1 / scene unit].
+        """
+        at = self.frames.index(index) if index in self.frames else 0
+        if index in self.frames:
+            for kept in self._columns:
+                del kept[at]
+        column = 0.5 * (placed.box.x0 + placed.box.x1 - 1)
+        values = index, placed.box, thing.region, column, foot, contact, thing.cut, False
+        for kept, value in zip(self._columns, values, strict=True):
+            kept.insert(at, value)
+
+    def is_in(self, index: int, thing: Seen) -> bool:
+        """Whether it is in a region of a frame."""
+        return index in self.frames and self.regions[self.frames.index(index)] == thing.region
+
+    def is_apart(self, index: int) -> bool:
+        """Whether it was seen apart on a frame."""
+        return index in self.frames and self.apart[self.frames.index(index)]
+
+    @property
+    def _columns(self) -> tuple[list[Any], ...]:
+        return (
+            self.frames, self.boxes, self.regions, self.middles, self.feet, self.contacts,
+            self.cut, self.apart,
+        )  # fmt: skip
+
+    def _add(
+        self, index: int, box: Box, region: Box, column: float, foot: float, contact: float
+    ) -> None:
+        self.frames.append(index)
+        self.boxes.append(box)
+        self.regions.append(region)
+        self.middles.append(column)
+        self.feet.append(foot)
+        self.contacts.append(contact)
+
+    @property
+    def known(self) -> bool:
+        """Whether it was seen apart often enough to be told from others that it meets."""
+        return sum(self.apart) >= LEAST_APART and self.hidden <= _MOST_HIDDEN
+
+    @property
+    def new(self) -> bool:
+        """Whether its motion is not known yet."""
+        return sum(self.apart) < KNOWN
+
+    @property
+    def last_foot(self) -> float:
+        """The last disparity of its foot that was seen [1 / scene unit]."""
+        return next((foot for foot in reversed(self.feet) if not math.isnan(foot)), 0.0)
+
+    @property
+    def travels(self) -> bool:
+        """Whether it goes anywhere; what stirs in its place belongs to the background."""
+        boxes = np.array([(one.x0, one.y0, one.x1, one.y1) for one in self.boxes], float)
+        middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+        sizes = np.median(boxes[:, 2:] - boxes[:, :2], axis=0)
+        return bool((np.ptp(middles, axis=0) > _TRAVELS * sizes).any())
+
+    @property
+    def jumps(self) -> int:
+        """Frames on which it jumps from the line on which it goes, while it meets no other.
+
+        Its foot does, or its top while the frame's border cuts the foot.
+        """
+        tops, feet = np.array([(box.y0, box.y1) for box in self.boxes], float).T
+        height = float(np.median([box.height for box in self.boxes]))
+        cut = _thrice(self.cut)  # a foot that jumps to the border and back is no such
+        bends = np.where(cut, np.diff(tops, 2), np.diff(feet, 2))
+        return int((_thrice(self.apart) & (np.abs(bends) > _JUMP * height)).sum())
+
+    def expected(self, index: int) -> Box:
+        """Where it is on a frame beside its own if it goes as it went, or before as it went later.
+
+        The box is around its upper half's middle.
+        """
+        later = [at for at, frame in enumerate(self.frames) if frame > index][:_GAIT]
+        near = later or list(range(len(self.frames)))[-_GAIT:]
+        column = _ahead([self.frames[at] for at in near], [self.middles[at] for at in near], index)
+        alone = [at for at, one in enumerate(self.apart) if one]
+        alone = [at for at in alone if self.frames[at] > index][:_GAIT] or alone[-_GAIT:]
+        boxes = [self.boxes[at] for at in alone]
+        foot = _ahead([self.frames[at] for at in alone], [float(box.y1) for box in boxes], index)
+        width, height = (
+            float(np.median([getattr(box, side) for box in boxes])) for side in ("width", "height")
+        )
+        left, top = round(column + 0.5 - 0.5 * width), round(foot - height)
+        return Box(left, top, left + max(1, round(width)), top + max(1, round(height)))
+
+
+def _thrice(flags: list[bool]) -> Bool:
+    """Where a frame and both beside it are flagged (n - 2,)."""
+    each = np.array(flags)
+    return np.asarray(each[:-2] & each[1:-1] & each[2:])
+
+
+def _ahead(frames: list[int], values: list[float], index: int) -> float:
+    """A value on a frame beside these, by the median of the slopes between them."""
+    if len(values) < 2:
+        return values[-1]
+    moments, seen, half = np.array(frames, float), np.array(values), len(values) // 2
+    slope = float(np.median((seen[half:] - seen[:-half]) / (moments[half:] - moments[:-half])))
+    nearest = slice(-KNOWN, None) if index > frames[-1] else slice(KNOWN)
+    return float(np.median((seen + slope * (index - moments))[nearest]))
