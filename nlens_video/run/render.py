@@ -190,10 +190,10 @@ def note_on_partial_file(sink: Sink) -> Iterator[None]:
 
 
 def _describe_source(info: SourceInfo) -> Iterator[str]:
-    rate = f"{float(info.average_rate):.3f} fps" if info.average_rate else "unknown rate"
+    rate = f", {float(info.average_rate):.3f} fps" if info.average_rate else ", unknown rate"
     yield (
         f"plate {info.name}: {info.kind}, {info.codec} {info.width}x{info.height} "
-        f"{info.pixel_format}, {rate}"
+        f"{info.pixel_format}{'' if info.kind == 'still' else rate}"
     )
     tags = info.tags
     assumed = f" (assumed: {', '.join(tags.assumed)})" if tags.assumed else ""

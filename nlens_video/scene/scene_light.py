@@ -73,8 +73,9 @@ class SceneLight:
             return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
         if len(found) == 1 and self.environment is None:
             return Note(
-                f"{text}: level and tint as seen, its direction a guess "
-                "(--sun AZ,EL or --env-map MAP.hdr tell it)",
+                f"{text}: level and tint as seen, its direction a guess; where the plate shows "
+                "hard shadows, --sun AZ,EL casts such a one (degrees right of the view, and up); "
+                "--env-map MAP.hdr gives all light",
                 NoteKind.LIGHTS_MISSING,
             )
         return Note(text, NoteKind.INFORMATION)
