@@ -113,6 +113,31 @@ def test_documented_python_example_runs_on_an_opencv_capture(page, folder, monke
         assert len(seen) == 14 and all(frame.shape == seen[0].shape for frame in seen)
 
 
+PRELUDE = """from typing import Any
+
+import cv2
+
+capture: Any = cv2.VideoCapture("in.mp4")
+
+
+def show(frame: object) -> None: ...
+"""
+
+
+@pytest.mark.slow
+def test_documented_python_examples_have_the_right_types(tmp_path):
+    for page in ("README.md", "docs/python.md", "docs/adapters.md"):
+        blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.M | re.S)
+        for number, block in enumerate(blocks):
+            name = re.sub(r"\W", "_", page).lower()
+            (tmp_path / f"{name}_{number}.py").write_text(f"{PRELUDE}\n\n{block}")
+    run = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", *sorted(tmp_path.glob("*.py"))], cwd=ROOT,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout
+
+
 @pytest.mark.slow
 def test_documentation_site_builds_without_warnings(tmp_path):
     run = subprocess.run(

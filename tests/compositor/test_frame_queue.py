@@ -46,10 +46,13 @@ def test_full_queue_makes_the_producer_wait(lens):
     with FrameQueue(lens, 2) as queue:
         producer = threading.Thread(target=lambda: [queue.submit(bgr(), 0.0) for _ in range(4)])
         producer.start()
-        time.sleep(0.3)
+        until = time.monotonic() + 30
+        while len(queue) < 2 and time.monotonic() < until:
+            time.sleep(0.01)
+        time.sleep(0.1)
         assert producer.is_alive() and len(queue) == 2
         assert all(queue.result() is not None for _ in range(4))
-        producer.join(5)
+        producer.join(30)
         assert not producer.is_alive() and queue.dropped == 0
 
 
@@ -128,6 +131,24 @@ def test_frame_in_shared_memory_is_composited_where_another_process_sees_it(lens
         assert int(run.stdout) == int(lens.process(plain, 0.0).astype(np.uint64).sum())
         lens.process(plain, 0.0)  # the last picture shown is no longer the shared one
         del frame
+    finally:
+        memory.close()
+        memory.unlink()
+
+
+def test_queue_composites_frames_in_shared_memory_where_they_lie(lens):
+    memory = SharedMemory(create=True, size=2 * bgr().nbytes)
+    try:
+        frames = np.ndarray((2, *bgr().shape), np.uint8, memory.buf)
+        frames[...] = bgr()
+        with FrameQueue(lens, 2) as queue:
+            for number in range(2):
+                queue.submit(frames[number], number / 25, frames[number])
+            made = [queue.result() for _ in range(2)]
+        assert all(np.shares_memory(one, frames) for one in made)
+        for number in range(2):
+            np.testing.assert_array_equal(frames[number], lens.process(bgr(), number / 25))
+        del frames, made
     finally:
         memory.close()
         memory.unlink()
