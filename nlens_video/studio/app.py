@@ -25,6 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.settings import SourceSettings
+from nlens_video.studio.objects import object_files
 from nlens_video.studio.plate_frames import PlateFrames, to_jpeg
 from nlens_video.studio.previews import KINDS, Answer, Previews, Wish
 from nlens_video.studio.render_job import RenderJob
@@ -119,6 +120,7 @@ class Studio:
                 "shown": list(self._frames.size), "reduced": self._frames.reduced,
             },
             "environments": await run_in_threadpool(self._shot.environments),
+            "objects": await run_in_threadpool(object_files, self._shot.path.parent),
             "render": self.render.last,
         })  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Where object, horizon and ground are on a frame, for what the page draws over the picture."""
+"""Where objects, horizon and ground are on a frame, for what the page draws over the picture."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.cameras.placement import contact_point
-from nlens_video.core.layers import Float64
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.graph.base.view import View
 from nlens_video.report.ground_grid import Grid, horizon_row, part_in_view
 from nlens_video.report.svg import nice_step
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
+from nlens_video.studio.objects import ObjectGuides, object_guides
 
 _CELLS = 6  # of the ground grid each way
 _FAR = 20.0  # frames: what lies farther out is not drawn
@@ -24,22 +24,16 @@ class Guides:
     """Places on a frame, in fractions of its width and height from its upper left corner.
 
     Attributes:
-        at: where the object touches the ground, None where that is behind the camera.
-        size: rows from there up to its highest point [frame height].
-        outline: left, upper, right and lower border of the object.
+        objects: each object.
         horizon: rows of the horizon at the left and the right border, None where there is none.
         grid: lines on the ground, each as two points.
-        placed: whether the shot places the object; else a camera of its file does.
-        keyed: whether the object can be placed on this frame: its camera is known there.
+        keyed: whether objects can be placed on this frame: its camera is known there.
         moving: whether the plate's camera moves.
     """
 
-    at: tuple[float, float] | None
-    size: float
-    outline: tuple[float, float, float, float] | None
+    objects: tuple[ObjectGuides, ...]
     horizon: tuple[float, float] | None
     grid: tuple[tuple[float, float, float, float], ...]
-    placed: bool
     keyed: bool
     moving: bool
 
@@ -48,50 +42,24 @@ def guides(objects: ObjectSettings, scene: Scene, view: View, index: int, time_s
     """What is where on a frame.
 
     Args:
-        objects: the object and its place.
-        scene: its file.
-        view: with the camera that sees it.
+        objects: the objects and their places.
+        scene: their files, staged.
+        view: with the camera that sees them.
         index: of the frame.
         time_s: of the frame [s].
     """
     camera = view.camera_at(scene, time_s)
-    vertices = scene.pose(0.0).vertices().astype(np.float64)
-    contact = contact_point(scene.pose(0.0).vertices(), objects.ground_y)
-    at, size = _stand(camera, contact, vertices)
-    moved = scene.pose(time_s).vertices().astype(np.float64)
+    vertices = scene.only(0).pose(0.0).vertices()
+    contact = contact_point(vertices, objects.ground_y)
     keys = () if view.solved is None else view.solved.keys
-    tall = float(np.ptp(vertices[:, 1])) or 1.0
+    tall = float(np.ptp(vertices[:, 1].astype(np.float64))) or 1.0
     return Guides(
-        at=at,
-        size=size,
-        outline=_outline(camera, moved),
+        objects=object_guides(objects, scene, view, time_s),
         horizon=_horizon(camera),
         grid=tuple(_grid(camera, Grid(contact, nice_step(tall), _CELLS))),
-        placed=not scene.camera_names or bool(objects.placing or objects.on_ground),
         keyed=len(keys) < 2 or any(key.index == index for key in keys),
         moving=len(keys) > 1,
     )
-
-
-def _stand(
-    camera: Camera, contact: Float64, vertices: Float64
-) -> tuple[tuple[float, float] | None, float]:
-    seen = camera.to_camera(np.vstack([contact[None], vertices]))
-    if not (seen[:, 2] < 0.0).all():
-        return None, 0.0
-    spots = camera.pixels(seen) / (camera.width, camera.height)
-    if not (np.abs(spots[0]) < _FAR).all():
-        return None, 0.0
-    return (float(spots[0, 0]), float(spots[0, 1])), float(spots[0, 1] - spots[:, 1].min())
-
-
-def _outline(camera: Camera, vertices: Float64) -> tuple[float, float, float, float] | None:
-    seen = camera.to_camera(vertices)
-    if not (seen[:, 2] < 0.0).all():
-        return None
-    spots = camera.pixels(seen) / (camera.width, camera.height)
-    low, high = spots.min(axis=0), spots.max(axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
 def _horizon(camera: Camera) -> tuple[float, float] | None:

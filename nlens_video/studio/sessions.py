@@ -15,14 +15,16 @@ from nlens_video.effects.planner import (
     EffectRequest,
 )
 from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.base.objects_on_ground import stage
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.view import View, choose_camera
+from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import Built, build
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.session import Session
+from nlens_video.scene.scene import Scene
 from nlens_video.studio.open_plate import Plate
 from nlens_video.video.info import SourceFrame
 
@@ -61,13 +63,23 @@ def without_lens(settings: Settings, decisions: Sequence[Decision]) -> Settings:
     return replace(settings, effects=",".join(kept) or "none")
 
 
-def placed(base: Session, settings: Settings, view: View, *, hold_light: bool) -> Session:
-    """A session with the object at another place."""
-    scene = base.context.objects.scene
-    view, notes = choose_camera(settings.scene, scene, view)
-    view = replace(view, overscan_px=overscan_px(scene, view, base.context.measured))
-    objects = replace(base.context.objects, view=view)
-    context = replace(base.context, objects=objects, unit_m=view.unit_m)
+def placed(
+    base: Session, settings: Settings, scene: Scene, view: View, *, hold_light: bool
+) -> Session:
+    """A session with its objects at other places; `scene` holds their files."""
+    staged = stage(settings.scene, scene, view)
+    scene, notes = staged.scene, staged.notes
+    view = replace(staged.view, overscan_px=overscan_px(scene, staged.view, base.context.measured))
+    if base.context.renderer is not None and scene is not base.context.objects.scene:
+        base.context.renderer.rearrange(scene)
+    shadow = base.context.shadow_scene
+    context = replace(
+        base.context,
+        objects=replace(base.context.objects, scene=scene, view=view),
+        shadow_scene=None if shadow is None else replace(shadow, pose=scene.pose),
+        ground_y=staged.objects.ground_y,
+        unit_m=view.unit_m,
+    )
     built: Built = {}
     if hold_light:
         held = [node for node in base.graph.nodes if node.name == _LIGHT[0]]

@@ -30,6 +30,7 @@ from nlens_video.solve.evidence import PlateLines
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.studio.guides import Guides, guides
 from nlens_video.studio.inspection import Inspection
+from nlens_video.studio.objects import without_places
 from nlens_video.studio.open_plate import Plate
 from nlens_video.studio.sessions import (
     camera_height,
@@ -101,7 +102,9 @@ class Stage:
     on_progress: OnProgress = lambda done, total: None
     check: Callable[[], None] = lambda: None
     _plate: Plate | None = None
-    _bases: dict[Picturing, tuple[Settings, Session, ExitStack]] = field(default_factory=dict)
+    _bases: dict[Picturing, tuple[Settings, Scene, Session, ExitStack]] = field(
+        default_factory=dict
+    )  # by what they draw, with the settings without places, and the files
     _cameras: dict[object, tuple[SolvedCamera, PlateLines]] = field(default_factory=dict)
     _scenes: dict[object, Scene] = field(default_factory=dict)
     _lens: _Lens | None = None
@@ -177,7 +180,7 @@ class Stage:
 
     def close(self) -> None:
         """Free renderer, networks and files."""
-        for _, _, stack in self._bases.values():
+        for _, _, _, stack in self._bases.values():
             stack.close()
         self._bases.clear()
         if self._plate is not None:
@@ -223,29 +226,26 @@ class Stage:
         return self._scenes[key]
 
     def _session(self, settings: Settings, plate: Plate, view: View, kind: Picturing) -> Session:
-        """A session for the shot: one that is kept, with the object where it is now, or a new one.
+        """A session for the shot: one that is kept, with all objects where they are, or a new one.
 
         Its nodes are new, so that nothing of another place stays; but the light while dragging.
         """
-        unplaced = replace(
-            settings, scene=replace(settings.scene, placing=None, on_ground=None, at_frame=0)
-        )
+        unplaced = replace(settings, scene=without_places(settings.scene))
+        scene = self._scene(settings)
         kept = self._bases.get(kind)
-        if kept is None or kept[0] != unplaced or kept[1].context.objects.scene is not (
-            self._scene(settings)
-        ):  # fmt: skip
+        if kept is None or kept[0] != unplaced or kept[1] is not scene:
             if kept is not None:
-                self._bases.pop(kind)[2].close()
+                self._bases.pop(kind)[3].close()
             session = open_session(
                 settings.scene, lens_request(settings, plate.frames.info), view,
                 Profiler(settings.budget_ms), plate.preview,
-                scene=self._scene(settings), estimate_coc=plate.estimate_coc,
+                scene=scene, estimate_coc=plate.estimate_coc,
             )  # fmt: skip
             stack = ExitStack()
             stack.enter_context(session.render_context())
-            self._bases[kind] = unplaced, session, stack
+            self._bases[kind] = unplaced, scene, session, stack
             return session
-        return placed(kept[1], settings, view, hold_light=kind == "drag")
+        return placed(kept[2], settings, scene, view, hold_light=kind == "drag")
 
     def _with_lens(
         self, session: Session, preset: str, plate: Plate, frame: SourceFrame, kind: Picturing

@@ -48,6 +48,28 @@ def test_picture_at_rest_is_the_one_that_a_run_renders(tmp_path, stage, preset, 
     np.testing.assert_array_equal(levels, rendered)
 
 
+def test_several_objects_with_keys_are_drawn_as_a_run_renders_them(tmp_path, stage):
+    shot = write_shot(tmp_path)
+    keys = [{"frame": 0, "at": [0.2, 0.75]}, {"frame": 3, "at": [0.6, 0.9]}]
+    tables = {name: table for name, table in copy.deepcopy(TABLES).items() if name != "place"}
+    other = {"file": "bare.glb", "size": 0.2, "key": keys}
+    tables["object"] = [{"file": "bare.glb", "at": [0.4, 0.8], "size": 0.3}, other]
+    tables["output"] = {"file": "out.mkv", "codec": "ffv1"}
+    state = ShotState(shot, tables)
+    for x in (0.9, 0.6):  # the second one is drawn with what is kept of the first
+        keys[1]["at"] = [x, 0.9]
+        drawn = stage.draw(state.settings(tables), 2)
+    state.save(tables)
+    assert nlens(shot, "--frame", "2", "-q", "-y").returncode == 0
+    frames = PlateFrames(SourceSettings(spec=str(tmp_path / "out.mkv")), 1 << 30)
+    rendered = frames.frame(0).picture.srgb()
+    frames.close()
+    np.testing.assert_allclose(drawn.picture.srgb(), rendered, atol=1e-6)
+    quick = stage.draw(state.settings(tables), 2, "drag")
+    assert quick.guides == drawn.guides
+    assert len(drawn.guides.objects[1].stops) == 2
+
+
 def test_dragged_picture_shows_the_object_where_the_one_at_rest_does(tmp_path, stage):
     shot = write_shot(tmp_path)
     tables = copy.deepcopy(TABLES)

@@ -87,8 +87,8 @@ def test_object_is_drawn_where_the_shot_places_it(server):
     with server.live() as live:
         for kind in ("drag", "rest"):
             left, right = (drawn(live, placed(x), kind) for x in (0.3, 0.6))
-            assert left[0]["guides"]["at"] == pytest.approx([0.3, 0.8], abs=1e-6)
-            assert left[0]["guides"]["size"] == pytest.approx(0.3, abs=1e-6)
+            assert left[0]["guides"]["objects"][0]["at"] == pytest.approx([0.3, 0.8], abs=1e-6)
+            assert left[0]["guides"]["objects"][0]["size"] == pytest.approx(0.3, abs=1e-6)
             way = changed_middle(right[1], plate)[0] - changed_middle(left[1], plate)[0]
             assert way == pytest.approx(0.3, abs=0.03)
 
@@ -123,7 +123,7 @@ def test_only_the_latest_wish_counts(server):
             wish = {"number": number, "tables": placed(0.01 * number), "frame": 0, "kind": "drag"}
             live.send(json.dumps(wish))
         said, _ = received(live, 29)
-    assert said["guides"]["at"][0] == pytest.approx(0.29, abs=1e-6)
+    assert said["guides"]["objects"][0]["at"][0] == pytest.approx(0.29, abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["drag", "rest"])
@@ -135,7 +135,9 @@ def test_many_pages_are_each_answered(server, kind):
             wish = {"number": 7, "tables": placed(x), "frame": 1, "kind": kind}
             page.send(json.dumps(wish))
         for page, x in zip(pages, places, strict=True):
-            assert received(page, 7)[0]["guides"]["at"][0] == pytest.approx(x, abs=1e-6)
+            assert received(page, 7)[0]["guides"]["objects"][0]["at"][0] == pytest.approx(
+                x, abs=1e-6
+            )
 
 
 def test_focus_shows_the_blur_in_colours(server):

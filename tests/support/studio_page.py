@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from support.studio import WAIT_MS
 
+CORNER_PX = 5  # more than the radius of the picture's corners
+
 
 def at_rest(page, act, kind="rest"):
     """Do something, and wait for the picture at rest, or of another kind, that follows."""
@@ -23,8 +25,13 @@ def seen(page):
 
 
 def canvas(page, name):
+    """A picture of the page, black at its rounded corners: how they are smoothed varies."""
     data = page.locator(name).screenshot()
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    for rows in (slice(None, CORNER_PX), slice(-CORNER_PX, None)):
+        for columns in (slice(None, CORNER_PX), slice(-CORNER_PX, None)):
+            found[rows, columns] = 0
+    return found
 
 
 def plate_seen(page):

@@ -54,6 +54,11 @@ class BoxRenderer(ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def rearrange(self, scene: Scene) -> None:
+        """Draw the same files from now on where another scene places them."""
+        self._scene = scene
+        self._posed = self._last = self._on_target = None
+
     @property
     def light_note(self) -> Note:
         """Description of the light sources."""

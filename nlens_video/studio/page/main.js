@@ -3,6 +3,7 @@
 import { HandLines, PlateLines, cameraOfPairs, linesOf } from "./camera.js";
 import { rounded } from "./ground.js";
 import { Live } from "./live.js";
+import { Objects } from "./objects.js";
 import { showEffects, showNotes, showTimes, switched } from "./panel.js";
 import { RegionPen } from "./region.js";
 import { post, request } from "./server.js";
@@ -35,6 +36,18 @@ const stage = new Stage(place, onPlace, onHorizon, (visible) => {
   found.draw(visible);
   hand.draw(visible);
 });
+const objects = new Objects(shot, {
+  frame: () => frame,
+  rate: about.plate.rate,
+  files: about.objects,
+  changed: () => {
+    const shown = objects.guides[objects.selected];
+    if (shown && stage.guides) Object.assign(stage.guides, shown);
+    changed("rest");
+  },
+  go,
+});
+stage.more = (lines) => objects.draw(lines);
 const live = new Live(onPicture, onTold, (connected) => {
   if (!connected) busy("The server has ended, or does not answer.");
   else refresh();
@@ -44,12 +57,12 @@ const live = new Live(onPicture, onTold, (connected) => {
 function place() {
   const guides = stage.guides;
   if (!guides?.placed || !guides.at) return null;
-  const given = shot.tables["place"] ?? {};
-  const moved = guides.moving ? undefined : given["at"];
+  const given = objects.table;
+  const shown = guides.moving || objects.keyed("at");
   return {
-    at: moved ?? guides.at,
-    size: (guides.moving ? undefined : given["size"]) ?? guides.size,
-    yaw: given["yaw"] ?? 0,
+    at: (shown ? undefined : given["at"]) ?? guides.at,
+    size: (shown ? undefined : given["size"]) ?? guides.size,
+    yaw: guides.yaw ?? given["yaw"] ?? 0,
   };
 }
 
@@ -57,15 +70,9 @@ function place() {
 function onPlace(wanted, done) {
   if (!done) shot.hold();
   const guides = stage.guides;
-  shot.set("place", {
-    at: [rounded(wanted.at[0], 4), rounded(wanted.at[1], 4)],
-    "at-frame": guides?.moving ? frame : undefined,
-    size: rounded(wanted.size, 4),
-    height: undefined,
-    yaw: rounded(wanted.yaw, 2),
-  });
+  objects.put(place() ?? wanted, wanted, guides?.moving ?? false);
   if (done) shot.release();
-  if (guides) guides.at = /** @type {[number, number]} */ (shot.get("place", "at"));
+  if (guides) Object.assign(guides, { at: wanted.at, size: wanted.size, yaw: objects.keyed("yaw") ? wanted.yaw : null });
   changed(done ? "rest" : "drag");
 }
 
@@ -126,8 +133,9 @@ async function onPicture(said, data) {
     showFocus(said);
   } else {
     last = said;
-    if (shot.held === null || !stage.guides) stage.guides = said["guides"];
-    else stage.guides = { ...said["guides"], at: stage.guides.at, horizon: stage.guides.horizon };
+    const { at, size, yaw, horizon } = stage.guides ?? {};
+    take(said["guides"]);
+    if (shot.held !== null && at && horizon && stage.guides) Object.assign(stage.guides, { at, size, yaw, horizon });
     if (said.kind === "rest") describe(said);
   }
   stage.draw();
@@ -136,6 +144,12 @@ async function onPicture(said, data) {
   document.body.dataset["drawn"] = String(said.number);
   document.body.dataset["kind"] = said.kind;
   document.body.dataset["took"] = String(Math.round(said["took_ms"]));
+}
+
+/** Take what a picture says of its objects. @param {any} said */
+function take(said) {
+  objects.guides = said.objects;
+  stage.guides = { ...said, ...said.objects[Math.min(objects.selected, said.objects.length - 1)] };
 }
 
 /** @param {any} said of a picture at rest */
@@ -216,6 +230,7 @@ function refresh() {
 
 /** Show in the controls what the shot says. */
 function fill() {
+  objects.show();
   const now = place();
   one("of-file").hidden = !stage.guides || stage.guides.placed;
   one("place").hidden = !now;
@@ -299,12 +314,13 @@ field("horizon").addEventListener("change", () => onHorizon(field("horizon").val
 /** The horizon at a row, above the object; the object is placed then. @param {number} row @param {boolean} done @param {number} [fov] */
 function onHorizon(row, done, fov) {
   const now = place();
-  const at = shot.get("place", "at") ?? now?.at ?? [0.5, 0.8];
+  const at = (objects.keyed("at") ? null : objects.table["at"]) ?? now?.at ?? [0.5, 0.8];
   shot.hold();
   const horizon = rounded(Math.max(-0.5, Math.min(row, at[1] - LEAST_BELOW)), 3);
   const wider = fov === undefined ? {} : { fov: rounded(fov, 2) };
   shot.set("camera", { horizon, ...wider });
-  shot.set("place", { at, size: shot.get("place", "size") ?? now?.size ?? 0.35 });
+  if (!objects.keyed("at")) objects.write({ at });
+  if (!objects.keyed("size")) objects.write({ size: objects.table["size"] ?? now?.size ?? 0.35 });
   if (done) shot.release();
   if (stage.guides) stage.guides.horizon = [horizon, horizon];
   changed(done ? "rest" : "drag");
@@ -410,7 +426,7 @@ one("redo").addEventListener("click", () => step("redo"));
 /** @param {"undo" | "redo"} way */
 function step(way) {
   shot[way]();
-  const at = shot.get("place", "at");
+  const { at } = objects.table;
   if (stage.guides && at && !stage.guides.moving) stage.guides.at = at;
   changed("rest");
 }
@@ -450,13 +466,18 @@ field("show-guides").addEventListener("change", () => {
   stage.shown = field("show-guides").checked;
   stage.overlay();
 });
-field("frame").addEventListener("input", () => {
-  frame = field("frame").valueAsNumber;
+field("frame").addEventListener("input", () => go(field("frame").valueAsNumber));
+
+/** @param {number} number of the frame to show */
+function go(number) {
+  frame = Math.min(number, about.plate.frames - 1);
+  field("frame").value = String(frame);
   one("frame-number").textContent = String(frame);
   stage.pictures = {};
+  objects.showKeys();
   void showPlate();
   ask("rest");
-});
+}
 
 async function save() {
   const text = JSON.stringify(shot.tables);

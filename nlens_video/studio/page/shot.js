@@ -39,6 +39,14 @@ export class Shot {
     if (this.held === null) this.remember(before);
   }
 
+  /** Put other tables in place of all. @param {Tables} tables */
+  replace(tables) {
+    const before = JSON.stringify(this.tables);
+    if (JSON.stringify(tables) === before) return;
+    this.tables = tables;
+    if (this.held === null) this.remember(before);
+  }
+
   /** Changes from now until `release` are one step of the history. */
   hold() {
     if (this.held === null) this.held = JSON.stringify(this.tables);

@@ -4,7 +4,7 @@ import { atDistance, clampSize, movedTo } from "./ground.js";
 import { corners } from "./region.js";
 
 /** @typedef {import("./ground.js").Place} Place */
-/** @typedef {{at: [number, number] | null, size: number, outline: number[] | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
+/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
 
 const SVG = "http://www.w3.org/2000/svg";
 const TURN_DEG = 0.5; // a pixel of a drag
@@ -43,6 +43,8 @@ export class Stage {
     /** @type {number[] | null} on whose ground the lens is fitted */
     this.region = null;
     this.shown = true;
+    /** @type {(lines: SVGElement) => void} draws more over the picture */
+    this.more = () => {};
     /** @type {number | undefined} */
     this.wheelTimer = undefined;
     this.drag(one("grip"), this.moving.bind(this));
@@ -120,6 +122,7 @@ export class Stage {
     if (!seen || !guides) return;
     if (guides.placed) for (const line of guides.grid) this.line(line, "");
     if (guides.horizon) this.line([0, guides.horizon[0], 1, guides.horizon[1]], "horizon");
+    this.more(this.lines);
     if (!handles || !place) return;
     put("move", place.at[0], place.at[1]);
     put("scale", place.at[0], place.at[1] - place.size);

@@ -1,0 +1,158 @@
+"""The objects of a shot as the page shows them: where each is on a frame, and its way there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nlens_video.cameras.placement import contact_point
+from nlens_video.core.layers import Float64
+from nlens_video.core.objects import NO_KEYS, PlaceKey, PlaceKeys
+from nlens_video.core.settings import ObjectSettings
+from nlens_video.graph.base.view import View
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.object_motion import ObjectMotion
+from nlens_video.scene.scene import Scene
+
+_FAR = 20.0  # frames: what lies farther out is not drawn
+_STEPS = 120  # of a path
+_MOST_FILES = 100
+_SUFFIXES = (".glb", ".gltf")
+_MOVING = PlaceKeys(
+    keys=tuple(PlaceKey(time_s=t, at=(0.5, 0.8), size=0.2, yaw_deg=t) for t in (0.0, 1.0))
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectGuides:
+    """An object on a frame, in fractions of its width and height from its upper left corner.
+
+    Attributes:
+        at: where it touches the ground, None where that is behind the camera.
+        size: rows from there up to its highest point [frame height].
+        yaw: its turn towards the camera of this moment, where it is keyed; else None [deg].
+        outline: its left, upper, right and lower border.
+        placed: whether the shot places it; else it stands where its file has it.
+        path: points of its way on the ground, as this frame's camera sees them.
+        stops: those of its keys.
+    """
+
+    at: tuple[float, float] | None
+    size: float
+    yaw: float | None
+    outline: tuple[float, float, float, float] | None
+    placed: bool
+    path: tuple[tuple[float, float], ...] = ()
+    stops: tuple[tuple[float, float], ...] = ()
+
+
+def object_guides(
+    objects: ObjectSettings, scene: Scene, view: View, time_s: float
+) -> tuple[ObjectGuides, ...]:
+    """Each object on a frame.
+
+    Args:
+        objects: the objects and their places.
+        scene: their files, staged.
+        view: with the camera that sees them.
+        time_s: of the frame [s].
+    """
+    camera = view.camera_at(scene, time_s)
+    first = not scene.camera_names or bool(objects.placing or objects.on_ground)
+    grounds = [objects.ground_y, *(other.ground_y for other in objects.others)]
+    keyed = [objects.keys, *(other.keys for other in objects.others)]
+    found = []
+    for number, (part, ground_y, keys) in enumerate(zip(scene.parts, grounds, keyed, strict=True)):
+        own = scene.only(number).pose(0.0).vertices().astype(np.float64)
+        contact = contact_point(own.astype(np.float32), ground_y)
+        motion = part.motion
+        if motion is not None:
+            matrix = motion.at(time_s)
+            own, contact = (points @ matrix[:3, :3].T + matrix[:3, 3] for points in (own, contact))
+        moved = np.concatenate([mesh.positions for mesh in part.meshes(part.moved(time_s))])
+        at, size = stand(camera, contact, own)
+        path, stops = ((), ()) if motion is None else _way(motion, camera)
+        found.append(
+            ObjectGuides(
+                at=at,
+                size=size,
+                yaw=_yaw_deg(motion, camera, time_s) if motion and keys.of("yaw") else None,
+                outline=_outline(camera, moved.astype(np.float64)),
+                placed=motion is not None if number else first,
+                path=path,
+                stops=stops,
+            )
+        )
+    return tuple(found)
+
+
+def without_places(objects: ObjectSettings) -> ObjectSettings:
+    """The same objects wherever they stand: what a session keeps when they are moved."""
+    others = tuple(
+        replace(other, placing=None, at_frame=0, keys=_any(other.keys)) for other in objects.others
+    )
+    return replace(
+        objects, placing=None, on_ground=None, at_frame=0, keys=_any(objects.keys), others=others
+    )
+
+
+def _any(keys: PlaceKeys) -> PlaceKeys:
+    """The same for all keys between which something can move."""
+    return _MOVING if len(keys.keys) > 1 else NO_KEYS
+
+
+def object_files(folder: Path) -> list[str]:
+    """Names of the objects in a shot's folder, a hundred at most."""
+    files = (one for one in folder.iterdir() if one.suffix.lower() in _SUFFIXES)
+    return sorted(one.name for one in files if one.is_file())[:_MOST_FILES]
+
+
+def stand(
+    camera: Camera, contact: Float64, vertices: Float64
+) -> tuple[tuple[float, float] | None, float]:
+    """Where a body touches the ground, and its size; None and 0 where that is out of sight."""
+    seen = camera.to_camera(np.vstack([contact[None], vertices]))
+    if not (seen[:, 2] < 0.0).all():
+        return None, 0.0
+    spots = camera.pixels(seen) / (camera.width, camera.height)
+    if not (np.abs(spots[0]) < _FAR).all():
+        return None, 0.0
+    return (float(spots[0, 0]), float(spots[0, 1])), float(spots[0, 1] - spots[:, 1].min())
+
+
+def _outline(camera: Camera, vertices: Float64) -> tuple[float, float, float, float] | None:
+    seen = camera.to_camera(vertices)
+    if not (seen[:, 2] < 0.0).all():
+        return None
+    spots = camera.pixels(seen) / (camera.width, camera.height)
+    low, high = spots.min(axis=0), spots.max(axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _yaw_deg(motion: ObjectMotion, camera: Camera, time_s: float) -> float:
+    pose = camera.world_from_camera
+    facing = math.atan2(pose[0, 2], pose[2, 2])
+    return math.degrees(float(motion.turn.at(time_s)[0]) - facing)
+
+
+def _way(
+    motion: ObjectMotion, camera: Camera
+) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
+    """The path, and the places of its keys; nothing where the object does not move."""
+    times = motion.place.times_s
+    if len(times) < 2:
+        return (), ()
+    along = np.linspace(times[0], times[-1], _STEPS + 1)
+    return _seen(motion, camera, along), _seen(motion, camera, times)
+
+
+def _seen(
+    motion: ObjectMotion, camera: Camera, times_s: Float64
+) -> tuple[tuple[float, float], ...]:
+    """Places at some moments on the frame, without those that are out of sight."""
+    points = camera.to_camera(np.array([motion.place_at(float(time_s)) for time_s in times_s]))
+    spots = camera.pixels(points[points[:, 2] < 0.0]) / (camera.width, camera.height)
+    return tuple((float(x), float(y)) for x, y in spots if max(abs(x), abs(y)) < _FAR)
