@@ -19,6 +19,7 @@ PAGES = {
     "README.md": "index.md",
     "models/coc/README.md": "models/coc.md",
     "models/reblur/README.md": "models/reblur.md",
+    "models/camera/README.md": "models/camera.md",
     "models/paper/README.md": "models/paper.md",
     "benchmarks/README.md": "benchmarks.md",
     "CHANGELOG.md": "changes.md",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
@@ -15,10 +15,11 @@ import numpy.typing as npt
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
-from nlens_video.core.layers import CocMap, Float32
+from nlens_video.core.layers import CocMap, Float32, Picture
 from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM
 from nlens_video.core.scale import ScaleSettings
 from nlens_video.core.settings import SourceSettings
+from nlens_video.networks.camera_network import OnnxCameraNetwork
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.report.camera import PlatePicture
@@ -33,6 +34,7 @@ from nlens_video.solve.markers import MarkerFinder
 from nlens_video.solve.person import scaled_by_person
 from nlens_video.solve.person_box import find_person
 from nlens_video.solve.shot import CUES, Cue, ShotSolver
+from nlens_video.solve.still.picture_cue import PictureCue, picture_cue
 from nlens_video.solve.tracks import luma_of
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.video.focal_length import tagged_focal
@@ -79,9 +81,8 @@ def solve_plate(
             signals.check()
             if frame.index < start:
                 continue
-            if not frames and "blur" in cues:
-                first = cv2.resize(frame.picture.srgb(), size, interpolation=cv2.INTER_AREA)
-                solver.coc = partial(_coc, np.asarray(first, np.float32))
+            if not frames:
+                _add_cues(solver, frame.picture, cues)
             luma = luma_of(frame.picture, size)
             if not frames:
                 scale = _with_box(scale, luma)
@@ -148,7 +149,22 @@ def _known(info: SourceInfo, fov_deg: float | None) -> tuple[KnownFov | None, st
     return KnownFov(focal=focal, error=found.error, given=False), said
 
 
+def _add_cues(solver: ShotSolver, first: Picture, cues: Collection[Cue]) -> None:
+    """Let the solver read the plate's first picture where it asks for it."""
+    small = cv2.resize(first.srgb(), solver.size, interpolation=cv2.INTER_AREA)
+    rgb = np.asarray(small, np.float32)
+    if "blur" in cues:
+        solver.coc = partial(_coc, rgb)
+    if "picture" in cues:
+        solver.picture = partial(_picture_cue, rgb)
+
+
 def _coc(rgb: Float32) -> CocMap:
     """The blur of a picture (H, W, 3), sRGB in [0, 1]."""
     with OnnxCocNetwork(find_model("coc").path) as network:
         return estimate_coc(network, rgb)
+
+
+def _picture_cue(rgb: Float32) -> PictureCue:
+    """What a picture (H, W, 3), sRGB in [0, 1], looks like it was taken by."""
+    return picture_cue(OnnxCameraNetwork(find_model("camera").path), rgb)

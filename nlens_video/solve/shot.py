@@ -28,14 +28,15 @@ from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
 from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, with_sources
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
+from nlens_video.solve.still.picture_cue import PictureCue
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
 from nlens_video.solve.still.segments import NO_SEGMENTS, Segments, find_segments, pooled
 from nlens_video.solve.still.vanishing import Horizon, Mixture
 from nlens_video.solve.tracks import Tracker
 
-Cue = Literal["lines", "blur"]
+Cue = Literal["lines", "blur", "picture"]
 """What tells the attitude of a still camera, or of one that turns."""
-CUES: tuple[Cue, ...] = ("lines", "blur")
+CUES: tuple[Cue, ...] = ("lines", "blur", "picture")
 EYE_HEIGHT = 1.6
 """Height of the first camera above the ground where no scale is known [scene unit]."""
 _FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
@@ -53,8 +54,9 @@ class ShotSolver:
         known: field of view from metadata or the user, None to measure it.
         first: number of the first picture in the plate.
         every: keyframes lie at least this many frames apart, 0 for a number by the shot's length.
-        coc: reads the blur of the first picture, which tells of the ground; None for lines alone.
-        lines: whether line segments tell the camera too; else the blur alone.
+        coc: reads the blur of the first picture, which tells of the ground; None to leave it out.
+        picture: what the first picture looks like it was taken by; None to leave it out.
+        lines: whether line segments tell the camera too.
         ignored: ends of segments of the first picture (N, 2, 2), along which no line tells the
             camera [px].
     """
@@ -64,6 +66,7 @@ class ShotSolver:
     first: int = 0
     every: int = 0
     coc: Callable[[], CocMap] | None = None
+    picture: Callable[[], PictureCue] | None = None
     lines: bool = True
     ignored: Float64 = field(default_factory=lambda: np.zeros((0, 2, 2)))
     _tracker: Tracker = field(default_factory=Tracker)
@@ -198,8 +201,10 @@ class ShotSolver:
         """Attitude of the first picture, with a focal length that is known to an error."""
         return Mixture(segments, self.size, CameraPrior(focal)).solve()
 
-    def _blur(self) -> GroundBlur | None:
-        return None if self.coc is None else fit_ground_blur(self.coc())
+    def _cues(self) -> tuple[GroundBlur | None, PictureCue | None]:
+        """What blur and looks of the first picture tell, None for what tells nothing."""
+        blur = None if self.coc is None else fit_ground_blur(self.coc())
+        return blur, None if self.picture is None else self.picture()
 
     def _focal_prior(self) -> tuple[float, float]:
         """Logarithm of the focal length by the frame's width, and its spread, before measuring."""
@@ -208,12 +213,12 @@ class ShotSolver:
         return math.log(self.known.focal), max(self.known.error, 1e-3)
 
     def _still(self) -> SolvedCamera:
-        blur = self._blur()
-        horizon = Mixture(self.segments, self.size, CameraPrior(self._focal_prior(), blur)).solve()
+        prior = CameraPrior(self._focal_prior(), *self._cues())
+        horizon = Mixture(self.segments, self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         return self._outcome(
             [0], [horizon.pose(EYE_HEIGHT)], [math.exp(horizon.log_focal)], errors, path="still",
-            method="vanishing points" + (" and blur" if blur else ""),
+            method=_method("vanishing points", prior),
         )  # fmt: skip
 
     def _turning(self, path: Joined, error: float) -> SolvedCamera:
@@ -226,9 +231,8 @@ class ShotSolver:
             if frame in place
         }
         focal = path.focals_px[0] / width
-        blur = self._blur()
         prior = TurningPrior(
-            (math.log(focal), max(error, 1e-3)), blur,
+            (math.log(focal), max(error, 1e-3)), *self._cues(),
             turn_axis(np.array([first.T @ pose[:3, :3] for pose in path.poses])),
         )  # fmt: skip
         lines = pooled(self._segments(turned, focal), MOST_POOLED)
@@ -242,7 +246,7 @@ class ShotSolver:
             poses.append(level)
         return self._outcome(
             path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
-            method="rotation, vanishing points" + (" and blur" if blur else ""),
+            method=_method("rotation, vanishing points", prior),
         )  # fmt: skip
 
     def _moving(self, path: Joined, error: float) -> SolvedCamera:
@@ -282,3 +286,11 @@ class ShotSolver:
             for frame, pose, focal in zip(frames, poses, focals, strict=True)
         )  # fmt: skip
         return with_sources(self.size, keys, errors, self.known, path=path, method=method)
+
+
+def _method(lines: str, prior: CameraPrior) -> str:
+    """Everything that told of a camera, in words."""
+    told = [lines]
+    told += ["blur"] if prior.blur else []
+    told += ["the camera network"] if prior.picture else []
+    return " and ".join(told) if len(told) < 3 else f"{', '.join(told[:-1])} and {told[-1]}"

@@ -48,11 +48,11 @@ def test_still_is_compared_with_its_camera(measured):
 
 def test_each_cue_is_solved_by_alone(measured):
     rows = {r["name"]: r for r in measured.figures["cues"]["plates"]}
-    assert list(rows) == ["lines", "blur", "lines and blur"]
-    both = row(measured, "stills", "stills/one")
-    assert rows["lines and blur"]["all"] == pytest.approx(abs(both["pitch_error"]))
+    assert list(rows) == ["lines", "blur", "network", "lines and blur", "all three"]
+    every = row(measured, "stills", "stills/one")
+    assert rows["all three"]["all"] == pytest.approx(abs(every["pitch_error"]))
     # The plate is a sharp photograph: its blur tells hardly anything of the ground.
-    assert rows["lines"]["all"] != rows["blur"]["all"]
+    assert len({rows[cue]["all"] for cue in ("lines", "blur", "network")}) == 3
 
 
 def test_object_is_measured_by_both_cameras(measured):

@@ -9,6 +9,7 @@ import numpy as np
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.still.ground_blur import GroundBlur
+from nlens_video.solve.still.picture_cue import PictureCue
 
 FOCAL_PRIOR = math.log(45.0 / 36.0), 0.4
 """Logarithm of the focal length by the frame's width, and its spread, where nothing is known."""
@@ -26,10 +27,12 @@ class CameraPrior:
     Attributes:
         focal: logarithm of the focal length by the frame's width, and its spread.
         blur: what the plate's blur tells, None without it.
+        picture: what the picture looks like it was taken by, None without it.
     """
 
     focal: tuple[float, float] = FOCAL_PRIOR
     blur: GroundBlur | None = None
+    picture: PictureCue | None = None
 
     def log(self, cameras: Float64) -> Float64:
         """Logarithm of the density (…,), up to a constant.
@@ -47,7 +50,10 @@ class CameraPrior:
             _LEVEL / _LEVEL_SPREAD * np.exp(-0.5 * (roll / _LEVEL_SPREAD) ** 2)
             + (1.0 - _LEVEL) / _TILTED_SPREAD * np.exp(-0.5 * (roll / _TILTED_SPREAD) ** 2)
         )
-        return np.asarray(log if self.blur is None else log + self.blur.log(cameras))
+        for cue in (self.blur, self.picture):
+            if cue is not None:
+                log = log + cue.log(cameras)
+        return np.asarray(log)
 
     @property
     def information(self) -> Float64:
