@@ -125,7 +125,7 @@ def as_lens(
         shutter_deg=args.shutter if shutter_deg is None else shutter_deg,
         aperture=as_aperture(aperture, args.cat_eye),
         optics=given if optics == NO_OVERRIDES else optics,
-        known=replace(args.lens or UNKNOWN_LENS, prefer=args.prefer),
+        known=replace(args.lens or UNKNOWN_LENS, prefer=args.prefer), fit_region=args.fit_region,
         live=args.track_focus == "auto",
     )  # fmt: skip
 

@@ -71,6 +71,7 @@ class Compositor:
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
         lens: what is known of it, such as `50mm f/2.8 focus 2.4m sensor full-frame`.
         prefer: `near` or `far`: of two lenses that explain the plate, the one focused so.
+        fit_region: part of the frame whose ground tells the lens, as `--fit-region` [frame].
         shutter: how long the shutter is open, 0 to 360 for all of a frame [deg].
         vignetting: light lost at the corners, 0 to 8 [stops].
         distortion: k1, or k1 and k2, as OpenCV defines them [1].
@@ -84,8 +85,7 @@ class Compositor:
         loop: whether it starts again after its end.
         animation_speed: seconds of the animation per second of the frames, > 0 [1].
         animation_offset: moment of the animation on the first frame [s].
-        at: where a GLB without a camera touches the ground: column and row, in fractions of the
-            frame from its upper left corner; needs `size` [frame width, frame height].
+        at: where a GLB without a camera stands, from the upper left; needs `size` [frame].
         size: height of the object there, > 0 [frame height].
         height: its height in place of `size`, where `camera_from` is in metres [m].
         yaw: turn about the vertical, 0 faces the viewer [deg].
@@ -94,8 +94,7 @@ class Compositor:
         env: equirectangular map of the light from around, .hdr or .exr; None for the frame's.
         env_rotation: turn of the map about the vertical [deg].
         env_exposure: brightness of the map in stops, None for the frame's level [EV].
-        sun: degrees to the right of the view, degrees above the horizon, and how much stronger than
-            all other light it is on the ground.
+        sun: to the right of the view, above the horizon [deg], and strength by all other light.
         shadow_strength: 0 none, 1 as the light has it, up to 2 [1].
         holdout: matte or depth of what stands in front of the object.
         occlusion: `auto` finds what stands in front by the frame's blur.
@@ -126,6 +125,7 @@ class Compositor:
         cat_eye: float = 0.0,
         lens: str | None = None,
         prefer: Prefer | None = None,
+        fit_region: tuple[float, ...] | None = None,
         shutter: float | None = None,
         vignetting: float | None = None,
         distortion: float | tuple[float, float] | None = None,

@@ -28,6 +28,7 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--prefer", SHOT, choices=("near", "far"), feeds="run.prefer", parameter=True,
                help="where two lenses explain the plate: the one focused nearer or farther"),
         Option("--fit-region", SHOT, "X0,Y0,X1,Y1", read.region, feeds="run.fit_region",
+               parameter=True,
                help="fit on the ground in this part of the frame; X,Y,X,Y,X,Y… is a polygon"),
         Option("--chart", ["fit"], "SIDE", read.length,
                "measure it on the edges of markers of that side that the plate shows, as 0.1m",

@@ -24,7 +24,7 @@ FILES_AND_STREAMS = {
     "input_transfer", "range", "report", "save_fit", "save_shot", "aov", "timings", "codec",
     "crf", "pix_fmt",
     "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
-    "marker", "person_height", "person",
+    "marker", "person_height", "person", "ignore_lines",
 }  # fmt: skip
 OF_SEVERAL_OBJECTS = {"others", "keys", "interpolation"}  # in `ObjectSettings`
 TALK = {
@@ -148,3 +148,12 @@ def test_compositor_draws_several_objects_that_move_by_keys(bare):
             band = changed[int(0.6 * shots.HEIGHT) : int(0.7 * shots.HEIGHT)]
             columns = np.flatnonzero(band.any(axis=0))
             assert columns.mean() / shots.WIDTH == pytest.approx(x, abs=0.03)
+
+
+def test_region_of_the_fit_is_given_by_numbers(bare):
+    from nlens_video.compositor.arguments import as_args
+
+    args = as_args({"fit_region": (0.1, 0.5, 0.9, 1.0)})
+    assert set(args.fit_region.corners) == {(0.1, 0.5), (0.9, 0.5), (0.9, 1.0), (0.1, 1.0)}
+    with pytest.raises(UsageError, match="fit_region"):
+        Compositor(bare, fit_region=(0.1, 0.5, 0.9))
