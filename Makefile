@@ -61,12 +61,15 @@ if [ -n "$$missing" ]; then \
 fi
 endef
 
+# apt-get does not run twice at once.
+.NOTPARALLEL:
+
 .PHONY: adapters native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
 
 system:
 	@$(SYSTEM)
 
-programs: system
+programs:
 	@$(PROGRAMS)
 	@$(MAKE) -s $(NODE_PACKAGES)
 

@@ -11,7 +11,8 @@ from support.folders import ROOT
 
 PACKAGES = (
     "ffmpeg gstreamer1.0-tools gstreamer1.0-plugins-base gstreamer1.0-plugins-good "
-    "gstreamer1.0-python3-plugin-loader python3-gst-1.0 gir1.2-gst-plugins-base-1.0"  # Debian's
+    "gstreamer1.0-python3-plugin-loader python3-gst-1.0 gir1.2-gst-plugins-base-1.0 "
+    "chromium npm"  # Debian's
 )
 SHELL = ("make", "sh", "id", "true")
 
