@@ -9,13 +9,13 @@ installed (docs/gstreamer.md), VapourSynth where its module is not.
 from __future__ import annotations
 
 import importlib.util
-import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import av
@@ -88,19 +88,24 @@ def steady(times: list[float]) -> float:
 
 
 def pipe(folder: Path, fit: Path) -> float:
-    """Raw frames in and out of the command line; its own timings tell the steady part."""
+    """Raw frames in and out of the command line."""
     command = [
         sys.executable, "-m", "nlens_video", "-", str(GLB), "-", "--preset", "realtime", "--fit",
         str(fit), "--track-focus", "off", "--input-format", "yuv420p",
         "--input-size", f"{SIZE[0]}x{SIZE[1]}", "--input-rate", str(RATE), "-q",
     ]  # fmt: skip
-    size, at = SIZE[0] * SIZE[1] * 3 // 2, []
-    with (folder / "in.yuv").open("rb") as source:
-        process = subprocess.Popen(command, stdin=source, stdout=subprocess.PIPE)
+    return arrivals(command, SIZE[0] * SIZE[1] * 3 // 2, folder / "in.yuv")
+
+
+def arrivals(command: list[str], size: int, given: Path | None = None) -> float:
+    """Milliseconds from frame to frame in a command's output of frames of `size` bytes."""
+    at = []
+    source = given.open("rb") if given else nullcontext(subprocess.DEVNULL)
+    with source as stdin, subprocess.Popen(command, stdin=stdin, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         while process.stdout.read(size):
             at.append(time.perf_counter())
-        assert process.wait() == 0
+    assert process.returncode == 0
     return steady(at)
 
 
@@ -157,16 +162,15 @@ def queued(fit: Path) -> float:
 
 
 def gstreamer(folder: Path, fit: Path) -> float:
-    """gst-launch-1.0 from the raw file to nowhere; the element's own timings tell the rest."""
+    """gst-launch-1.0 from the raw file to a pipe."""
     caps = f"video/x-raw,format=I420,width={SIZE[0]},height={SIZE[1]},framerate={RATE}/1"
     size = SIZE[0] * SIZE[1] * 3 // 2
-    run = subprocess.run(
-        ["gst-launch-1.0", "-m", "filesrc", f"location={folder}/in.yuv", f"blocksize={size}", "!",
-         f"{caps},colorimetry=bt709", "!", "queue", "!", "rawvideoparse", "use-sink-caps=true",
-         "!", "nlens", f"glb={GLB}", f"fit={fit}", "preset=realtime", "track-focus=off", "!",
-         "fakesink"], capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return float(re.findall(r'\\"median_ms\\":\\ ([\d.]+)', run.stdout)[-1])
+    command = [
+        "gst-launch-1.0", "-q", "filesrc", f"location={folder}/in.yuv", f"blocksize={size}", "!",
+        f"{caps},colorimetry=bt709", "!", "queue", "!", "rawvideoparse", "use-sink-caps=true", "!",
+        "nlens", f"glb={GLB}", f"fit={fit}", "preset=realtime", "track-focus=off", "!", "fdsink",
+    ]  # fmt: skip
+    return arrivals(command, size)
 
 
 def vapoursynth(pictures: list[np.ndarray], fit: Path) -> float:
