@@ -69,6 +69,7 @@ def test_best_factor_never_increases_the_error(measured):
 def test_every_ablation_and_condition_is_evaluated_on_every_plate(measured):
     assert list(summary(measured, "ablations")) == [
         "shipped", "no confidence", "no V-fit (the paper's line)", "footprint only",
+        "no confidence, Zhuo & Sim 2011, re-blur ratio", "no confidence, Zhuo & Sim 2011, matting",
     ]  # fmt: skip
     assert list(summary(measured, "conditions")) == [
         "as rendered", "H.264, crf 28", "noise of 2%", "480 px wide", "640 px wide",
@@ -90,8 +91,9 @@ def test_estimated_fit_recovers_the_lens_of_the_plates(measured):
 def test_stated_errors_of_a_clear_plate_hold_and_no_sign_is_wrong(measured):
     stated = summary(measured, "stated")["as rendered"]
     assert 0.0 < stated["stated_px"] < 3.0
-    assert stated["within_two_percent"] == 100.0
-    assert stated["wrong_percent"] == 0.0
+    for name in ("object", "slope", "intercept"):
+        assert stated[f"{name}_within_two_percent"] == 100.0
+    assert stated["wrong_percent"] == stated["refused_percent"] == 0.0
 
 
 @pytest.mark.slow

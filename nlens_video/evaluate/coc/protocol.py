@@ -106,8 +106,8 @@ class CocProtocol:
         start = time.perf_counter()
         coc = estimate_coc(self._network, plate.rgb)
         self._add_method(plate, OURS, coc.coc_px, start, coc.sigma_px)
-        self._measure_baselines(plate)
-        self._measure_fits(plate, coc)
+        rivals = self._measure_baselines(plate)
+        self._measure_fits(plate, coc, rivals)
         self._measure_pictures(plate)
         self._measure_cameras(plate, coc)
         grid = np.s_[_SAMPLE_STEP // 2 :: _SAMPLE_STEP, _SAMPLE_STEP // 2 :: _SAMPLE_STEP]
@@ -120,14 +120,19 @@ class CocProtocol:
             )
         )
 
-    def _measure_baselines(self, plate: Plate) -> None:
+    def _measure_baselines(self, plate: Plate) -> dict[str, Float32]:
+        """Measure the published estimates; return those that see the plate alone, by name."""
+        alone: dict[str, Float32] = {}
         for baseline in BASELINES:
             start = time.perf_counter()
             coc = baseline.estimate(plate)
+            if coc is not None and not baseline.given:
+                alone[baseline.name] = coc
             self._add_method(plate, baseline.name, coc, start)
             if baseline.also_scaled:
                 scaled = None if coc is None else best_factor(coc, plate.true_coc_px) * coc
                 self._add_method(plate, baseline.name + SCALED, scaled, start)
+        return alone
 
     def _add_method(
         self,
@@ -143,17 +148,20 @@ class CocProtocol:
             figures = coc_figures(coc, plate.true_coc_px, sigma) | {"time_ms": time_ms}
         self.methods.add(name, plate.name, figures)
 
-    def _measure_fits(self, plate: Plate, coc: CocMap) -> None:
+    def _measure_fits(self, plate: Plate, coc: CocMap, rivals: dict[str, Float32]) -> None:
         ground = project_to_ground(plate.triangles, plate.camera, plate.ground_y)
-        even = CocMap(
-            coc_px=coc.coc_px, sigma_px=np.full_like(coc.sigma_px, np.median(coc.sigma_px))
-        )
+        alike = np.full_like(coc.sigma_px, np.median(coc.sigma_px))
+        even = CocMap(coc_px=coc.coc_px, sigma_px=alike)
         ways: dict[str, tuple[CocMap, Fit]] = {
             "shipped": (coc, _shipped(plate.camera)),
             "no confidence": (even, _shipped(plate.camera)),
             "no V-fit (the paper's line)": (coc, fit_line),
             "footprint only": (coc, lambda c, g: FitLens(whole_plane=False)(c, g).fit),
         }
+        for name, read in rivals.items():
+            ways[f"no confidence, {name}"] = (
+                CocMap(coc_px=read, sigma_px=alike), _shipped(plate.camera),
+            )  # fmt: skip
         for name, (estimate, fit) in ways.items():
             start = time.perf_counter()
             found = _attempt(fit, estimate, ground)
