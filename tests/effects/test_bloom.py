@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from support.effects.filmed_shots import Camera, filmed, lamps
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.optics import Bloom
-from nlens_video.effects.camera.bloom import add_bloom, halo_of, quick_halo
+from nlens_video.effects.camera.bloom import add_bloom, halo_of, measure, quick_halo
 
 FRAME = Box(0, 0, 300, 200)
 LENS = Bloom(share=0.2, length_px=8.0)
@@ -72,3 +73,14 @@ def test_halo_has_the_colour_of_the_highlight():
 def test_halo_stays_inside_the_frame():
     out = add_bloom(lamp(5.0, Box(240, 140, 300, 200)), LENS, FRAME)
     assert out.box.intersection(FRAME) == out.box
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("radiance", "wanted"), [(8.0, True), (80.0, False)])
+def test_halo_of_a_source_far_beyond_white_is_not_put_round_the_objects_highlights(
+    radiance, wanted
+):
+    pictures = filmed(lambda: lamps(4, radiance=radiance), Camera(bloom=(0.06, 12)), 1)
+    found = measure(pictures)
+    assert found.called_for == wanted
+    assert ("as round the sun" in found.evidence) != wanted

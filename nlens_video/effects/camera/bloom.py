@@ -6,7 +6,8 @@ no halo: the border ends within twice its half-width, while a halo starts low an
 that a lamp casts on a wall around it cannot be distinguished from a halo.
 
 The object's highlights count from white to twice white, where their halos match those of the
-plate's clipped highlights.
+plate's clipped highlights. A halo that holds more light than white has is that of a far brighter
+source, such as the sun, or the glow of the sky round it: it says nothing about such highlights.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ _SOFT_BORDER = 3.0  # borders end at so many times their half-width
 _LEAST_CERTAINTY = 6.0
 _LEAST_SECTORS = 8
 _LEAST_CONTRAST = 1.0  # of the halo's deviation to that of everything else around
+_MOST_SHARE = 1.0  # a halo with more light is of a source far beyond white, such as the sun
 _BESIDE = (0.005, 0.01)  # the strip on which the halo's height is measured [width of the picture]
 _MS_PER_MEGAPIXEL = 20.0
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -109,10 +111,13 @@ def _halo(light: Float32) -> _Halo:
         f"{found_length:.0f} px of {light.shape[1]} ({certainty:.0f} standard errors, "
         f"{count} sectors, {contrast:.1f} times as strong as what else is there)"
     )
+    if share > _MOST_SHARE:
+        words += "; more than white light has, as round the sun: the object has none such"
     return _Halo(
         words=words, share=share, length_px=found_length, levels=levels,
         certain=certainty >= _LEAST_CERTAINTY
         and contrast >= _LEAST_CONTRAST
+        and share <= _MOST_SHARE
         and found_length < LENGTHS_PX[-1],
     )  # fmt: skip
 
