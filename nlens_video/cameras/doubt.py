@@ -26,10 +26,10 @@ def doubt(solved: SolvedCamera) -> str:
         found.append(f"its field of view came out as {fov:.3g} degrees, which no usual lens has")
     elif solved.fov == "assumed" and solved.path != "moving":
         if guessed or errors.fov_deg > _FOV_SHARE * fov:
-            found.append(f"its field of view is a guess, {fov:.0f} +- {errors.fov_deg:.0f} degrees")
+            found.append(f"its field of view is a guess, {fov:.0f} ± {errors.fov_deg:.0f} degrees")
     if solved.horizon == "assumed" and (guessed or errors.pitch_deg > _PITCH_DEG):
         pitch = solved.keys[0].pitch_deg
-        found.append(f"its pitch is a guess, {round(pitch)} +- {errors.pitch_deg:.0f} degrees")
+        found.append(f"its pitch is a guess, {round(pitch)} ± {errors.pitch_deg:.0f} degrees")
     if not found:
         return ""
     return f"the plate's camera is uncertain: {' and '.join(found)}; {_REMEDY}"

@@ -216,6 +216,6 @@ def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
         raise LensFitError(
             f"the ground under the object does not tell the blur (CoC {blur:.1f} px, standard "
             f"error {error:.1f} px, {fit.inlier_fraction:.0%} of {fit.n} samples agree, expected "
-            f"error {expected:.1f} px); give --fit FILE.json, another --ground-y, or "
-            "--fallback constant"
+            f"error {expected:.1f} px); give --fallback constant for the plate's usual blur, "
+            "--fit FILE.json, or place it elsewhere (--at, --ground-y)"
         )

@@ -27,8 +27,8 @@ def test_measured_camera_is_not_doubted():
 
 def test_guessed_horizon_and_field_of_view_are_named_with_what_to_give():
     line = doubt(camera(fov="assumed", horizon="assumed", errors=VAGUE))
-    assert "field of view is a guess, 50 +- 18 degrees" in line
-    assert "pitch is a guess, 0 +- 9 degrees" in line
+    assert "field of view is a guess, 50 ± 18 degrees" in line
+    assert "pitch is a guess, 0 ± 9 degrees" in line
     assert "\n" not in line
     for option in ("--fov", "--horizon", "--camera-from"):
         assert option in line

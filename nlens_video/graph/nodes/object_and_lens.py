@@ -213,7 +213,7 @@ def _warning(fit: LensFit, ground: GroundProjection) -> str:
                 "the ground reads about alike at all depths; noise, fine grain or a mirror may "
                 "hide its blur: look whether the object's fits, else give --lens or --prefer"
             )
-        return "the plate's blur hardly changes with depth, so the object's will not either"
+        return ""  # the words of the lens say that it blurs alike at all depths
     if fit.sign == "ambiguous":
         unclear = "the plate does not show whether the ground lies before or behind the focal plane"
         return unclear if fit.other is None else f"{unclear}; --prefer near or far chooses"
