@@ -10,6 +10,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
+from nlens_video.effects.shadow.welding import welded_faces
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry, Int32
@@ -50,10 +51,15 @@ class CasterCache:
         return self._opacities[geometry]
 
     def joined(self, geometries: tuple[Geometry, ...]) -> tuple[Int32, Int32]:
-        """Faces (T, 3) of all geometries, which index their vertices together, and their edges."""
+        """Faces (T, 3) of all geometries, which index their vertices together, and their edges.
+
+        Of vertices that are repeated at creases one is used, so that triangles share edges there.
+        """
         if geometries not in self._joined:
             starts = np.cumsum([0, *(len(one.positions) for one in geometries[:-1])])
-            faces = [one.faces + start for one, start in zip(geometries, starts, strict=True)]
+            faces = [
+                welded_faces(one) + start for one, start in zip(geometries, starts, strict=True)
+            ]
             together = np.ascontiguousarray(np.concatenate(faces), dtype=np.int32)
             self._joined[geometries] = together, edges_of(together)
         return self._joined[geometries]

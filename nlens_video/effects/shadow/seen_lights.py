@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.ambient import (
@@ -35,6 +36,8 @@ from nlens_video.scene.illumination import (
     from_lamp,
     reaches,
 )
+
+Index = npt.NDArray[np.int64]
 
 COARSE = 4
 """Step of the grid of contact darkening [px]."""
@@ -127,7 +130,8 @@ class SeenLights:
             view: camera whose pixels are those of the region.
             threads: limit.
         """
-        points = seen.points[off]
+        at = np.flatnonzero(off)
+        points = seen.points.reshape(-1, 3).take(at, axis=0)
         shares = np.zeros((len(self.lamps) + 1, len(points)), np.float32)
         for own, views in zip(shares, self.views, strict=False):
             found = blocked(draw(views, threads), points, threads=threads)[0]
@@ -136,20 +140,19 @@ class SeenLights:
             shares[-1] = self._contact(seen, off, view, threads)
             shares[-1] *= np.float32(self.light.contact)
         loss = np.zeros_like(seen.points)
-        dark = np.logical_or.reduce(shares > 0.0)
-        if not dark.any():
+        dark = np.flatnonzero(np.logical_or.reduce(shares > 0.0))
+        if not len(dark):
             return loss
-        where = np.zeros_like(off)
-        where[off] = dark
+        where = at.take(dark)
         normal = _normals_at(where, seen.disparity, view)
-        places = points[dark].astype(np.float64)
+        places = points.take(dark, axis=0).astype(np.float64)
         given = np.empty((len(shares), *places.shape))
         for one, lamp in zip(given, self.lamps, strict=False):
             one[:] = from_lamp(lamp, places, normal)
         given[-1] = self._from_around(normal)
         lost = np.empty_like(places, np.float32)
-        kernels.lost_light(np.ascontiguousarray(shares[:, dark]), given, lost)
-        loss[where] = lost
+        kernels.lost_light(np.ascontiguousarray(shares.take(dark, axis=1)), given, lost)
+        loss.reshape(-1, 3)[where] = lost
         return loss
 
     def _from_around(self, normal: Float64) -> Float64:
@@ -186,12 +189,16 @@ class SeenLights:
         return visible_contact(hidden, self.samples[1])
 
 
-def _normals_at(where: Bool, disparity: Float32, view: Camera) -> Float64:
-    """Normals (K, 3) of the surfaces at K pixels (h, w) of a view, one at least."""
-    near = Box.of(where).expanded(_CONTEXT_PX)
-    near = near.intersection(Box(0, 0, where.shape[1], where.shape[0]))
+def _normals_at(where: Index, disparity: Float32, view: Camera) -> Float64:
+    """Normals (K, 3) of the surfaces at K pixels of a view, one at least, by their flat indices."""
+    rows, columns = np.divmod(where, disparity.shape[1])
+    near = Box(int(columns.min()), int(rows[0]), int(columns.max()) + 1, int(rows[-1]) + 1)
+    near = near.expanded(_CONTEXT_PX)
+    near = near.intersection(Box(0, 0, disparity.shape[1], disparity.shape[0]))
     part = slice(near.y0, near.y1), slice(near.x0, near.x1)
-    return normals(disparity[part], view.cropped(near))[where[part]].astype(np.float64)
+    found = normals(disparity[part], view.cropped(near)).reshape(-1, 3)
+    own = (rows - near.y0) * near.width + (columns - near.x0)
+    return np.asarray(found.take(own, axis=0), np.float64)
 
 
 def _enlarged(values: Float32, like: Bool) -> Float32:
