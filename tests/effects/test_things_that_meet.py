@@ -133,3 +133,13 @@ def test_what_is_learnt_of_a_look_can_be_taken_back():
     twice.add(roots, mask, far_box(120), times=-1)
     assert np.array_equal(once.counts, twice.counts) and once.pictures == twice.pictures
     np.testing.assert_allclose(once.shape, twice.shape, atol=1e-6)
+
+
+def test_limbs_that_swing_beside_the_body_count_as_motion():
+    frames = []
+    for index in range(30):
+        body, swing = near_box(10 + 2 * index), 6 * (index % 2)
+        legs = Box(body.x0 - swing, 70, body.x1 + swing, body.y1)
+        frames.append((index, *picture((body, RED), (legs, RED))))
+    things = [one for each in followed(frames).ordered().values() for one in each]
+    assert {one.moved_px for one in things[1:]} == {8.0}  # 2 of the body, 6 of the legs

@@ -106,6 +106,17 @@ class Track:
         """Whether it was seen apart on a frame."""
         return index in self.frames and self.apart[self.frames.index(index)]
 
+    def moved_px(self, at: int) -> float:
+        """How far it went sideways to its frame of a number, swinging limbs included [px].
+
+        Of what meets others only the middle is known.
+        """
+        last = max(0, at - 1)
+        if not (self.apart[at] and self.apart[last]):
+            return abs(self.middles[at] - self.middles[last])
+        now, then = self.boxes[at], self.boxes[last]
+        return float(max(abs(now.x0 - then.x0), abs(now.x1 - then.x1)))
+
     @property
     def _columns(self) -> tuple[list[Any], ...]:
         return (

@@ -179,7 +179,7 @@ class Tracks:
             for at, (frame, box, region, before, foot) in enumerate(
                 zip(track.frames, track.boxes, track.regions, states, feet, strict=True)
             ):
-                moved = abs(track.middles[at] - track.middles[max(0, at - 1)])
+                moved = track.moved_px(at)
                 one = Ordered(box, region, before, foot, min(moved, 0.5 * box.width), track.look)
                 beside = [replace(one, region=piece) for piece in track.pieces.get(frame, ())]
                 found.setdefault(frame, []).extend([one, *beside])
