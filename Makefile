@@ -77,7 +77,7 @@ programs:
 # without them, and fail where REQUIRE_NODE_PACKAGES=1, as in .ci/run.
 $(NODE_PACKAGES): tests/studio/package-lock.json
 	@echo "Installing the packages of tests/studio/package.json"
-	@npm ci --prefix tests/studio --ignore-scripts --no-audit --no-fund --silent --fetch-retries=1 --fetch-timeout=60000 \
+	@npm ci --prefix tests/studio --ignore-scripts --no-audit --no-fund --loglevel=error --fetch-retries=1 --fetch-timeout=60000 \
 	  && touch $@ || echo "npm cannot install them; the page's types and its accessibility stay untested here" >&2
 
 $(BIN)/python: | system

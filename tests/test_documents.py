@@ -14,7 +14,8 @@ from nlens_video.options.parser import COMMANDS, parser_of
 PAGES = [
     path
     for path in sorted(ROOT.rglob("*.md"))
-    if not {".venv", "node_modules", "runs"} & set(path.relative_to(ROOT).parts)
+    if not {"node_modules", "runs"} & set(path.relative_to(ROOT).parts)
+    and not path.relative_to(ROOT).parts[0].startswith(".venv")
 ]
 
 

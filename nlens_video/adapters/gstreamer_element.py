@@ -86,6 +86,7 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
 
     def __init__(self) -> None:
         super().__init__()
+        _keep_floating(self)
         self._given: dict[str, Any] = {}
         self._lens: Compositor | None = None
         self._video: Any = None
@@ -221,6 +222,17 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
     def _fail(self, error: NlensError) -> None:
         kind = GLib.Error.new_literal(Gst.stream_error_quark(), str(error), Gst.StreamError.FAILED)
         self.post_message(Gst.Message.new_error(self, kind, f"exit code {error.exit_code}"))
+
+
+def _keep_floating(element: Any) -> None:  # noqa: ANN401
+    """Leave the first reference to whom the element is made for, as GStreamer expects.
+
+    PyGObject takes it for its own wrapper, and every `gst-launch-1.0` would begin with a complaint
+    about "faulty bindings"; the wrapper gets another one.
+    """
+    if not element.is_floating():
+        element._ref()
+        element._force_floating()
 
 
 def _query(pad: Any, element: Any, query: Any, *given: object) -> bool:  # noqa: ANN401

@@ -38,11 +38,15 @@ __gstelementfactory__ = ELEMENT
 def install() -> tuple[Path, ...]:
     """Write the plug-in's file, and link PyGObject where it is not seen.
 
+    GStreamer keeps in its registry that the loader failed, as it does in an environment without
+    PyGObject, and never tries it again: that registry is removed, and made anew.
+
     Returns:
         What was written.
 
     Raises:
-        UsageError: GStreamer's loader is missing, or runs another Python.
+        UsageError: GStreamer's loader is missing, or runs another Python, or the environment that
+            is first on the PATH keeps it from the element.
     """
     why = install_problem()
     if why:
@@ -57,7 +61,34 @@ def install() -> tuple[Path, ...]:
     source = str(Path(__file__).resolve().parents[2])
     paths = [source, sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
     plugin.write_text(_PLUGIN.format(paths=list(dict.fromkeys(paths))), encoding="utf-8")
+    if _load_failure():
+        for registry in _registries():
+            registry.unlink(missing_ok=True)
+        why = _load_failure()
+        if why:
+            first = Path(sysconfig.get_path("scripts"))
+            raise UsageError(f"GStreamer cannot load nlens: {why}; put {first} first on the PATH")
     return (*written, plugin)
+
+
+def _load_failure() -> str:
+    """What GStreamer says first when it looks for the element; empty if it finds it."""
+    run = subprocess.run(
+        [shutil.which("gst-inspect-1.0") or "", "nlens"], capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    if run.returncode == 0:
+        return ""
+    return (run.stderr + run.stdout).strip().partition("\n")[0]
+
+
+def _registries() -> list[Path]:
+    """The files in which GStreamer keeps what it found."""
+    given = os.environ.get("GST_REGISTRY_1_0") or os.environ.get("GST_REGISTRY")
+    if given:
+        return [Path(given)]
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return list((caches / "gstreamer-1.0").glob("registry.*.bin"))
 
 
 def install_problem() -> str:

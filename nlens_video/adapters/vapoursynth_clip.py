@@ -80,8 +80,17 @@ def _find_lens(clip: vs.VideoNode, composited: _Composited, lens: Compositor) ->
 
 
 def _close_elsewhere(lens: Compositor) -> None:
-    """Close on a thread of its own: garbage may be collected on the compositor's, which it ends."""
-    threading.Thread(target=contract.close, args=(lens,)).start()
+    """Close on a thread of its own: garbage may be collected on the compositor's, which it ends.
+
+    VapourSynth lets clips go that live when Python ends, and no thread begins then; the end of the
+    process frees what they hold.
+    """
+    closing = threading.Thread(target=contract.close, args=(lens,))
+    try:
+        closing.start()
+    except RuntimeError:
+        if threading.main_thread().is_alive():
+            raise
 
 
 class _Composited:

@@ -1,15 +1,12 @@
 """Plates for the adapters, and what the command line makes of them: once a process."""
 
 import functools
-import os
 import subprocess
-import sys
-import sysconfig
 from pathlib import Path
 
 import pytest
 from support.conformance import by_command_line, write_plate
-from support.folders import ROOT
+from support.gstreamer_environment import install_element, user_environment
 
 
 @pytest.fixture(scope="session")
@@ -27,24 +24,12 @@ def expected(plates):
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory):
     """A user's environment and home, in which the element is installed as the page says."""
-    folder = tmp_path_factory.mktemp("gstreamer")
-    home, venv = folder / "home", folder / "venv"
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", venv], check=True)
-    packages = venv / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
-    (packages / "ours.pth").write_text(f"{sysconfig.get_path('purelib')}\n{ROOT}\n")
-    home.mkdir()
-    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment = {
-        **inherited, "HOME": str(home), "GST_REGISTRY": str(folder / "registry"),
-        "PATH": f"{venv / 'bin'}:{os.defpath}", "VIRTUAL_ENV": str(venv),
-    }  # fmt: skip
-    run = subprocess.run(
-        ["python", "-m", "nlens_video.adapters.gstreamer_install"], env=environment, cwd=folder,
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    environment, venv = user_environment(tmp_path_factory.mktemp("gstreamer"))
+    run = install_element(environment)
     assert run.returncode == 0, run.stderr
     link, plugin = map(Path, run.stdout.split())
-    assert link == packages / "gi" and plugin.is_relative_to(home)
+    assert link.is_relative_to(venv) and link.name == "gi"
+    assert plugin.is_relative_to(environment["HOME"])
     return environment
 
 

@@ -130,6 +130,7 @@ def test_documented_line_runs_as_written(line, launch, plates):
         line = line.replace(shown, stand_in)
     run = launch(line, folder)
     assert run.returncode == 0 and "Got EOS" in run.stdout, run.stderr
+    assert "CRITICAL" not in run.stderr
     if "out.webm" in line:
         assert len(decoded(folder / "out.webm")) == FRAMES
 
@@ -141,7 +142,7 @@ def test_missing_object_is_named(launch, tmp_path):
 
 def test_element_is_found_with_an_option_for_each_of_the_compositors(launch, tmp_path):
     run = launch("gst-inspect-1.0 nlens", tmp_path)
-    assert run.returncode == 0, run.stderr
+    assert run.returncode == 0 and not run.stderr, run.stderr
     properties = set(re.findall(r"^  ([a-z-]+) +: ", run.stdout, re.M))
     assert {"glb", "preset", "fit", "at", "shadow-strength", "track-focus", "qos"} <= properties
 

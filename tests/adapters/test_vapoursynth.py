@@ -166,6 +166,28 @@ def test_grey_clips_and_floats_are_composited_in(composited, clip):
         assert (np.asarray(made[0]) != np.asarray(plain.get_frame(0)[0])).any()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kept", ["clip = clip", "clip.set_output()", "clip = [clip]; clip += [clip]"]
+)
+def test_clip_that_lives_until_python_ends_leaves_no_word(kept, plates):
+    folder = plates("bt709").folder
+    script = (
+        "import tempfile\n"
+        "folder = tempfile.TemporaryDirectory()  # begun before VapourSynth, ends after it\n"
+        "import vapoursynth as vs\n"
+        "from nlens_video.vapoursynth import composite\n"
+        "clip = vs.core.std.BlankClip(width=64, height=48, format=vs.YUV420P8, length=2)\n"
+        "clip = composite(clip, 'anim.glb', preset='draft', fit='fit.json')\n"
+        f"{kept}\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=120,
+    )  # fmt: skip
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
 @pytest.fixture
 def vspipe(plates, tmp_path):
     """Runs the line of the page on its script, whose source filter is the tests' own."""

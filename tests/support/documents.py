@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from support.folders import ROOT
@@ -20,8 +20,8 @@ def blocks(page: Path) -> Iterator[str]:
             yield block
 
 
-def commands() -> list[str]:
+def commands(pages: Iterable[Path] = PAGES) -> list[str]:
     """Each line of the pages that is a command by itself; without a comment behind it."""
-    lines = [line for page in PAGES for block in blocks(page) for line in block.splitlines()]
+    lines = [line for page in pages for block in blocks(page) for line in block.splitlines()]
     alone = [line.split("  #")[0].strip() for line in lines if not _OF_A_LOOP.match(line)]
     return list(dict.fromkeys(alone))
