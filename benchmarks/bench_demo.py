@@ -1,34 +1,48 @@
-"""The demo, timed: each node, and the whole run as a ratio to plain decode + encode.
+"""The demo four times over, timed: whole runs of the command line as ratios to decode + encode.
 
-    python benchmarks/bench_demo.py [--preset NAME] [--rounds N]
+    python benchmarks/bench_demo.py [--presets NAME,NAME] [--rounds N] [--times N]
 
-Both are timed in turn in one run, so that a machine whose speed drifts does not fool the ratio.
+Each round times plain decode + encode by PyAV, then each preset in turn, so that a machine whose
+speed drifts does not fool the ratios. A run is a process of its own: its start counts. Elapsed time
+means something on an idle machine only, processor time on any.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from nlens_video.core.settings import (
-    ObjectSettings,
-    OutputSettings,
-    Settings,
-    SourceSettings,
-)
-from nlens_video.graph.base.profiler import Summary
-from nlens_video.run.render import OnProgress, render
+import av
+
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
 
 SAMPLES = Path(__file__).parents[1] / "samples"
+PRESETS = "draft,realtime,standard"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a run took: elapsed and processor time [s], most memory [MB]."""
+
+    elapsed_s: float
+    processor_s: float
+    memory_mb: float = 0.0
 
 
 def transcode(
-    plate: Path, output: Path, on_progress: OnProgress = lambda done, total: None
+    plate: Path,
+    output: Path,
+    on_progress: Callable[[int, int | None], None] = lambda done, total: None,
 ) -> float:
     """Decode and encode all frames, and nothing between; seconds."""
     start = time.perf_counter()
@@ -41,46 +55,88 @@ def transcode(
     return time.perf_counter() - start
 
 
-def composite(plate: Path, glb: Path, output: Path, preset: str) -> tuple[float, Summary]:
-    """The whole job; seconds, and the nodes' times."""
+def repeated(plate: Path, times: int, output: Path) -> Path:
+    """The same video packets several times over in a file of its own."""
+    with av.open(str(plate)) as first, av.open(str(output), "w") as made:
+        stream = made.add_stream_from_template(first.streams.video[0])
+        for before in range(times):
+            with av.open(str(plate)) as given:
+                for packet in given.demux(video=0):
+                    if packet.dts is None or packet.pts is None:
+                        continue
+                    offset = before * (packet.stream.duration or 0)
+                    packet.dts += offset
+                    packet.pts += offset
+                    packet.stream = stream
+                    made.mux(packet)
+    return output
+
+
+def composited(plate: Path, folder: Path, preset: str) -> tuple[Cost, dict[str, float]]:
+    """A run of the command line, and the median time of each of its nodes [ms]."""
+    timings = folder / "timings.json"
+    words = [str(plate), str(SAMPLES / "anim.glb"), str(folder / "out.mp4")]
+    command = [
+        sys.executable, "-m", "nlens_video", *words, "--preset", preset,
+        "--timings", str(timings), "--no-progress", "-q",
+    ]  # fmt: skip
     start = time.perf_counter()
-    outcome = render(
-        Settings(
-            source=SourceSettings(spec=str(plate)),
-            scene=ObjectSettings(glb=glb),
-            output=OutputSettings(spec=str(output)),
-            preset=preset,
-        )
-    )
-    return time.perf_counter() - start, outcome.timing
+    run = subprocess.Popen(command)
+    _, status, used = os.wait4(run.pid, 0)
+    elapsed = time.perf_counter() - start
+    run.returncode = os.waitstatus_to_exitcode(status)
+    if run.returncode:
+        sys.exit(f"{' '.join(command)}: ended with {run.returncode}")
+    cost = Cost(elapsed, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+    return cost, json.loads(timings.read_text())["summary"]["node_median_ms"]
+
+
+def plainly(plate: Path, folder: Path) -> Cost:
+    """What plain decode + encode takes."""
+    before = time.process_time()
+    elapsed = transcode(plate, folder / "plain.mp4")
+    return Cost(elapsed, time.process_time() - before)
+
+
+def ratios(runs: list[Cost], plain: list[Cost], of: str) -> str:
+    """Median, least and largest ratio of a run to the plain one of its round."""
+    found = [getattr(run, of) / getattr(floor, of) for run, floor in zip(runs, plain, strict=True)]
+    return f"{statistics.median(found):.2f} ({min(found):.2f} to {max(found):.2f})"
 
 
 def main() -> None:
-    """Print a table of node times and the ratio."""
+    """Print the ratios of each preset, and its nodes' times."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--preset", default="standard")
+    parser.add_argument("--presets", default=PRESETS)
     parser.add_argument("--rounds", type=int, default=3)
-    arguments = parser.parse_args()
-    plate, glb = SAMPLES / "in.mp4", SAMPLES / "anim.glb"
-    ratios, timings = [], []
-    with tempfile.TemporaryDirectory() as folder:
-        composite(plate, glb, Path(folder) / "warm.mp4", arguments.preset)
-        for _ in range(arguments.rounds):
-            plain = transcode(plate, Path(folder) / "plain.mp4")
-            whole, timing = composite(plate, glb, Path(folder) / "out.mp4", arguments.preset)
-            ratios.append(whole / plain)
-            timings.append(timing)
-    best = min(timings, key=lambda timing: timing.median_ms)
-    print(f"{'node':14s} median ms (best of {arguments.rounds} rounds)")
-    for node, elapsed_ms in best.node_median_ms.items():
-        print(f"{node:14s} {elapsed_ms:8.2f}")
-    print(f"{'all nodes':14s} {best.median_ms:8.2f}   p95 {best.p95_ms:.2f}")
-    print(f"first frame with the fit: {best.first_frame_ms:.0f} ms")
-    print(f"throughput: {max(timing.fps for timing in timings):.1f} fps, lanes overlapping")
-    print(
-        f"whole run / plain decode + encode: {statistics.median(ratios):.2f} "
-        f"({min(ratios):.2f} to {max(ratios):.2f})"
-    )
+    parser.add_argument("--times", type=int, default=4)
+    words = parser.parse_args()
+    presets = words.presets.split(",")
+    plain: list[Cost] = []
+    runs: dict[str, list[Cost]] = {preset: [] for preset in presets}
+    nodes: dict[str, dict[str, float]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        plate = repeated(SAMPLES / "in.mp4", words.times, folder / "plate.mp4")
+        for _ in range(words.rounds):
+            plain.append(plainly(plate, folder))
+            for preset in presets:
+                cost, nodes[preset] = composited(plate, folder, preset)
+                runs[preset].append(cost)
+    print(f"load {os.getloadavg()[0]:.1f}; plain decode + encode, medians: ", end="")
+    for of in ("elapsed_s", "processor_s"):
+        print(f"{statistics.median(getattr(one, of) for one in plain):.2f} s ({of[:-2]})", end=" ")
+    print("\nwhole run / plain decode + encode, median (least to largest) of the rounds:")
+    for preset, costs in runs.items():
+        memory = max(cost.memory_mb for cost in costs)
+        print(
+            f"  {preset:10s} elapsed {ratios(costs, plain, 'elapsed_s'):22s}"
+            f" processor {ratios(costs, plain, 'processor_s'):22s} {memory:.0f} MB"
+        )
+    print("nodes, median ms of the last round:")
+    for node in dict.fromkeys(node for times in nodes.values() for node in times):
+        row = "".join(f" {nodes[preset].get(node, float('nan')):9.2f}" for preset in presets)
+        print(f"  {node:20s}{row}")
 
 
 if __name__ == "__main__":

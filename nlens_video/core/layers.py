@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -190,7 +191,7 @@ def _largest(values: Float32, where: Bool) -> float:
     return float(max(kept.max(initial=0.0), -kept.min(initial=0.0)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)  # without slots, where nothing could be kept
 class DefocusedLayer:
     """A sharp layer and the CoC that the lens gives each of its pixels.
 
@@ -207,7 +208,7 @@ class DefocusedLayer:
     def __post_init__(self) -> None:
         _check_shapes(self.layer.box.shape, coc_px=self.coc_px)
 
-    @property
+    @cached_property
     def largest_coc_px(self) -> float:
         """Largest CoC diameter of a pixel that has alpha, 0 for an empty layer [px]."""
         covered = self.layer.rgba[..., 3] > 0

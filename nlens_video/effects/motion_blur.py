@@ -84,7 +84,7 @@ def sampled_count(
         coc_px: their CoC diameters (V,), or the least of them, without sign [px].
         most: limit.
     """
-    span = _path_px(np.diff(places, axis=0))
+    span = _path_px(_halves(places)[1])
     if float(span.max(initial=0.0)) < NEGLIGIBLE_SPAN_PX:
         return 1
     steps = span / np.maximum(_SAMPLED_STEP_PX, 0.5 * coc_px)
@@ -97,9 +97,18 @@ def _odd(count: int, most: int) -> int:
 
 
 def _path_px(halves: Float64) -> Float64:
-    """Length of a path of two parts (2, V, 2): (V,) [px]."""
-    first, second = np.sqrt(halves[..., 0] * halves[..., 0] + halves[..., 1] * halves[..., 1])
+    """Length of a path of two parts (2, 2, V), their columns and rows: (V,) [px]."""
+    first, second = np.sqrt(halves[:, 0] * halves[:, 0] + halves[:, 1] * halves[:, 1])
     return np.asarray(first + second)
+
+
+def _halves(places: Sequence[Float64]) -> tuple[Float64, Float64]:
+    """Three places of points, columns and rows (3, 2, V), and the ways between them (2, 2, V).
+
+    Along memory, for NumPy is slow along an axis of two.
+    """
+    along = np.array([one.T for one in places], order="C")
+    return along, along[1:] - along[:-1]
 
 
 def measure_motion(
@@ -113,13 +122,13 @@ def measure_motion(
         coc_px: their signed CoC diameters then (3, V), 0 where the lens is not known [px].
         most: limit of the number of temporal samples.
     """
-    halves = np.diff(places, axis=0)
+    along, halves = _halves(places)
     span = float(_path_px(halves).max(initial=0.0))
     if span < NEGLIGIBLE_SPAN_PX:
         return None
-    spread = _path_px(np.stack([half - _mean(half) for half in halves]))
+    spread = _path_px(halves - halves.mean(axis=2, keepdims=True))
     count = moment_count(spread, np.abs(coc_px).min(axis=0), most)
-    start, half_way, end = map(_mean, places)
+    start, half_way, end = along.mean(axis=2)
     # the mean's path is a parabola through its three positions
     at = np.linspace(-1.0, 1.0, count + 1)[:, None]
     centres = half_way + 0.5 * at * (end - start) + 0.5 * at**2 * (start + end - 2.0 * half_way)
@@ -129,11 +138,6 @@ def measure_motion(
         refocus_px=float(np.ptp(coc_px, axis=0).max()),
         ways=np.diff(centres, axis=0),
     )
-
-
-def _mean(points: Float64) -> Float64:
-    """The mean (2,) of points (V, 2); along memory, for NumPy is slow along an axis of two."""
-    return np.asarray(np.ascontiguousarray(points.T).mean(axis=1))
 
 
 def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:

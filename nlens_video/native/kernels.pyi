@@ -212,6 +212,21 @@ def paper_scatter_rows(
     /,
 ) -> None: ...
 
+# plane_blur.cpp
+def sum_plane_rows(values: Float32, pad: int, sums: _Int32, steps: Float32, /) -> None: ...
+def blur_plane_rows(
+    sums: _Int32,
+    steps: Float32,
+    pad: int,
+    radii: Float64,
+    block: int,
+    pixel_aspect: float,
+    corner: tuple[int, int],
+    out: Float32,
+    rows: tuple[int, int],
+    /,
+) -> None: ...
+
 # projection.cpp; positions of any strides for `screen_bounds`
 def project(positions: Float32, lens: Float64, points: Float64, /) -> None: ...
 def screen_bounds(

@@ -172,7 +172,7 @@ class Instance:
         if self._influence is None:
             linear = carriers[:3, :3]
             placed = positions @ linear.T.astype(np.float32) + carriers[:3, 3].astype(np.float32)
-            turned = normals @ _cofactor(linear).T.astype(np.float32)
+            turned = unit(normals @ _cofactor(linear).T.astype(np.float32))
             mirrored = bool(np.linalg.det(linear) < 0.0)
         else:
             matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
@@ -184,8 +184,6 @@ class Instance:
         if self.geometry.flat and (self._influence is not None or len(amounts)):
             turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
             turned = -turned if mirrored else turned
-        else:
-            turned = unit(turned)
         return PosedMesh(self.geometry, placed, turned, mirrored)
 
     def _morphed(self, weights: Float64) -> tuple[Float32, Float32]:

@@ -9,9 +9,10 @@ and by medians, so that moving things do not count.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cache
 
-import cv2
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64, Picture
@@ -52,27 +53,51 @@ def signature(picture: Picture) -> Signature:
     """Signature of a frame."""
     side = int(min(max(_PATCH_SHARE * picture.width, _SMALLEST_PX), _LARGEST_PX))
     side = min(side, picture.width, picture.height)
-    patches = np.empty((side, side, _ROWS * _COLUMNS), np.float32)
+    patches = np.empty((_ROWS * _COLUMNS, side, side), np.float32)
     for at in range(_ROWS * _COLUMNS):
         row, column = divmod(at, _COLUMNS)
         y = (picture.height - side) * (2 * row + 1) // (2 * _ROWS)
         x = (picture.width - side) * (2 * column + 1) // (2 * _COLUMNS)
-        patches[..., at] = picture.linear(Box(x, y, x + side, y + side))[..., 1]
+        patches[at] = picture.linear(Box(x, y, x + side, y + side))[..., 1]
     root = np.sqrt(np.maximum(patches, 0.0))
     grid = (_ROWS, _COLUMNS)
-    return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(0, 1)).reshape(grid))
+    return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(1, 2)).reshape(grid))
 
 
 def _octaves(patches: Float32) -> Float64:
-    """Log-ratios of adjacent octaves (N, octaves - 1) of patches (side, side, N), nan in noise."""
-    soft = [
-        cv2.GaussianBlur(patches, (0, 0), blur, borderType=cv2.BORDER_REFLECT) for blur in _BLURS_PX
-    ]
-    bands = zip(soft[:-1], soft[1:], strict=True)
-    detail = np.stack([(fine - coarse).std(axis=(0, 1)) for fine, coarse in bands], axis=1)
+    """Log-ratios of adjacent octaves (N, octaves - 1) of patches (N, side, side), nan in noise."""
+    detail = octave_detail(patches)
     ratios = np.diff(np.log(np.maximum(detail, _FLOOR)).astype(np.float64), axis=1)
     ratios[detail[:, 1:] <= _FLOOR] = np.nan
     return np.asarray(ratios)
+
+
+def octave_detail(patches: Float32) -> Float32:
+    """Standard deviation (N, octaves) of the detail between two blurs of patches (N, side, side).
+
+    A patch that is mirrored at its borders is a sum of cosines, and a Gaussian blur scales each of
+    them by itself: the squares of their amplitudes give what blurring the patch would.
+    """
+    cosines, weights = _cosines(patches.shape[1])
+    power = cosines @ patches @ cosines.T
+    power *= power
+    return np.asarray(np.sqrt(power.reshape(len(patches), -1) @ weights))
+
+
+@cache
+def _cosines(side: int) -> tuple[Float32, Float32]:
+    """The cosine transform (side, side), and what each square adds to a variance (side², octaves).
+
+    The variance is of the difference of two blurs, whose constant part is 0.
+    """
+    number = np.arange(side)
+    cosines = np.cos(math.pi / side * (number + 0.5) * number[:, None]) * math.sqrt(2.0 / side)
+    cosines[0] *= math.sqrt(0.5)
+    sigma = np.array(_BLURS_PX)[:, None]
+    passed = np.exp(-0.5 * (math.pi / side * number * sigma) ** 2)
+    blurs = passed[:, :, None] * passed[:, None, :]
+    weights = ((blurs[:-1] - blurs[1:]) / side) ** 2
+    return cosines.astype(np.float32), weights.reshape(len(weights), -1).T.astype(np.float32)
 
 
 def changed(reference: Signature, now: Signature) -> float:

@@ -187,9 +187,9 @@ def linear(codes):
     return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
 
 
-def darkened(plate, shadow):
+def darkened(plate, shadow, *, round_lens=False):
     picture = plate.copy()
-    stage = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
+    stage = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach), round_lens=round_lens)
     stage(ArrayPicture(picture), shadow, FRAME)
     return picture
 
@@ -212,6 +212,18 @@ def test_shadow_is_blurred_by_the_grounds_coc_and_keeps_its_energy():
     assert lost[1] == pytest.approx(lost[0], rel=0.02)
     half = np.nonzero(blurred[60, :, 0] < 0.499)[0]
     assert (90 - 8) <= half.min() <= (90 - 4) and (110 + 3) <= half.max() <= (110 + 7)
+
+
+@pytest.mark.parametrize("coc_px", [0.0, 0.7, 5.0, 17.0, 60.0, 200.0])
+def test_round_lens_blurs_a_shadow_on_the_plane_as_any_other(coc_px):
+    plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    fit = LensFit(slope=0.0, intercept=coc_px, width=WIDTH, height=HEIGHT)
+    shadow = cast(of_sun(ambient=0.5, diameter=0.2), fit=fit)
+    lean = 0.05 * shadow.step * np.arange(len(shadow.coc_px), dtype=np.float32)[:, None]
+    shadow = replace(shadow, coc_px=shadow.coc_px + lean)
+    any_lens, of_disc = (darkened(plate, shadow, round_lens=given) for given in (False, True))
+    assert any_lens.min() < 0.498
+    assert of_disc == pytest.approx(any_lens, abs=1.5 / 255)
 
 
 def test_defocused_shadow_beside_the_frame_reaches_into_it():

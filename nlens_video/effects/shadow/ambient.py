@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -36,17 +37,25 @@ def hemisphere(directions: int, ambient: Float64 | None = None) -> Float64:
         directions: their number with those.
         ambient: the light, as of `Illumination.ambient` (9, 3); None for an even one.
     """
+    return _hemisphere(directions, None if ambient is None else np.float64(ambient).tobytes())
+
+
+@lru_cache(maxsize=4)  # most light stays as it is from frame to frame
+def _hemisphere(directions: int, light: bytes | None) -> Float64:
     number = np.arange(directions)
     squared_sine: Float64 = np.asarray(
         (number + 0.5) / directions, np.float64
     )  # of the angle off the vertical
     turn: Float64 = np.asarray((number * _GOLDEN) % 1.0, np.float64)
-    if ambient is not None:
+    if light is not None:
+        ambient = np.frombuffer(light, np.float64).reshape(-1, 3)
         squared_sine, turn = _warped(squared_sine, turn, np.asarray(ambient @ LUMINANCE))
     sine, up = np.sqrt(squared_sine), np.sqrt(1.0 - squared_sine)
     angle = 2.0 * math.pi * turn
     toward = np.stack([sine * np.cos(angle), up, sine * np.sin(angle), 0.0 * up], axis=1)
-    return np.asarray(toward[squared_sine <= _LOWEST])
+    kept: Float64 = toward[squared_sine <= _LOWEST]
+    kept.flags.writeable = False  # shared by all who ask
+    return kept
 
 
 def _warped(squared_sine: Float64, turn: Float64, ambient: Float64) -> tuple[Float64, Float64]:

@@ -5,6 +5,7 @@ The lens blurs the loss of light as it blurs the ground there; the paper leaves 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -19,9 +20,10 @@ from nlens_video.core.layers import (  # fmt: skip
     Picture,
 )
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.scatter.plane_blur import LARGEST_COC_PX, WIDEST_PX, PlaneCoc, blur_plane
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.composite import ForegroundMatte
-from nlens_video.stages.l_reblur import ReblurLayer
+from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, ReblurLayer
 
 _MEAN_WITHOUT = np.hstack([np.diag([-1, -1, -1, 0]), np.ones((4, 1))])[:, [0, 1, 2, 4]].astype(
     np.float32
@@ -139,9 +141,12 @@ class ApplyShadow:
 
     Attributes:
         blur: the lens.
+        round_lens: whether its discs are round all over the frame: a shadow on the plane alone is
+            then blurred as a plane, which is quicker.
     """
 
     blur: ReblurLayer
+    round_lens: bool = False
 
     def __call__(
         self, picture: Picture, shadow: Shadow, frame: Box, matte: ForegroundMatte | None = None
@@ -172,18 +177,32 @@ class ApplyShadow:
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
         """Loss in each channel and its mean, as the lens shows them, on a box inside the frame."""
         step = shadow.step
-        rgba: Float32 = np.asarray(cv2.transform(shadow.loss, _WITH_MEAN), dtype=np.float32)
-        layer = ObjectLayer(
-            box=pixels_of(shadow.box, step), rgba=rgba, depth=np.ones(rgba.shape[:2], np.float32)
-        )
         if step == 1:
-            return self.blur(DefocusedLayer(layer=layer, coc_px=shadow.coc_px), frame)
-        coarse = DefocusedLayer(layer=layer, coc_px=shadow.coc_px / np.float32(step))
-        blurred = self.blur(coarse, Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step)))
+            return self._on_grid(shadow, frame)
+        blurred = self._on_grid(shadow, Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step)))
         wide = scaled(blurred.box, step)
         box = wide.intersection(frame)
         rgba = enlarged(blurred.rgba, step)[box.slices_in(wide)]
         return BlurredLayer(box=box, rgba=np.ascontiguousarray(rgba))
+
+    def _on_grid(self, shadow: Shadow, frame: Box) -> BlurredLayer:
+        """The same in pixels of the shadow's grid, as `frame` is."""
+        box = pixels_of(shadow.box, shadow.step)
+        coc = shadow.coc_px if shadow.step == 1 else shadow.coc_px / np.float32(shadow.step)
+        on_plane = self.round_lens and not shadow.on_things and coc.size > 0
+        plane = PlaneCoc.of(coc) if on_plane and box.width < WIDEST_PX else None
+        largest = 0.0 if plane is None else plane.largest_px(box.width, box.height)
+        if plane is not None and NEGLIGIBLE_COC_PX <= largest <= LARGEST_COC_PX:
+            aspect = self.blur.pixel_aspect
+            margin = math.ceil(0.5 * largest * max(1.0, aspect)) + 1
+            target = box.expanded(margin).intersection(frame)
+            if target.empty:
+                return BlurredLayer.nothing()
+            there = target.moved(-box.x0, -box.y0)
+            return BlurredLayer(box=target, rgba=blur_plane(shadow.loss, plane, there, aspect))
+        rgba: Float32 = np.asarray(cv2.transform(shadow.loss, _WITH_MEAN), dtype=np.float32)
+        layer = ObjectLayer(box=box, rgba=rgba, depth=np.ones(rgba.shape[:2], np.float32))
+        return self.blur(DefocusedLayer(layer=layer, coc_px=coc), frame)
 
 
 def _behind(loss: Float32, plate: Float32, box: Box, matte: ForegroundMatte) -> Float32:

@@ -155,7 +155,7 @@ class CompositeShadow(Node):
     effect, lane = SHADOW, "composite"
 
     def __init__(self, context: NodeContext) -> None:
-        self._apply = ApplyShadow(make_reblur(context, "draft"))
+        self._apply = ApplyShadow(make_reblur(context, "draft"), round_lens=context.aperture.round)
         self._last: tuple[Shadow, BlurredLayer] | None = None  # reused while the object rests
         self.description = "plate times remaining light, blurred by the ground's CoC"
 

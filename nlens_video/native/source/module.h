@@ -23,6 +23,7 @@ void bind_layers(nanobind::module_& module);
 void bind_light(nanobind::module_& module);
 void bind_materials(nanobind::module_& module);
 void bind_paper_scatter(nanobind::module_& module);
+void bind_plane_blur(nanobind::module_& module);
 void bind_projection(nanobind::module_& module);
 void bind_raster(nanobind::module_& module);
 void bind_scatter(nanobind::module_& module);

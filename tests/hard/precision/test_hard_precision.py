@@ -55,6 +55,8 @@ from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no
 from nlens_video.kernels.aperture_covariance import aperture_covariance, edge_parallax_layer
 from nlens_video.kernels.depth_layers import inpaint
 from nlens_video.kernels.scatter.paper_scatter import paper_scatter
+from nlens_video.kernels.scatter.plane_blur import PlaneCoc, blur_plane
+from nlens_video.kernels.scatter.plane_blur_ref import blur_plane_ref
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref, scatter_ref
 from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
@@ -83,6 +85,7 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "covariance over the aperture": "kernels/aperture_covariance",
     "a half-hidden lens": "kernels/aperture_covariance",
     "the paper's scatter": "kernels/scatter/paper_scatter",
+    "blur of a plane": "kernels/scatter/plane_blur",
     "pull-push": "kernels/depth_layers",
     "nodes of a scene": "scene/gltf/animation_kernels",
     "skinned vertices": "scene/posed",
@@ -162,6 +165,11 @@ def _blurs() -> dict[str, tuple[float, float]]:
         paper_scatter(picture, radius)[0] - paper_scatter_by_pixels(picture, radius)[0]
     ).max()
     made["the paper's scatter"] = (away, 1e-3)
+    plane = np.random.default_rng(6).random((12, 20, 3))
+    coc, around = PlaneCoc(-1.0, 0.0, 0.4), Box(-2, -2, 22, 14)
+    seen = blur_plane(plane.astype(np.float32), coc, around)[..., :3]
+    away = np.abs(seen - blur_plane_ref(plane, coc, around)).max()
+    made["blur of a plane"] = (away, 1e-4)
     known = rng.random((40, 44)) < 0.1
     values = np.where(known[..., None], rng.random((40, 44, 3)), 0.0)
     single = inpaint(values.astype(np.float32), known, (3, 5))
@@ -193,15 +201,17 @@ def _nodes(rng):
 
 
 def _skin(rng):
-    """How far vertices that two of five joints carry come from their places."""
+    """How far vertices that two of five joints carry come from their places, and their normals."""
     positions = rng.normal(size=(40, 3)).astype(np.float32)
     joints, share = rng.integers(0, 5, (40, 2), np.int32), rng.random((40, 1), np.float32)
     weights, matrices = np.hstack([share, 1 - share]), rng.normal(size=(5, 12)).astype(np.float32)
     placed, turned = np.empty((2, 40, 3), np.float32)
     kernels.skin(positions, positions, joints, weights, matrices, placed, turned)
     exact = np.einsum("vk,vkij->vij", weights, matrices[joints].reshape(40, 2, 3, 4).astype(float))
+    ways = np.einsum("vij,vj->vi", exact[..., :3], positions)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     exact = np.einsum("vij,vj->vi", exact, np.hstack([positions, np.ones((40, 1))]))
-    return np.abs(placed - exact).max()
+    return max(np.abs(placed - exact).max(), np.abs(turned - ways).max())
 
 
 @cache
