@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import av
 import gallery_objects as objects
@@ -44,6 +45,9 @@ from nlens_video.report.ground_grid import grid_in_view, over_plate
 from nlens_video.run.render import render
 from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.pixels.picture import ArrayPicture
+
+if TYPE_CHECKING:
+    from truth.walkers import Clip
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "docs" / "gallery"
@@ -289,21 +293,41 @@ def wall(folder: Path) -> list[Panel]:
 def walker(folder: Path) -> list[Panel]:
     """Somebody who walks before the object."""
     sys.path.append(str(SAMPLES))
-    from truth.walkers import Clip, write_clip
+    from truth.walkers import Clip
 
-    clip = Clip(7, 40)
-    write_clip(folder, clip)
-    fit = folder / "fit.json"
-    slope = clip.infinity * clip.focus
-    fit.write_text(LensFit(slope=slope, intercept=-clip.infinity, width=640, height=360).to_json())
-    scene = ObjectSettings(glb=folder / "object.glb", layers=str(folder / "object" / "%04d.exr"))
+    plate, scene, fit = _drawn(folder, Clip(7, 40))
     left_out = replace(scene, real=RealSettings(occlusion="none"))
-    plate, frame, crop = folder / "bg.mp4", 18, (160, 30, 560, 330)
+    frame, crop = 18, (160, 30, 560, 330)
     return [
         ("plate", frame_of(plate, frame).crop(crop)),
         ("--occlusion none", composite(plate, left_out, frame, fit=fit).crop(crop)),
         ("as it is", composite(plate, scene, frame, fit=fit).crop(crop)),
     ]
+
+
+def crossing(folder: Path) -> list[Panel]:
+    """Two who cross, one before the object and one behind it, under a camera that travels."""
+    sys.path.append(str(SAMPLES))
+    from truth.travelling import TravellingClip
+
+    plate, scene, fit = _drawn(folder, TravellingClip(5, 60))
+    crop = (170, 30, 570, 330)
+    return [
+        (f"frame {frame}", composite(plate, scene, frame, fit=fit).crop(crop))
+        for frame in (20, 27, 34)
+    ]
+
+
+def _drawn(folder: Path, clip: Clip) -> tuple[Path, ObjectSettings, Path]:
+    """A clip of `truth.walkers`: its plate, the object in it, and the true lens."""
+    from truth.walkers import write_clip
+
+    write_clip(folder, clip)
+    fit = folder / "fit.json"
+    slope = clip.infinity * clip.focus
+    fit.write_text(LensFit(slope=slope, intercept=-clip.infinity, width=640, height=360).to_json())
+    scene = ObjectSettings(glb=folder / "object.glb", layers=str(folder / "object" / "%04d.exr"))
+    return folder / "bg.mp4", scene, fit
 
 
 def reflection(_: Path) -> list[Panel]:
@@ -404,6 +428,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "holdout": holdout,
     "wall": wall,
     "walker": walker,
+    "crossing": crossing,
     "reflection": reflection,
     "moving_camera": moving_camera,
     "solved_camera": solved_camera,

@@ -1,8 +1,9 @@
-"""What to say where a solved camera is uncertain."""
+"""What to say of a solved camera, and where it is uncertain."""
 
 from __future__ import annotations
 
 from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.core.numbers import with_error
 
 _PITCH_DEG = 5.0  # standard error from which the ground visibly tilts
 _FOV_SHARE = 0.15  # standard error of the field of view, as a share of it [1]
@@ -11,6 +12,23 @@ _REMEDY = (
     "give --fov DEG if the lens is known, --at, --size and --horizon to set the ground by eye, or "
     "--camera-from CAMERA"
 )
+
+
+def what_was_found(solved: SolvedCamera) -> str:
+    """A plate's camera in one line; empty of a still one that is all a guess: `doubt` says it."""
+    if solved.path == "still" and solved.fov == solved.horizon == "assumed":
+        return ""
+    first, errors = solved.keys[0], solved.errors
+    level = round(first.pitch_deg, 1) + 0.0  # no negative zero
+    fov, pitch = f"{first.fov_x_deg:.3g}", f"{level:.1f}"
+    if solved.fov == "assumed":
+        fov = with_error(first.fov_x_deg, errors.fov_deg)
+    if solved.horizon == "assumed":
+        pitch = with_error(level, errors.pitch_deg)
+    return (
+        f"the plate's camera: field of view {fov} degrees ({solved.fov_source}), "
+        f"pitch {pitch} ({solved.horizon}), path {solved.path}"
+    )
 
 
 def doubt(solved: SolvedCamera) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nlens_video.cameras.doubt import doubt
+from nlens_video.cameras.doubt import doubt, what_was_found
 from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera
 
 
@@ -49,3 +49,13 @@ def test_assumed_field_of_view_of_a_solved_path_is_not_doubted():
     moving = camera(fov="assumed", path="moving", errors=replace(VAGUE, pitch_deg=0.5))
     assert doubt(moving) == ""
     assert doubt(replace(moving, path="still")) != ""
+
+
+def test_what_was_found_has_the_digits_of_its_error_and_nothing_is_said_twice():
+    line = what_was_found(camera(51.63, fov="assumed", errors=VAGUE))
+    assert "field of view 52 ± 18 degrees (assumed), pitch 0.0 (measured), path still" in line
+    guess = camera(51.63, fov="assumed", horizon="assumed", errors=VAGUE)
+    assert what_was_found(guess) == "" and "52 ± 18" in doubt(guess)
+    assert "pitch 0.0 ± 9.0 (assumed), path rotation" in what_was_found(
+        replace(guess, path="rotation")
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from nlens_video.cameras.doubt import doubt
+from nlens_video.cameras.doubt import doubt, what_was_found
 from nlens_video.cameras.placed import (
     PlacedCamera,
     in_solved_world,
@@ -15,7 +15,6 @@ from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import NoGroundError, Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
-from nlens_video.core.numbers import with_error
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, GroundPlacing, Placement, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.scene.camera import Camera
@@ -202,19 +201,9 @@ def _with_solved_camera(
     guessed = solved.place_guessed and not wish.at
     why = "a guess: no line or blur tells that this is ground" if guessed else "chosen"
     chosen = "" if wish.at else f" ({why}; --at X,Y and --size S place it elsewhere)"
-    first, errors = solved.keys[0], solved.errors
-    fov, pitch = f"{first.fov_x_deg:.3g}", f"{first.pitch_deg:.1f}"
-    if solved.fov == "assumed":
-        fov = with_error(first.fov_x_deg, errors.fov_deg)
-    if solved.horizon == "assumed":
-        pitch = with_error(first.pitch_deg, errors.pitch_deg)
-    seen = (
-        f"the plate's camera: field of view {fov} degrees ({solved.fov_source}), "
-        f"pitch {pitch} ({solved.horizon}), path {solved.path}"
-    )
-    uncertain = doubt(solved)
+    found, uncertain = what_was_found(solved), doubt(solved)
     return replace(view, cameras=cameras), (
-        Note(seen, NoteKind.INFORMATION),
+        *([Note(found, NoteKind.INFORMATION)] if found else []),
         *([Note(uncertain, NoteKind.UNCERTAIN)] if uncertain else []),
         Note(f"placed by {said}{chosen}", NoteKind.UNCERTAIN if guessed else NoteKind.OTHER),
     )
