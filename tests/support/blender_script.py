@@ -72,6 +72,17 @@ def layers(scene):
     return told
 
 
+def without_numpy(scene):
+    """Export and import where Blender's Python has no numpy."""
+    sys.modules["numpy"] = None
+    told = {"export": compositing(scene)["error"]}
+    try:
+        bpy.ops.nlens.import_camera(filepath=folder + "/anim.glb")
+    except RuntimeError as error:
+        told["import"] = str(error)
+    return told
+
+
 def refused(scene):
     """Import what holds no layers."""
     chosen = {"no layers": "/anim.glb", "other layers": "/other/000000.exr"}[what]
@@ -97,5 +108,8 @@ elif what != "no plate":
     scene.active_clip = clip
 for one in scene.objects:
     one.select_set(one.type == "MESH")
-doing = {"cancel": cancelling, "layers": layers, "no layers": refused, "other layers": refused}
+doing = {
+    "cancel": cancelling, "layers": layers, "no layers": refused, "other layers": refused,
+    "no numpy": without_numpy,
+}  # fmt: skip
 print("TOLD" + json.dumps(doing.get(what, compositing)(scene)))

@@ -138,6 +138,11 @@ class NLENS_OT_import_camera(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import, and make its camera the scene's."""
+        try:
+            plate.need_numpy()
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         before = set(context.scene.objects)
         bpy.ops.import_scene.gltf(filepath=self.filepath)
         cameras = [one for one in set(context.scene.objects) - before if one.type == "CAMERA"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -40,11 +41,28 @@ def rate(scene: bpy.types.Scene) -> float:
     return float(scene.render.fps / scene.render.fps_base)
 
 
+def need_numpy() -> None:
+    """Blender's glTF add-on imports it, and Debian's Blender comes without.
+
+    Raises:
+        ValueError: Blender's Python does not have it.
+    """
+    if importlib.util.find_spec("numpy") is None:
+        raise ValueError(
+            "Blender's glTF add-on needs numpy, which Blender's Python does not have; on Debian "
+            "and Ubuntu: apt-get install python3-numpy"
+        )
+
+
 def export(context: bpy.types.Context, shown: Plate, target: Path) -> Path:
     """Write the selected objects, the camera and the lights by Blender's own exporter.
 
     A glTF camera has the aspect of the picture, so the plate's size is the scene's meanwhile.
+
+    Raises:
+        ValueError: the exporter lacks numpy.
     """
+    need_numpy()
     scene, render = context.scene, context.scene.render
     chosen, size = list(context.selected_objects), (render.resolution_x, render.resolution_y)
     also = [one for one in scene.objects if one.type == "LIGHT" or one is scene.camera]
