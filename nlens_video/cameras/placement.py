@@ -39,7 +39,7 @@ def place_camera(
     frame: tuple[int, int],
     pixel_aspect: float = 1.0,
 ) -> Camera:
-    """The camera, without roll, that shows an object at its placement under a given horizon.
+    """The camera that shows an object at its placement under a given horizon.
 
     The object keeps its position in the file; the camera moves.
 
@@ -53,13 +53,17 @@ def place_camera(
 
     Raises:
         SceneError: so large that the object would reach behind the camera, or it has no height.
+        UsageError: the place lies above the horizon.
     """
     width, height = frame
     fy = focal_35mm / FULL_FRAME_DIAGONAL_MM * math.hypot(width * pixel_aspect, height)
     fx = fy / pixel_aspect
-    pitch = math.atan((placing.horizon_row - 0.5) * height / fy)  # upwards
-    turned = _turn(math.radians(-placing.yaw_deg), pitch)
+    roll = math.radians(placing.roll_deg)
+    pitch = math.atan((placing.horizon_row - 0.5) * height / fy * math.cos(roll))  # upwards
+    turned = _turn(math.radians(-placing.yaw_deg), pitch, roll)
     ray = np.array([(placing.at[0] - 0.5) * width / fx, -(placing.at[1] - 0.5) * height / fy, -1.0])
+    if not (turned @ ray)[1] < 0.0:
+        raise placing.no_ground
     depth = contact_depth(vertices, contact, placing, turned, ray, fy, height)
     pose = np.eye(4)
     pose[:3, :3] = turned
@@ -104,10 +108,15 @@ def contact_depth(
     return depth
 
 
-def _turn(yaw: float, pitch: float) -> Float64:
-    """Rotation (3, 3) that looks along -Z, pitched up about X, then turned about Y [rad]."""
+def _turn(yaw: float, pitch: float, roll: float) -> Float64:
+    """Rotation (3, 3) that looks along -Z, rolled about Z, pitched about X, turned about Y [rad].
+
+    By a positive roll the camera leans to its left, and the horizon falls to the right.
+    """
     c, s = math.cos(yaw), math.sin(yaw)
     about_y = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     c, s = math.cos(pitch), math.sin(pitch)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    return np.asarray(about_y @ about_x)
+    c, s = math.cos(roll), math.sin(roll)
+    about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_y @ about_x @ about_z)

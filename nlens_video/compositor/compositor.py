@@ -91,6 +91,7 @@ class Compositor:
         yaw: turn about the vertical, 0 faces the viewer [deg].
         fov: field of view across the frame, 1 to 170 [deg].
         horizon: row of the horizon, above `at`; None for a level camera's [frame height].
+        roll: how far the frame's camera leans to its left: the horizon falls to the right [deg].
         env: equirectangular map of the light from around, .hdr or .exr; None for the frame's.
         env_rotation: turn of the map about the vertical [deg].
         env_exposure: brightness of the map in stops, None for the frame's level [EV].
@@ -145,6 +146,7 @@ class Compositor:
         yaw: float | None = None,
         fov: float | None = None,
         horizon: float | None = None,
+        roll: float | None = None,
         env: str | Path | None = None,
         env_rotation: float | None = None,
         env_exposure: float | None = None,
@@ -263,9 +265,7 @@ class Compositor:
         Raises:
             SceneError: the GLB cannot be used; raised at the next frame.
         """
-        if not isinstance(glb, ObjectSettings):
-            glb = replace(self._loop.objects, glb=Path(glb))
-        objects = glb
+        objects = replace(self._loop.objects, glb=Path(glb)) if isinstance(glb, str | Path) else glb
         self._call(lambda: self._loop.swap(objects))
 
     def show(self) -> Shown:

@@ -14,6 +14,7 @@ FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 LEVEL = 0.5
 """Row of the horizon of a camera that is not pitched [frame height]."""
 _FARTHEST = 5.0  # from the frame's middle: farther off it is a number of pixels [frame]
+_STEEPEST_DEG = 45.0  # of a horizon
 _TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
 
 
@@ -60,14 +61,16 @@ class Placement:
         size: rows from there up to the object's highest point, > 0 [frame height].
         yaw_deg: turn of the object about the vertical, counter-clockwise seen from above; at 0 its
             front (glTF's +Z) faces the viewer [deg].
-        horizon: row of the horizon, above `at`; 0.5 is that of a level camera, None that of a
-            solved camera [frame height].
+        horizon: row of the horizon in the middle of the frame, above `at`; 0.5 is that of a level
+            camera, None that of a solved camera [frame height].
+        roll_deg: how steeply that horizon falls to the right, -45 to 45 [deg].
     """
 
     at: tuple[float, float]
     size: float
     yaw_deg: float = 0.0
     horizon: float | None = LEVEL
+    roll_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, (*self.at, self.size, self.yaw_deg, self.horizon or 0.0))):
@@ -81,23 +84,34 @@ class Placement:
                 f"--horizon {self.horizon:g} is far off; expected a fraction of the frame's "
                 "height, 0 to 1, such as 0.4"
             )
-        if self.at[1] <= self.horizon:
-            raise UsageError(
-                f"--at {self.at[0]:g},{self.at[1]:g} lies above the horizon (--horizon "
-                f"{self.horizon:g}), where no ground is; "
-                "give a greater Y or a smaller --horizon"
-            )
+        if not abs(self.roll_deg) <= _STEEPEST_DEG:
+            raise UsageError(f"--roll {self.roll_deg:g} is not an angle from -45 to 45 degrees")
+        if self.roll_deg == 0.0 and self.at[1] <= self.horizon:
+            raise self.no_ground
 
     @property
     def horizon_row(self) -> float:
         """Row of the horizon, that of a level camera where none is given [frame height]."""
         return LEVEL if self.horizon is None else self.horizon
 
+    @property
+    def no_ground(self) -> UsageError:
+        """What is said where the place lies above the horizon."""
+        roll = f" --roll {self.roll_deg:g}" if self.roll_deg else ""
+        return UsageError(
+            f"--at {self.at[0]:g},{self.at[1]:g} lies above the horizon (--horizon "
+            f"{self.horizon_row:g}{roll}), where no ground is; "
+            "give a greater Y or a smaller --horizon"
+        )
+
     def describe(self) -> str:
         """The command-line options that give this placement."""
         x, y = self.at
         given = f"--at {x:.4g},{y:.4g} --size {self.size:.4g} --yaw {self.yaw_deg:.4g}"
-        return given if self.horizon is None else f"{given} --horizon {self.horizon:.4g}"
+        if self.horizon is None:
+            return given
+        roll = f" --roll {self.roll_deg:.4g}" if self.roll_deg else ""
+        return f"{given} --horizon {self.horizon:.4g}{roll}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,8 +140,8 @@ class GroundPlacing:
         if self.size is not None:
             _check_size(self.size)
 
-    def under(self, horizon: float = LEVEL) -> Placement:
-        """The place under a horizon that is given.
+    def under(self, horizon: float = LEVEL, roll_deg: float = 0.0) -> Placement:
+        """The place under a horizon that is given, as of `Placement`.
 
         Raises:
             UsageError: a part of it is to be chosen, or it needs a scale.
@@ -140,7 +154,9 @@ class GroundPlacing:
             raise UsageError(
                 "to place the object give both --at X,Y and --size S, fractions of the frame"
             )
-        return Placement(at=self.at, size=self.size, yaw_deg=self.yaw_deg, horizon=horizon)
+        return Placement(
+            at=self.at, size=self.size, yaw_deg=self.yaw_deg, horizon=horizon, roll_deg=roll_deg
+        )
 
 
 def _check_place(at: tuple[float, float]) -> None:

@@ -30,7 +30,7 @@ TABLES: dict[str, tuple[str, ...]] = {
         "animation_speed", "animation_offset",
     ),
     "place": ("at", "at_frame", "size", "height", "yaw"),
-    "camera": ("camera_from", "fov", "horizon", "marker", "person_height", "person",
+    "camera": ("camera_from", "fov", "horizon", "roll", "marker", "person_height", "person",
                "ignore_lines"),
     "light": ("env", "env_rotation", "env_exposure", "sun", "shadow_strength"),
     "lens": ("lens", "aperture", "cat_eye", "fit", "fallback", "track_focus", "prefer",

@@ -163,10 +163,12 @@ def _placings(
         return None, None
     if args.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
-    horizon = place.pop("horizon", None)
+    horizon, roll_deg = place.pop("horizon", None), place.pop("roll_deg", None)
+    if horizon is None and roll_deg is not None:
+        raise UsageError("--roll is that of a given horizon; give --horizon H too")
     wish = GroundPlacing(**place, **ground)
     if horizon is None:
         return None, wish
     if file is not None:
         raise UsageError("--camera-from gives the horizon; leave --horizon out")
-    return wish.under(horizon), None
+    return wish.under(horizon, roll_deg or 0.0), None

@@ -160,8 +160,7 @@ class Illumination:
             for lamp in self.lamps
         )
         ambient = None if self.ambient is None else gain * self.ambient
-        around = self.surround
-        surround = None if around is None else replace(around, gain=gain * around.gain)
+        surround = None if self.surround is None else self.surround.scaled(gain)
         return replace(self, lamps=lamps, ambient=ambient, surround=surround)
 
     def on_plane(self, point: Float64) -> Float64:

@@ -94,6 +94,12 @@ class SceneLight:
             seat: where the object stands.
             lights: the file's, at that moment.
         """
+        return self.with_sun(self.around_without_sun(plate, camera, seat, lights), camera, seat)
+
+    def around_without_sun(
+        self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...]
+    ) -> Illumination:
+        """As `around`, for any sun."""
         if self.environment is not None and self.exposure_given:
             found = self.environment
         else:
@@ -106,7 +112,11 @@ class SceneLight:
             if self.environment is not None and self.environment.level > 0.0:
                 found = self.environment.scaled(found.level / self.environment.level)
             found = replace(found, exposure=exposure)
-        return found if self.sun is None else _with_sun(found, self.sun, camera, seat)
+        return found
+
+    def with_sun(self, light: Illumination, camera: Camera, seat: Seat) -> Illumination:
+        """Light around the object, its level shared with the sun if there is one."""
+        return light if self.sun is None else _with_sun(light, self.sun, camera, seat)
 
     def on_object(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
@@ -146,11 +156,16 @@ def _with_sun(light: Illumination, given: SunSettings, camera: Camera, seat: Sea
     return replace(rest, lamps=(Lamp(lamp, _SUN_DIAMETER), *rest.lamps))
 
 
+def level_axes(camera: Camera) -> tuple[Float64, Float64, Float64]:
+    """Directions (3,) to the right of a camera's view, up, and where it looks, all level but up."""
+    right = camera.world_from_camera[:3, 0] * (1.0, 0.0, 1.0)
+    right = right / max(float(np.linalg.norm(right)), 1e-9)
+    return right, np.array([0.0, 1.0, 0.0]), np.array([right[2], 0.0, -right[0]])
+
+
 def _toward(given: SunSettings, camera: Camera) -> Float64:
     """Direction (3,) towards a sun whose azimuth counts from where the camera looks."""
     azimuth, elevation = math.radians(given.azimuth_deg), math.radians(given.elevation_deg)
-    right = camera.world_from_camera[:3, 0] * (1.0, 0.0, 1.0)
-    right = right / max(float(np.linalg.norm(right)), 1e-9)
-    forward = np.array([right[2], 0.0, -right[0]])
+    right, up, forward = level_axes(camera)
     flat = math.cos(azimuth) * forward + math.sin(azimuth) * right
-    return np.asarray(math.cos(elevation) * flat + math.sin(elevation) * np.array([0.0, 1.0, 0.0]))
+    return np.asarray(math.cos(elevation) * flat + math.sin(elevation) * up)

@@ -8,7 +8,7 @@ folded onto an octahedron (Cigolle et al. 2014), whose square is looked up witho
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -39,15 +39,28 @@ class Surround:
             +X, row 0 straight up.
         turn: about the up axis, as of `load_environment` [rad].
         gain: factor on the radiance [1].
+        unscaled: the one that this is a multiple of, whose filtered maps it uses; None for none.
     """
 
     radiance: Float32
     turn: float = 0.0
     gain: float = 1.0
+    unscaled: Surround | None = None
+
+    def scaled(self, gain: float) -> Surround:
+        """So many times as bright; the maps are filtered once for both."""
+        return replace(self, gain=gain * self.gain, unscaled=self.unscaled or self)
 
     @cached_property
     def levels(self) -> Float32:
         """The filtered maps (LEVELS, SIDE + 2, SIDE + 2, 4), the last channel 0."""
+        out = (self.unscaled or self)._filtered_maps.copy()
+        out *= self.gain  # in place: stays float32 by a gain of NumPy, as kernels take it
+        return out
+
+    @cached_property
+    def _filtered_maps(self) -> Float32:
+        """The maps of `levels` by a gain of 1."""
         out = np.zeros((LEVELS, SIDE + 2, SIDE + 2, 4), np.float32)
         directions = _texels(SIDE)
         out[0, ..., :3] = self._seen(self._reduced(_MIRROR_COLUMNS), directions)
@@ -55,7 +68,6 @@ class Surround:
             small = self._filtered(side, columns, ROUGHEST * level / (LEVELS - 1))
             x, y = (_unfolded(directions, side) - 0.5).transpose(2, 0, 1).astype(np.float32)
             out[level, ..., :3] = cv2.remap(small, x, y, cv2.INTER_LINEAR)
-        out *= self.gain  # in place: stays float32 by a gain of NumPy, as kernels take it
         return out
 
     def _reduced(self, columns: int) -> Float32:

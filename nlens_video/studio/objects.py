@@ -16,6 +16,7 @@ from nlens_video.graph.base.view import View
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.object_motion import ObjectMotion
 from nlens_video.scene.scene import Scene
+from nlens_video.studio.shadow_guides import ShadowGuides, shadow_guides
 
 _FAR = 20.0  # frames: what lies farther out is not drawn
 _STEPS = 120  # of a path
@@ -38,6 +39,7 @@ class ObjectGuides:
         placed: whether the shot places it; else it stands where its file has it.
         path: points of its way on the ground, as this frame's camera sees them.
         stops: those of its keys.
+        shadow: what its shadow is drawn by, None where it has no height.
     """
 
     at: tuple[float, float] | None
@@ -47,6 +49,7 @@ class ObjectGuides:
     placed: bool
     path: tuple[tuple[float, float], ...] = ()
     stops: tuple[tuple[float, float], ...] = ()
+    shadow: ShadowGuides | None = None
 
 
 def object_guides(
@@ -60,7 +63,7 @@ def object_guides(
         view: with the camera that sees them.
         time_s: of the frame [s].
     """
-    camera = view.camera_at(scene, time_s)
+    camera, before = (view.camera_at(scene, moment) for moment in (time_s, 0.0))
     first = not scene.camera_names or bool(objects.placing or objects.on_ground)
     grounds = [objects.ground_y, *(other.ground_y for other in objects.others)]
     keyed = [objects.keys, *(other.keys for other in objects.others)]
@@ -84,6 +87,7 @@ def object_guides(
                 placed=motion is not None if number else first,
                 path=path,
                 stops=stops,
+                shadow=shadow_guides(camera, before, contact, moved.astype(np.float64)),
             )
         )
     return tuple(found)

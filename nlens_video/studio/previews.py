@@ -13,11 +13,12 @@ from nlens_video.core.errors import NlensError
 from nlens_video.options.shot_objects import Tables
 from nlens_video.solve.evidence import PlateLines
 from nlens_video.studio.plate_frames import to_jpeg
+from nlens_video.studio.sessions import QUICK
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Drawn, Stage
 
-Kind = Literal["drag", "rest", "sharp", "focus"]
-KINDS: tuple[Kind, ...] = ("drag", "rest", "sharp", "focus")
+Kind = Literal["drag", "light", "rest", "sharp", "focus"]
+KINDS: tuple[Kind, ...] = ("drag", "light", "rest", "sharp", "focus")
 _PATIENCE_S = 10.0  # for the thread to end: an estimate of a network cannot be interrupted
 
 
@@ -29,8 +30,8 @@ class Wish:
         number: by which the page knows it again.
         tables: the shot.
         frame: of the plate, from 0.
-        kind: `drag` while something moves, `rest` as it is rendered, `sharp` without a lens,
-            `focus` the plate's blur in colours.
+        kind: `drag` while something moves, `light` while the sun does, `rest` as it is rendered,
+            `sharp` without a lens, `focus` the plate's blur in colours.
     """
 
     number: int
@@ -134,7 +135,7 @@ class Previews:
 
     def _answer(self, wish: Wish) -> Answer:
         started = time.perf_counter()
-        self._urgent = wish.kind == "drag"
+        self._urgent = wish.kind in QUICK
         said: dict[str, Any] = {"number": wish.number, "frame": wish.frame, "kind": wish.kind}
         try:
             settings = self._shot.settings(wish.tables)
@@ -142,7 +143,7 @@ class Previews:
                 picture, more = self._stage.inspect(settings).drawn()
             else:
                 drawn = self._stage.draw(settings, wish.frame, wish.kind)
-                picture, more = to_jpeg(drawn.picture), _about(drawn, quick=wish.kind == "drag")
+                picture, more = to_jpeg(drawn.picture), _about(drawn, quick=self._urgent)
         except NlensError as error:
             return Answer({**said, "error": str(error)})
         except MemoryError:
@@ -158,7 +159,7 @@ class Previews:
             return
         with self._wake:
             waiting = [(page, wish.kind) for page, (wish, _) in self._wishes.items()]
-        if any(kind == "drag" or page is self._page for page, kind in waiting):
+        if any(kind in QUICK or page is self._page for page, kind in waiting):
             raise Superseded
 
     def _on_progress(self, done: int, total: int | None) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib.resources import files
+from typing import Literal
 
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.core.settings import OutputSettings, Settings
+from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SunSettings
 from nlens_video.effects.planner import (
     OCCLUSION,
     REFLECTION,
@@ -22,23 +24,32 @@ from nlens_video.graph.builder import Built, build
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.nodes.camera import overscan_px
+from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.session import Session
 from nlens_video.scene.scene import Scene
 from nlens_video.studio.open_plate import Plate
 from nlens_video.video.info import SourceFrame
 
-DRAGGED = "realtime"
-"""Preset of the pictures while something is dragged."""
+Picturing = Literal["drag", "light", "rest", "sharp"]
+"""How a frame is drawn: while the object or the sun is dragged, as it is rendered, or without a
+lens."""
+QUICK = ("drag", "light")
+"""Pictures while something is dragged."""
+_PIPELINES: Mapping[Picturing, str] = {
+    "drag": "realtime",
+    "light": str(files("nlens_video.studio").joinpath("light.toml")),
+}
 _AT_REST = {"reference": "standard", "paper": "standard"}
 """Presets that are too slow to look at while one works."""
 _OF_THE_SCENE = (SHADOW, REFLECTION, OCCLUSION)
-_LIGHT = ("estimate-light", repr([]))
+_LIGHT = (EstimateLight.name, repr([]))
+_ANY_SUN = SunSettings(azimuth_deg=0.0, elevation_deg=45.0)
 
 
-def previewed(settings: Settings, *, quick: bool) -> Settings:
+def previewed(settings: Settings, kind: Picturing) -> Settings:
     """The shot as it is previewed: nothing is written, and slow presets are replaced."""
-    preset = DRAGGED if quick else _AT_REST.get(settings.preset, settings.preset)
+    preset = _PIPELINES.get(kind) or _AT_REST.get(settings.preset, settings.preset)
     effects = settings.effects
     if preset != settings.preset:
         # effects that only another pipeline simulates would be refused
@@ -63,27 +74,39 @@ def without_lens(settings: Settings, decisions: Sequence[Decision]) -> Settings:
     return replace(settings, effects=",".join(kept) or "none")
 
 
+def without_sun(objects: ObjectSettings) -> ObjectSettings:
+    """The same objects under any sun, or under none: what a session keeps when a sun is moved."""
+    sun = objects.light.sun and _ANY_SUN
+    return replace(objects, light=replace(objects.light, sun=sun))
+
+
 def placed(
     base: Session, settings: Settings, scene: Scene, view: View, *, hold_light: bool
 ) -> Session:
-    """A session with its objects at other places; `scene` holds their files."""
+    """A session with objects and sun at other places; `scene` holds the objects' files.
+
+    With `hold_light` the light from around is that of the session.
+    """
     staged = stage(settings.scene, scene, view)
     scene, notes = staged.scene, staged.notes
     view = replace(staged.view, overscan_px=overscan_px(scene, staged.view, base.context.measured))
-    if base.context.renderer is not None and scene is not base.context.objects.scene:
-        base.context.renderer.rearrange(scene)
-    shadow = base.context.shadow_scene
+    shadow, given = base.context.shadow_scene, settings.scene.light.sun
+    if shadow is not None:
+        shadow = replace(shadow, pose=scene.pose, light=replace(shadow.light, sun=given))
+    if base.context.renderer is not None:
+        base.context.renderer.rearrange(scene, None if shadow is None else shadow.light)
     context = replace(
         base.context,
         objects=replace(base.context.objects, scene=scene, view=view),
-        shadow_scene=None if shadow is None else replace(shadow, pose=scene.pose),
+        shadow_scene=shadow,
         ground_y=staged.objects.ground_y,
         unit_m=view.unit_m,
     )
     built: Built = {}
     if hold_light:
-        held = [node for node in base.graph.nodes if node.name == _LIGHT[0]]
-        built = dict(zip([_LIGHT], held, strict=False))
+        for node in base.graph.nodes:
+            if isinstance(node, EstimateLight):
+                built[_LIGHT] = node.under_sun_of(context)
     warnings = tuple(note for note in base.opening_notes if note in scene.warnings)
     session = replace(base, opening_notes=(*notes, *warnings, *base.graph.notes))
     return rebuilt(session, settings.preset, context, view, built)

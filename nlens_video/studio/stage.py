@@ -1,8 +1,9 @@
 """One frame of a shot as the pipeline makes it, with all kept that the next one needs again.
 
 Plate, scene, camera, network and measurements are kept between pictures. While something is
-dragged (`quick`), the lens and the light of the last picture at rest are held as well, and the
-cheaper pipeline runs; at rest everything is found anew, by the code that renders the shot.
+dragged, the lens of the last picture at rest is held as well, and a cheaper pipeline runs; so is
+the light, unless it is the sun that is dragged. At rest everything is found anew, by the code that
+renders the shot.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import LensFitError
@@ -33,17 +33,18 @@ from nlens_video.studio.inspection import Inspection
 from nlens_video.studio.objects import without_places
 from nlens_video.studio.open_plate import Plate
 from nlens_video.studio.sessions import (
+    QUICK,
+    Picturing,
     camera_height,
     find_lens,
     placed,
     previewed,
     rebuilt,
     without_lens,
+    without_sun,
 )
 from nlens_video.video.info import SourceFrame
 
-Picturing = Literal["drag", "rest", "sharp"]
-"""How a frame is drawn: while something is dragged, as it is rendered, or without a lens."""
 OnProgress = Callable[[int, int | None], None]
 Solve = Callable[[Settings, OnProgress], tuple[SolvedCamera, PlateLines]]
 """Solves a plate's camera; is told the frames so far and in all."""
@@ -122,8 +123,7 @@ class Stage:
             NlensError: as `run.render`.
         """
         plate = self._plate_of(settings.source)
-        quick = kind == "drag"
-        shown = previewed(settings, quick=quick)
+        shown = previewed(settings, kind)
         view = self._view(shown, plate)
         if kind == "sharp":
             shown = without_lens(shown, self._session(shown, plate, view, "rest").decisions)
@@ -162,7 +162,7 @@ class Stage:
         plate = self._plate_of(settings.source)
         first, *following = plate.first()
         coc = plate.estimate_coc(first.picture, [one.picture for one in following])
-        shown = previewed(settings, quick=False)
+        shown = previewed(settings, "rest")
         session = self._session(shown, plate, self._view(shown, plate), "rest")
         fit, no_lens = session.executor.fit, ""
         if fit is None:
@@ -226,11 +226,11 @@ class Stage:
         return self._scenes[key]
 
     def _session(self, settings: Settings, plate: Plate, view: View, kind: Picturing) -> Session:
-        """A session for the shot: one that is kept, with all objects where they are, or a new one.
+        """A session for the shot: one that is kept, objects and sun where they are, or a new one.
 
         Its nodes are new, so that nothing of another place stays; but the light while dragging.
         """
-        unplaced = replace(settings, scene=without_places(settings.scene))
+        unplaced = replace(settings, scene=without_sun(without_places(settings.scene)))
         scene = self._scene(settings)
         kept = self._bases.get(kind)
         if kept is None or kept[0] != unplaced or kept[1] is not scene:
@@ -245,14 +245,16 @@ class Stage:
             stack.enter_context(session.render_context())
             self._bases[kind] = unplaced, scene, session, stack
             return session
-        return placed(kept[2], settings, scene, view, hold_light=kind == "drag")
+        session = placed(kept[2], settings, scene, view, hold_light=kind in QUICK)
+        self._bases[kind] = unplaced, scene, session, kept[3]
+        return session
 
     def _with_lens(
         self, session: Session, preset: str, plate: Plate, frame: SourceFrame, kind: Picturing
     ) -> tuple[Session, LensFit | None, str]:
         """The session with its lens: held, or found where the run finds it; else why it is not."""
         height = camera_height(session, plate.first()[0].time_s)
-        if kind == "drag" and self._lens is not None and height > 0.0:
+        if kind in QUICK and self._lens is not None and height > 0.0:
             fit = self._lens.seen_from(height)
             session.executor.pin_fit(fit)
             return session, fit, ""

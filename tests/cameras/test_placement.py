@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.core.errors import SceneError, UsageError
 from nlens_video.core.placement import Placement
+from nlens_video.report.ground_grid import horizon_row
 
 BOX = np.array([[x, y, z] for x in (1.0, 2.0) for y in (3.0, 5.0) for z in (-1.0, 1.0)], np.float32)
 FOOT = np.array([1.5, 3.0, 0.0])
@@ -30,15 +31,18 @@ def seen(camera, points):
     size=st.floats(0.02, 0.6),
     yaw=st.floats(-180, 180),
     horizon=st.floats(-0.5, 0.8),
+    roll=st.one_of(st.just(0.0), st.floats(-40, 40)),
     focal=st.floats(14.0, 200.0),
     aspect=st.sampled_from([1.0, 0.5, 4 / 3]),
 )
 def test_placed_object_has_the_given_position_and_height(
-    x, below, size, yaw, horizon, focal, aspect
+    x, below, size, yaw, horizon, roll, focal, aspect
 ):
-    at = (x, horizon + below)
+    falls = math.tan(math.radians(roll)) * (x - 0.5) * 96 * aspect / 54
+    at = (x, horizon + falls + below)
+    given = {"yaw_deg": yaw, "horizon": horizon, "roll_deg": roll}
     try:
-        camera = place(at, size, yaw_deg=yaw, horizon=horizon, focal=focal, aspect=aspect)
+        camera = place(at, size, **given, focal=focal, aspect=aspect)
     except SceneError as error:
         assert "reach behind the camera" in str(error)
         return
@@ -62,6 +66,25 @@ def test_ground_ends_at_the_given_horizon(horizon):
     ahead = camera.world_from_camera[:3, :3] @ [0, 0, -1] * [1, 0, 1]
     assert seen(camera, far + 1e7 * ahead)[0, 1] == pytest.approx(horizon * 54, abs=0.01)
     np.testing.assert_allclose(camera.world_from_camera[1, 0], 0, atol=1e-12)  # not rolled
+
+
+@given(
+    horizon=st.floats(-0.3, 0.7), roll=st.floats(-45, 45), aspect=st.sampled_from([1.0, 0.5, 4 / 3])
+)
+def test_rolled_horizon_falls_to_the_right_about_the_middle_of_the_frame(horizon, roll, aspect):
+    camera = place((0.5, 0.9), horizon=horizon, roll_deg=roll, aspect=aspect)
+    left, middle, right = (horizon_row(camera, column) for column in (0.0, 48.0, 96.0))
+    assert middle == pytest.approx(horizon * 54, abs=1e-6)
+    fall = math.tan(math.radians(roll)) * 96 * aspect
+    assert right - left == pytest.approx(fall, abs=1e-6)
+
+
+def test_place_above_a_rolled_horizon_is_a_usage_error():
+    assert place((0.1, 0.6), 0.1, horizon=0.5, roll_deg=10)  # the horizon rises to the left
+    with pytest.raises(UsageError, match=r"above the horizon \(--horizon 0.5 --roll 10\)"):
+        place((0.9, 0.6), 0.1, horizon=0.5, roll_deg=10)
+    with pytest.raises(UsageError, match="--roll 50 is not an angle from -45 to 45"):
+        Placement(at=(0.5, 0.8), size=0.2, roll_deg=50)
 
 
 def test_yaw_rotates_the_front_counter_clockwise_from_above():

@@ -100,6 +100,7 @@ PLACING = {
     "yaw": option("--yaw", "-30", nonsense=NOT_NUMBERS, placed=True),
     "fov": option("--fov", "50", nonsense=(*NOT_NUMBERS, "0", "180", "-40"), placed=True),
     "horizon": option("--horizon", "0.2", nonsense=(*NOT_NUMBERS, "0.9"), placed=True),
+    "roll": option("--roll", "-5", nonsense=(*NOT_NUMBERS, "46", "-46"), placed=True),
 }  # fmt: skip
 LENGTHS = (*NOT_NUMBERS, "0", "-1", "2ft", "1e9m")
 PERSON = ("--person-height", "1.75m", "--person", "0.4,0.3,0.5,0.95")

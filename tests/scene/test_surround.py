@@ -73,6 +73,14 @@ def test_maps_are_float32_whatever_kind_of_number_their_gain_is():
     np.testing.assert_allclose(levels[..., :3], 3.0, rtol=1e-5)
 
 
+def test_scaled_light_is_filtered_once():
+    light = Surround(smooth_light(sphere(COLUMNS)[0]).astype(np.float32), 0.3, 0.7)
+    scaled = light.scaled(1.5).scaled(2.0)
+    expected = Surround(light.radiance, 0.3, 2.0 * (1.5 * 0.7)).levels
+    np.testing.assert_array_equal(scaled.levels, expected)
+    assert scaled.unscaled is light
+
+
 def test_turn_and_gain_are_those_of_the_map():
     radiance = smooth_light(sphere(COLUMNS)[0]).astype(np.float32)
     found = reduce_environment(radiance, rotation_deg=90.0).scaled(2.0).surround

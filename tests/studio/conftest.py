@@ -2,7 +2,7 @@
 
 import pytest
 from support.browser import driven
-from support.studio import opened, write_shot
+from support.studio import Studio, running, shown, write_shot
 
 
 @pytest.fixture(scope="module")
@@ -11,13 +11,21 @@ def browser():
         yield started
 
 
-@pytest.fixture
-def shot(tmp_path):
-    return write_shot(tmp_path)
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """A server for all tests of a module: it keeps nothing of a page but what that saves."""
+    shot = write_shot(tmp_path_factory.mktemp("studio"))
+    with running(shot) as server:
+        yield Studio(server, shot)
 
 
 @pytest.fixture
-def page(browser, shot):
-    """The page of a shot whose first picture is drawn; it must tell of no error."""
-    with opened(browser, shot) as (page, _):
+def shot(studio):
+    return studio.reset()
+
+
+@pytest.fixture
+def page(browser, studio, shot):
+    """The page of the shot, its first picture drawn; it must tell of no error."""
+    with shown(browser, studio.server) as page:
         yield page

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from support.browser import NODE_PACKAGES
-from support.studio import opened, write_shot
+from support.studio import shown
 from support.studio_page import at_rest, view
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium, pytest.mark.needs_node_packages]
@@ -18,9 +18,9 @@ def violations(page):
     return [(one["impact"], one["id"], [node["html"] for node in one["nodes"]]) for one in found]
 
 
-def test_no_serious_violation_at_any_width_dark_or_light(browser, tmp_path):
-    shot = write_shot(tmp_path, lens={})
-    with opened(browser, shot) as (page, _):
+def test_no_serious_violation_at_any_width_dark_or_light(browser, studio):
+    studio.reset(lens={})
+    with shown(browser, studio.server) as page:
         page.locator("#sun").check()  # its rows are shown then
         page.locator("#compare").select_option("wipe plate")
         at_rest(page, lambda: view(page, "Focus"), "focus")

@@ -10,7 +10,7 @@ import pytest
 from support.browser import NODE_PACKAGES
 from support.command import nlens
 from support.folders import ROOT
-from support.studio import WAIT_MS, changed_middle, opened
+from support.studio import WAIT_MS, changed_middle, opened, shown, write_shot
 from support.studio_page import at_rest, drag, plate_seen, saved, seen
 
 pytestmark = pytest.mark.slow
@@ -78,11 +78,11 @@ def test_horizon_sun_and_effects_become_the_shot(page, shot):
 
 
 @pytest.mark.needs_chromium
-def test_light_from_around_is_a_map_of_the_folder_that_can_be_turned(browser, shot):
+def test_light_from_around_is_a_map_of_the_folder_that_can_be_turned(browser, studio, shot):
     west = np.full((32, 64, 3), 0.02, np.float32)
     west[:16, :16] = 12.0
     assert cv2.imwrite(str(shot.parent / "west.hdr"), west)
-    with opened(browser, shot) as (page, _):
+    with shown(browser, studio.server) as page:
         pictures = [seen(page)]
         at_rest(page, lambda: page.locator("#around").select_option("west.hdr"))
         pictures.append(seen(page))
@@ -96,7 +96,8 @@ def test_light_from_around_is_a_map_of_the_folder_that_can_be_turned(browser, sh
 
 
 @pytest.mark.needs_chromium
-def test_render_in_the_page_survives_its_tab(browser, shot):
+def test_render_in_the_page_survives_its_tab(browser, tmp_path):
+    shot = write_shot(tmp_path)
     with opened(browser, shot) as (page, server):
         page.locator("#render").click()
         page.wait_for_selector("body[data-render=running]")
@@ -111,8 +112,8 @@ def test_render_in_the_page_survives_its_tab(browser, shot):
 
 
 @pytest.mark.needs_chromium
-def test_tab_closed_while_its_picture_is_drawn_harms_no_other(browser, shot):
-    with opened(browser, shot) as (page, server):
+def test_tab_closed_while_its_picture_is_drawn_harms_no_other(browser, tmp_path):
+    with opened(browser, write_shot(tmp_path)) as (page, server):
         page.locator("#preset").select_option("standard")
         page.locator("#turn").press("ArrowRight")
         page.close()
@@ -127,9 +128,10 @@ def test_tab_closed_while_its_picture_is_drawn_harms_no_other(browser, shot):
 
 
 @pytest.mark.needs_chromium
-def test_no_request_leaves_the_machine_and_each_control_has_a_name(browser, shot):
-    asked = []
-    with opened(browser, shot) as (page, server):
+def test_no_request_leaves_the_machine_and_each_control_has_a_name(browser, studio):
+    studio.reset(light={"sun": [60, 40, 2]})
+    asked, server = [], studio.server
+    with shown(browser, server) as page:
         page.on("request", lambda request: asked.append(request.url))
         page.reload()
         page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
@@ -145,9 +147,9 @@ def test_no_request_leaves_the_machine_and_each_control_has_a_name(browser, shot
 
 @pytest.mark.needs_chromium
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_page_fits_a_telephone(browser, shot, scheme):
+def test_page_fits_a_telephone(browser, studio, shot, scheme):
     narrow = {"width": 400, "height": 800}
-    with opened(browser, shot, viewport=narrow, color_scheme=scheme) as (page, _):
+    with shown(browser, studio.server, viewport=narrow, color_scheme=scheme) as page:
         assert page.evaluate("document.documentElement.scrollWidth") == 400
         at_rest(page, lambda: drag(page, page.locator("#move"), 0.1, 0.0))
         assert saved(page, shot)["place"]["at"][0] == pytest.approx(0.5, abs=0.01)

@@ -33,6 +33,27 @@ def test_horizon_is_dragged_and_by_keys(page, shot):
     np.testing.assert_array_equal(seen(page), before)
 
 
+def test_horizon_is_rolled_by_its_handle_by_keys_and_by_its_slider(page, shot):
+    before, aspect = seen(page), shots.WIDTH / shots.HEIGHT
+    at_rest(page, lambda: drag(page, page.locator("#roll-handle"), 0.0, 0.05))
+    camera = saved(page, shot)["camera"]
+    roll = math.degrees(math.atan(0.05 / (0.2 * aspect)))
+    assert camera == {"horizon": 0.3, "roll": pytest.approx(roll, abs=0.5)}
+    assert (seen(page) != before).any()
+    line = page.locator("#lines .horizon")
+    left, right = (float(line.get_attribute(name)) for name in ("y1", "y2"))
+    assert (left + right) / 2 == pytest.approx(0.3, abs=2e-3)
+    assert right - left == pytest.approx(aspect * math.tan(math.radians(roll)), abs=0.02)
+    at_rest(page, lambda: page.locator("#roll-handle").press("ArrowUp"))
+    assert saved(page, shot)["camera"]["roll"] < camera["roll"]
+    at_rest(page, lambda: page.locator("#roll").press("Home"))
+    assert saved(page, shot)["camera"]["roll"] == -45
+    for _ in range(3):
+        at_rest(page, lambda: page.keyboard.press("Control+z"))
+    assert saved(page, shot)["camera"] == {"horizon": 0.3}
+    np.testing.assert_array_equal(seen(page), before)
+
+
 def test_lines_that_are_left_out_are_left_out_of_the_solve(browser, tmp_path):
     shot = write_shot(
         tmp_path, frames=1, plate={"file": "in.png"}, camera={}, place={}, lens={},
@@ -53,6 +74,18 @@ def test_lines_that_are_left_out_are_left_out_of_the_solve(browser, tmp_path):
         at_rest(page, lambda: page.mouse.click(*at(page, *hit)))
         assert len(saved(page, shot)["camera"]["ignore-lines"]) == 4
         at_rest(page, lambda: page.locator("#all-lines").click())
+        assert "camera" not in saved(page, shot)
+        # one by keys
+        page.locator("#line").focus()
+        page.keyboard.press("ArrowDown")
+        assert page.locator("#lines .chosen").count() == 1
+        assert page.locator("#line option:checked").text_content().startswith("1 ")
+        page.locator("#toggle-line").focus()
+        at_rest(page, lambda: page.keyboard.press("Enter"))
+        assert len(saved(page, shot)["camera"]["ignore-lines"]) == 4
+        assert page.locator("#lines .chosen.left-out").count() == 1
+        assert page.locator("#toggle-line").text_content() == "Take again"
+        at_rest(page, lambda: page.keyboard.press("Enter"))
         assert "camera" not in saved(page, shot)
         # those of the direction that misleads
         named = page.locator("#lines .found:has(.seen)").evaluate_all(
@@ -102,5 +135,6 @@ def test_two_pairs_of_lines_by_hand_set_horizon_and_field_of_view(page, shot):
     camera = saved(page, shot)["camera"]
     assert camera["horizon"] == pytest.approx(horizon, abs=0.01)
     assert camera["fov"] == pytest.approx(fov, abs=1.5)
+    assert camera.get("roll", 0.0) == pytest.approx(0.0, abs=0.5)
     at_rest(page, lambda: page.locator("#own-horizon").uncheck())
     assert "camera" not in saved(page, shot)

@@ -5,16 +5,16 @@ import shutil
 import numpy as np
 import pytest
 from support.command import nlens
-from support.studio import WAIT_MS, opened, write_shot
+from support.studio import WAIT_MS, shown
 from support.studio_page import at_rest, drag, plate_seen, saved, seen
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
 
 
 @pytest.fixture
-def page(browser, shot):
+def page(browser, studio, shot):
     shutil.copy(shot.parent / "bare.glb", shot.parent / "other.glb")
-    with opened(browser, shot) as (page, _):
+    with shown(browser, studio.server) as page:
         yield page
 
 
@@ -75,14 +75,14 @@ def test_keys_are_set_by_moving_and_drawn_as_a_way_and_deleted(page, shot):
     assert [key["frame"] for key in saved(page, shot)["object"][0]["key"]] == [3]
 
 
-def test_shot_of_several_objects_opens_with_its_keys(browser, tmp_path):
+def test_shot_of_several_objects_opens_with_its_keys(browser, studio):
     keys = [{"time": 0, "at": [0.2, 0.8]}, {"time": 0.12, "at": [0.8, 0.8]}]
     listed = [
         {"file": "bare.glb", "at": [0.4, 0.8], "size": 0.3},
         {"file": "bare.glb", "size": 0.2, "key": keys},
     ]
-    shot = write_shot(tmp_path, object=listed, place={})
-    with opened(browser, shot) as (page, _):
+    shot = studio.reset(object=listed, place={})
+    with shown(browser, studio.server) as page:
         page.locator("#object-1").check()
         page.locator("#key-1").wait_for(timeout=WAIT_MS)
         assert page.locator("#key-1").text_content() == "Frame 3: place"

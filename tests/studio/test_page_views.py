@@ -5,18 +5,19 @@ import json
 import numpy as np
 import pytest
 from support.command import nlens
-from support.studio import opened, write_shot
+from support.studio import shown
 from support.studio_page import at_rest, canvas, plate_seen, saved, seen, view
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
 
 
 @pytest.fixture
-def blurred(browser, shot):
+def blurred(browser, studio):
     """The page of a shot whose object is far out of focus."""
-    lens = json.loads((shot.parent / "fit.json").read_text())
-    (shot.parent / "fit.json").write_text(json.dumps({**lens, "intercept": -30.0}))
-    with opened(browser, shot) as (page, _):
+    lens = json.loads((studio.shot.parent / "fit.json").read_text())
+    (studio.shot.parent / "far.json").write_text(json.dumps({**lens, "intercept": -30.0}))
+    studio.reset(lens={"fit": "far.json"})
+    with shown(browser, studio.server) as page:
         yield page
 
 
@@ -53,9 +54,9 @@ def test_wipe_and_beside_compare_final_sharp_and_plate(blurred):
         assert differs(left, right[: left.shape[0], : left.shape[1]]) > 0.001
 
 
-def test_region_that_is_drawn_is_the_one_that_the_lens_is_fitted_on(browser, tmp_path):
-    shot = write_shot(tmp_path, lens={})
-    with opened(browser, shot) as (page, _):
+def test_region_that_is_drawn_is_the_one_that_the_lens_is_fitted_on(browser, studio, tmp_path):
+    shot = studio.reset(lens={})
+    with shown(browser, studio.server) as page:
         whole = page.locator("#lens").text_content()
         at_rest(page, lambda: view(page, "Focus"), "focus")
         points = page.locator("#plot path.plane").count()
@@ -105,11 +106,11 @@ def test_region_by_keys_and_one_that_is_wrong(page, shot):
     page.get_by_text("a region lies in the frame").wait_for()
 
 
-def test_times_of_the_nodes_are_shown_against_the_budget(browser, tmp_path):
-    shot = write_shot(tmp_path, quality={"preset": "draft", "budget-ms": 25})
-    with opened(browser, shot) as (page, _):
+def test_times_of_the_nodes_are_shown_against_the_budget(browser, studio):
+    studio.reset(quality={"preset": "draft", "budget-ms": 25})
+    with shown(browser, studio.server) as page:
         assert "the budget of a frame is 25 ms" in page.locator("#time-sum").text_content()
         rows = page.locator("#times li").all_text_contents()
         assert any(row.startswith("render") for row in rows)
-        shown = [float(row.split()[-2]) for row in rows if "once" not in row]
-        assert sum(shown[1:]) == pytest.approx(shown[0], abs=0.6 * len(shown))
+        times = [float(row.split()[-2]) for row in rows if "once" not in row]
+        assert sum(times[1:]) == pytest.approx(times[0], abs=0.6 * len(times))

@@ -38,9 +38,11 @@ def test_picture_at_rest_is_the_one_that_a_run_renders(tmp_path, stage, preset, 
     if not fit:
         tables["lens"] = {"fallback": "constant"}
     state = ShotState(tmp_path / "shot.toml", tables)
-    for x in (0.7, 0.4):  # the second one is drawn with what is kept of the first
+    for x, azimuth in ((0.7, -60), (0.4, 60)):  # the second is drawn with what is kept of the first
         tables["place"]["at"] = [x, 0.8]
+        tables["light"] = {"sun": [azimuth, 40, 2]}
         drawn = stage.draw(state.settings(tables), 0)
+    assert any("--sun 60,40,2" in note for note in drawn.notes)
     state.save(tables)
     assert nlens(state.path, "--no-progress", "-q", "-y").returncode == 0
     rendered = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
@@ -81,6 +83,39 @@ def test_dragged_picture_shows_the_object_where_the_one_at_rest_does(tmp_path, s
     assert quick.guides == rest.guides
     apart = np.abs(quick.picture.srgb() - rest.picture.srgb()).max(axis=2)
     assert np.quantile(apart, 0.99) < 0.1
+
+
+def test_picture_of_a_moving_sun_has_its_shadow_and_guides(tmp_path, stage):
+    tables = copy.deepcopy(TABLES) | {"effects": {"effects": "shadow"}, "light": {}}
+    tables["quality"] = {"preset": "standard"}
+    state = ShotState(write_shot(tmp_path), tables)
+    for azimuth in (-60, 70):  # the second is drawn with the light that is kept of the first
+        tables["light"]["sun"] = [azimuth, 30, 2]
+        quick, rest = (stage.draw(state.settings(tables), 0, kind) for kind in ("light", "rest"))
+        assert quick.guides == rest.guides
+        apart = np.abs(quick.picture.srgb() - rest.picture.srgb()).max(axis=2)
+        assert np.quantile(apart, 0.99) < 0.1
+    bare = stage.draw(state.settings(tables | {"effects": {"effects": "none"}}), 0)
+    shaded = bare.picture.srgb().mean(axis=2) - quick.picture.srgb().mean(axis=2) > 0.05
+    (one,) = rest.guides.objects
+    seen, body = np.array(one.shadow.seen), np.array(one.shadow.body)
+
+    def spots(points):
+        across, down, away = seen @ np.column_stack([points, np.ones(len(points))]).T
+        assert (away > 0).all()
+        return np.column_stack([across, down]) / away[:, None]
+
+    np.testing.assert_allclose(spots(np.zeros((1, 3)))[0], one.at, atol=1e-6)
+    corners = spots(body)
+    np.testing.assert_allclose([*corners.min(axis=0), *corners.max(axis=0)], one.outline, atol=1e-3)
+    # what is drawn darker lies in the outline of the shadow
+    a, h = np.radians([70, 30])
+    toward = np.array([np.cos(h) * np.sin(a), np.sin(h), np.cos(h) * np.cos(a)])
+    cast = spots(body - body[:, 1:2] / toward[1] * toward)
+    outline = cv2.convexHull(np.float32(cast * quick.picture.srgb().shape[1::-1]))
+    inside = cv2.fillPoly(np.zeros(shaded.shape, np.uint8), [np.int32(outline)], 1) > 0
+    assert shaded.sum() > 100
+    assert (shaded & inside).sum() > 0.9 * shaded.sum()
 
 
 def test_lens_that_is_held_while_dragging_is_that_of_the_new_place(tmp_path, stage):

@@ -101,20 +101,41 @@ def running(shot: Path, *words):
             started.communicate(timeout=60)
 
 
+@dataclass
+class Studio:
+    """A server that several tests share, one after the other."""
+
+    server: Server
+    shot: Path
+
+    def reset(self, **tables: dict[str, object]) -> Path:
+        """Make the shot that of `write_shot` again, with other tables; returns its file."""
+        held = {name: table for name, table in {**TABLES, **tables}.items() if table}
+        status, said = self.server.get("/save", method="POST", body=held)
+        assert status == 200, said
+        return self.shot
+
+
+@contextmanager
+def shown(browser, server, **more):
+    """The page of a server whose first picture is drawn; it must tell of no error."""
+    wrong = []
+    context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **more})
+    page = context.new_page()
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+    page.goto(server.address)
+    page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+    yield page
+    context.close()
+    assert not wrong
+
+
 @contextmanager
 def opened(browser, shot, **more):
-    """The page of a shot whose first picture is drawn, and its server; it must tell of no error."""
-    wrong = []
-    with running(shot) as server:
-        context = browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **more})
-        page = context.new_page()
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
-        page.goto(server.address)
-        page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+    """As `shown`, of a server of its own; page and server."""
+    with running(shot) as server, shown(browser, server, **more) as page:
         yield page, server
-        context.close()
-    assert not wrong
 
 
 def drawn(socket, tables, kind="rest", frame=0, number=1):

@@ -47,6 +47,7 @@ class EstimateLight(Node):
             raise Unavailable("the environment map and --env-exposure give the light")
         self._context, self._scene = context, scene
         self._light: Illumination | None = None
+        self._without_sun: Illumination | None = None
         self.description = "the first frame on a sphere around the object, continued beyond it"
 
     def __call__(self, picture: Picture) -> Illumination:
@@ -55,9 +56,17 @@ class EstimateLight(Node):
             seat = Seat.of(posed.bounds(), self._context.ground_height)
             rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
             plate = picture.downsample(PLATE_COLUMNS, rows)
-            camera = self._context.objects.camera(0.0)
-            self._light = self._scene.light.around(plate, camera, seat, posed.lights)
+            camera, light = self._context.objects.camera(0.0), self._scene.light
+            if self._without_sun is None:
+                self._without_sun = light.around_without_sun(plate, camera, seat, posed.lights)
+            self._light = light.with_sun(self._without_sun, camera, seat)
         return self._light
+
+    def under_sun_of(self, context: NodeContext) -> EstimateLight:
+        """The node for another sun, whose light from around is not estimated again."""
+        other = EstimateLight(context)
+        other._without_sun = self._without_sun
+        return other
 
 
 class ObjectBounds(Node):

@@ -54,9 +54,9 @@ class BoxRenderer(ABC):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def rearrange(self, scene: Scene) -> None:
-        """Draw the same files from now on where another scene places them."""
-        self._scene = scene
+    def rearrange(self, scene: Scene, light: SceneLight | None = None) -> None:
+        """Draw the same files from now on where another scene places them, under other light."""
+        self._scene, self._light = scene, light or self._light
         self._posed = self._last = self._on_target = None
 
     @property

@@ -4,6 +4,8 @@
 /** @typedef {[number, number, number, number]} Line */
 /** @typedef {number[]} Found x0, y0, x1, y1 and the number of its direction */
 
+import { rollOf } from "./ground.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 const VERTICAL = 0;
 const CLUTTER = -1;
@@ -19,15 +21,25 @@ export function linesOf(numbers) {
 }
 
 export class PlateLines {
-  /** @param {(numbers: number[]) => void} onIgnored takes the lines that the solve leaves out */
-  constructor(onIgnored) {
+  /**
+   * @param {(numbers: number[]) => void} onIgnored takes the lines that the solve leaves out
+   * @param {() => void} onChosen another line is marked
+   */
+  constructor(onIgnored, onChosen) {
     this.onIgnored = onIgnored;
+    this.onChosen = onChosen;
     /** @type {Found[]} */
     this.found = [];
     /** @type {Line[]} */
     this.ignored = [];
     this.shown = false;
+    /** @type {Line | null} */
+    this.chosen = null;
     one("all-lines").addEventListener("click", () => this.onIgnored([]));
+    one("line").addEventListener("change", () => this.choose());
+    one("toggle-line").addEventListener("click", () => {
+      if (this.chosen) this.toggle([this.chosen]);
+    });
   }
 
   /** Draw them, and list their directions. @param {boolean} visible */
@@ -37,11 +49,12 @@ export class PlateLines {
     one("all-lines").toggleAttribute("hidden", !this.ignored.length);
     one("directions").toggleAttribute("hidden", !this.shown);
     this.list();
+    this.listLines();
     if (!visible || !this.shown) return;
-    for (const line of [...this.found, ...this.ignored.map((ends) => [...ends, LEFT_OUT])]) {
+    for (const line of this.all) {
       const [x0 = 0, y0 = 0, x1 = 0, y1 = 0, group = CLUTTER] = line;
       const drawn = document.createElementNS(SVG, "g");
-      drawn.setAttribute("class", `found ${nameOf(group)}`);
+      drawn.setAttribute("class", `found ${nameOf(group)}${this.chosen && alike(this.chosen, line) ? " chosen" : ""}`);
       for (const part of ["touch", "seen"]) {
         const stroke = document.createElementNS(SVG, "line");
         Object.entries({ x1: x0, y1: y0, x2: x1, y2: y1, class: part }).forEach(([key, value]) => stroke.setAttribute(key, String(value)));
@@ -79,6 +92,31 @@ export class PlateLines {
     if (focused?.startsWith("direction-")) document.getElementById(focused)?.focus();
   }
 
+  /** Those that the solve found and, after them, those that it leaves out. @returns {Found[]} */
+  get all() {
+    return [...this.found, ...this.ignored.map((ends) => [...ends, LEFT_OUT])];
+  }
+
+  /** The lines one by one, for those who do not point. */
+  listLines() {
+    one("one-line").toggleAttribute("hidden", !this.shown);
+    const select = /** @type {HTMLSelectElement} */ (one("line"));
+    const options = this.all.map((line, at) => new Option(`${at + 1} ${wordsOf(line[4] ?? CLUTTER)}, ${whereIs(line)}`, String(at)));
+    select.replaceChildren(new Option("One line …", ""), ...options);
+    const at = this.all.findIndex((line) => this.chosen && alike(this.chosen, line));
+    select.value = at < 0 ? "" : String(at);
+    const button = /** @type {HTMLButtonElement} */ (one("toggle-line"));
+    button.disabled = at < 0;
+    button.textContent = at >= this.found.length ? "Take again" : "Leave out";
+  }
+
+  /** Mark the line of the list in the picture. */
+  choose() {
+    const { value } = /** @type {HTMLSelectElement} */ (one("line"));
+    this.chosen = value === "" ? null : /** @type {Line} */ (this.all[Number(value)]?.slice(0, 4));
+    this.onChosen();
+  }
+
   /** Leave lines out, or take them again. @param {Line[]} lines */
   toggle(lines) {
     const again = this.ignored.filter((other) => lines.some((line) => alike(line, other)));
@@ -98,17 +136,25 @@ function nameOf(group) {
   return { [VERTICAL]: "upright", [CLUTTER]: "clutter", [LEFT_OUT]: "left-out" }[group] ?? `level-${group}`;
 }
 
+/** Where the middle of a line is, in words. @param {number[]} line */
+function whereIs([x0 = 0, y0 = 0, x1 = 0, y1 = 0]) {
+  const [x, y] = [(x0 + x1) / 2, (y0 + y1) / 2].map((value) => Math.min(2, Math.floor(3 * value)));
+  const row = ["upper", "", "lower"][y ?? 1];
+  const column = ["left", "", "right"][x ?? 1];
+  return `${[row, column].filter(Boolean).join(" ") || "middle"}, ${Math.round(100 * (x0 + x1) / 2)} % across and ${Math.round(100 * (y0 + y1) / 2)} % down`;
+}
+
 /** @param {number} group */
 function wordsOf(group) {
-  return { [VERTICAL]: "upright", [CLUTTER]: "of no direction" }[group] ?? `level, direction ${group}`;
+  return { [VERTICAL]: "upright", [CLUTTER]: "of no direction", [LEFT_OUT]: "left out" }[group] ?? `level, direction ${group}`;
 }
 
 /**
- * Row of the horizon in the middle of the frame, and the field of view, from two pairs of lines
- * that are level and at right angles to each other in the scene.
+ * Row of the horizon in the middle of the frame, its roll, and the field of view, from two pairs of
+ * lines that are level and at right angles to each other in the scene.
  * @param {Line[]} pairs four lines, two of each direction
  * @param {number} aspect width by height of the frame
- * @returns {{horizon: number, fov: number | null} | null} null where lines of a pair are parallel
+ * @returns {{horizon: number, roll: number, fov: number | null} | null} null where lines of a pair are parallel
  */
 export function cameraOfPairs(pairs, aspect) {
   const [a, b, c, d] = pairs;
@@ -123,7 +169,8 @@ export function cameraOfPairs(pairs, aspect) {
   const down = ((first[1] - 0.5) * (second[1] - 0.5)) / aspect ** 2;
   const square = -(across + down);
   const fov = square > 0 ? (360 / Math.PI) * Math.atan(0.5 / Math.sqrt(square)) : null;
-  return { horizon, fov: fov !== null && fov > 1 && fov < 170 ? fov : null };
+  const roll = rollOf([horizon - slope / 2, horizon + slope / 2], aspect);
+  return { horizon, roll, fov: fov !== null && fov > 1 && fov < 170 ? fov : null };
 }
 
 /** Where two lines meet. @param {Line} one @param {Line} other @returns {Point | null} */

@@ -11,6 +11,17 @@ export function horizonAt(horizon, column) {
   return horizon[0] + (horizon[1] - horizon[0]) * column;
 }
 
+/** Rows of a horizon at the left and the right border. @param {number} middle its row @param {number} roll how steeply it falls to the right in degrees @param {number} aspect width by height @returns {Point} */
+export function horizonOf(middle, roll, aspect) {
+  const half = 0.5 * aspect * Math.tan((roll * Math.PI) / 180);
+  return [middle - half, middle + half];
+}
+
+/** How steeply a horizon falls to the right, in degrees. @param {Point} horizon @param {number} aspect width by height */
+export function rollOf(horizon, aspect) {
+  return (Math.atan((horizon[1] - horizon[0]) / aspect) * 180) / Math.PI;
+}
+
 /**
  * The object at another point of the ground: its size changes with its distance from the horizon.
  * @param {Place} place

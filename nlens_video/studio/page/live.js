@@ -4,6 +4,8 @@
 /** @typedef {{number: number, frame: number, kind: string, error?: string, [key: string]: any}} About */
 
 const REST_AFTER_MS = 200;
+/** Pictures while something is dragged. */
+export const QUICK = ["drag", "light"];
 
 export class Live {
   /**
@@ -51,17 +53,18 @@ export class Live {
   ask(tables, frame, kind) {
     window.clearTimeout(this.timer);
     this.waiting = { tables, frame, kind };
-    if (kind === "drag") this.flush();
+    if (QUICK.includes(kind)) this.flush();
     else this.timer = window.setTimeout(() => this.flush(), REST_AFTER_MS);
   }
 
   flush() {
     const wish = this.waiting;
     if (!wish || this.socket?.readyState !== WebSocket.OPEN) return;
-    if (wish.kind === "drag" && this.flying !== null) return;
+    const quick = QUICK.includes(wish.kind);
+    if (quick && this.flying !== null) return;
     this.waiting = null;
     this.number += 1;
-    this.flying = wish.kind === "drag" ? this.number : null;
+    this.flying = quick ? this.number : null;
     this.socket.send(JSON.stringify({ number: this.number, ...wish }));
   }
 
@@ -77,9 +80,9 @@ export class Live {
     const rest = data.slice(4 + length);
     if (about.number === this.flying) this.flying = null;
     const latest = about.number === this.number;
-    if (latest || about.kind === "drag") {
+    if (latest || QUICK.includes(about.kind)) {
       this.onPicture(about, rest.byteLength ? new Blob([rest], { type: "image/jpeg" }) : null);
     }
-    if (this.waiting?.kind === "drag") this.flush();
+    if (QUICK.includes(this.waiting?.kind ?? "")) this.flush();
   }
 }

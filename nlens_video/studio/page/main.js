@@ -1,14 +1,15 @@
 // The page: joins shot, picture, panel and server.
 
 import { HandLines, PlateLines, cameraOfPairs, linesOf } from "./camera.js";
-import { rounded } from "./ground.js";
-import { Live } from "./live.js";
+import { horizonOf, rollOf, rounded } from "./ground.js";
+import { Live, QUICK } from "./live.js";
 import { Objects } from "./objects.js";
 import { showEffects, showNotes, showTimes, switched } from "./panel.js";
 import { RegionPen } from "./region.js";
 import { post, request } from "./server.js";
 import { Shot } from "./shot.js";
 import { Stage } from "./stage.js";
+import { SunHandles } from "./sun.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 
@@ -30,12 +31,14 @@ let last = null;
 const found = new PlateLines((numbers) => {
   shot.set("camera", { "ignore-lines": numbers.length ? numbers : undefined });
   changed("rest");
-});
+}, () => stage.overlay());
 const hand = new HandLines(onHandLines);
 const stage = new Stage(place, onPlace, onHorizon, (visible) => {
   found.draw(visible);
   hand.draw(visible);
+  sunlight.draw(visible && stage.view !== "plate", shot.get("light", "sun"), stage.guides?.shadow ?? null);
 });
+const sunlight = new SunHandles(onSun);
 const objects = new Objects(shot, {
   frame: () => frame,
   rate: about.plate.rate,
@@ -89,7 +92,7 @@ let wanted = [];
 /** @param {string} kind */
 function ask(kind) {
   const { view } = stage;
-  if (kind === "drag") {
+  if (QUICK.includes(kind)) {
     if (view === "final" || view === "sharp") live.ask(shot.tables, frame, kind);
     return;
   }
@@ -118,7 +121,8 @@ function trouble(words) {
 
 /** @param {import("./live.js").About} said @param {Blob | null} data */
 async function onPicture(said, data) {
-  if (said.kind !== "drag" && !wanted.length) busy("");
+  const quick = QUICK.includes(said.kind);
+  if (!quick && !wanted.length) busy("");
   if (said.error !== undefined || !data) {
     trouble(said.error ?? "there is no picture");
     stage.pictures = { plate: stage.pictures["plate"] ?? null };
@@ -127,7 +131,7 @@ async function onPicture(said, data) {
   }
   const picture = await createImageBitmap(data);
   trouble("");
-  if (said.kind === "drag") stage.pictures["sharp"] = null;
+  if (quick) stage.pictures["sharp"] = null;
   stage.pictures[{ focus: "focus", sharp: "sharp" }[said.kind] ?? "final"] = picture;
   if (said.kind === "focus") {
     showFocus(said);
@@ -244,6 +248,7 @@ function fill() {
   field("own-horizon").checked = horizon !== undefined;
   one("horizon-row").hidden = horizon === undefined;
   if (horizon !== undefined) setUnlessTyping("horizon", horizon);
+  setUnlessTyping("roll", shot.get("camera", "roll") ?? 0);
   found.ignored = linesOf(shot.get("camera", "ignore-lines") ?? []);
   const sun = shot.get("light", "sun");
   field("sun").checked = sun !== undefined;
@@ -304,25 +309,39 @@ field("own-horizon").addEventListener("change", () => {
   if (field("own-horizon").checked) {
     onHorizon(known ? (known[0] + known[1]) / 2 : 0.45, true);
   } else {
-    shot.set("camera", { horizon: undefined, fov: fovBefore });
+    shot.set("camera", { horizon: undefined, roll: undefined, fov: fovBefore });
     changed("rest");
   }
 });
-field("horizon").addEventListener("input", () => onHorizon(field("horizon").valueAsNumber, false));
-field("horizon").addEventListener("change", () => onHorizon(field("horizon").valueAsNumber, true));
+for (const id of ["horizon", "roll"]) {
+  for (const kind of ["input", "change"]) {
+    field(id).addEventListener(kind, () => onHorizon(field("horizon").valueAsNumber, kind === "change", field("roll").valueAsNumber));
+  }
+}
 
-/** The horizon at a row, above the object; the object is placed then. @param {number} row @param {boolean} done @param {number} [fov] */
-function onHorizon(row, done, fov) {
+/**
+ * The horizon at a row, above the object; the object is placed then.
+ * @param {number} row in the middle of the frame
+ * @param {boolean} done
+ * @param {number} [steep] its roll in degrees; without it as it is
+ * @param {number} [fov]
+ */
+function onHorizon(row, done, steep, fov) {
   const now = place();
+  const known = stage.guides?.horizon;
   const at = (objects.keyed("at") ? null : objects.table["at"]) ?? now?.at ?? [0.5, 0.8];
+  const { aspect } = about.plate;
   shot.hold();
-  const horizon = rounded(Math.max(-0.5, Math.min(row, at[1] - LEAST_BELOW)), 3);
+  const roll = rounded(Math.max(-45, Math.min(45, steep ?? (known ? rollOf(known, aspect) : 0))), 1);
+  const [left, right] = horizonOf(0, roll, aspect);
+  const lowest = at[1] - LEAST_BELOW - left - (right - left) * at[0];
+  const horizon = rounded(Math.max(-0.5, Math.min(row, lowest)), 3);
   const wider = fov === undefined ? {} : { fov: rounded(fov, 2) };
-  shot.set("camera", { horizon, ...wider });
+  shot.set("camera", { horizon, roll: roll || undefined, ...wider });
   if (!objects.keyed("at")) objects.write({ at });
   if (!objects.keyed("size")) objects.write({ size: objects.table["size"] ?? now?.size ?? 0.35 });
   if (done) shot.release();
-  if (stage.guides) stage.guides.horizon = [horizon, horizon];
+  if (stage.guides) stage.guides.horizon = horizonOf(horizon, roll, aspect);
   changed(done ? "rest" : "drag");
 }
 
@@ -330,9 +349,9 @@ function onHorizon(row, done, fov) {
 function onHandLines(lines, done) {
   const found = cameraOfPairs(lines, about.plate.aspect);
   const words = !found ? "Lines of a pair must not be parallel here."
-    : `Horizon at ${found.horizon.toFixed(2)}, ${found.fov === null ? "no field of view: the pairs are not at right angles" : `${found.fov.toFixed(1)} degrees across`}.`;
+    : `Horizon at ${found.horizon.toFixed(2)}, roll ${found.roll.toFixed(1)} degrees, ${found.fov === null ? "no field of view: the pairs are not at right angles" : `${found.fov.toFixed(1)} degrees across`}.`;
   one("hand-found").textContent = words;
-  if (found) onHorizon(found.horizon, done, found.fov ?? undefined);
+  if (found) onHorizon(found.horizon, done, found.roll, found.fov ?? undefined);
   else stage.overlay();
 }
 field("hand").addEventListener("change", () => {
@@ -349,15 +368,17 @@ field("sun").addEventListener("change", () => {
   changed("rest");
 });
 for (const id of ["azimuth", "elevation", "strength"]) {
-  field(id).addEventListener("input", () => {
-    shot.hold();
-    shot.set("light", { sun: ["azimuth", "elevation", "strength"].map((one) => field(one).valueAsNumber) });
-    changed("rest");
-  });
-  field(id).addEventListener("change", () => {
-    shot.release();
-    fill();
-  });
+  const given = () => /** @type {import("./sun.js").Sun} */ (["azimuth", "elevation", "strength"].map((one) => field(one).valueAsNumber));
+  field(id).addEventListener("input", () => onSun(given(), false));
+  field(id).addEventListener("change", () => onSun(given(), true));
+}
+
+/** @param {import("./sun.js").Sun} sun @param {boolean} done */
+function onSun(sun, done) {
+  shot.hold();
+  shot.set("light", { sun });
+  if (done) shot.release();
+  changed(done ? "rest" : "light");
 }
 field("around").addEventListener("change", () => {
   const map = field("around").value || undefined;

@@ -4,7 +4,7 @@ import { rounded } from "./ground.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 /** @typedef {import("./shot.js").Table} Table */
-/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, placed: boolean, path: number[][], stops: number[][]}} ObjectGuides */
+/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, placed: boolean, path: number[][], stops: number[][], shadow: import("./sun.js").ShadowGuides | null}} ObjectGuides */
 
 const SVG = "http://www.w3.org/2000/svg";
 const OF_THE_SHOT = ["layers", "footprint", "footprint-node"]; // keys of the first object, whichever that is

@@ -1,14 +1,15 @@
 // The picture, the lines over it, and the handles that move, scale and turn the object.
 
-import { atDistance, clampSize, movedTo } from "./ground.js";
+import { atDistance, clampSize, horizonAt, movedTo, rollOf } from "./ground.js";
 import { corners } from "./region.js";
 
 /** @typedef {import("./ground.js").Place} Place */
-/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
+/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, shadow: import("./sun.js").ShadowGuides | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
 
 const SVG = "http://www.w3.org/2000/svg";
 const TURN_DEG = 0.5; // a pixel of a drag
 const HORIZON_COLUMN = 0.05; // of the horizon's handle
+const ROLL_COLUMN = 0.7; // of the one that tilts it about the middle of the frame
 const WHEEL = 0.0012; // logarithm of the distance by a unit of the wheel
 
 /** @template {Element} T @param {string} id @returns {T} */
@@ -18,7 +19,7 @@ export class Stage {
   /**
    * @param {() => Place | null} place where the object stands
    * @param {(place: Place, done: boolean) => void} onPlace
-   * @param {(row: number, done: boolean) => void} onHorizon
+   * @param {(row: number, done: boolean, roll?: number) => void} onHorizon
    * @param {(visible: boolean) => void} onOverlay draws further guides
    */
   constructor(place, onPlace, onHorizon, onOverlay) {
@@ -51,7 +52,13 @@ export class Stage {
     this.drag(one("move"), this.moving.bind(this));
     this.drag(one("scale"), this.scaling.bind(this));
     this.drag(one("turn"), this.turning.bind(this));
-    this.dragHorizon(one("horizon-handle"));
+    this.aspect = 1;
+    this.dragHorizon(one("horizon-handle"), (row, down) => [row + down]);
+    this.dragHorizon(one("roll-handle"), (row, down, roll) => {
+      const lever = (ROLL_COLUMN - 0.5) * this.aspect;
+      const steep = Math.tan((roll * Math.PI) / 180) + down / lever;
+      return [row, Math.max(-45, Math.min(45, (Math.atan(steep) * 180) / Math.PI))];
+    });
     this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     for (const id of ["move", "scale", "turn"]) {
       one(id).addEventListener("keydown", (event) => this.key(/** @type {KeyboardEvent} */ (event), id));
@@ -60,6 +67,7 @@ export class Stage {
 
   /** @param {number} aspect width by height of the frame */
   shape(aspect) {
+    this.aspect = aspect;
     this.element.style.aspectRatio = String(aspect);
     this.element.style.maxWidth = `calc((100vh - 12rem) * ${aspect})`;
     /** @type {HTMLElement} */ (one("beside")).style.aspectRatio = String(aspect);
@@ -109,9 +117,12 @@ export class Stage {
     one("region-shape").setAttribute("points", region.map((corner) => corner.join()).join(" "));
     const row = seen && guides?.horizon ? (guides.horizon[0] + guides.horizon[1]) / 2 : null;
     one("horizon-handle").toggleAttribute("hidden", row === null);
-    if (row !== null) {
-      put("horizon-handle", HORIZON_COLUMN, guides?.horizon?.[0] ?? row);
+    one("roll-handle").toggleAttribute("hidden", row === null);
+    if (row !== null && guides?.horizon) {
+      put("horizon-handle", HORIZON_COLUMN, horizonAt(guides.horizon, HORIZON_COLUMN));
+      put("roll-handle", ROLL_COLUMN, horizonAt(guides.horizon, ROLL_COLUMN));
       one("horizon-handle").setAttribute("aria-valuenow", String(Math.round(100 * row)));
+      one("roll-handle").setAttribute("aria-valuenow", rollOf(guides.horizon, this.aspect).toFixed(1));
     }
     this.onOverlay(this.shown && this.view !== "focus");
     const place = this.place();
@@ -168,31 +179,38 @@ export class Stage {
     });
   }
 
-  /** @param {HTMLElement} handle */
-  dragHorizon(handle) {
+  /**
+   * @param {HTMLElement} handle
+   * @param {(row: number, down: number, roll: number) => [number, number?]} change row and, where that changes too, roll after a way down
+   */
+  dragHorizon(handle, change) {
+    const known = () => {
+      const horizon = this.guides?.horizon;
+      return horizon ? /** @type {[number, number]} */ ([(horizon[0] + horizon[1]) / 2, rollOf(horizon, this.aspect)]) : null;
+    };
     handle.addEventListener("pointerdown", (down) => {
-      const known = this.guides?.horizon;
-      if (!known || down.button) return;
+      const start = known();
+      if (!start || down.button) return;
       handle.setPointerCapture(down.pointerId);
-      const start = (known[0] + known[1]) / 2;
-      let row = start;
+      let wanted = change(start[0], 0, start[1]);
       /** @param {PointerEvent} event */
       const move = (event) => {
-        row = start + (event.clientY - down.clientY) / this.element.getBoundingClientRect().height;
-        this.onHorizon(row, false);
+        wanted = change(start[0], (event.clientY - down.clientY) / this.element.getBoundingClientRect().height, start[1]);
+        this.onHorizon(wanted[0], false, wanted[1]);
       };
       handle.addEventListener("pointermove", move);
       handle.addEventListener("lostpointercapture", () => {
         handle.removeEventListener("pointermove", move);
-        this.onHorizon(row, true);
+        this.onHorizon(wanted[0], true, wanted[1]);
       }, { once: true });
     });
     handle.addEventListener("keydown", (event) => {
-      const known = this.guides?.horizon;
+      const start = known();
       const way = { ArrowUp: -1, ArrowDown: 1 }[event.key];
-      if (!known || !way) return;
+      if (!start || !way) return;
       event.preventDefault();
-      this.onHorizon((known[0] + known[1]) / 2 + way * (event.shiftKey ? 0.02 : 0.002), true);
+      const [row, roll] = change(start[0], way * (event.shiftKey ? 0.02 : 0.002), start[1]);
+      this.onHorizon(row, true, roll);
     });
   }
 
